@@ -64,7 +64,7 @@ static const double DEPTH_PX = 0.5, SPACE_PX = 4.0, EDGE_BLURS = 2.5, GRID_RIMS 
 enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8 };
 /* Air. */
 static const double LEFT_OUT = 1e-5, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_APART = 0.05;
-static const double LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3, ENDS_STEP = 0.05;
+static const double LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3, ENDS_STEP = 0.05, AT_POLE = 1e-9;
 static const double SUNLIT_M = -20e3, SUNLIT_STEP_M = 20e3;
 /* Noise. */
 static const double OUTLIER = 5.0, CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.67448975;
@@ -92,7 +92,8 @@ typedef struct {
   int16_t column, row, node, place;
 } Pixel;
 typedef struct {
-  double width_m, box_m[2], lift_m, up[3];           /* a pixel's way across the limb, its sides', and what blur lifts */
+  double width_m, box_m[2], lift_m;                  /* a pixel's way across the limb, its sides', and what blur lifts */
+  double up[3], north[3], length[LIMB_K + 1][2];     /* Earth-fixed; of modes along the meridian and the parallel */
   double mean[LIMB_H], modes[LIMB_K + 1][LIMB_H], left[LIMB_H], alike[LIMB_K + 1][LIMB_H];
 } Node;
 
@@ -262,15 +263,29 @@ static double mode_at(const Place *at, int k, int h) {
 
 /* The table's profiles at a node whose line of sight is u. A line that passes below the height z from which light comes
    ends earlier, by the angle d = (2 (z - h) / R)^1/2: thermal means are those of the latitude there, and a mode is there
-   alike with what it is at the lowest point as exp(-d^2 / 2 l^2). A line that passes h above the limb, l away, is turned
-   by h / l and has its lowest point as much nearer: sunlit means are those of the Sun there. */
+   alike with what it is at the lowest point as exp(-d^2 / 2 l^2), l its length along the line. A line that passes h above
+   the limb, l away, is turned by h / l and has its lowest point as much nearer: sunlit means are those of the Sun there. */
 static void look_up(const State *s, const double *u, Node *at) {
   enum { ENDS = 6 };
   static Place here, end[ENDS];
-  double n[3], distance;
+  double n[3], line_fixed[3], along[LIMB_K + 1], distance;
   lowest(s, u, &distance, at->up);
   times(s->R[0], at->up, n);
   find(s, n, u, &here);
+  at->north[0] = -at->up[2] * at->up[0], at->north[1] = -at->up[2] * at->up[1], at->north[2] = 1.0 - at->up[2] * at->up[2];
+  double level = sqrt(dot(at->north, at->north));
+  for (int i = 0; i < 3; i++) at->north[i] = level > AT_POLE ? at->north[i] / level : 0.0;
+  times_transposed(s->R[0], u, line_fixed);
+  double northward = pow(dot(at->north, line_fixed), 2.0);
+  for (int k = 0; k < LIMB_K; k++) {
+    for (int i = 0; i < 2; i++) {
+      at->length[k][i] = 0.0;
+      for (int c = 0; c < 4; c++)
+        at->length[k][i] += here.share[c] * limb_correlation_rad[(here.corner[c] / LIMB_B * (LIMB_K + 1) + k) * 2 + i];
+    }
+    if (level <= AT_POLE) at->length[k][0] = at->length[k][1];
+    along[k] = 1.0 / sqrt(northward / pow(at->length[k][0], 2.0) + (1.0 - northward) / pow(at->length[k][1], 2.0));
+  }
   for (int h = 0; h < LIMB_H; h++) {
     at->mean[h] = mean_at(&here, h);
     at->left[h] = 0.0;
@@ -300,7 +315,7 @@ static void look_up(const State *s, const double *u, Node *at) {
       double away = sqrt(fmax(2.0 * (source - limb_height_m[h]) / EARTH_M, 0.0)), place = fmin(away / ENDS_STEP, ENDS - 1.001);
       int e = (int)place;
       if (pass == 1)
-        for (int k = 0; k < LIMB_K; k++) at->alike[k][h] = exp(-0.5 * pow(away / limb_correlation_rad[k], 2.0));
+        for (int k = 0; k < LIMB_K; k++) at->alike[k][h] = exp(-0.5 * pow(away / along[k], 2.0));
       else at->mean[h] = (e + 1 - place) * mean_at(&end[e], h) + (place - e) * mean_at(&end[e + 1], h);
     }
   }
@@ -324,9 +339,27 @@ static void even(const double *f, double *out) {
   }
 }
 
-/* A square root of the covariance exp(-d^2 / 2 l^2) of the nodes, columns until little variance is left (Cholesky with
-   pivots); returns how many. */
-static int root_of_covariance(double length, double sigma, double W[MOST_NODES][MOST_NODES], int *pivots) {
+/* How alike a function is at two nodes, exp(-d^2 / 2 l^2) where its length is the same everywhere. With lengths l_n along
+   the meridian and l_e along the parallel it varies at a node as one of the covariance S = l_e^2 1 + (l_n^2 - l_e^2) n n^T,
+   and from one to the other (Paciorek and Schervish 2006, equation 1), S_m the mean of both,
+   c = |S_i|^1/4 |S_j|^1/4 |S_m|^-1/2 exp(-d^T S_m^-1 d / 2). */
+static double alike_at(const Node *i, const Node *j, int set) {
+  double d[3], d2;
+  for (int c = 0; c < 3; c++) d[c] = i->up[c] - j->up[c];
+  d2 = dot(d, d);
+  if (set >= LIMB_K) return exp(-0.5 * d2 / pow(set == LIMB_K ? LEFT_LENGTH : AIR_GAIN_LENGTH, 2.0));
+  double in2 = pow(i->length[set][0], 2.0), ie2 = pow(i->length[set][1], 2.0);
+  double jn2 = pow(j->length[set][0], 2.0), je2 = pow(j->length[set][1], 2.0);
+  double a = 0.5 * (ie2 + je2), b = 0.5 * (in2 - ie2) / a, c = 0.5 * (jn2 - je2) / a;
+  double g = dot(i->north, j->north), p = dot(i->north, d), q = dot(j->north, d);
+  double D = (1.0 + b) * (1.0 + c) - b * c * g * g;
+  double along = (b * (1.0 + c) * p * p - 2.0 * b * c * g * p * q + c * (1.0 + b) * q * q) / D;
+  return pow(ie2 * ie2 * in2 * je2 * je2 * jn2, 0.25) / sqrt(a * a * a * D) * exp(-0.5 * (d2 - along) / a);
+}
+
+/* A square root of the covariance of the nodes, columns until little variance is left (Cholesky with pivots); returns how
+   many. */
+static int root_of_covariance(int set, double sigma, double W[MOST_NODES][MOST_NODES], int *pivots) {
   double left[MOST_NODES], sum = nodes;
   int rank = 0;
   for (int i = 0; i < nodes; i++) left[i] = 1.0;
@@ -338,9 +371,7 @@ static int root_of_covariance(double length, double sigma, double W[MOST_NODES][
     pivots[rank] = pivot;
     sum = 0.0;
     for (int i = 0; i < nodes; i++) {
-      double d2 = 0.0, v;
-      for (int c = 0; c < 3; c++) d2 += pow(node[i].up[c] - node[pivot].up[c], 2.0);
-      v = exp(-0.5 * d2 / (length * length));
+      double v = alike_at(&node[i], &node[pivot], set);
       for (int k = 0; k < rank; k++) v -= W[i][k] * W[pivot][k];
       W[i][rank] = v / size;
     }
@@ -500,10 +531,8 @@ static void functions_of_air(void) {
   int second[LIMB_K + 1] = {0}, bump[BUMPS] = {0};
   static double bump_of[BUMPS][GRID];
   double last = grid_low + HALF * grid_step;
-  for (int k = 0; k < SETS; k++) {
-    double length = k < LIMB_K ? (double)limb_correlation_rad[k] : k == LIMB_K ? LEFT_LENGTH : AIR_GAIN_LENGTH;
-    rank_of[k] = root_of_covariance(length, k == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0, wave[k], pivot_of[k]);
-  }
+  for (int k = 0; k < SETS; k++)
+    rank_of[k] = root_of_covariance(k, k == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0, wave[k], pivot_of[k]);
   for (int j = 0; j < BUMPS; j++)
     for (int g = 0; g < GRID; g++) {
       double y = grid_low + g * grid_step, away = fabs(y - curve * y * y - LOWEST_BUMP_M - j * BUMP_M) / BUMP_M;

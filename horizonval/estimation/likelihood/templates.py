@@ -6,9 +6,9 @@ Along a straight line whose lowest point lies at height ``h`` over the ellipsoid
 
 The mean is that of an ensemble of air, cloud and ground at a place: of thermal bands by latitude and month, of sunlit
 ones by the Sun's zenith angle at the lowest point and its azimuth from the line of sight. The modes are empirical
-orthogonal functions of what the ensemble's states are off by. A coefficient stays alike along the limb as
-``exp(-d^2 / (2 l^2))`` with ``d`` the angle between two places at the Earth's centre and ``l`` the mode's
-``correlation_rad``.
+orthogonal functions of what the ensemble's states are off by. A coefficient stays alike along the limb over the mode's
+``correlation_rad``, which of the air differ from the equator to the poles, and along a meridian from along a parallel
+(:mod:`.alike`).
 
 ``h`` is negative where the line meets the ground: the depth of its middle below the ellipsoid. Lines are straight
 continuations of what the camera sees; the air bends light, and that is in the profile: the hard edge of the ground
@@ -44,7 +44,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood.spline import slopes, spline_weights
 
-FORMAT = 1
+FORMAT = 2
 FOLDER = Path(__file__).parent / "data"
 """Of the shipped tables."""
 LEAST_OVERLAP = 0.6
@@ -80,7 +80,8 @@ class LimbTemplates:
         What one standard deviation of each adds.
     mode_kinds : tuple of str, length K
         What makes each differ: air, haze, cloud, ground.
-    correlation_rad : ndarray, shape (K,)
+    correlation_rad : ndarray, shape (A, K, 2)
+        At the first axis's places, along the meridian and along the parallel, angles at the Earth's centre.
     left_sigma : ndarray, shape (A, B, H)
         Standard deviation of what the modes leave.
     made_by : str
@@ -125,6 +126,13 @@ class LimbTemplates:
             return mean, modes, left
         root, modes = self._curved(a, b, self._root, self.modes)
         return np.maximum(root, 0.0) ** 2, modes, self._straight(a, b, self.left_sigma)[0]
+
+    def lengths_at(self, first: ArrayLike) -> FloatArray:
+        """Return the modes' lengths at places along the first axis, shape (n, K, 2)."""
+        i, u = _between(self.axes[0], np.atleast_1d(np.asarray(first, dtype=np.float64)))
+        share = u[:, None, None]
+        after = np.minimum(i + 1, len(self.axes[0]) - 1)
+        return np.asarray((1.0 - share) * self.correlation_rad[i] + share * self.correlation_rad[after])
 
     def mean_at(self, first: ArrayLike, second: ArrayLike) -> FloatArray:
         """Return the mean profiles alone, shape (n, H); parameters as for :meth:`at`."""
@@ -224,7 +232,7 @@ class LimbTemplates:
         wanted = {
             "mean": (*grid, len(self.height_m)),
             "modes": (*grid, k, len(self.height_m)),
-            "correlation_rad": (k,),
+            "correlation_rad": (grid[0], k, 2),
             "left_sigma": (*grid, len(self.height_m)),
         }
         for name, shape in wanted.items():
@@ -234,7 +242,7 @@ class LimbTemplates:
             if not np.isfinite(values).all():
                 return f"{name} has values that are not finite"
         if (self.correlation_rad <= 0.0).any() or (self.left_sigma < 0.0).any():
-            return "correlation_rad or left_sigma is negative"
+            return "correlation_rad is not above 0, or left_sigma negative"
         return ""
 
 

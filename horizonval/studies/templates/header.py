@@ -41,7 +41,11 @@ def header_text(table: LimbTemplates, comment: str) -> str:
         _floats("limb_second", "LIMB_B", table.axes[1]),
         _floats("limb_height_m", "LIMB_H", table.height_m),
         # a table may have no modes, an array of C not
-        _floats("limb_correlation_rad", "LIMB_K + 1", np.append(table.correlation_rad, 0.0)),
+        _floats(
+            "limb_correlation_rad",
+            "LIMB_A * (LIMB_K + 1) * 2",
+            np.concatenate([table.correlation_rad, np.ones((a, 1, 2))], axis=1).ravel(),
+        ),
     ]
     none = np.zeros((a, b, 1, h))
     for name, values, shape, kind in (

@@ -80,6 +80,7 @@ def cut_down(whole: LimbTemplates, places: LimbPlaces, error: float) -> CutTable
         whole,
         height_m=whole.height_m[low:],
         axes=(whole.axes[0][rows], whole.axes[1][columns]),
+        correlation_rad=whole.correlation_rad[rows],
         mean=whole.mean[grid][..., low:],
         modes=whole.modes[grid][..., low:],
         left_sigma=whole.left_sigma[grid][..., low:],
@@ -97,7 +98,7 @@ def cut_down(whole: LimbTemplates, places: LimbPlaces, error: float) -> CutTable
     )
     off = _differences(near, table, places)
     a, b, k, h = table.modes.shape
-    size = a * b * (2 * h + k * h + h) + 4 * (a * b * (2 + k) + a + b + k + h)
+    size = a * b * (2 * h + k * h + h) + 4 * (a * b * (2 + k) + a + b + 2 * a * k + h)
     return CutTable(table, float(np.abs(off).max()), float(np.sqrt(np.mean(off**2))), size)
 
 
@@ -125,7 +126,7 @@ def _without_small_modes(table: LimbTemplates, error: float) -> LimbTemplates:
         table,
         modes=table.modes[:, :, large],
         mode_kinds=tuple(kind for kind, kept in zip(table.mode_kinds, large, strict=True) if kept),
-        correlation_rad=table.correlation_rad[large],
+        correlation_rad=table.correlation_rad[:, large],
         left_sigma=np.sqrt(table.left_sigma**2 + small),
     )
 

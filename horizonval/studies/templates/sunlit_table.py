@@ -12,6 +12,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
 from horizonval.earth.limb_relief import CLOUD_RELIEF_SOLAR
 from horizonval.earth.spectral import bands
+from horizonval.estimation.likelihood.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates import sunlit_states as states
@@ -113,7 +114,7 @@ def _assembled(
         mean=mean,
         modes=np.concatenate(modes, axis=2),
         mode_kinds=tuple(names),
-        correlation_rad=np.array(alike),
+        correlation_rad=everywhere(alike, len(SUN_ZENITH_DEG)),
         left_sigma=np.sqrt(left),
         made_by=f"tests/data/make_limb_templates.py, states {VERSION}: "
         + ", ".join(f"{len(kind.states)} of {kind.name}" for kind in kinds),

@@ -3,10 +3,10 @@ r"""States of air, cloud and ground of the thermal limb by latitude and month, a
 Every place of the table has
 
 - the calm climate of the weather model, :func:`horizonval.earth.atmosphere.columns.weather_columns`;
-- *air*: :data:`WEATHERS` days drawn with it, one draw serving all latitudes of its month, and the blend of the AFGL
-  climates, which scenes may have instead, as one more. Days come in pairs, each with its opposite, and warmings in as
-  many of them as they have of all days: days drawn one by one, seven a month, had a mean whose limb in the carbon
-  dioxide band stood up to 0.8 km from the climate's, 0.3 km rms;
+- *air*: :data:`WEATHERS` days drawn with it, one draw serving all latitudes of its month, at two places of a
+  parallel,  and the blend of the AFGL climates, which scenes may have instead, as one more. Days come in pairs, each
+  with its opposite, and warmings in as  many of them as they have of all days: days drawn one by one, seven a month,
+  had a mean whose limb in the carbon  dioxide band stood up to 0.8 km from the climate's, 0.3 km rms;
 - *below*: :data:`COVERS` states of what else is there, on the calm air: opaque clouds in three states of four, cirrus
   as often as it is seen, the ground warmer or colder than the climate by 5 K rms, on land or sea by halves, haze of 0.5
   to 2 times the mean (one standard deviation), a volcanic stratosphere in one of ten.
@@ -29,6 +29,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import columns
@@ -52,6 +53,11 @@ from horizonval.studies.stability.orbit import rays_along_parallels
 from horizonval.studies.templates.rays import HEIGHT_M
 
 WEATHERS, COVERS = 12, 6
+ASIDE_DEG = 15.0
+"""Along the parallel, as an angle at the Earth's centre: between a tenth and a half of the arcs of limb that low orbits
+see."""
+LEAST_COSINE = math.cos(math.radians(80.0))
+"""Of the latitude; nearer to a pole a step along the parallel is a turn of 86 deg, and at the pole it leads nowhere."""
 CLOUDS, VOLCANIC = 0.75, 0.1
 GROUND_SIGMA_K, HAZE_SIGMA = 5.0, math.log(2.0)
 SIGHT_M, SIGHT_STEP_M = 300e3, 15e3
@@ -145,14 +151,26 @@ def calm_air(latitude_deg: float, month: float, altitude_m: FloatArray) -> GasSt
     return columns.weather_columns(WeatherField(0, month), *place, altitude_m, calm=True)
 
 
-def air_of_state(latitude_deg: float, month: float, number: int, altitude_m: FloatArray) -> GasState:
-    """Return the gases of one of the states of air; the last is the blend of the AFGL climates."""
+def air_of_state(
+    latitude_deg: float, month: float, number: int, altitude_m: FloatArray, *, aside: bool = False
+) -> GasState:
+    """Return the gases of one of the states of air; the last is the blend of the AFGL climates.
+
+    All latitudes of a state have one longitude, or stand :data:`ASIDE_DEG` east of it (``aside``).
+    """
     if number == WEATHERS:
         return afgl.blended([climate_weights(latitude_deg, month)], altitude_m)
     pair = number // 2
     longitude = draws("longitude", month, pair).uniform(-180.0, 180.0)
+    if aside:
+        longitude += math.degrees(float(aside_rad(math.radians(latitude_deg))))
     field = WeatherField(seed_of("weather", month, pair), month, _warming_k(month, number), bool(number % 2))
     return columns.weather_columns(field, np.array([latitude_deg]), np.array([longitude]), altitude_m)
+
+
+def aside_rad(latitude_rad: ArrayLike) -> FloatArray:
+    """Return by how much of longitude states aside stand farther east."""
+    return np.asarray(math.radians(ASIDE_DEG) / np.maximum(np.cos(latitude_rad), LEAST_COSINE))
 
 
 def _warming_k(month: float, number: int) -> float:

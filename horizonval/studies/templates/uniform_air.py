@@ -32,6 +32,7 @@ from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands
 from horizonval.earth.surface.emitting_ground import climate_ground
 from horizonval.earth.surface.ground_emission import emitting_places, ground_k
+from horizonval.estimation.likelihood.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.earth.atmosphere import Atmosphere
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
@@ -121,7 +122,7 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
         mean=calm,
         modes=departures[:, :, :1],
         mode_kinds=("ground",),
-        correlation_rad=np.array([GROUND_CORRELATION_RAD]),
+        correlation_rad=everywhere([GROUND_CORRELATION_RAD], len(LATITUDE_DEG)),
         left_sigma=np.zeros_like(calm),
         made_by=f"horizonval templates --air, {dict(air.keys)}",
     )
@@ -133,7 +134,7 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
         mean=calm + found.mean,
         modes=found.modes,
         mode_kinds=("scene",) + ("below",) * COVER_MODES,
-        correlation_rad=found.correlation_rad,
+        correlation_rad=everywhere(found.correlation_rad, len(LATITUDE_DEG)),
         left_sigma=np.sqrt(found.left_variance),
     )
 
@@ -190,7 +191,7 @@ def sunlit_in(air: UniformAir, band: Band, whole: LimbTemplates, progress: Progr
         mean=profile if air.clear else mean * ratio,
         modes=modes[:, :, kept] * ratio[:, :, None],
         mode_kinds=tuple(kind for kind, stays in zip(whole.mode_kinds, kept, strict=True) if stays),
-        correlation_rad=whole.correlation_rad[kept],
+        correlation_rad=whole.lengths_at(axes[0])[:, kept],
         left_sigma=np.zeros_like(profile) if air.clear else left_sigma * ratio,
         made_by=f"horizonval templates --air, {dict(air.keys)}",
     )

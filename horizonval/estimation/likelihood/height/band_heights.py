@@ -47,8 +47,8 @@ class EdgeHeights:
     mean_m : ndarray, shape (n,)
     patterns_m : ndarray, shape (k, n)
         One standard deviation of what each mode changes, and of what is no exponential (last).
-    correlation_rad : ndarray, shape (k,)
-        Angle at the Earth's centre as far as which each stays alike.
+    correlation_rad : ndarray, shape (n, k, 2)
+        Angle at the Earth's centre as far as which each stays alike, along the meridian and along the parallel.
     """
 
     mean_m: FloatArray
@@ -92,8 +92,7 @@ class BandHeights:
         self._grid = RegularGridInterpolator((np.log(PIXELS_M), *axes), np.moveaxis(values, 0, -1))
         self._ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
         # What is no exponential is so as the light is, which changes along the limb no faster than the air does.
-        air = [length for length, kind in zip(table.correlation_rad, table.mode_kinds, strict=True) if kind == "air"]
-        self._correlation_rad = np.append(table.correlation_rad, np.mean(air))
+        self._table, self._air = table, [kind == "air" for kind in table.mode_kinds]
 
     def at(self, pixel_m: FloatArray, first: FloatArray, second: FloatArray) -> EdgeHeights:
         """Return the heights at places along a limb.
@@ -110,8 +109,11 @@ class BandHeights:
             second = self._ends[1][0] + (second - self._ends[1][0]) % MONTHS
         places = [np.log(np.clip(pixel_m, PIXELS_M[0], PIXELS_M[-1]))]
         places += [np.clip(x, *ends) for x, ends in zip((first, second), self._ends, strict=True)]
-        found = self._grid(np.column_stack(np.broadcast_arrays(*places))).T
-        return EdgeHeights(found[0], found[1:], self._correlation_rad)
+        points = np.column_stack(np.broadcast_arrays(*places))
+        found = self._grid(points).T
+        lengths = self._table.lengths_at(points[:, 1])
+        lengths = np.concatenate([lengths, lengths[:, self._air].mean(axis=1, keepdims=True)], axis=1)
+        return EdgeHeights(found[0], found[1:], lengths)
 
 
 @cache

@@ -2,12 +2,13 @@ r"""How high the limb stands along its arc, and how that may differ from what is
 
 From the shipped profiles of the band (:mod:`.band_heights`), where the limb is and as the Sun stands there::
 
-    height(phi) = mean(phi) + sum over modes of  p_k(phi) g_k(phi),     <g_k(phi) g_k(phi')> = exp(-d^2 / (2 l_k^2))
+    height(phi) = mean(phi) + sum over modes of  p_k(phi) g_k(phi)
 
-with ``d`` the angle between two places at the Earth's centre. What is not known of the Sun is in it, too: the error of
-a Sun sensor as two patterns more, and where there is none every Sun that lights the whole arc, all alike likely. The
-same where a thermal band's place is not known: of all latitudes and months the spread is one number for the whole arc,
-and what changes along it is the relief that was measured (:mod:`horizonval.earth.limb_relief`).
+with functions ``g_k`` of variance 1, alike at two places as :mod:`..alike` has it. What is not known of the Sun is in
+it, too: the error of a Sun sensor as two patterns more, and where there is none every Sun that lights the whole arc,
+all alike likely. The same where a thermal band's place is not known: of all latitudes and months the spread is one
+number for the whole arc, and what changes along it is the relief that was measured
+(:mod:`horizonval.earth.limb_relief`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_relief import Relief
+from horizonval.estimation.likelihood.alike import correlations
 from horizonval.estimation.likelihood.height.band_heights import BandHeights, EdgeHeights
 from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
 from horizonval.geometry.directions import fibonacci_sphere, tangent_basis
@@ -81,7 +83,7 @@ class UnevenLimb:
         if self.month is not None:
             latitude = np.arcsin(np.clip((places.up_cam @ places.cam_from_itrs)[:, 2], -1.0, 1.0))
             edge = self.heights.at(places.pixel_m, latitude, np.full(len(latitude), self.month))
-            return edge.mean_m, _covariance(edge, places.up_cam)
+            return edge.mean_m, _covariance(edge, places)
         # The mean over the sphere: latitudes whose sines are even.
         latitude = np.repeat(np.arcsin(np.linspace(-1.0, 1.0, LATITUDES)), MONTHS)
         month = np.tile(np.arange(1.0, MONTHS + 1.0), LATITUDES)
@@ -97,7 +99,7 @@ class UnevenLimb:
     def _sunlit(self, places: ArcPlaces) -> tuple[FloatArray, FloatArray]:
         if self.sun_cam is not None:
             edge = self._under(places, self.sun_cam)
-            covariance = _covariance(edge, places.up_cam)
+            covariance = _covariance(edge, places)
             for across in tangent_basis(self.sun_cam).T:
                 moved = self.sun_cam + self.sun_sigma_rad * across
                 change = self._under(places, moved / np.linalg.norm(moved)).mean_m - edge.mean_m
@@ -110,7 +112,7 @@ class UnevenLimb:
         heights = np.array([edge.mean_m for edge in edges])
         mean = heights.mean(axis=0)
         spread = (heights - mean).T @ (heights - mean) / len(heights)
-        return mean, spread + np.mean([_covariance(edge, places.up_cam) for edge in edges], axis=0)
+        return mean, spread + np.mean([_covariance(edge, places) for edge in edges], axis=0)
 
     def _under(self, places: ArcPlaces, sun_cam: FloatArray) -> EdgeHeights:
         cosine = np.clip(places.up_cam @ sun_cam, -1.0, 1.0)
@@ -120,10 +122,7 @@ class UnevenLimb:
         return self.heights.at(places.pixel_m, np.arccos(cosine), np.arccos(np.clip(ahead, -1.0, 1.0)))
 
 
-def _covariance(edge: EdgeHeights, up_cam: FloatArray) -> FloatArray:
+def _covariance(edge: EdgeHeights, places: ArcPlaces) -> FloatArray:
     """Return what the patterns make of the heights [m^2], shape (n, n)."""
-    apart = np.arccos(np.clip(up_cam @ up_cam.T, -1.0, 1.0))
-    covariance = np.zeros_like(apart)
-    for pattern, length in zip(edge.patterns_m, edge.correlation_rad, strict=True):
-        covariance += np.outer(pattern, pattern) * np.exp(-0.5 * (apart / length) ** 2)
-    return covariance
+    alike = correlations(edge.correlation_rad, places.up_cam, places.cam_from_itrs[:, 2])
+    return np.asarray(np.einsum("ki,kj,kij->ij", edge.patterns_m, edge.patterns_m, alike))

@@ -1,7 +1,8 @@
 r"""The air along a limb in view: profiles at nodes of azimuth, and how the modes vary from node to node.
 
-A coefficient of a mode is along the limb a random function with the covariance ``exp(-d^2 / (2 l^2))``, ``d`` the
-distance of two places on the unit sphere. On the nodes it is ``V diag(w) V^T``, and ::
+A coefficient of a mode is along the limb a random function with the covariance of :mod:`..alike`: ``exp(-d^2 / (2
+l^2))``, ``d`` the distance of two places on the unit sphere, where the length ``l`` is the same everywhere. On the
+nodes it is ``V diag(w) V^T``, and ::
 
     a_k(node j) = sum_i  z_i sqrt(w_i) V_ji,        z_i ~ N(0, 1)
 
@@ -14,6 +15,7 @@ mode falls apart into two, with coefficients that do not know of each other::
 
     a r f(h) + b (1 - r^2)^1/2 f(h),        d = (2 (z - h) / R)^1/2,        r = exp(-d^2 / (2 l^2))
 
+with the length ``l`` along the line.
 The height ``z`` is the highest at which the mean has half of its largest value. Two more kinds of functions join them:
 
 - what its modes leave: bumps over height whose squares sum up to one, each times ``left_sigma``, alike along the limb
@@ -31,6 +33,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.alike import correlations, lengths_along
 
 LEFT_OUT = 1e-5
 """Of a mode's variance: 0.3 % of its standard deviation, below a pixel's noise. With 1 % the nadir was off by up to 0.4
@@ -43,6 +46,7 @@ LEAST_BUMP = 3e-3
 """Of the brightest place of the profile: a bump that is less everywhere is left out, below the noise of any pixel."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
 EARTH_RADIUS_M = 6.371e6
+POLE_ITRS = np.array([0.0, 0.0, 1.0])
 LEAST_APART = 0.05
 """Of a mode's standard deviation: a second part that is less everywhere in the grid is left out."""
 LEFT_LENGTH_RAD = 0.1
@@ -104,13 +108,21 @@ class NodeAir:
         return np.asarray(along / np.maximum(np.einsum("ij,ij->j", self.wave, self.wave), 1e-300))
 
 
+@dataclass(frozen=True)
+class LimbNodes:
+    """Where nodes are, ITRS: unit vectors up from the Earth's centre (m, 3), and along the lines of sight (m, 3)."""
+
+    up_itrs: FloatArray
+    los_itrs: FloatArray
+
+
 def node_air(
     height_m: FloatArray,
     mean: FloatArray,
     modes: FloatArray,
     left_sigma: FloatArray,
-    correlation_rad: FloatArray,
-    places: FloatArray,
+    lengths_rad: FloatArray,
+    places: LimbNodes,
     grid_m: tuple[float, float, float],
     curve: float,
 ) -> NodeAir:
@@ -121,9 +133,9 @@ def node_air(
     height_m : ndarray, shape (h,)
     mean, left_sigma : ndarray, shape (m, h)
     modes : ndarray, shape (m, k, h)
-    correlation_rad : ndarray, shape (k,)
-    places : ndarray, shape (m, 3)
-        Unit vectors from the Earth's centre to the nodes.
+    lengths_rad : ndarray, shape (m, k, 2)
+        Along the meridian and along the parallel.
+    places : LimbNodes
     grid_m : tuple of float
         First and last distance across the limb (:func:`.ray_height.level_distance`) that are asked for, and the step:
         profiles are means over steps.
@@ -139,25 +151,28 @@ def node_air(
     def even(values: FloatArray) -> FloatArray:
         return np.asarray((to_grid @ values.reshape(-1, len(height_m)).T).T.reshape(*values.shape[:-1], count))
 
-    alike = alike_at_ends(height_m, mean, correlation_rad)
+    along = lengths_along(lengths_rad, places.up_itrs, places.los_itrs, POLE_ITRS)
+    alike = alike_at_ends(height_m, mean, along)
     elsewhere = np.sqrt(1.0 - alike**2)
     inside = (height_m > grid_m[0]) & (height_m < grid_m[1])
     second = np.flatnonzero((elsewhere[:, :, inside] > LEAST_APART).any(axis=(0, 2)))
     modes = np.concatenate([modes * alike, (modes * elsewhere)[:, second]], axis=1)
-    lengths = np.concatenate([correlation_rad, correlation_rad[second]])
     mean, modes, left = even(mean), even(modes), even(left_sigma)
-    apart = np.sum((places[:, None] - places[None, :]) ** 2, axis=-1)
-    functions, waves = [mean[:, None], modes], _waves(apart, lengths)
-    names = [("limb", i) for i in range(len(correlation_rad))] + [("end", int(i)) for i in second]
+    apart = np.sum((places.up_itrs[:, None] - places.up_itrs[None, :]) ** 2, axis=-1)
+    different, which = np.unique(lengths_rad, axis=1, return_inverse=True)
+    different_waves = _waves(correlations(different, places.up_itrs, POLE_ITRS))
+    waves = [different_waves[i] for i in [*which, *which[second]]]
+    functions = [mean[:, None], modes]
+    names = [("limb", i) for i in range(lengths_rad.shape[1])] + [("end", int(i)) for i in second]
     if left.any():
         bumps = left[:, None] * _bumps(grid)
         kept = np.flatnonzero((bumps > LEAST_BUMP * mean.max(axis=1)[:, None, None]).any(axis=(0, 2)))
         bumps = bumps[:, kept]
         functions.append(bumps)
         names += [("bump", int(i)) for i in kept]
-        waves += _waves(apart, np.array([LEFT_LENGTH_RAD])) * bumps.shape[1]
+        waves += _waves(np.exp(-0.5 * apart / LEFT_LENGTH_RAD**2)[None]) * bumps.shape[1]
     functions.append(mean[:, None])
-    waves.append(GAIN_SIGMA * _waves(apart, np.array([GAIN_LENGTH_RAD]))[0])
+    waves.append(GAIN_SIGMA * _waves(np.exp(-0.5 * apart / GAIN_LENGTH_RAD**2)[None])[0])
     names.append(("gain", 0))
     return NodeAir(grid_m[0], grid_m[2], np.concatenate(functions, axis=1), tuple(waves), tuple(names))
 
@@ -177,21 +192,23 @@ def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(2.0 * (source_m[:, None] - height_m) / EARTH_RADIUS_M, 0.0)))
 
 
-def alike_at_ends(height_m: FloatArray, mean: FloatArray, correlation_rad: FloatArray) -> FloatArray:
-    """Return how a mode where lines end is correlated with what it is at their lowest points, shape (m, k, h)."""
+def alike_at_ends(height_m: FloatArray, mean: FloatArray, along_rad: FloatArray) -> FloatArray:
+    """Return how modes where lines end are alike with what they are at their lowest points, shape (m, k, h).
+
+    ``along_rad``: the modes' lengths along the lines, shape (m, k).
+    """
     away = before_lowest_rad(height_m, mean)
-    return np.asarray(np.exp(-0.5 * (away[:, None] / correlation_rad[:, None]) ** 2))
+    return np.asarray(np.exp(-0.5 * (away[:, None] / along_rad[:, :, None]) ** 2))
 
 
-def _waves(apart: FloatArray, lengths_rad: FloatArray) -> list[FloatArray]:
-    """Return the square roots of Gaussian covariances of squared distances (m, m), one for each length, (m, j) each."""
-    different, which = np.unique(lengths_rad, return_inverse=True)
-    variances, all_vectors = np.linalg.eigh(np.exp(-0.5 * apart / different[:, None, None] ** 2))
+def _waves(covariances: FloatArray) -> list[FloatArray]:
+    """Return the square roots (m, j) of covariances (k, m, m), each with as many columns as it needs."""
+    variances, all_vectors = np.linalg.eigh(covariances)
     roots = []
     for variance, vectors in zip(np.maximum(variances[:, ::-1], 0.0), all_vectors[:, :, ::-1], strict=True):
         kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
         roots.append(vectors[:, :kept] * np.sqrt(variance[:kept]))
-    return [roots[i] for i in which]
+    return roots
 
 
 def _means(height_m: FloatArray, borders: FloatArray) -> csr_array:

@@ -25,7 +25,13 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.air import EARTH_RADIUS_M, NodeAir, before_lowest_rad, node_air
+from horizonval.estimation.likelihood.profile.air import (
+    EARTH_RADIUS_M,
+    LimbNodes,
+    NodeAir,
+    before_lowest_rad,
+    node_air,
+)
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.geometry.directions import off_axis_angle
 
@@ -76,13 +82,14 @@ class KnownAir:
     ) -> NodeAir:
         """Return the air at places along the limb; parameters as for ``ProfileKnowledge.air``."""
         table = self._templates
-        mean, modes, left = table.at(*self._place(normal_cam, los_cam, pose))
+        first, second = self._place(normal_cam, los_cam, pose)
+        mean, modes, left = table.at(first, second)
         if table.band_kind == "thermal":
             mean = self._where_lines_end(mean, normal_cam, los_cam, pose)
         else:
             mean = self._under_own_sun(normal_cam, los_cam, pose, curve)
-        places = normal_cam @ pose.cam_from_itrs
-        return node_air(table.height_m, mean, modes, left, table.correlation_rad, places, grid_m, curve)
+        places = LimbNodes(normal_cam @ pose.cam_from_itrs, los_cam @ pose.cam_from_itrs)
+        return node_air(table.height_m, mean, modes, left, table.lengths_at(first), places, grid_m, curve)
 
     def _where_lines_end(
         self, mean: FloatArray, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose

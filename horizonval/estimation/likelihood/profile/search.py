@@ -126,6 +126,17 @@ class ProfileSearch:
         self._step()
         return self
 
+    def strain(self) -> tuple[float, float]:
+        """Return the sum of squares of the air's unit unknowns, and how many of them the pixels determine.
+
+        Of air as its priors have it the second is what the first is in the mean: the trace of 1 - C, their covariance
+        ``C = A^-1 + A^-1 M C_s M^T A^-1`` with that of the shared unknowns, ``C_s``.
+        """
+        inverse = solve_triangular(self._root, np.eye(len(self._root)), lower=True, check_finite=False)
+        through = inverse.T @ self._by_shared
+        left = float(np.sum(inverse**2)) + float(np.sum((through @ self.covariance) * through))
+        return float(self.now.air @ self.now.air), len(self._root) - left
+
     def _choose(self, pose: LimbPose, blur: float, most: int | None) -> None:
         self._few = most is not None
         self.model = ProfileModel(self.image, self.camera, pose, blur, self.knowledge, most)
@@ -184,10 +195,12 @@ class ProfileSearch:
         right_air = parts.right_air - self.now.air
         both = np.concatenate([parts.mixed, right_air[None]]).T
         half = solve_triangular(root, both, lower=True, check_finite=False)
+        self._root = root
         eliminated, half_air = half[:, :SHARED], half[:, SHARED]
         self.known = _inverse(shared)
         self.covariance = _inverse(shared - eliminated.T @ eliminated)
         of_shared = self.covariance @ (right - eliminated.T @ half_air)
+        self._by_shared = eliminated
         of_air = solve_triangular(root, half_air - eliminated @ of_shared, lower=True, trans=1, check_finite=False)
         step = np.concatenate([of_shared, of_air])
         most_px = max(LARGEST_MOTION_M / float(np.median(self.model.near.width_m)), LARGEST_MOTION_PX)

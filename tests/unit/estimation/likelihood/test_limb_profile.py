@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.likelihood.alike import everywhere
 from horizonval.estimation.likelihood.fit import nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile import search
@@ -73,7 +74,7 @@ def table(*, modes: bool, left: bool = False) -> LimbTemplates:
         mean=mean_profile(HEIGHT_M)[None, None],
         modes=values,
         mode_kinds=("air",) * values.shape[2],
-        correlation_rad=np.full(values.shape[2], LENGTH_RAD),
+        correlation_rad=everywhere([LENGTH_RAD] * values.shape[2], 1),
         left_sigma=(left_profile(HEIGHT_M) if left else np.zeros(len(HEIGHT_M)))[None, None],
     )
 
@@ -265,7 +266,7 @@ def test_lines_below_the_limb_see_the_air_where_they_end() -> None:
         mean=(1.0 + latitudes)[:, None, None] * step,
         modes=np.broadcast_to(step, (len(latitudes), 1, 1, len(step))),
         mode_kinds=("air",),
-        correlation_rad=np.array([LENGTH_RAD]),
+        correlation_rad=everywhere([LENGTH_RAD], len(latitudes)),
         left_sigma=np.zeros((len(latitudes), 1, len(step))),
     )
     air = KnownAir(known, EPOCH, None, np.array([1.0, 0.0, 0.0]))
@@ -290,7 +291,15 @@ def sunlit(light: Any) -> LimbTemplates:
     mean = light(zenith[:, None, None], azimuth[None, :, None]) * np.ones(3)
     none = np.zeros((*mean.shape[:2], 0, 3))
     return LimbTemplates(
-        "solar", (0.45, 0.75), height, (zenith, azimuth), mean, none, (), np.zeros(0), np.zeros_like(mean)
+        "solar",
+        (0.45, 0.75),
+        height,
+        (zenith, azimuth),
+        mean,
+        none,
+        (),
+        everywhere([], len(zenith)),
+        np.zeros_like(mean),
     )
 
 

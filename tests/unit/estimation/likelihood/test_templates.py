@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
+from horizonval.estimation.likelihood.alike import everywhere
 from horizonval.estimation.likelihood.templates import (
     LimbTemplates,
     load_templates,
@@ -38,7 +39,7 @@ def table(kind: str = "thermal") -> LimbTemplates:
         mean=mean,
         modes=modes,
         mode_kinds=("air", "below"),
-        correlation_rad=np.array([0.4, 0.05]),
+        correlation_rad=everywhere([0.4, 0.05], len(axes[0])),
         left_sigma=0.01 * np.abs(mean),
     )
 
@@ -91,7 +92,7 @@ def test_sunlit_profiles_between_places_are_splines_of_their_roots():
         mean=mean,
         modes=np.zeros((3, 7, 0, 4)),
         mode_kinds=(),
-        correlation_rad=np.zeros(0),
+        correlation_rad=everywhere([], 3),
         left_sigma=0.0 * mean,
     )
     at = np.radians(np.linspace(-180.0, 180.0, 37))
@@ -141,7 +142,8 @@ def test_what_is_no_table_is_refused_in_one_line(tmp_path):
     [
         {"band_kind": "radio"},
         {"height_m": HEIGHT[::-1]},
-        {"correlation_rad": np.array([0.4, -0.05])},
+        {"correlation_rad": everywhere([0.4, -0.05], 4)},
+        {"correlation_rad": np.array([0.4, 0.05])},
         {"mean": np.full((4, 4, 4), np.nan)},
         {"mode_kinds": ("air",)},
         {"band_um": (14.0, 8.0)},

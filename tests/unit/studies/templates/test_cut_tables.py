@@ -11,6 +11,7 @@ import pytest
 
 from horizonval.commands.templates import mission_table, sun_angles, write_table
 from horizonval.core.errors import UserError
+from horizonval.estimation.likelihood.alike import everywhere
 from horizonval.estimation.likelihood.templates import load_templates, shipped_templates
 from horizonval.studies.templates.onboard import LimbPlaces, cut_down
 
@@ -27,12 +28,12 @@ def test_a_cut_table_keeps_the_error_that_was_asked_for(error):
     """Against the whole table, by numpy's own interpolation over heights."""
     assert WHOLE is not None
     # lengths that tell which modes are left
-    whole = replace(WHOLE, correlation_rad=1.0 + np.arange(len(WHOLE.mode_kinds)))
+    whole = replace(WHOLE, correlation_rad=everywhere(1.0 + np.arange(len(WHOLE.mode_kinds)), len(WHOLE.axes[0])))
     met = places()
     cut = cut_down(whole, met, error)
     mean, modes, _ = whole.at(met.first, met.second)
     found, found_modes, _ = cut.table.at(met.first, met.second)
-    kinds = (cut.table.correlation_rad - 1.0).astype(int)
+    kinds = (cut.table.correlation_rad[0, :, 0] - 1.0).astype(int)
     inside = whole.height_m >= -40e3
     worst = 0.0
     for k in range(len(mean)):
