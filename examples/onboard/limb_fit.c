@@ -77,7 +77,7 @@ static const double SETTLED = 0.03, STEADY = 0.03, CONVERGED = 1e-2, RESELECT_PX
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, LEAST_GAIN = 0.2;
 static const double LEAST_SHARE = 0.1, MOST_SHARE = 0.7, MOST_ROUND = 0.5, ROUNDED = 1e-4;
 /* What is believed. */
-static const double LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
+static const double SCATTERED = 2.0, LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
 
 typedef struct {
   double R[3][3], r[3], lift;                        /* for which the pixels were chosen */
@@ -1186,10 +1186,38 @@ static int refuse(const char *status, const char *reason) {
   return 0;
 }
 
-/* Mean square of the nadir's error: by the turn w it moves by w x nadir, by the position by -R (across r) / |r|. */
+/* By how much the air's unknowns scatter more than they should, 1 where chance may do so: the sum of their squares is in
+   the mean as many as the pixels determine, the trace of 1 - C. */
+static double strain(const State *s) {
+  static double column[MOST_UNKNOWNS];
+  double squares = product(s->z, s->z, air), determined = air;
+  for (int j = 0; j < air; j++)
+    for (int i = j; i < unknowns; i++) {
+      column[i] = ((i == j) - product(L[i] + j, column + j, i - j)) / L[i][i];
+      determined -= column[i] * column[i];
+    }
+  return squares > determined + SCATTERED * sqrt(2.0 * determined) ? squares / determined : 1.0;
+}
+
+/* The variance of a change g of the pose if the air were known: of the shared unknowns' own equations (Cholesky). */
+static double known_variance(const double *g) {
+  double C[SHARED][SHARED], x[SHARED], variance = 0.0;
+  for (int i = 0; i < SHARED; i++) {
+    for (int j = 0; j <= i; j++) {
+      C[i][j] = N[air + i][air + j] - product(C[i], C[j], j);
+      C[i][j] = i == j ? sqrt(C[i][i]) : C[i][j] / C[j][j];
+    }
+    x[i] = ((i < TURN ? 0.0 : g[i - TURN]) - product(C[i], x, i)) / C[i][i];
+    variance += x[i] * x[i];
+  }
+  return variance;
+}
+
+/* Mean square of the nadir's error: by the turn w it moves by w x nadir, by the position by -R (across r) / |r|. Air that
+   strains what is known of it makes its part of that larger. */
 static double nadir_variance(const State *s, const double *nadir) {
   static double f[MOST_UNKNOWNS];
-  double variance = 0.0, r2 = dot(s->r, s->r);
+  double variance = 0.0, r2 = dot(s->r, s->r), strained = strain(s);
   for (int c = 0; c < 3; c++) {
     double e[3] = {0, 0, 0}, g[POSE] = {0}, arm[3], down[3];
     e[c] = 1.0;
@@ -1200,7 +1228,8 @@ static double nadir_variance(const State *s, const double *nadir) {
     memset(f, 0, sizeof f);
     memcpy(f + air + TURN, g, sizeof g);
     solve(f);
-    for (int i = 0; i < POSE; i++) variance += g[i] * f[air + TURN + i];
+    double known = known_variance(g), whole = product(g, f + air + TURN, POSE);
+    variance += known + strained * (whole - known);
   }
   return variance;
 }

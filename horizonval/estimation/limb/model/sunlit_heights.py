@@ -62,7 +62,7 @@ class SunlitHeights:
         self._slants = [math.tan(math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + up))) for up in ALTITUDES_M[::-1]]
         clear = without_clouds(table)
         mean = np.stack([_heights(table, clear[None], up)[0] for up in ALTITUDES_M[::-1]])
-        long = table.modes[:, :, table.correlation_rad >= LEAST_LENGTH_RAD]
+        long = table.modes[:, :, (table.correlation_rad >= LEAST_LENGTH_RAD).all(axis=(0, 2))]
         states = [
             np.maximum(table.mean + s * m, FAINTEST * table.mean) for m in np.moveaxis(long, 2, 0) for s in (1, -1)
         ]
