@@ -11,7 +11,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
 from horizonval.estimation.likelihood.limb_angle import limb_angle
-from horizonval.estimation.likelihood.pixels import NearPixels, image_scale, limb_bend, near_pixels
+from horizonval.estimation.likelihood.pixels import NearPixels, image_scale, in_view, limb_bend, near_pixels
 from horizonval.estimation.likelihood.relief_modes import modes_of, oblate_covariance, relief_modes, relief_nodes
 from horizonval.estimation.likelihood.sectors import Sectors, sectors_of
 from horizonval.geometry.camera import CameraModel
@@ -80,8 +80,12 @@ def limb_pixels(
     blur_px: float,
     scale_m: float,
     fewest_px: int = FEWEST_LIMB_PX,
+    whole: float = 0.0,
 ) -> LimbPixels:
     """Return the pixels near the limb of a pose.
+
+    Those beside which the limb itself lies outside of the picture are left out: they tell of levels and of no edge, and
+    levels without an edge are none. With them limbs along a border were misplaced by up to half a pixel.
 
     Parameters
     ----------
@@ -94,6 +98,8 @@ def limb_pixels(
         Width of the edge: blur of lens and pixel, scale height.
     fewest_px : int
         Of limb in view.
+    whole : float
+        Share of the way across the limb, as far as pixels are taken to either side, that must lie in the picture.
 
     Raises
     ------
@@ -104,7 +110,10 @@ def limb_pixels(
     to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
     wide = BLURS * max(blur_px - SHARP_PX, 0.0)
     soft = OUTSIDE_SCALES * scale_m / to_limb * max(camera.fx, camera.fy)
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, OUTSIDE_PX + wide + soft, INSIDE_PX + wide)
+    outside, inside = OUTSIDE_PX + wide + soft, INSIDE_PX + wide
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, outside, inside)
+    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+    near = near.take(in_view(camera, near, angle, (-whole * outside, whole * inside)))
     angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     scale = image_scale(angle, near.by_column, near.by_row)
     on_limb = np.abs(angle.delta) < 0.5 * scale

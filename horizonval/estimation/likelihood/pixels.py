@@ -124,6 +124,30 @@ def near_pixels(
         return pixels.take((x >= -outside_px) & (x <= inside_px))
 
 
+def in_view(
+    camera: CameraModel, pixels: NearPixels, angle: LimbAngle, across_px: tuple[float, float]
+) -> NDArray[np.bool_]:
+    """Return beside which pixels the limb lies in the picture, with what is so far from it across, shape (n,).
+
+    Parameters
+    ----------
+    camera : CameraModel
+    pixels : NearPixels
+    angle : LimbAngle
+        Of the pixels.
+    across_px : tuple of two floats
+        Outside (negative) and inside.
+    """
+    by_column, by_row = _gradient(angle, pixels.by_column, pixels.by_row)
+    size = np.hypot(by_column, by_row)
+    seen = np.ones(len(size), dtype=bool)
+    for end in across_px:
+        way = (end - angle.delta / size) / size
+        column, row = pixels.columns + way * by_column, pixels.rows + way * by_row
+        seen &= (column >= -0.5) & (column <= camera.width - 0.5) & (row >= -0.5) & (row <= camera.height - 0.5)
+    return seen
+
+
 def _squares(
     directions: FloatArray,
     cam_from_itrs: FloatArray,

@@ -48,7 +48,7 @@ from horizonval.estimation.likelihood.calibration.shared import (
     prior_sigmas,
 )
 from horizonval.estimation.likelihood.claim import limb_scale
-from horizonval.estimation.likelihood.ellipsoid_start import ellipsoid_start
+from horizonval.estimation.likelihood.ellipsoid_start import EllipsoidStart, ellipsoid_start
 from horizonval.estimation.miscalibrated import k1_per_px
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel
@@ -144,7 +144,8 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
     if not observations:
         return Refusal(Outcome.BAD_INPUT, "no image to calibrate with")
     first = observations[0]
-    starts, left_out = [], []
+    starts: dict[int, EllipsoidStart] = {}
+    left_out: list[str] = []
     bends = first.calibration is not None and first.calibration.distortion_sigma_px > 0.0
     for number, observation in enumerate(observations):
         if observation.camera != first.camera or not np.array_equal(observation.q_cam_from_body, first.q_cam_from_body):
@@ -155,14 +156,22 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
                 return start
             left_out.append(f"image {number + 1}: {start.reason}")
             continue
-        starts.append(start)
+        starts[number] = start
     if len(starts) < FEWEST_FRAMES:
-        return Refusal(
-            Outcome.NO_LIMB, f"{len(starts)} images with a limb; {FEWEST_FRAMES} are needed; " + "; ".join(left_out[:3])
-        )
+        return _too_few(len(starts), left_out)
     # As in single images: limbs of many pixels' depth are read in wider ones, here the same in all images.
-    scale = min(MOST_TOGETHER, *(limb_scale(first.camera, start.pose, start.knowledge) for start in starts))
-    frames = [CalibrationFrame(start, first.camera, bends=bends, scale=scale) for start in starts]
+    scale = min(MOST_TOGETHER, *(limb_scale(first.camera, start.pose, start.knowledge) for start in starts.values()))
+    frames = []
+    for number, start in starts.items():
+        frame = CalibrationFrame(start, first.camera, bends=bends, scale=scale)
+        try:
+            frame.choose(first.camera)
+        except np.linalg.LinAlgError as e:
+            left_out.append(f"image {number + 1}: {e}")
+            continue
+        frames.append(frame)
+    if len(frames) < FEWEST_FRAMES:
+        return _too_few(len(frames), left_out)
     whole = _of_whole_pixels(first.camera, frames[0].told, scale, bends=bends)
     pixel_m = float(np.median([one.pixel_m for one in frames]))
     sigmas = prior_sigmas(first, limb_height_prior(first)[1], pixel_m)
@@ -192,6 +201,12 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
             "left; turn the body so that the limb crosses the image, or know the height of the limb",
         )
     return found
+
+
+def _too_few(count: int, left_out: list[str]) -> Refusal:
+    return Refusal(
+        Outcome.NO_LIMB, f"{count} images with a limb; {FEWEST_FRAMES} are needed; " + "; ".join(left_out[:3])
+    )
 
 
 def _of_whole_pixels(camera: CameraModel, small: CameraModel, scale: int, *, bends: bool) -> FloatArray:
