@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.commands.templates import mission_table, write_table
 from horizonval.earth.atmosphere.climate import month_of
+from horizonval.estimation.likelihood.profile import known_profile
 from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
@@ -137,14 +138,14 @@ def by_c(observation: Observation, program: Path) -> dict[str, Any]:
     sun = observation.sun_cam
     if sun is None:
         sun = Rotation.from_quat(prior.q_cam_from_itrs).apply(towards_sun)
-    of_time = limb_profile.known_sun_itrs(observation, towards_sun)
+    of_time = known_profile.known_sun_itrs(observation, towards_sun)
     if of_time is None:
         of_time = np.zeros(3)
     gain, gain_log_sigma = 1.0, 0.0
     if observation.radiance_per_dn is not None and observation.band_width_um is not None:
         sunlight = (AU_M / distance_m) ** 2 if observation.band_kind == "solar" else 1.0
         gain = sunlight * observation.band_width_um / observation.radiance_per_dn
-        gain_log_sigma = limb_profile.GAIN_SIGMA[observation.band_kind]
+        gain_log_sigma = known_profile.GAIN_SIGMA[observation.band_kind]
     known = [
         *(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy),
         *(*prior.r_itrs, prior.position_sigma_m),

@@ -8,13 +8,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
 from horizonval.estimation.likelihood.pixels import NearPixels
 from horizonval.estimation.miscalibrated import k1_per_px, miscalibrated
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, unproject
 
 FOCAL, POINT, BEND, TURN, HEIGHT = 0, slice(1, 3), 3, slice(4, 7), 7
+OF_LENS = 4
+"""Of the shared unknowns, those that move the image come first."""
 SHARED = 8
 """ln f, principal point [px], distortion at the farthest corner [px], turn of the mounting in camera axes [rad], and
 height of all limbs [m]."""
@@ -41,16 +42,14 @@ class SharedUnknowns:
         return np.asarray(Rotation.from_rotvec(self.values[TURN]).as_matrix())
 
 
-def prior_sigmas(observation: Observation, height_sigma_m: float, pixel_m: float) -> FloatArray:
+def prior_sigmas(observation: Observation, height_sigma_m: float) -> FloatArray:
     """Return the standard deviations, shape (8,), of what all frames share before any is looked at.
 
     Parameters
     ----------
     observation : Observation
     height_sigma_m : float
-        Of the height of the limb.
-    pixel_m : float
-        What a pixel sees at the limb: the model's edge may be off by a share of it in all frames alike.
+        By which all limbs may stand higher or lower together.
     """
     said = observation.calibration
     sigmas = np.empty(SHARED)
@@ -61,7 +60,7 @@ def prior_sigmas(observation: Observation, height_sigma_m: float, pixel_m: float
     sigmas[TURN] = MOUNTING_SIGMA_RAD
     if said and any(said.mounting_sigma_rad):
         sigmas[TURN] = max(said.mounting_sigma_rad)
-    sigmas[HEIGHT] = np.hypot(height_sigma_m, MISPLACED_PX * pixel_m)
+    sigmas[HEIGHT] = height_sigma_m
     return sigmas
 
 

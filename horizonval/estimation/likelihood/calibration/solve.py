@@ -1,7 +1,7 @@
 r"""The camera that makes the limbs of many frames most probable: self-calibration over a pass.
 
-Focal length, principal point, distortion and mounting are shared by all frames; pose, light, blur, scale height and
-relief are each frame's own. Gauss-Newton on the likelihood of all pixels across all limbs, with each frame's own
+Focal length, principal point, distortion and mounting are shared by all frames; pose, light, blur and air are each
+frame's own. Gauss-Newton on the likelihood of all pixels across all limbs, with each frame's own
 unknowns eliminated (Schur's complement; Triggs, McLauchlan, Hartley and Fitzgibbon, "Bundle adjustment", 2000, section
 6). With a frame's normal matrix in own and shared unknowns::
 
@@ -19,7 +19,8 @@ of the field; the yaw of the mounting about the nadir is seen by the Earth's fla
 the frames do not determine keeps its prior, and is named.
 
 **Neglected.** Errors of the stated attitude and position that successive frames share, but for a turn of the mounting,
-which is that of the attitude's mean error.
+which is that of the attitude's mean error. That frames of one place see one air: what the air leaves open is then
+claimed larger than it is.
 """
 
 from __future__ import annotations
@@ -35,37 +36,26 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Progress, Silent
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.likelihood.air import limb_height_prior
-from horizonval.estimation.likelihood.calibration.frame import CalibrationFrame
+from horizonval.estimation.likelihood.calibration.frames import Frame, frames_of
 from horizonval.estimation.likelihood.calibration.shared import (
     BEND,
     FOCAL,
     HEIGHT,
-    POINT,
     SHARED,
     TURN,
     SharedUnknowns,
     prior_sigmas,
 )
-from horizonval.estimation.likelihood.claim import limb_scale
-from horizonval.estimation.likelihood.ellipsoid_start import EllipsoidStart, ellipsoid_start
-from horizonval.estimation.miscalibrated import k1_per_px
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import compose
 
-FEWEST_FRAMES = 2
 MOST_STEPS, SETTLING_STEPS = 60, 5
 """Gauss-Newton's; pixels and weights are chosen anew while it settles."""
 FALLEN, LEAST_SHARE = 0.5, 0.125
 """Of a step's square by the next one, that the search comes nearer; the least share of a step that is taken."""
 CONVERGED = 1e-4
 """Square of a step over its covariance: a hundredth of a standard deviation."""
-MOST_TOGETHER = 2
-"""Pixels that are fitted as one, each way. Of four, the lens is sharper than a sixth of the wide pixel, whose square is
-no Gaussian then: what that changes of the edge goes with the limb's phase in the pixels, and the focal length of limbs
-four pixels deep came out four of its sigma off, or not at all. Of two it came out right in five draws of five; of limbs
-eight pixels deep the mounting is up to three of its sigma off. Chosen after seeing those."""
 DETERMINED = 0.5
 """Of the prior's sigma: what keeps more of it was not determined by the frames."""
 NAMES = (
@@ -136,45 +126,24 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
     Parameters
     ----------
     observations : sequence of Observation
-        Of one camera as it was told, each with a position and an attitude in its prior. What is said of the
-        calibration's sigmas is the prior of the shared unknowns; without, 5 %, 20 px and 2 deg.
+        Of one camera as it was told, each with a position and an attitude in its prior. With the time and the camera's
+        wavelengths too their limbs are fitted by the whole profile of the air there, as `limb-profile` does; without,
+        as edges of an unknown height. What is said of the calibration's sigmas is the prior of the shared unknowns;
+        without, 5 %, 20 px and 2 deg.
     progress : Progress, optional
         Told of every step over all images; there are 10 to 60, each of some tenths of a second an image.
     """
     if not observations:
         return Refusal(Outcome.BAD_INPUT, "no image to calibrate with")
     first = observations[0]
-    starts: dict[int, EllipsoidStart] = {}
-    left_out: list[str] = []
-    bends = first.calibration is not None and first.calibration.distortion_sigma_px > 0.0
     for number, observation in enumerate(observations):
         if observation.camera != first.camera or not np.array_equal(observation.q_cam_from_body, first.q_cam_from_body):
             return Refusal(Outcome.BAD_INPUT, f"image {number + 1} is of another camera or mounting than the first")
-        start = ellipsoid_start(observation, "limb-calibrate")
-        if isinstance(start, Refusal):
-            if start.status is Outcome.BAD_INPUT:
-                return start
-            left_out.append(f"image {number + 1}: {start.reason}")
-            continue
-        starts[number] = start
-    if len(starts) < FEWEST_FRAMES:
-        return _too_few(len(starts), left_out)
-    # As in single images: limbs of many pixels' depth are read in wider ones, here the same in all images.
-    scale = min(MOST_TOGETHER, *(limb_scale(first.camera, start.pose, start.knowledge) for start in starts.values()))
-    frames = []
-    for number, start in starts.items():
-        frame = CalibrationFrame(start, first.camera, bends=bends, scale=scale)
-        try:
-            frame.choose(first.camera)
-        except np.linalg.LinAlgError as e:
-            left_out.append(f"image {number + 1}: {e}")
-            continue
-        frames.append(frame)
-    if len(frames) < FEWEST_FRAMES:
-        return _too_few(len(frames), left_out)
-    whole = _of_whole_pixels(first.camera, frames[0].told, scale, bends=bends)
-    pixel_m = float(np.median([one.pixel_m for one in frames]))
-    sigmas = prior_sigmas(first, limb_height_prior(first)[1], pixel_m)
+    gathered = frames_of(observations)
+    if isinstance(gathered, Refusal):
+        return gathered
+    frames, left_out, whole = gathered.frames, gathered.left_out, gathered.whole
+    sigmas = prior_sigmas(first, gathered.height_sigma_m)
     try:
         found_small, small_covariance, steps = _solve(frames, sigmas / whole, progress or Silent())
     except np.linalg.LinAlgError as e:
@@ -191,7 +160,7 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
         height_m=float(shared.values[HEIGHT]),
         height_sigma_m=float(np.sqrt(covariance[HEIGHT, HEIGHT])),
         frames=len(frames),
-        left_out=tuple(left_out),
+        left_out=left_out,
         steps=steps,
     )
     if NAMES[FOCAL] in found.not_determined:
@@ -203,24 +172,7 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
     return found
 
 
-def _too_few(count: int, left_out: list[str]) -> Refusal:
-    return Refusal(
-        Outcome.NO_LIMB, f"{count} images with a limb; {FEWEST_FRAMES} are needed; " + "; ".join(left_out[:3])
-    )
-
-
-def _of_whole_pixels(camera: CameraModel, small: CameraModel, scale: int, *, bends: bool) -> FloatArray:
-    """Return how much of the camera's own errors, shape (8,), one of those in wider pixels is."""
-    whole = np.ones(SHARED)
-    whole[POINT] = scale
-    if bends and scale > 1:
-        whole[BEND] = k1_per_px(small) / k1_per_px(camera)
-    return whole
-
-
-def _solve(
-    frames: Sequence[CalibrationFrame], sigmas: FloatArray, progress: Progress
-) -> tuple[SharedUnknowns, FloatArray, int]:
+def _solve(frames: Sequence[Frame], sigmas: FloatArray, progress: Progress) -> tuple[SharedUnknowns, FloatArray, int]:
     """Return the most probable shared unknowns, their covariance (8, 8), and the number of steps.
 
     Raises

@@ -130,6 +130,13 @@ class ProfileModel:
     most : int, optional
         About so many pixels of the image, evenly spread.
 
+    Attributes
+    ----------
+    by_lens : ndarray, shape (c, n)
+        Of the distances across the limb, by errors of the lens that are asked for beside the pose; none by itself.
+    moved : ndarray, shape (n,), or 0
+        What the lens has moved them by.
+
     Raises
     ------
     numpy.linalg.LinAlgError
@@ -153,7 +160,7 @@ class ProfileModel:
         rim = EDGE_BLURS * float(np.sqrt(blur_px**2 + PIXEL_VARIANCE)) * pixel_m
         bottom = pose.height_m - max(DEPTH_M, DEPTH_PX * pixel_m)
         top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
-        curve = 0.5 * axes[0] / to_limb_2
+        self.curve = curve = 0.5 * axes[0] / to_limb_2
         self.near = near = profile_pixels(image, camera, pose, knowledge.ellipsoid, (bottom, top), curve, most)
         ends, _ = level_distance(np.array([bottom, top]), curve)
         step = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL)
@@ -168,6 +175,8 @@ class ProfileModel:
         self._across = across
         lowering = -np.ones((1, len(across)))
         self.by_pose = np.concatenate([near.ray.by_rotation, near.ray.by_position, lowering]) * by_height
+        self.by_lens = np.zeros((0, len(across)))
+        self.moved: FloatArray | float = 0.0
         i, t = near.sector, near.along
         self._lift = near.lift_m[i] * (1.0 - t) + near.lift_m[i + 1] * t
         self.width_m = near.width_m[i]
@@ -183,7 +192,7 @@ class ProfileModel:
     def look(self, now: Guess) -> Seen:
         """Return the pixels as the unknowns say they are."""
         near, air = self.near, self.air
-        across = self._across + now.away @ self.by_pose + self._lift * (now.blur**2 + PIXEL_VARIANCE)
+        across = self._across + self.moved + now.away @ self.by_pose + self._lift * (now.blur**2 + PIXEL_VARIANCE)
         at = (across - air.bottom_m) / air.step_m
         size = air.functions.shape[2]
         place = np.clip(at.astype(np.intp), 0, size - 2)
@@ -232,7 +241,7 @@ class ProfileModel:
         own[:-1] += _products(before, squares[0], before)
         own[1:] += _products(after, squares[2], after)
         next_ = _products(before, squares[1], after)
-        to_others = np.zeros((*functions.shape[:2], SHARED))
+        to_others = np.zeros((*functions.shape[:2], len(shared)))
         for to_node, node, (level, bent) in zip((to_others[:-1], to_others[1:]), (before, after), sums, strict=True):
             to_node += node[0] @ level + node[1] @ bent
         waves, function = self.air.wave, self.air.function
@@ -248,10 +257,11 @@ class ProfileModel:
     def _shared(
         self, now: Guess, amplitude: FloatArray, root: FloatArray, level: FloatArray, changes: FloatArray
     ) -> FloatArray:
-        """Return the weighed derivatives by the shared unknowns, shape (11, n)."""
+        """Return the weighed derivatives by the shared unknowns, and by those of the lens, shape (11 + c, n)."""
         slope, by_blur, by_sharpness = changes * amplitude
-        shared = np.empty((SHARED, len(root)))
+        shared = np.empty((SHARED + len(self.by_lens), len(root)))
         np.multiply(self.by_pose, slope, out=shared[:POSE])
+        np.multiply(self.by_lens, slope, out=shared[SHARED:])
         shared[BLUR] = by_blur + slope * ((2.0 * now.blur**2) * self._lift)
         shared[SHARPNESS], shared[GAIN], shared[BACKGROUND] = by_sharpness, amplitude * level, root
         return shared

@@ -142,7 +142,6 @@ class ProfileSearch:
         self.model = ProfileModel(self.image, self.camera, pose, blur, self.knowledge, most)
         self.inverse_variance = np.ones_like(self.model.near.values)
         self._wanted_pose = pose.step_to(self.knowledge.mean)
-        self._rounding = rounding_variance(self.model.near.values)
 
     def _choose_again(self, *, thinned: bool) -> None:
         """Choose the pixels anew at the present pose; everything else stays as it is.
@@ -241,11 +240,8 @@ class ProfileSearch:
 
     def _weigh(self) -> float:
         """Weigh the pixels by the residuals as they are; return by how much their logarithms changed (rms)."""
-        light, before = self.model.near.light, self.inverse_variance
-        per_px = light * self.look.changes[0] * self.model.width_m
-        self.inverse_variance = weighed(
-            self.look.residuals, light * self.look.level, self.model.below_clouds, per_px, before > 0.0, self._rounding
-        )
+        before = self.inverse_variance
+        self.inverse_variance = _weighed(self.model, self.look, before)
         both = (before > 0.0) & (self.inverse_variance > 0.0)
         return float(np.sqrt(np.mean(np.log(self.inverse_variance[both] / before[both]) ** 2)))
 
@@ -254,9 +250,7 @@ class ProfileSearch:
 
         That is known of residuals that nothing but noise and shapes without a mode is left in.
         """
-        beyond = alike(self.model.near.pixels, self.look.residuals, self.inverse_variance)
-        counts = np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0)
-        self.inverse_variance /= 1.0 + counts * (beyond - 1.0)
+        self.inverse_variance = _widened(self.model, self.look, self.inverse_variance)
 
     def _merit(self, now: Guess, look: Seen) -> float:
         wanted = self._wanted(now)
@@ -279,6 +273,24 @@ class ProfileSearch:
         now, known = now or self.now, self.knowledge
         beside = [np.log(known.blur_px / now.blur), known.sharpness - now.sharpness, np.log(known.gain / now.gain)]
         return np.concatenate([self._wanted_pose - now.away, beside])
+
+
+def weights_of(model: ProfileModel, look: Seen, before: FloatArray) -> FloatArray:
+    """Return the inverse variances of the pixels by their residuals, shape (n,); ``before`` is 0 of outliers."""
+    return _widened(model, look, _weighed(model, look, before))
+
+
+def _weighed(model: ProfileModel, look: Seen, before: FloatArray) -> FloatArray:
+    light = model.near.light
+    per_px = light * look.changes[0] * model.width_m
+    rounding = rounding_variance(model.near.values)
+    return weighed(look.residuals, light * look.level, model.below_clouds, per_px, before > 0.0, rounding)
+
+
+def _widened(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> FloatArray:
+    beyond = alike(model.near.pixels, look.residuals, inverse_variance)
+    counts = np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0)
+    return np.asarray(inverse_variance / (1.0 + counts * (beyond - 1.0)))
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.calibration.shared import (
     BEND,
     HEIGHT,
+    OF_LENS,
     SHARED,
     TURN,
     SharedUnknowns,
@@ -55,11 +56,9 @@ WHOLE = 1.0
 """Of the way across the limb that must be in the picture: an edge that is no exponential is misplaced by how far the
 picture shows it. Single fits of limbs three pixels from a border were off by 0.3 px and claimed it; the camera of many
 such limbs comes out ten of its standard deviations off."""
-OF_LENS = 4
-"""Of the shared unknowns, those that move the image come first."""
 
 
-class CalibrationFrame:
+class EdgeFrame:
     """A frame on the way to the most probable camera.
 
     Parameters

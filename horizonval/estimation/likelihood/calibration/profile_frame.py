@@ -1,0 +1,176 @@
+r"""One frame of a calibration by the whole profile of its limb, in air that tables know.
+
+The frame's own unknowns are those of :mod:`..profile.fit`: pose, blur, sharpness, gain, background, and the unit
+unknowns ``z`` of the air. An error ``c`` of the lens moves the limb in the image as it changes the pixels' lines of
+sight, and so their distances across the limb, whose derivatives by it are central differences. In the frame's equations
+the air is eliminated first (Cholesky), then what else is its own; the pose's prior moves with the mounting and the lift
+of all air, which all frames share::
+
+    (x - m - A c)^T P (x - m - A c)
+
+Between two choices of pixels the distances are linear in ``c``, as they are in the pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.calibration.shared import (
+    BEND,
+    HEIGHT,
+    OF_LENS,
+    SHARED,
+    TURN,
+    SharedUnknowns,
+    seen_by_changed,
+)
+from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile import model as profile
+from horizonval.estimation.likelihood.profile.known_profile import KnownProfile
+from horizonval.estimation.likelihood.profile.model import BACKGROUND, BLUR, GAIN, POSE, SHARPNESS, ProfileModel
+from horizonval.estimation.likelihood.profile.ray_height import level_distance, ray_height
+from horizonval.estimation.likelihood.profile.search import ProfileSearch, weights_of
+from horizonval.geometry.camera import CameraModel
+
+STEP_PX = 0.02
+"""Of the limb in the image, over which its distances are differentiated."""
+OWN = profile.SHARED
+"""Unknowns of a frame beside its air."""
+LARGEST_LOG_STEP = 0.5
+
+
+class ProfileFrame:
+    """A frame on the way to the most probable camera.
+
+    Parameters
+    ----------
+    known : KnownProfile
+    camera : CameraModel
+        As it was told.
+    turn_sigma_rad : float
+        Of the mounting: so much farther than the attitude's prior the limb may lie.
+    bends : bool
+        Whether its distortion may be wrong.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        No limb, too little of it, or no fit with the camera that was told.
+    """
+
+    def __init__(self, known: KnownProfile, camera: CameraModel, turn_sigma_rad: float, *, bends: bool = False) -> None:
+        self.told, self.bends, self.knowledge = camera, bends, known.knowledge
+        self._image = known.picture.unclipped
+        tilt_sigma = float(np.hypot(known.tilt_sigma_rad, turn_sigma_rad))
+        loose = known.knowledge.information.copy()
+        loose[:3, :3] = np.eye(3) / tilt_sigma**2
+        start = known.start(camera, tilt_sigma)
+        found = ProfileSearch(self._image, camera, start, replace(known.knowledge, information=loose)).run()
+        self.now, self.model, self._weights = found.now, found.model, found.inverse_variance
+        self._at = np.zeros(OF_LENS)
+        beside = known.knowledge
+        self._priors = np.array([beside.blur_log_sigma, beside.sharpness_sigma, beside.gain_log_sigma]) ** -2.0
+
+    def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
+        """Return the normal matrix (8, 8) and right side (8,) of what is shared, the frame's own eliminated.
+
+        Parameters
+        ----------
+        shared : SharedUnknowns
+        held : bool
+            Whether pixels and weights stay as they were.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Too little limb in view, or equations without a solution.
+        """
+        if not held or not len(self.model.by_lens):
+            self._choose(shared)
+        self.model.moved = (shared.values[:OF_LENS] - self._at) @ self.model.by_lens
+        look = self.model.look(self.now)
+        if not held:
+            self._weights = weights_of(self.model, look, self._weights)
+        parts = self.model.equations(self.now, look, self._weights)
+        if not all(np.isfinite(x).all() for x in (parts.shared, parts.right, parts.air, parts.right_air)):
+            raise np.linalg.LinAlgError("the frame's equations have no solution")
+        parts.air[np.diag_indices(len(parts.air))] += 1.0
+        self._root = cholesky(parts.air, lower=True, overwrite_a=True, check_finite=False)
+        both = np.concatenate([parts.mixed, (parts.right_air - self.now.air)[None]]).T
+        half = solve_triangular(self._root, both, lower=True, check_finite=False)
+        self._by_others, self._half = half[:, :-1], half[:, -1]
+        normal = parts.shared - self._by_others.T @ self._by_others
+        right = parts.right - self._by_others.T @ self._half
+        total, pull = self._with_priors(normal, right, shared)
+        size = np.sqrt(np.diag(total)[:OWN])
+        inverse = np.linalg.inv(total[:OWN, :OWN] / np.outer(size, size)) / np.outer(size, size)
+        cross = total[OWN:, :OWN]
+        self._gain, self._own = inverse @ cross.T, inverse @ pull[:OWN]
+        return total[OWN:, OWN:] - cross @ self._gain, pull[OWN:] - cross @ self._own
+
+    def step(self, of_shared: FloatArray, share: float = 1.0) -> None:
+        """Take a share of the frame's own step (Schur's complement, back) for a step of what is shared, shape (8,)."""
+        own = share * (self._own - self._gain @ of_shared)
+        own[[BLUR, GAIN]] = np.clip(own[[BLUR, GAIN]], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
+        others = np.concatenate([own, share * of_shared[:OF_LENS]])
+        left = share * self._half - self._by_others @ others
+        of_air = solve_triangular(self._root, left, lower=True, trans=1, check_finite=False)
+        self.now = self.now.moved(np.concatenate([own, of_air]))
+
+    def _with_priors(
+        self, normal: FloatArray, right: FloatArray, shared: SharedUnknowns
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the equations of the frame's own (11) and of what is shared (8), with the frame's priors."""
+        total, pull = np.zeros((OWN + SHARED, OWN + SHARED)), np.zeros(OWN + SHARED)
+        of_image = OWN + OF_LENS
+        total[:of_image, :of_image], pull[:of_image] = normal, right
+        to_prior = np.zeros((POSE, OWN + SHARED))
+        to_prior[:, :POSE] = np.eye(POSE)
+        to_prior[:3, OWN + TURN.start : OWN + TURN.stop] = -np.eye(3)
+        to_prior[POSE - 1, OWN + HEIGHT] = -1.0
+        known, now = self.knowledge, self.now
+        wanted = self.model.pose.step_to(self._mean(shared)) - now.away
+        total += to_prior.T @ known.information @ to_prior
+        pull += to_prior.T @ (known.information @ wanted)
+        rows = [BLUR, SHARPNESS, GAIN]
+        beside = [np.log(known.blur_px / now.blur), known.sharpness - now.sharpness, np.log(known.gain / now.gain)]
+        total[rows, rows] += self._priors
+        pull[rows] += self._priors * beside
+        floor = self.model.floor
+        if floor is not None:
+            total[BACKGROUND, BACKGROUND] += floor.sigma**-2
+            pull[BACKGROUND] += (floor.background - now.background) * floor.sigma**-2
+        return total, pull
+
+    def _mean(self, shared: SharedUnknowns) -> LimbPose:
+        """Return the pose that the priors have of the frame, with the mounting and the lift as they are now."""
+        stated = self.knowledge.mean
+        return LimbPose(
+            shared.turn @ stated.cam_from_itrs, stated.r_itrs, stated.height_m + float(shared.values[HEIGHT])
+        )
+
+    def _choose(self, shared: SharedUnknowns) -> None:
+        """Choose the pixels anew, as the camera and the pose are now, and differentiate their distances by the lens."""
+        before, camera = self.model, shared.camera(self.told)
+        pose = before.pose.moved(self.now.away)
+        self.model = model = ProfileModel(self._image, camera, pose, self.now.blur, self.knowledge)
+        self.now = replace(self.now, away=np.zeros(POSE), air=model.air.taken_over(before.air, self.now.air))
+        self._weights = np.ones_like(model.near.values)
+        self._at = shared.values[:OF_LENS].copy()
+        axes = self.knowledge.ellipsoid.axes_m
+
+        def across(step: FloatArray) -> FloatArray:
+            los = seen_by_changed(camera, model.near.pixels, step).los_cam
+            height = ray_height(los, pose.cam_from_itrs, pose.r_itrs, axes).height_m
+            return level_distance(height - pose.height_m, model.curve)[0]
+
+        by_lens = np.zeros((OF_LENS, len(model.near.values)))
+        for number, size in enumerate(STEP_PX * np.array([1.0 / max(camera.fx, camera.fy), 1.0, 1.0, 1.0])):
+            if number != BEND or self.bends:
+                step = size * np.eye(OF_LENS)[number]
+                by_lens[number] = (across(step) - across(-step)) / (2.0 * size)
+        model.by_lens = by_lens
