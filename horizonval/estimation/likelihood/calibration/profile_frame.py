@@ -91,6 +91,15 @@ class ProfileFrame:
         """
         if not held or not len(self.model.by_lens):
             self._choose(shared)
+        found = self._reduced(shared, held=held)
+        if not held:
+            return found
+        # Its own unknowns go to their best place for this camera first: without, sixty steps were too few for some.
+        self.step(np.zeros(SHARED))
+        return self._reduced(shared, held=True)
+
+    def _reduced(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
+        """Return :meth:`equations` at the frame's unknowns as they are; what steps back need is kept."""
         self.model.moved = (shared.values[:OF_LENS] - self._at) @ self.model.by_lens
         look = self.model.look(self.now)
         if not held:

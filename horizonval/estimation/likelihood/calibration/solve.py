@@ -54,6 +54,8 @@ MOST_STEPS, SETTLING_STEPS = 60, 5
 """Gauss-Newton's; pixels and weights are chosen anew while it settles."""
 FALLEN, LEAST_SHARE = 0.5, 0.125
 """Of a step's square by the next one, that the search comes nearer; the least share of a step that is taken."""
+AS_FORETOLD = 1.2
+"""Times what a share of a step leaves of the next one's square, if all is linear: then it may be a larger one."""
 CONVERGED = 1e-4
 """Square of a step over its covariance: a hundredth of a standard deviation."""
 DETERMINED = 0.5
@@ -193,9 +195,11 @@ def _solve(frames: Sequence[Frame], sigmas: FloatArray, progress: Progress) -> t
         step = inverse @ right
         covariance = inverse * np.outer(sigmas, sigmas)
         square = float(step @ normal @ step)
-        if held and square > FALLEN * before:
+        if held and square > max(FALLEN, AS_FORETOLD * (1.0 - share) ** 2) * before:
             # To and fro across the best place, as softness and blur of edges go: half of a step ends it.
             share = max(0.5 * share, LEAST_SHARE)
+        elif square < AS_FORETOLD * (1.0 - share) ** 2 * before:
+            share = min(2.0 * share, 1.0)
         before = square if held else np.inf
         shared = SharedUnknowns(shared.values + share * sigmas * step)
         progress.step("calibration", f"step {number + 1} of at most {MOST_STEPS}, {math.sqrt(square):.2g} sigma long")
