@@ -19,8 +19,9 @@ keep = "all"
 
 [defaults]
 platform = { altitude_km = 550.0, epoch_utc = 2026-03-20T12:00:00Z }
-atmosphere = { profile = "by_latitude_month" }
-render = { subsamples = 4, nodes = 64 }
+atmosphere = { profile = "weather" }
+surface = { kind = "earth" }
+render = { subsamples = 12, nodes = 64 }
 prior = { position_sigma_km = 0.1, attitude_sigma_deg = [0.005, 0.005, 0.005] }
 calibration = { draw = "flight-1", focal_length_error_percent = 1.0, mounting_error_deg = [0.1, 0.0, 0.0] }
 
@@ -37,10 +38,10 @@ fov_deg = 70.0
 name = "rolls"
 
 [cases.sobol]
-n = 24
+n = 36
 
 [cases.sobol.ranges]
-"attitude.roll_deg" = [-22.0, 22.0]
+"attitude.roll_deg" = [-17.0, 17.0]
 "attitude.pitch_deg" = [-5.0, 5.0]
 "platform.latitude_deg" = { from = -90.0, to = 90.0, scale = "sine" }
 "platform.longitude_deg" = [-180.0, 180.0]
@@ -50,11 +51,11 @@ n = 24
 
 @pytest.mark.slow
 def test_a_percent_of_the_focal_length_is_found_on_infrared_frames(tmp_path: Path) -> None:
-    """24 frames claim 0.2 %; full steps went to and fro about the best place here, without an end."""
+    """36 frames over the globe know two hundredths of a percent, and are as near as they claim."""
     (tmp_path / "pass.toml").write_text(SUITE)
     hv.run(tmp_path / "pass.toml", out=tmp_path / "out")
     found = calibrate(observations_of([tmp_path / "out"]))
     assert isinstance(found, CameraCalibration), found
-    assert found.frames == 24
-    assert found.sigma[0] < 2.5e-3
+    assert found.frames >= 30
+    assert found.sigma[0] < 2.2e-4
     assert abs(found.change[0] + math.log(1.01)) < 3.3 * found.sigma[0]
