@@ -67,7 +67,7 @@ class SceneMode:
 def scene_mode(
     departures: FloatArray,
     has: FloatArray,
-    chance: float,
+    chance: FloatArray | float,
     *,
     around: bool,
     shares: FloatArray | None = None,
@@ -81,9 +81,9 @@ def scene_mode(
     Parameters
     ----------
     departures : ndarray, shape (A, B, N, H)
-    has : ndarray, shape (1, B, N)
+    has : ndarray, shape (1, B, N) or (A, B, N)
         1 of states that have it, else 0.
-    chance : float
+    chance : float or ndarray, shape (A, B, 1)
     around, shares, beside
         As of :func:`empirical_modes`.
     """

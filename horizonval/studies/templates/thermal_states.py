@@ -53,6 +53,7 @@ from horizonval.studies.stability.orbit import rays_along_parallels
 from horizonval.studies.templates.rays import HEIGHT_M
 
 WEATHERS, COVERS = 12, 6
+CIRRUS = ("cirrus", "subvisible_cirrus")
 ASIDE_DEG = 15.0
 """Along the parallel, as an angle at the Earth's centre: between a tenth and a half of the arcs of limb that low orbits
 see."""
@@ -102,6 +103,17 @@ def is_cloudy(month: float, number: int) -> bool:
     return bool(draws("cover", month, number).random() < CLOUDS)
 
 
+def has_cirrus(latitude_deg: float, month: float, number: int) -> bool:
+    """Return whether one of the states has thin clouds of any kind at a latitude."""
+    lots = draws("cover", month, number).random(3)[1:]
+    return any(lot < layer_kinds.occurrence(kind, latitude_deg, month) for kind, lot in zip(CIRRUS, lots, strict=True))
+
+
+def cirrus_chance(latitude_deg: float, month: float) -> float:
+    """Return how often there are any, of the kinds by themselves."""
+    return 1.0 - math.prod(1.0 - layer_kinds.occurrence(kind, latitude_deg, month) for kind in CIRRUS)
+
+
 def cover_of(latitude_deg: float, month: float, number: int) -> Cover:
     """Return the cover of one state at a latitude."""
     random = draws("cover", month, number)
@@ -111,7 +123,7 @@ def cover_of(latitude_deg: float, month: float, number: int) -> Cover:
     quantile = (number + phase) / COVERS
     top = float(np.quantile(_tops(month, latitude_deg), quantile)) if cloudy < CLOUDS else 0.0
     layers = []
-    for kind, lot in (("cirrus", cirrus), ("subvisible_cirrus", thin)):
+    for kind, lot in zip(CIRRUS, (cirrus, thin), strict=True):
         if lot < layer_kinds.occurrence(kind, latitude_deg, month):
             usual = layer_kinds.KINDS[kind]
             level = float(relief.tropopause_m(latitude_deg)) + 500.0 * float(height)

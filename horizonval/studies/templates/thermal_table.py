@@ -22,6 +22,7 @@ from horizonval.studies.templates.modes import BESIDE, empirical_modes, scene_mo
 from horizonval.studies.templates.rays import HEIGHT_M, LATITUDE_DEG, MONTHS, edge_weights
 
 AIR_MODES, COVER_MODES = 5, 2
+COVER_KINDS = ("scene", "veil") + ("below",) * COVER_MODES
 LEAST_ALIKE, MOST_ALIKE = 0.05, 0.99
 """Correlations of places apart that some 70 states can tell from none, and from all."""
 KEPT = ("calm", "air", "aside", "below")
@@ -70,7 +71,7 @@ def thermal_table(
 
 @dataclass(frozen=True)
 class CoverModes:
-    """``mean`` (A, B, H), ``modes`` (A, B, 1 + COVER_MODES, H), ``left_variance`` (A, B, H), ``correlation_rad``."""
+    """``mean`` and ``left_variance`` (A, B, H), ``modes`` (A, B, K, H) and ``correlation_rad`` (K,)."""
 
     mean: FloatArray
     modes: FloatArray
@@ -79,7 +80,7 @@ class CoverModes:
 
 
 def cover_modes(departures: FloatArray, months: FloatArray, *, around: bool) -> CoverModes:
-    """Return what the states of what lies below come to: one mode of all scenes with clouds, the rest by place.
+    """Return what the states of what lies below come to: modes of scenes with clouds, with thin ones, and the rest.
 
     Parameters
     ----------
@@ -91,12 +92,19 @@ def cover_modes(departures: FloatArray, months: FloatArray, *, around: bool) -> 
     """
     cloudy = np.array([[states.is_cloudy(float(m), k) for k in range(states.COVERS)] for m in months], dtype=float)
     whole = scene_mode(departures, cloudy[None], states.CLOUDS, around=around)
-    rest = empirical_modes(departures - whole.of_state, edge_weights(HEIGHT_M), COVER_MODES, around=around)
+    left = departures - whole.of_state
+    thin = np.array(
+        [[[states.has_cirrus(lat, float(m), k) for k in range(states.COVERS)] for m in months] for lat in LATITUDE_DEG],
+        dtype=float,
+    )
+    often = np.array([[states.cirrus_chance(lat, float(m)) for m in months] for lat in LATITUDE_DEG])
+    veil = scene_mode(left, thin, often[..., None], around=around)
+    rest = empirical_modes(left - veil.of_state, edge_weights(HEIGHT_M), COVER_MODES, around=around)
     return CoverModes(
-        rest.mean + whole.mean,
-        np.concatenate([whole.mode[:, :, None], rest.modes], axis=2),
+        rest.mean + whole.mean + veil.mean,
+        np.concatenate([whole.mode[:, :, None], veil.mode[:, :, None], rest.modes], axis=2),
         rest.left_variance,
-        np.array([np.pi, *[CLOUD_RELIEF_THERMAL.correlation_rad] * COVER_MODES]),
+        np.array([np.pi, np.pi, *[CLOUD_RELIEF_THERMAL.correlation_rad] * COVER_MODES]),
     )
 
 
@@ -114,7 +122,7 @@ def _assembled(band: Band, parts: list[dict[str, FloatArray]], months: FloatArra
         axes=(np.radians(LATITUDE_DEG), months),
         mean=calm[:, :, 0] + of_air.mean + of_cover.mean,
         modes=np.concatenate([of_air.modes, of_cover.modes], axis=2),
-        mode_kinds=("air",) * AIR_MODES + ("scene",) + ("below",) * COVER_MODES,
+        mode_kinds=("air",) * AIR_MODES + COVER_KINDS,
         correlation_rad=np.concatenate(
             [lengths_of_air(of_air.coefficients), everywhere(of_cover.correlation_rad, len(LATITUDE_DEG))], axis=1
         ),

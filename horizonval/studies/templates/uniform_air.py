@@ -41,7 +41,7 @@ from horizonval.spec.sensor.prior import is_climate_file
 from horizonval.studies.templates import sunlit_states, thermal_states
 from horizonval.studies.templates.rays import HEIGHT_M, KNOWN_AZIMUTH_DEG, KNOWN_ZENITH_DEG, LATITUDE_DEG
 from horizonval.studies.templates.sunlit_table import FAINT
-from horizonval.studies.templates.thermal_table import COVER_MODES, cover_modes
+from horizonval.studies.templates.thermal_table import COVER_KINDS, cover_modes
 
 LONGITUDES = 360
 """Of the places round a circle of latitude, at every hour that the Sun makes there."""
@@ -133,7 +133,7 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
         table,
         mean=calm + found.mean,
         modes=found.modes,
-        mode_kinds=("scene",) + ("below",) * COVER_MODES,
+        mode_kinds=COVER_KINDS,
         correlation_rad=everywhere(found.correlation_rad, len(LATITUDE_DEG)),
         left_sigma=np.sqrt(found.left_variance),
     )

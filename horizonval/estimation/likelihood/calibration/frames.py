@@ -118,7 +118,7 @@ def _edges(observations: Sequence[Observation], *, bends: bool) -> Frames | Refu
     for number, start in starts.items():
         frame = EdgeFrame(start, first.camera, bends=bends, scale=scale)
         try:
-            frame.choose(first.camera)
+            frame.choose(frame.told)
         except np.linalg.LinAlgError as e:
             left_out.append(f"image {number + 1}: {e}")
             continue
