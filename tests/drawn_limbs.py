@@ -49,15 +49,25 @@ def table(*, modes: bool, left: bool = False) -> LimbTemplates:
     )
 
 
-def picture(cam: np.ndarray, r: np.ndarray, rng: np.random.Generator, *, modes: bool, left: bool = False) -> np.ndarray:
+def picture(
+    cam: np.ndarray,
+    r: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    modes: bool,
+    left: bool = False,
+    camera: CameraModel = CAMERA,
+    bright: float = BRIGHT,
+    noise: float = NOISE,
+) -> np.ndarray:
     """Means over pixels of the sky six times finer, blurred, with the air's coefficients drawn along the limb.
 
     What is left is a random function too, alike over 5 km of height and 0.1 rad along the limb.
     """
     margin = 4
-    u = -0.5 - margin + (np.arange((CAMERA.width + 2 * margin) * FINE) + 0.5) / FINE
-    v = -0.5 - margin + (np.arange((CAMERA.height + 2 * margin) * FINE) + 0.5) / FINE
-    x, y = np.meshgrid((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy)
+    u = -0.5 - margin + (np.arange((camera.width + 2 * margin) * FINE) + 0.5) / FINE
+    v = -0.5 - margin + (np.arange((camera.height + 2 * margin) * FINE) + 0.5) / FINE
+    x, y = np.meshgrid((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy)
     length = np.sqrt(1.0 + x * x + y * y)
     d = np.stack([x / length, y / length, 1.0 / length], axis=-1) @ cam
     along = -(d @ r)
@@ -86,8 +96,8 @@ def picture(cam: np.ndarray, r: np.ndarray, rng: np.random.Generator, *, modes: 
         sky = sky + rest(np.stack([azimuth, height], axis=-1)) * left_profile(height)
     sky = np.where(along > 0.0, sky, 0.0) / length**4
     means = gaussian_filter(sky, BLUR_PX * FINE).reshape(v.size // FINE, FINE, u.size // FINE, FINE).mean(axis=(1, 3))
-    clean = BLACK + BRIGHT * means[margin:-margin, margin:-margin]
-    return np.rint(clean + rng.normal(0.0, NOISE, clean.shape))
+    clean = BLACK + bright * means[margin:-margin, margin:-margin]
+    return np.rint(clean + rng.normal(0.0, noise, clean.shape))
 
 
 def along_limb(chord2: np.ndarray, length_rad: float, normals: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.alike import everywhere
 from horizonval.estimation.likelihood.fit import nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile import search
+from horizonval.estimation.likelihood.profile import known_profile, search
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles
 from horizonval.estimation.likelihood.profile.fit import fit_profile
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
@@ -53,11 +53,11 @@ EPOCH = datetime(2026, 1, 16, 12, tzinfo=UTC)
 
 
 def fitted(
-    seed: int, *, modes: bool, lift_sigma_m: float, left: bool = False, altitude_m: float = 600e3
+    seed: int, *, modes: bool, lift_sigma_m: float, left: bool = False, altitude_m: float = 600e3, **drawn: float
 ) -> tuple[ProfileFit, np.ndarray, np.ndarray]:
     """One picture's fit from a coarse prior, the error of its nadir in the plane across, and that plane."""
     r, cam, rng = view(seed, altitude_m)
-    image = picture(cam, r, rng, modes=modes, left=left)
+    image = picture(cam, r, rng, modes=modes, left=left, **drawn)
     coarse = Rotation.from_rotvec(rng.normal(size=3) * TILT_SIGMA_RAD).as_matrix() @ cam
     mean = LimbPose(coarse, r + rng.normal(0.0, POSITION_SIGMA_M, 3))
     information = np.diag([TILT_SIGMA_RAD**-2] * 3 + [POSITION_SIGMA_M**-2] * 3 + [lift_sigma_m**-2])
@@ -117,17 +117,15 @@ def test_what_no_mode_holds_is_in_the_claim() -> None:
     assert claim > 1.2 * scores(2, modes=False, lift_sigma_m=50.0)[1]
 
 
-def test_rounding_is_noise_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rounding_is_noise_too() -> None:
     """Noise of a tenth of a step: dark pixels have one number but for a few, and are no more certain than rounding is.
 
     When they seemed to be, two of these fits used up their steps. Eight squares of two degrees of freedom: their mean
     is 1 to 0.35 for unit normals, and the claim is to be of use too.
     """
-    monkeypatch.setitem(globals(), "NOISE", 0.1)
-    monkeypatch.setitem(globals(), "BRIGHT", 100.0)
     steps, squares = [], []
     for seed in range(8):
-        fit, error, across = fitted(seed, modes=False, lift_sigma_m=300.0)
+        fit, error, across = fitted(seed, modes=False, lift_sigma_m=300.0, noise=0.1, bright=100.0)
         by = across @ nadir_derivative(fit.pose)
         steps.append(len(fit.steps))
         squares.append(float(0.5 * error @ np.linalg.solve(by @ fit.covariance @ by.T, error)))
@@ -367,11 +365,10 @@ def test_products_and_pulls_are_those_of_the_blurred_functions() -> None:
     np.testing.assert_allclose(tables.pull(*weights, 0.6, 0.4), wanted, rtol=1e-9, atol=1e-9)
 
 
-def knowledge_of(seed: int, camera: CameraModel, monkeypatch: pytest.MonkeyPatch) -> tuple[np.ndarray, Any, LimbPose]:
+def knowledge_of(seed: int, camera: CameraModel) -> tuple[np.ndarray, Any, LimbPose]:
     """A picture of a camera, what is known of it, and where a fit starts."""
-    monkeypatch.setitem(globals(), "CAMERA", camera)
     r, cam, rng = view(seed)
-    image = picture(cam, r, rng, modes=True, left=True)
+    image = picture(cam, r, rng, modes=True, left=True, camera=camera)
     coarse = Rotation.from_rotvec(rng.normal(size=3) * TILT_SIGMA_RAD).as_matrix() @ cam
     mean = LimbPose(coarse, r + rng.normal(0.0, POSITION_SIGMA_M, 3))
     information = np.diag([TILT_SIGMA_RAD**-2] * 3 + [POSITION_SIGMA_M**-2] * 3 + [300.0**-2])
@@ -384,9 +381,9 @@ def knowledge_of(seed: int, camera: CameraModel, monkeypatch: pytest.MonkeyPatch
     return image, knowledge, start
 
 
-def test_equations_are_those_of_what_the_pixels_show(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equations_are_those_of_what_the_pixels_show() -> None:
     """Against differences of the prediction, by every shared unknown and some of the air."""
-    image, knowledge, start = knowledge_of(3, CAMERA, monkeypatch)
+    image, knowledge, start = knowledge_of(3, CAMERA)
     model = ProfileModel(image, CAMERA, start, 0.6, knowledge)
     rng = np.random.default_rng(5)
     now = Guess(np.zeros(7), 0.6, 0.4, 900.0, 10.0, 0.3 * rng.normal(size=model.air.count))
@@ -417,9 +414,9 @@ def test_equations_are_those_of_what_the_pixels_show(monkeypatch: pytest.MonkeyP
     )
 
 
-def test_air_is_taken_over_where_nodes_move(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_air_is_taken_over_where_nodes_move() -> None:
     """The prediction of the same unknowns, chosen again a tenth of a pixel away, with other nodes and another grid."""
-    image, knowledge, start = knowledge_of(3, CAMERA, monkeypatch)
+    image, knowledge, start = knowledge_of(3, CAMERA)
     near = start.moved(np.array([0.1 / CAMERA.fx, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     before, after = (ProfileModel(image, CAMERA, pose, blur, knowledge) for pose, blur in ((start, 0.6), (near, 0.63)))
     air = 0.5 * np.random.default_rng(6).normal(size=before.air.count)
@@ -432,13 +429,13 @@ def test_air_is_taken_over_where_nodes_move(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.parametrize("seed", [0, 2, 6])
-def test_no_start_takes_it_long(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_start_takes_it_long(seed: int) -> None:
     """A limb resolved by pixels of 8 km, blur and sharpness hard to tell apart, from up to 3 px away.
 
     Steps that were not looked at turned about the best blur, for 28 to 30 steps of one of each three starts.
     """
     camera = replace(CAMERA, fx=300.0, fy=300.0)
-    image, knowledge, start = knowledge_of(seed, camera, monkeypatch)
+    image, knowledge, start = knowledge_of(seed, camera)
     fits = []
     for away_px in (0.0, 3.0, -3.0):
         moved = start.moved(np.array([away_px / camera.fx, away_px / camera.fy, 0.0, 0.0, 0.0, 0.0, 0.0]))
@@ -450,9 +447,9 @@ def test_no_start_takes_it_long(seed: int, monkeypatch: pytest.MonkeyPatch) -> N
         assert float(np.linalg.norm(fit.pose.nadir_cam - fits[0].pose.nadir_cam)) < 0.3 * claimed
 
 
-def test_a_background_far_below_the_floor_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_background_far_below_the_floor_comes_back() -> None:
     """Noise of 20 levels, cut off at 0 where space is: from 40 sigma below, where no pixel shows how far."""
-    image, knowledge, start = knowledge_of(1, CAMERA, monkeypatch)
+    image, knowledge, start = knowledge_of(1, CAMERA)
     noise = np.random.default_rng(3).normal(0.0, 20.0, image.shape)
     search = ProfileSearch(np.maximum(np.rint(image - BLACK + noise), 0.0), CAMERA, start, knowledge)
     floor = search.model.floor
@@ -467,7 +464,7 @@ def test_a_background_far_below_the_floor_comes_back(monkeypatch: pytest.MonkeyP
 
 def seen(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Observation, np.ndarray]:
     """What the estimator is given of one picture, with the table of these tests in place of the shipped one."""
-    monkeypatch.setattr(limb_profile, "shipped_templates", lambda kind, um: table(modes=True))
+    monkeypatch.setattr(known_profile, "shipped_templates", lambda kind, um: table(modes=True))
     r, cam, rng = view(seed)
     prior = Prior(
         shape="sphere",
@@ -544,7 +541,7 @@ def test_a_priors_table_takes_the_place_of_the_shipped_one(tmp_path: Path, monke
     """The answer is that of the same profiles as shipped ones, to the last bit; what cannot be read is one line."""
     observation, _ = seen(3, monkeypatch)
     table(modes=True).save(tmp_path / "mine.npz")
-    monkeypatch.setattr(limb_profile, "shipped_templates", lambda kind, um: load_templates(tmp_path / "mine.npz"))
+    monkeypatch.setattr(known_profile, "shipped_templates", lambda kind, um: load_templates(tmp_path / "mine.npz"))
     expected = limb_profile.ESTIMATOR.run(observation)
     monkeypatch.undo()
 

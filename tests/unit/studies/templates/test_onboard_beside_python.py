@@ -15,7 +15,7 @@ from onboard import BANDS, band_of, by_c, by_python, cases, kept, make_program, 
 from scipy.spatial.transform import Rotation
 
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.methods import limb_profile
+from horizonval.estimation.likelihood.profile import known_profile
 from horizonval.estimation.observation import Fit, Observation
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
@@ -44,7 +44,7 @@ def programs(tables):
 @pytest.fixture
 def elsewhere(monkeypatch):
     """Let the search of `limb-profile` start at poses that are turned by a little."""
-    rng, start_pose = np.random.default_rng(1), limb_profile.start_pose
+    rng, start_pose = np.random.default_rng(1), known_profile.start_pose
 
     def turned(*args, **kwargs):
         pose = start_pose(*args, **kwargs)
@@ -52,10 +52,10 @@ def elsewhere(monkeypatch):
         return LimbPose(turn @ pose.cam_from_itrs, pose.r_itrs, pose.height_m)
 
     def begin():
-        monkeypatch.setattr(limb_profile, "start_pose", turned)
+        monkeypatch.setattr(known_profile, "start_pose", turned)
 
     def end():
-        monkeypatch.setattr(limb_profile, "start_pose", start_pose)
+        monkeypatch.setattr(known_profile, "start_pose", start_pose)
 
     return begin, end
 
