@@ -59,6 +59,7 @@ def picture(
     camera: CameraModel = CAMERA,
     bright: float = BRIGHT,
     noise: float = NOISE,
+    strength: float = 1.0,
 ) -> np.ndarray:
     """Means over pixels of the sky six times finer, blurred, with the air's coefficients drawn along the limb.
 
@@ -85,7 +86,7 @@ def picture(
     if modes:
         draws = along_limb(chord2, LENGTH_RAD, rng.standard_normal((len(nodes), 2)))
         for k, profile in enumerate(mode_profiles(height)):
-            sky = sky + np.interp(azimuth, nodes, draws[:, k]) * profile
+            sky = sky + strength * np.interp(azimuth, nodes, draws[:, k]) * profile
     if left:
         levels = np.arange(0.0, 70e3, 2.5e3)
         over_height = np.linalg.cholesky(

@@ -55,6 +55,18 @@ def test_between_places_profiles_are_linear():
     assert modes.shape == (50, 2, 4)
 
 
+def test_lengths_are_linear_between_latitudes():
+    t = table()
+    lengths = np.zeros((4, 2, 2))
+    lengths[:, 0, 0], lengths[:, 0, 1] = [0.1, 0.2, 0.4, 0.8], 0.5
+    lengths[:, 1] = 0.05
+    t = replace(t, correlation_rad=lengths)
+    found = t.lengths_at(np.radians([-100.0, -60.0, 40.0, 65.0, 90.0]))
+    np.testing.assert_allclose(found[:, 0, 0], [0.1, 0.15, 0.4, 0.6, 0.8], rtol=1e-12)
+    np.testing.assert_allclose(found[:, 0, 1], 0.5, rtol=1e-12)
+    np.testing.assert_allclose(found[:, 1], 0.05, rtol=1e-12)
+
+
 def test_a_year_is_a_circle():
     t = table()
     december, january = (t.at(0.3, m)[0][0] for m in (10.0, 1.0))

@@ -35,3 +35,23 @@ def test_warmings_have_their_share_of_the_days(month: float, fewest: int, most: 
     """One winter day in ten in the north is one or two of twelve; three of a thousand in the south none or one."""
     warm = sum(states._warming_k(month, k) > 0.0 for k in range(states.WEATHERS))
     assert fewest <= warm <= most
+
+
+@pytest.mark.parametrize("latitude_deg", [-70.0, 0.0, 40.0])
+def test_states_have_cirrus_where_their_cover_has_a_layer(latitude_deg: float) -> None:
+    """And over a year's states about as often as its kinds are seen: 72 draws of a third to two thirds, to 0.06."""
+    drawn = [(float(month), k) for month in range(1, 13) for k in range(states.COVERS)]
+    found = [states.has_cirrus(latitude_deg, *state) for state in drawn]
+    assert found == [bool(states.cover_of(latitude_deg, *state).layers) for state in drawn]
+    expected = np.mean([states.cirrus_chance(latitude_deg, month) for month, _ in drawn])
+    assert abs(np.mean(found) - expected) < 0.2
+
+
+def test_states_aside_stand_fifteen_degrees_along_the_parallel() -> None:
+    """The chord of two places of one latitude; towards the poles a turn of 86 deg is the most."""
+    latitude = np.radians([0.0, 40.0, -60.0, 80.0, 90.0])
+    turn = states.aside_rad(latitude)
+    np.testing.assert_allclose((turn * np.cos(latitude))[:4], np.radians(15.0), rtol=1e-12)
+    assert np.degrees(turn.max()) == pytest.approx(86.4, abs=0.1)
+    at, aside = (states.air_of_state(40.0, 1.0, 2, LEVELS_M, aside=there).temperature_k for there in (False, True))
+    assert np.abs(at - aside).max() > 0.5  # K
