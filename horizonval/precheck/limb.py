@@ -82,6 +82,8 @@ class LimbView:
         0 in the Earth's shadow.
     exposure_s : float or None
         A fixed exposure; None for automatic and thermal ones.
+    ray_spacing_m : float
+        Between the rays of a pixel on the axis, at the distance of the limb.
     """
 
     frame: str
@@ -107,6 +109,7 @@ class LimbView:
     sun_outside_deg: float | None
     sun_visible_fraction: float
     exposure_s: float | None
+    ray_spacing_m: float
 
 
 def limb_views(frame: str, truth: FrameTruth, camera: CameraSpec, needs: Needs = "image") -> list[LimbView]:
@@ -155,7 +158,14 @@ def _limb_view(frame: str, truth: FrameTruth, camera: CameraSpec, band: Band, ne
         sun_outside_deg=None if expected.sun_in_frame else sun_outside_deg(found.camera, truth),
         sun_visible_fraction=truth.sun_visible_fraction,
         exposure_s=detector.exposure_s if isinstance(detector, Cmos) and fixed else None,
+        ray_spacing_m=_ray_spacing_m(found.camera, truth),
     )
+
+
+def _ray_spacing_m(camera: CameraModel, truth: FrameTruth) -> float:
+    r_itrs = np.array(truth.r_itrs)
+    to_limb = math.sqrt(max(float(r_itrs @ r_itrs) - truth.ellipsoid.a_m**2, 0.0))
+    return to_limb / max(camera.fx, camera.fy) / int(truth.scene["render"]["subsamples"])
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,11 @@ NEAR_DEG = 10.0
 """Angle outside the image at which lenses and baffles are not yet free of the Sun: the wings of a lens scatter it,
 and few baffles of small cameras reject it that near."""
 
+LARGEST_SPACING_M = 7.5e3
+"""Between rays at a thermal limb, a scale height of the air. Errors of fits of the limb whose pixels have them 8 to 22 km
+apart were up to twice as large as with 2.5 to 7.5 km."""
+MOST_SUBSAMPLES = 16
+
 MOSTLY, SOME = 0.5, 0.2
 """Share of frames from which a problem of many frames is a warning: of what the Sun's place does, and of what the
 design does, which can be mended."""
@@ -200,6 +205,12 @@ def _borderline(view: LimbView) -> Problem | None:
     return Problem(None, None, "") if view.borderline and view.outcome is Outcome.VALID else None
 
 
+def _coarse_rays(view: LimbView) -> Problem | None:
+    if view.kind != "thermal" or view.outcome is Outcome.NO_LIMB or view.ray_spacing_m <= LARGEST_SPACING_M:
+        return None
+    return Problem(view.ray_spacing_m / 1e3, LARGEST_SPACING_M / 1e3, "km")
+
+
 def _determined_limit_deg() -> float:
     return math.degrees(limits.NOMINAL.determined_rad)
 
@@ -318,6 +329,16 @@ RULES: tuple[Rule, ...] = (
         _sun_near,
         lambda v: f"the Sun is {v[0].sun_outside_deg:.1f} deg outside the image",
         lambda v: "",
+    ),
+    Rule(
+        "coarse-rays",
+        None,
+        _coarse_rays,
+        lambda v: (
+            f"rays meet the limb {v[0].ray_spacing_m / 1e3:.0f} km apart, above {LARGEST_SPACING_M / 1e3:g} km they "
+            "misplace it in its pixels: fits of it are then worse than on real images"
+        ),
+        lambda v: f"render.subsamples up to {MOST_SUBSAMPLES}",
     ),
     Rule("moon-in-frame", None, _moon, lambda v: "the Moon is in the frame", lambda v: ""),
     Rule(

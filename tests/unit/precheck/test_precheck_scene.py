@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 
 import pytest
@@ -84,6 +85,26 @@ def test_a_thermal_limb_beyond_the_converters_end():
     kelvin = float(re.search(r"scene_max_k above (\d+) K", finding.fix).group(1))
     mended = check_scene(*changed("limb-night-ir", detector={"scene_max_k": kelvin + 20.0}))
     assert "saturated" not in codes(mended)
+
+
+def test_rays_that_miss_the_limbs_place_in_wide_thermal_pixels_are_noted():
+    """A pixel on the axis of 160 px in 60 deg at the horizon from 500 km, 2573 km away, is 18.6 km wide; flattening: 1 %."""
+    scene, camera = changed("limb-night-ir")
+    camera = camera.model_copy(
+        update={"camera": camera.camera.model_copy(update={"width": 160, "height": 128, "fov_deg": 60.0})}
+    )
+
+    def noted(subsamples):
+        render = scene.render.model_copy(update={"subsamples": subsamples})
+        platform = scene.platform.model_copy(update={"altitude_km": 500.0})
+        found = check_scene(scene.model_copy(update={"render": render, "platform": platform}), camera).findings
+        return [finding for finding in found if finding.code == "coarse-rays"]
+
+    (coarse,) = noted(2)
+    assert coarse.level is Level.NOTE
+    assert coarse.value == pytest.approx(2573.0 * 2.0 * math.tan(math.radians(30.0)) / 160.0 / 2.0, rel=0.02)
+    assert "render.subsamples" in coarse.fix
+    assert noted(4) == []
 
 
 @pytest.mark.parametrize("zenith_deg", [120.0, 132.7, 145.5, 160.1, 171.3, 180.0])
