@@ -88,7 +88,7 @@ def test_a_thermal_limb_beyond_the_converters_end():
 
 
 def test_rays_that_miss_the_limbs_place_in_wide_thermal_pixels_are_noted():
-    """A pixel on the axis of 160 px in 60 deg at the horizon from 500 km, 2573 km away, is 18.6 km wide; flattening: 1 %."""
+    """A pixel on the axis of 160 px in 60 deg at the horizon from 500 km, 2573 km away, is 18.6 km wide, to 1 %."""
     scene, camera = changed("limb-night-ir")
     camera = camera.model_copy(
         update={"camera": camera.camera.model_copy(update={"width": 160, "height": 128, "fov_deg": 60.0})}
