@@ -8,7 +8,7 @@ The mean is that of an ensemble of air, cloud and ground at a place: of thermal 
 ones by the Sun's zenith angle at the lowest point and its azimuth from the line of sight. The modes are empirical
 orthogonal functions of what the ensemble's states are off by. A coefficient stays alike along the limb over the mode's
 ``correlation_rad``, which of the air differ from the equator to the poles, and along a meridian from along a parallel
-(:mod:`.alike`).
+(:mod:`.height.alike`).
 
 ``h`` is negative where the line meets the ground: the depth of its middle below the ellipsoid. Lines are straight
 continuations of what the camera sees; the air bends light, and that is in the profile: the hard edge of the ground

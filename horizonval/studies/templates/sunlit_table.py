@@ -12,7 +12,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
 from horizonval.earth.limb_relief import CLOUD_RELIEF_SOLAR
 from horizonval.earth.spectral import bands
-from horizonval.estimation.likelihood.alike import everywhere
+from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates import sunlit_states as states

@@ -13,7 +13,7 @@ from horizonval.core.progress import Progress
 from horizonval.earth.gases import afgl
 from horizonval.earth.limb_relief import CLOUD_RELIEF_THERMAL
 from horizonval.earth.spectral import bands
-from horizonval.estimation.likelihood.alike import everywhere
+from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates import thermal_states as states

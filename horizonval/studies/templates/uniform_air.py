@@ -32,7 +32,7 @@ from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands
 from horizonval.earth.surface.emitting_ground import climate_ground
 from horizonval.earth.surface.ground_emission import emitting_places, ground_k
-from horizonval.estimation.likelihood.alike import everywhere
+from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.earth.atmosphere import Atmosphere
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec

@@ -31,7 +31,7 @@ four pixels deep came out four of its sigma off, or not at all. Of two it came o
 eight pixels deep the mounting is up to three of its sigma off. Chosen after seeing those."""
 
 
-class Frame(Protocol):
+class CalibrationFrame(Protocol):
     """A frame with unknowns of its own."""
 
     def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
@@ -42,12 +42,12 @@ class Frame(Protocol):
 
 
 @dataclass(frozen=True)
-class Frames:
+class CalibrationFrames:
     """What a calibration is solved with.
 
     Attributes
     ----------
-    frames : sequence of Frame
+    frames : sequence of CalibrationFrame
     left_out : tuple of str
         Why other images are not used.
     whole : ndarray, shape (8,)
@@ -56,13 +56,13 @@ class Frames:
         By which all limbs may stand higher or lower together.
     """
 
-    frames: Sequence[Frame]
+    frames: Sequence[CalibrationFrame]
     left_out: tuple[str, ...]
     whole: FloatArray
     height_sigma_m: float
 
 
-def frames_of(observations: Sequence[Observation]) -> Frames | Refusal:
+def frames_of(observations: Sequence[Observation]) -> CalibrationFrames | Refusal:
     """Return the frames of images of one camera, or why they are too few.
 
     Parameters
@@ -77,10 +77,10 @@ def frames_of(observations: Sequence[Observation]) -> Frames | Refusal:
     return _profiles(observations, bends=bends) if by_profile else _edges(observations, bends=bends)
 
 
-def _profiles(observations: Sequence[Observation], *, bends: bool) -> Frames | Refusal:
+def _profiles(observations: Sequence[Observation], *, bends: bool) -> CalibrationFrames | Refusal:
     first = observations[0]
     turn_sigma = float(prior_sigmas(first, LIFT_SIGMA_M)[TURN].max())
-    frames: list[Frame] = []
+    frames: list[CalibrationFrame] = []
     left_out: list[str] = []
     for number, observation in enumerate(observations):
         known = known_profile(observation, "limb-calibrate")
@@ -95,10 +95,10 @@ def _profiles(observations: Sequence[Observation], *, bends: bool) -> Frames | R
             left_out.append(f"image {number + 1}: {e}")
     if len(frames) < FEWEST_FRAMES:
         return _too_few(len(frames), left_out)
-    return Frames(frames, tuple(left_out), np.ones(SHARED), LIFT_SIGMA_M)
+    return CalibrationFrames(frames, tuple(left_out), np.ones(SHARED), LIFT_SIGMA_M)
 
 
-def _edges(observations: Sequence[Observation], *, bends: bool) -> Frames | Refusal:
+def _edges(observations: Sequence[Observation], *, bends: bool) -> CalibrationFrames | Refusal:
     first = observations[0]
     starts: dict[int, EllipsoidStart] = {}
     left_out: list[str] = []
@@ -128,7 +128,7 @@ def _edges(observations: Sequence[Observation], *, bends: bool) -> Frames | Refu
     # The model's edge may be off by a share of a pixel in all frames alike.
     misplaced_m = MISPLACED_PX * float(np.median([one.pixel_m for one in frames]))
     height_sigma = float(np.hypot(limb_height_prior(first)[1], misplaced_m))
-    return Frames(
+    return CalibrationFrames(
         frames, tuple(left_out), _of_whole_pixels(first.camera, frames[0].told, scale, bends=bends), height_sigma
     )
 

@@ -36,7 +36,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Progress, Silent
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.likelihood.calibration.frames import Frame, frames_of
+from horizonval.estimation.likelihood.calibration.frames import CalibrationFrame, frames_of
 from horizonval.estimation.likelihood.calibration.shared import (
     BEND,
     FOCAL,
@@ -54,7 +54,7 @@ MOST_STEPS, SETTLING_STEPS = 60, 5
 """Gauss-Newton's; pixels and weights are chosen anew while it settles."""
 FALLEN, LEAST_SHARE = 0.5, 0.125
 """Of a step's square by the next one, that the search comes nearer; the least share of a step that is taken."""
-AS_FORETOLD = 1.2
+AS_PREDICTED = 1.2
 """Times what a share of a step leaves of the next one's square, if all is linear: then it may be a larger one."""
 CONVERGED = 1e-4
 """Square of a step over its covariance: a hundredth of a standard deviation."""
@@ -174,7 +174,9 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
     return found
 
 
-def _solve(frames: Sequence[Frame], sigmas: FloatArray, progress: Progress) -> tuple[SharedUnknowns, FloatArray, int]:
+def _solve(
+    frames: Sequence[CalibrationFrame], sigmas: FloatArray, progress: Progress
+) -> tuple[SharedUnknowns, FloatArray, int]:
     """Return the most probable shared unknowns, their covariance (8, 8), and the number of steps.
 
     Raises
@@ -195,10 +197,10 @@ def _solve(frames: Sequence[Frame], sigmas: FloatArray, progress: Progress) -> t
         step = inverse @ right
         covariance = inverse * np.outer(sigmas, sigmas)
         square = float(step @ normal @ step)
-        if held and square > max(FALLEN, AS_FORETOLD * (1.0 - share) ** 2) * before:
+        if held and square > max(FALLEN, AS_PREDICTED * (1.0 - share) ** 2) * before:
             # To and fro across the best place, as softness and blur of edges go: half of a step ends it.
             share = max(0.5 * share, LEAST_SHARE)
-        elif square < AS_FORETOLD * (1.0 - share) ** 2 * before:
+        elif square < AS_PREDICTED * (1.0 - share) ** 2 * before:
             share = min(2.0 * share, 1.0)
         before = square if held else np.inf
         shared = SharedUnknowns(shared.values + share * sigmas * step)

@@ -4,7 +4,7 @@ From the shipped profiles of the band (:mod:`.band_heights`), where the limb is 
 
     height(phi) = mean(phi) + sum over modes of  p_k(phi) g_k(phi)
 
-with functions ``g_k`` of variance 1, alike at two places as :mod:`..alike` has it. What is not known of the Sun is in
+with functions ``g_k`` of variance 1, alike at two places as :mod:`.alike` has it. What is not known of the Sun is in
 it, too: the error of a Sun sensor as two patterns more, and where there is none every Sun that lights the whole arc,
 all alike likely. The same where a thermal band's place is not known: of all latitudes and months the spread is one
 number for the whole arc, and what changes along it is the relief that was measured
@@ -20,7 +20,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_relief import Relief
-from horizonval.estimation.likelihood.alike import correlations
+from horizonval.estimation.likelihood.height.alike import correlations
 from horizonval.estimation.likelihood.height.band_heights import BandHeights, EdgeHeights
 from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
 from horizonval.geometry.directions import fibonacci_sphere, tangent_basis

@@ -1,8 +1,8 @@
 r"""The air along a limb in view: profiles at nodes of azimuth, and how the modes vary from node to node.
 
-A coefficient of a mode is along the limb a random function with the covariance of :mod:`..alike`: ``exp(-d^2 / (2
-l^2))``, ``d`` the distance of two places on the unit sphere, where the length ``l`` is the same everywhere. On the
-nodes it is ``V diag(w) V^T``, and ::
+A coefficient of a mode is along the limb a random function with the covariance of :mod:`..height.alike`:
+``exp(-d^2 / (2 l^2))``, ``d`` the distance of two places on the unit sphere, where the length ``l`` is the same
+everywhere. On the nodes it is ``V diag(w) V^T``, and ::
 
     a_k(node j) = sum_i  z_i sqrt(w_i) V_ji,        z_i ~ N(0, 1)
 
@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.alike import correlations, lengths_along
+from horizonval.estimation.likelihood.height.alike import correlations, lengths_along
 
 LEFT_OUT = 1e-5
 """Of a mode's variance: 0.3 % of its standard deviation, below a pixel's noise. With 1 % the nadir was off by up to 0.4

@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.likelihood.alike import everywhere
 from horizonval.estimation.likelihood.fit import nadir_derivative
+from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile import known_profile, search
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles

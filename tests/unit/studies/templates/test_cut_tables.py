@@ -11,7 +11,7 @@ import pytest
 
 from horizonval.commands.templates import mission_table, sun_angles, write_table
 from horizonval.core.errors import UserError
-from horizonval.estimation.likelihood.alike import everywhere
+from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import load_templates, shipped_templates
 from horizonval.studies.templates.onboard import LimbPlaces, cut_down
 
