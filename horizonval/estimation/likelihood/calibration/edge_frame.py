@@ -24,9 +24,10 @@ from horizonval.estimation.likelihood.calibration.shared import (
     HEIGHT,
     OF_LENS,
     SHARED,
-    TURN,
     SharedUnknowns,
+    off_priors,
     seen_by_changed,
+    without_own,
 )
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.likelihood.ellipsoid_start import EllipsoidStart
@@ -151,19 +152,13 @@ class EdgeFrame:
         normal, right = eliminated(jacobian, model.basis, light.residuals, light.weights, starts, light.levels)
         information, wanted = priors(knowledge, self.now)
         count = len(own)
-        to_prior = np.zeros((count, count + SHARED))
-        to_prior[:, :count] = np.eye(count)
-        to_prior[:3, count + TURN.start : count + TURN.stop] = -np.eye(3)
-        to_prior[POSE - 1, count + HEIGHT] = -1.0
+        to_prior = off_priors(count, POSE - 1, count)
         total = normal / self.factor + to_prior.T @ information @ to_prior
         pull = right / self.factor + to_prior.T @ (information @ wanted)
         if not (np.isfinite(total).all() and np.isfinite(pull).all()):
             raise np.linalg.LinAlgError("the frame's equations have no solution")
-        size = np.sqrt(np.diag(total)[:count])
-        inverse = np.linalg.inv(total[:count, :count] / np.outer(size, size)) / np.outer(size, size)
-        cross = total[count:, :count]
-        self._gain, self._own = inverse @ cross.T, inverse @ pull[:count]
-        return total[count:, count:] - cross @ self._gain, pull[count:] - cross @ self._own
+        self._gain, self._own, reduced, left = without_own(total, pull, count)
+        return reduced, left
 
     def step(self, of_shared: FloatArray, share: float = 1.0) -> None:
         """Take a share of the frame's own step (Schur's complement, back) for a step of what is shared, shape (8,)."""

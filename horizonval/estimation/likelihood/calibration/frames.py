@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -16,13 +16,14 @@ from horizonval.estimation.likelihood.calibration.edge_frame import EdgeFrame
 from horizonval.estimation.likelihood.calibration.profile_frame import ProfileFrame
 from horizonval.estimation.likelihood.calibration.shared import BEND, POINT, SHARED, TURN, SharedUnknowns, prior_sigmas
 from horizonval.estimation.likelihood.claim import limb_scale
-from horizonval.estimation.likelihood.ellipsoid_start import EllipsoidStart, ellipsoid_start
+from horizonval.estimation.likelihood.ellipsoid_start import ellipsoid_start
 from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
 from horizonval.estimation.likelihood.profile.known_profile import LIFT_SIGMA_M, known_profile
 from horizonval.estimation.miscalibrated import k1_per_px
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel
 
+Known = TypeVar("Known")
 FEWEST_FRAMES = 2
 MOST_TOGETHER = 2
 """Pixels that are fitted as one, each way. Of four, the lens is sharper than a sixth of the wide pixel, whose square is
@@ -82,13 +83,10 @@ def _profiles(observations: Sequence[Observation], *, bends: bool) -> Calibratio
     turn_sigma = float(prior_sigmas(first, LIFT_SIGMA_M)[TURN].max())
     frames: list[CalibrationFrame] = []
     left_out: list[str] = []
-    for number, observation in enumerate(observations):
-        known = known_profile(observation, "limb-calibrate")
-        if isinstance(known, Refusal):
-            if known.status is Outcome.BAD_INPUT:
-                return known
-            left_out.append(f"image {number + 1}: {known.reason}")
-            continue
+    usable = _usable(observations, known_profile, left_out)
+    if isinstance(usable, Refusal):
+        return usable
+    for number, known in usable.items():
         try:
             frames.append(ProfileFrame(known, first.camera, turn_sigma, bends=bends))
         except np.linalg.LinAlgError as e:
@@ -100,16 +98,10 @@ def _profiles(observations: Sequence[Observation], *, bends: bool) -> Calibratio
 
 def _edges(observations: Sequence[Observation], *, bends: bool) -> CalibrationFrames | Refusal:
     first = observations[0]
-    starts: dict[int, EllipsoidStart] = {}
     left_out: list[str] = []
-    for number, observation in enumerate(observations):
-        start = ellipsoid_start(observation, "limb-calibrate")
-        if isinstance(start, Refusal):
-            if start.status is Outcome.BAD_INPUT:
-                return start
-            left_out.append(f"image {number + 1}: {start.reason}")
-            continue
-        starts[number] = start
+    starts = _usable(observations, ellipsoid_start, left_out)
+    if isinstance(starts, Refusal):
+        return starts
     if len(starts) < FEWEST_FRAMES:
         return _too_few(len(starts), left_out)
     # As in single images: limbs of many pixels' depth are read in wider ones, here the same in all images.
@@ -131,6 +123,22 @@ def _edges(observations: Sequence[Observation], *, bends: bool) -> CalibrationFr
     return CalibrationFrames(
         frames, tuple(left_out), _of_whole_pixels(first.camera, frames[0].told, scale, bends=bends), height_sigma
     )
+
+
+def _usable(
+    observations: Sequence[Observation], look: Callable[[Observation, str], Known | Refusal], left_out: list[str]
+) -> dict[int, Known] | Refusal:
+    """Return what is known of images by their numbers; a refusal where one is told wrongly. Others are left out."""
+    found: dict[int, Known] = {}
+    for number, observation in enumerate(observations):
+        known = look(observation, "limb-calibrate")
+        if not isinstance(known, Refusal):
+            found[number] = known
+        elif known.status is Outcome.BAD_INPUT:
+            return known
+        else:
+            left_out.append(f"image {number + 1}: {known.reason}")
+    return found
 
 
 def _too_few(count: int, left_out: list[str]) -> Refusal:

@@ -24,9 +24,10 @@ from horizonval.estimation.likelihood.calibration.shared import (
     HEIGHT,
     OF_LENS,
     SHARED,
-    TURN,
     SharedUnknowns,
+    off_priors,
     seen_by_changed,
+    without_own,
 )
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile import model as profile
@@ -115,11 +116,8 @@ class ProfileFrame:
         normal = parts.shared - self._by_others.T @ self._by_others
         right = parts.right - self._by_others.T @ self._half
         total, pull = self._with_priors(normal, right, shared)
-        size = np.sqrt(np.diag(total)[:OWN])
-        inverse = np.linalg.inv(total[:OWN, :OWN] / np.outer(size, size)) / np.outer(size, size)
-        cross = total[OWN:, :OWN]
-        self._gain, self._own = inverse @ cross.T, inverse @ pull[:OWN]
-        return total[OWN:, OWN:] - cross @ self._gain, pull[OWN:] - cross @ self._own
+        self._gain, self._own, reduced, left = without_own(total, pull, OWN)
+        return reduced, left
 
     def step(self, of_shared: FloatArray, share: float = 1.0) -> None:
         """Take a share of the frame's own step (Schur's complement, back) for a step of what is shared, shape (8,)."""
@@ -137,10 +135,7 @@ class ProfileFrame:
         total, pull = np.zeros((OWN + SHARED, OWN + SHARED)), np.zeros(OWN + SHARED)
         of_image = OWN + OF_LENS
         total[:of_image, :of_image], pull[:of_image] = normal, right
-        to_prior = np.zeros((POSE, OWN + SHARED))
-        to_prior[:, :POSE] = np.eye(POSE)
-        to_prior[:3, OWN + TURN.start : OWN + TURN.stop] = -np.eye(3)
-        to_prior[POSE - 1, OWN + HEIGHT] = -1.0
+        to_prior = off_priors(POSE, POSE - 1, OWN)
         known, now = self.knowledge, self.now
         wanted = self.model.pose.step_to(self._mean(shared)) - now.away
         total += to_prior.T @ known.information @ to_prior

@@ -64,6 +64,54 @@ def prior_sigmas(observation: Observation, height_sigma_m: float) -> FloatArray:
     return sigmas
 
 
+def off_priors(priors: int, height: int, own: int) -> FloatArray:
+    """Return how far a frame's unknowns are off their priors, as rows of its own unknowns and of what is shared.
+
+    Its turn is counted from that of the mounting, and its height from that of all limbs.
+
+    Parameters
+    ----------
+    priors : int
+        Of its own unknowns, the first so many have one.
+    height : int
+        Number of its height among them.
+    own : int
+        How many unknowns of its own there are.
+    """
+    rows = np.zeros((priors, own + SHARED))
+    rows[:, :priors] = np.eye(priors)
+    rows[:3, own + TURN.start : own + TURN.stop] = -np.eye(3)
+    rows[height, own + HEIGHT] = -1.0
+    return rows
+
+
+def without_own(
+    normal: FloatArray, right: FloatArray, own: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Eliminate a frame's own unknowns, the first of its equations (Schur's complement).
+
+    Parameters
+    ----------
+    normal : ndarray, shape (own + 8, own + 8)
+    right : ndarray, shape (own + 8,)
+    own : int
+
+    Returns
+    -------
+    gain : ndarray, shape (own, 8)
+        By how much less its own step is for a step of what is shared.
+    step : ndarray, shape (own,)
+        Its own, without one.
+    reduced : ndarray, shape (8, 8)
+    left : ndarray, shape (8,)
+    """
+    size = np.sqrt(np.diag(normal)[:own])
+    inverse = np.linalg.inv(normal[:own, :own] / np.outer(size, size)) / np.outer(size, size)
+    cross = normal[own:, :own]
+    gain, step = inverse @ cross.T, inverse @ right[:own]
+    return gain, step, normal[own:, own:] - cross @ gain, right[own:] - cross @ step
+
+
 def seen_by_changed(camera: CameraModel, pixels: NearPixels, step: FloatArray) -> NearPixels:
     """Return pixels with the lines of sight of a camera whose ln f, principal point and distortion are a step away.
 
