@@ -16,7 +16,8 @@ Every prior is rows of the same equations::
 the air were known. Air that is none of the ensemble's strains its unknowns: the sum of their squares is in the mean as
 many as the pixels determine, ``tr(1 - C_z)``. Where it is more by two of its own standard deviations the air's part of
 ``C`` is larger by the ratio of the two (Birge's, as in :mod:`..fit`). On 128 thermal frames of other air, clouds and
-thin clouds errors squared over what is claimed were 1.4 where the ratio was below 1, and 3 to 10 above.
+thin clouds errors squared over what is claimed were 1.4 where the ratio was below 1, and 3 to 10 above; the rule was
+made after seeing that.
 
 Where the converter's floor cuts noise off, what a pixel shows in the mean is not ``I``: see :mod:`.floor`. The noise is
 that of :mod:`.noise`. Where neighbouring residuals are alike, all variances are larger by how much more
