@@ -60,11 +60,14 @@ def picture(
     bright: float = BRIGHT,
     noise: float = NOISE,
     strength: float = 1.0,
+    air: np.random.Generator | None = None,
 ) -> np.ndarray:
     """Means over pixels of the sky six times finer, blurred, with the air's coefficients drawn along the limb.
 
-    What is left is a random function too, alike over 5 km of height and 0.1 rad along the limb.
+    What is left is a random function too, alike over 5 km of height and 0.1 rad along the limb. The air is drawn from
+    ``rng``, or from its own generator: two cameras at one place that are given equal ones see one air.
     """
+    air = air or rng
     margin = 4
     u = -0.5 - margin + (np.arange((camera.width + 2 * margin) * FINE) + 0.5) / FINE
     v = -0.5 - margin + (np.arange((camera.height + 2 * margin) * FINE) + 0.5) / FINE
@@ -84,7 +87,7 @@ def picture(
         sine = np.sqrt(1.0 - (RADIUS_M / np.linalg.norm(r)) ** 2)
         chord2 = (2.0 * sine * np.sin(0.5 * (nodes[:, None] - nodes[None, :]))) ** 2
     if modes:
-        draws = along_limb(chord2, LENGTH_RAD, rng.standard_normal((len(nodes), 2)))
+        draws = along_limb(chord2, LENGTH_RAD, air.standard_normal((len(nodes), 2)))
         for k, profile in enumerate(mode_profiles(height)):
             sky = sky + strength * np.interp(azimuth, nodes, draws[:, k]) * profile
     if left:
@@ -92,7 +95,7 @@ def picture(
         over_height = np.linalg.cholesky(
             np.exp(-0.5 * (np.subtract.outer(levels, levels) / 5e3) ** 2) + 1e-6 * np.eye(len(levels))
         )
-        field = along_limb(chord2, 0.1, rng.standard_normal((len(nodes), len(levels)))) @ over_height.T
+        field = along_limb(chord2, 0.1, air.standard_normal((len(nodes), len(levels)))) @ over_height.T
         rest = RegularGridInterpolator((nodes, levels), field, bounds_error=False, fill_value=0.0)
         sky = sky + rest(np.stack([azimuth, height], axis=-1)) * left_profile(height)
     sky = np.where(along > 0.0, sky, 0.0) / length**4

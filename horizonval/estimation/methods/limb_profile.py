@@ -51,12 +51,12 @@ def run(observation: Observation) -> Fit | Refusal:
         found = fit_profile(known.picture.unclipped, observation.camera, start, knowledge)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
-    doubt = _doubt(found, prior, Rotation.from_quat(observation.q_cam_from_body).as_matrix())
+    doubt = doubt_of(found, prior, Rotation.from_quat(observation.q_cam_from_body).as_matrix())
     return fit_of(found, observation, knowledge.ellipsoid) if doubt is None else doubt
 
 
-def _doubt(found: ProfileFit, prior: Prior, cam_from_body: np.ndarray) -> Refusal | None:
-    """Return why the fit is not believed, if it is not."""
+def doubt_of(found: ProfileFit, prior: Prior, cam_from_body: np.ndarray) -> Refusal | None:
+    """Return why a fit in the axes of the prior's camera is not believed, if it is not."""
     if not found.explained > LEAST_EXPLAINED:
         reason = f"the predicted limb explains {max(found.explained, 0.0):.0%} of the pixels where it should be"
         return Refusal(Outcome.NO_LIMB, reason, found.uv)

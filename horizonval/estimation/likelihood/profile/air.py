@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.height.alike import correlations, lengths_along
+from horizonval.estimation.likelihood.height.alike import correlations, everywhere, lengths_along
 
 LEFT_OUT = 1e-5
 """Of a mode's variance: 0.3 % of its standard deviation, below a pixel's noise. With 1 % the nadir was off by up to 0.4
@@ -69,6 +69,10 @@ class NodeAir:
         Of every added function: what the unit unknowns make of its coefficient at the nodes.
     names : tuple of (str, int)
         Of every added function, the same wherever the nodes and the grid are.
+    up_itrs : ndarray, shape (m, 3)
+        Unit vectors from the Earth's centre to the nodes.
+    lengths_rad : ndarray, shape (m, k, 2)
+        Over which the added functions' coefficients are alike, along the meridian and along the parallel.
     """
 
     bottom_m: float
@@ -76,6 +80,8 @@ class NodeAir:
     functions: FloatArray
     waves: tuple[FloatArray, ...]
     names: tuple[tuple[str, int], ...]
+    up_itrs: FloatArray
+    lengths_rad: FloatArray
 
     @cached_property
     def wave(self) -> FloatArray:
@@ -160,9 +166,10 @@ def node_air(
     mean, modes, left = even(mean), even(modes), even(left_sigma)
     apart = np.sum((places.up_itrs[:, None] - places.up_itrs[None, :]) ** 2, axis=-1)
     different, which = np.unique(lengths_rad, axis=1, return_inverse=True)
-    different_waves = _waves(correlations(different, places.up_itrs, POLE_ITRS))
+    different_waves = waves_of(correlations(different, places.up_itrs, POLE_ITRS))
     waves = [different_waves[i] for i in [*which, *which[second]]]
     functions = [mean[:, None], modes]
+    lengths = [lengths_rad, lengths_rad[:, second]]
     names = [("limb", i) for i in range(lengths_rad.shape[1])] + [("end", int(i)) for i in second]
     if left.any():
         bumps = left[:, None] * _bumps(grid)
@@ -170,11 +177,21 @@ def node_air(
         bumps = bumps[:, kept]
         functions.append(bumps)
         names += [("bump", int(i)) for i in kept]
-        waves += _waves(np.exp(-0.5 * apart / LEFT_LENGTH_RAD**2)[None]) * bumps.shape[1]
+        lengths.append(everywhere(np.full(len(kept), LEFT_LENGTH_RAD), len(mean)))
+        waves += waves_of(np.exp(-0.5 * apart / LEFT_LENGTH_RAD**2)[None]) * bumps.shape[1]
     functions.append(mean[:, None])
-    waves.append(GAIN_SIGMA * _waves(np.exp(-0.5 * apart / GAIN_LENGTH_RAD**2)[None])[0])
+    waves.append(GAIN_SIGMA * waves_of(np.exp(-0.5 * apart / GAIN_LENGTH_RAD**2)[None])[0])
     names.append(("gain", 0))
-    return NodeAir(grid_m[0], grid_m[2], np.concatenate(functions, axis=1), tuple(waves), tuple(names))
+    lengths.append(everywhere([GAIN_LENGTH_RAD], len(mean)))
+    return NodeAir(
+        grid_m[0],
+        grid_m[2],
+        np.concatenate(functions, axis=1),
+        tuple(waves),
+        tuple(names),
+        places.up_itrs,
+        np.concatenate(lengths, axis=1),
+    )
 
 
 def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
@@ -201,7 +218,7 @@ def alike_at_ends(height_m: FloatArray, mean: FloatArray, along_rad: FloatArray)
     return np.asarray(np.exp(-0.5 * (away[:, None] / along_rad[:, :, None]) ** 2))
 
 
-def _waves(covariances: FloatArray) -> list[FloatArray]:
+def waves_of(covariances: FloatArray) -> list[FloatArray]:
     """Return the square roots (m, j) of covariances (k, m, m), each with as many columns as it needs."""
     variances, all_vectors = np.linalg.eigh(covariances)
     roots = []

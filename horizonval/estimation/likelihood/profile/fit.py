@@ -35,8 +35,9 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.fit import SCATTERED
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.air import NodeAir
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
-from horizonval.estimation.likelihood.profile.model import POSE
+from horizonval.estimation.likelihood.profile.model import POSE, Guess, ProfileModel, Seen
 from horizonval.estimation.likelihood.profile.search import ProfileSearch
 from horizonval.geometry.camera import CameraModel
 
@@ -63,11 +64,8 @@ def fit_profile(
         Too little limb in view, no light where it should be, or no convergence.
     """
     found = ProfileSearch(image, camera, start, knowledge).run()
-    near, look, now = found.model.near, found.look, found.now
-    weights = found.inverse_variance
-    mean = float(weights @ near.values) / float(weights.sum())
-    explained = 1.0 - float(weights @ look.residuals**2) / float(weights @ (near.values - mean) ** 2)
-    uv, off = _by_sector(found)
+    look, now = found.look, found.now
+    uv, off = by_sector(found.model, look, now, found.inverse_variance)
     of_air = (found.covariance - found.known)[:POSE, :POSE] * strained(*found.strain())
     return ProfileFit(
         pose=found.pose,
@@ -76,8 +74,8 @@ def fit_profile(
         background=now.background,
         covariance=found.known[:POSE, :POSE] + of_air,
         relief_covariance=of_air,
-        improbable=_improbable(found),
-        explained=explained,
+        improbable=improbable(found.model.air, now.air),
+        explained=explained(found.model, look, found.inverse_variance),
         uv=uv,
         residuals_rad=off,
         steps=np.array(found.steps),
@@ -98,20 +96,28 @@ def strained(squares: float, determined: float) -> float:
     return ratio if determined > 0.0 and ratio > 1.0 + SCATTERED * np.sqrt(2.0 / determined) else 1.0
 
 
-def _improbable(found: ProfileSearch) -> float:
+def explained(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> float:
+    """Return the share of the pixels' variance that the prediction explains."""
+    values = model.near.values
+    mean = float(inverse_variance @ values) / float(inverse_variance.sum())
+    return 1.0 - float(inverse_variance @ look.residuals**2) / float(inverse_variance @ (values - mean) ** 2)
+
+
+def improbable(air: NodeAir, unknowns: FloatArray) -> float:
     """Return the largest coefficient of any function of the air in its own standard deviations."""
-    air = found.model.air
     sizes = [float(np.sqrt((wave**2).sum(axis=1).max())) for wave in air.waves]
-    largest = np.abs(air.coefficients(found.now.air)[:, 1:]).max(axis=0)
+    largest = np.abs(air.coefficients(unknowns)[:, 1:]).max(axis=0)
     return float(np.max(largest / np.array(sizes)))
 
 
-def _by_sector(found: ProfileSearch) -> tuple[FloatArray, FloatArray]:
+def by_sector(
+    model: ProfileModel, look: Seen, now: Guess, inverse_variance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return a place on the limb for every sector, and by how much its pixels would have the limb farther in [rad]."""
-    near, look, now = found.model.near, found.look, found.now
+    near = model.near
     # The lift lowers all distances across the limb alike.
-    per_rad = -now.gain * near.light * look.changes[0] * found.model.by_pose[6] * near.ray.distance_m
-    weights = found.inverse_variance * per_rad
+    per_rad = -now.gain * near.light * look.changes[0] * model.by_pose[6] * near.ray.distance_m
+    weights = inverse_variance * per_rad
     uv, off = [], []
     for first, last in pairwise(near.starts):
         here = slice(first, last)

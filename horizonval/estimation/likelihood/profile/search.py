@@ -11,17 +11,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.elimination import ProfileStep, step_without_air
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.model import (
     BACKGROUND,
     BLUR,
     GAIN,
     POSE,
-    SHARED,
     SHARPNESS,
     Guess,
     ProfileModel,
@@ -75,6 +74,7 @@ class ProfileSearch:
         self.image, self.camera, self.knowledge = image, camera, knowledge
         self.steps: list[FloatArray] = []
         self.covariance = self.known = np.empty((0, 0))
+        self._last: ProfileStep | None = None
         self._priors = np.array([knowledge.blur_log_sigma, knowledge.sharpness_sigma, knowledge.gain_log_sigma]) ** -2.0
         few = FEW_PX if image.size > FEW_PX else None
         self._choose(start, knowledge.blur_px, few)
@@ -129,13 +129,11 @@ class ProfileSearch:
     def strain(self) -> tuple[float, float]:
         """Return the sum of squares of the air's unit unknowns, and how many of them the pixels determine.
 
-        Of air as its priors have it the second is what the first is in the mean: the trace of 1 - C, their covariance
-        ``C = A^-1 + A^-1 M C_s M^T A^-1`` with that of the shared unknowns, ``C_s``.
+        Of air as its priors have it the second is what the first is in the mean: the trace of 1 - C, ``C`` their
+        covariance.
         """
-        inverse = solve_triangular(self._root, np.eye(len(self._root)), lower=True, check_finite=False)
-        through = inverse.T @ self._by_shared
-        left = float(np.sum(inverse**2)) + float(np.sum((through @ self.covariance) * through))
-        return float(self.now.air @ self.now.air), len(self._root) - left
+        assert self._last is not None
+        return float(self.now.air @ self.now.air), len(self.now.air) - self._last.air_open
 
     def _choose(self, pose: LimbPose, blur: float, most: int | None) -> None:
         self._few = most is not None
@@ -186,27 +184,14 @@ class ProfileSearch:
         away, information = self._off_floor(self.now)
         shared[BACKGROUND, BACKGROUND] += information
         right[BACKGROUND] += information * away
-        if not (np.isfinite(shared).all() and np.isfinite(right).all() and np.isfinite(parts.air).all()):
-            raise np.linalg.LinAlgError("the fit's equations have no solution")
-        # A unit normal unknown of the air has the information 1.
-        parts.air[np.diag_indices(len(parts.air))] += 1.0
-        root = cholesky(parts.air, lower=True, overwrite_a=True, check_finite=False)
-        right_air = parts.right_air - self.now.air
-        both = np.concatenate([parts.mixed, right_air[None]]).T
-        half = solve_triangular(root, both, lower=True, check_finite=False)
-        self._root = root
-        eliminated, half_air = half[:, :SHARED], half[:, SHARED]
-        self.known = _inverse(shared)
-        self.covariance = _inverse(shared - eliminated.T @ eliminated)
-        of_shared = self.covariance @ (right - eliminated.T @ half_air)
-        self._by_shared = eliminated
-        of_air = solve_triangular(root, half_air - eliminated @ of_shared, lower=True, trans=1, check_finite=False)
-        step = np.concatenate([of_shared, of_air])
+        found = step_without_air(shared, right, parts.mixed, parts.air, parts.right_air - self.now.air)
+        self.known, self.covariance, self._last = found.known, found.covariance, found
+        step = found.step
         most_px = max(LARGEST_MOTION_M / float(np.median(self.model.near.width_m)), LARGEST_MOTION_PX)
         over = max(
             self.model.motion_px(step) / most_px, float(np.abs(step[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP, 1.0
         )
-        return step / over, float(right @ of_shared + right_air @ of_air) / over**2
+        return step / over, found.gained / over**2
 
     def _search_along(self, step: FloatArray, gained: float) -> bool:
         """Go as far along a step as the pixels become more probable; return whether that is any way.
@@ -291,11 +276,3 @@ def _widened(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> F
     beyond = alike(model.near.pixels, look.residuals, inverse_variance)
     counts = np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0)
     return np.asarray(inverse_variance / (1.0 + counts * (beyond - 1.0)))
-
-
-def _inverse(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a positive definite matrix whose unknowns have units of their own."""
-    size = np.sqrt(np.diag(matrix))
-    if not (np.isfinite(size).all() and (size > 0.0).all()):
-        raise np.linalg.LinAlgError("the limb in view does not determine the fit's unknowns")
-    return np.asarray(np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size))

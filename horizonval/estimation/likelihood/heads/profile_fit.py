@@ -1,0 +1,293 @@
+r"""The pose of a body, and one air, that make the whole profiles of the limb in all its heads most probable.
+
+The equations of one image (:mod:`..profile.fit`) are added up. With the unknowns ``g`` of the body, a turn in body
+axes, position, and the lift of all air, those of head ``k`` are ``T_k g``: a turn of the body is a turn of its cameras,
+``theta_k = R_k theta``, and the rest is picked. Each head keeps blur, sharpness, gain and background of its own; the
+air is one (:mod:`.common_air`), and is eliminated from the sum.
+
+Every head is fitted alone first, which finds its limb, its light and its noise; those that show none are left out.
+The claim is widened where the air is strained, as that of one image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.heads.common_air import CommonAir, common_air
+from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.elimination import ProfileStep, step_without_air
+from horizonval.estimation.likelihood.profile.fit import by_sector, explained, improbable, strained
+from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
+from horizonval.estimation.likelihood.profile.model import (
+    BACKGROUND,
+    BLUR,
+    GAIN,
+    POSE,
+    SHARED,
+    SHARPNESS,
+    Guess,
+    ProfileModel,
+    Seen,
+)
+from horizonval.estimation.likelihood.profile.search import (
+    CONVERGED,
+    LARGEST_LOG_STEP,
+    LARGEST_MOTION_PX,
+    MOST_STEPS,
+    MOST_TRIALS,
+    ROUNDING,
+    ProfileSearch,
+    weights_of,
+)
+from horizonval.geometry.camera import CameraModel
+
+OWN = SHARED - POSE
+"""Unknowns that each head has of its own: blur, sharpness, gain, background."""
+SETTLING_STEPS = 4
+"""After which pixels and noise are held: heads begin where each of them ended alone."""
+
+
+@dataclass(frozen=True)
+class ProfileHead:
+    """A head whose limb was found.
+
+    Attributes
+    ----------
+    camera : CameraModel
+    cam_from_body : ndarray, shape (3, 3)
+    knowledge : ProfileKnowledge
+    table : hashable
+        What its air was read from.
+    image : ndarray, shape (H, W)
+    alone : ProfileSearch
+        Where its own fit ended.
+    """
+
+    camera: CameraModel
+    cam_from_body: FloatArray
+    knowledge: ProfileKnowledge
+    table: Hashable
+    image: FloatArray
+    alone: ProfileSearch
+
+
+@dataclass(frozen=True)
+class _Now:
+    """The unknowns: the way of the body from the pose that pixels were chosen for, what heads have, and the air."""
+
+    away: FloatArray
+    heads: tuple[Guess, ...]
+    air: FloatArray
+
+
+def fit_profiles(
+    heads: Sequence[ProfileHead], mean: LimbPose, information: FloatArray, axes_from_body: FloatArray
+) -> ProfileFit:
+    """Fit the limb's profile in the images of all heads.
+
+    Parameters
+    ----------
+    heads : sequence of ProfileHead
+        At least one.
+    mean : LimbPose
+        The prior's pose of the body: ``cam_from_itrs`` is ``body_from_itrs``.
+    information : ndarray, shape (7, 7)
+        About it, of turns in body axes.
+    axes_from_body : ndarray, shape (3, 3)
+        Of the camera in whose axes the answer is.
+
+    Returns
+    -------
+    ProfileFit
+        With points and levels of the first of the heads.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Too little limb in view of a head, or no convergence.
+    """
+    return _JointSearch(list(heads), mean, information).run(axes_from_body)
+
+
+class _JointSearch:
+    """The way from where the heads ended alone to the most probable unknowns."""
+
+    def __init__(self, heads: list[ProfileHead], mean: LimbPose, information: FloatArray) -> None:
+        self.heads, self.mean, self.information = heads, mean, information
+        self.steps: list[FloatArray] = []
+        self.body = _best_alone(heads)
+        guesses = tuple(replace(head.alone.now, away=np.zeros(POSE)) for head in heads)
+        self.models = self._models(guesses)
+        self.air = self._common()
+        alone = [(head.alone.model.air, head.alone.now.air) for head in heads]
+        said = [dict(zip(air.names, air.coefficients(z)[:, 1:].T, strict=True)) for air, z in alone]
+        self.now = _Now(np.zeros(POSE), guesses, self.air.saying(said))
+        self.weights = [np.ones_like(model.near.values) for model in self.models]
+        self.looks = self._look(self.now)
+
+    def run(self, axes_from_body: FloatArray) -> ProfileFit:
+        """Search, and return where it ends."""
+        for number in range(MOST_STEPS):
+            held = number >= SETTLING_STEPS
+            if not held:
+                if number:
+                    self._choose_again()
+                pairs = zip(self.models, self.looks, self.weights, strict=True)
+                self.weights = [weights_of(model, look, before) for model, look, before in pairs]
+            found = self._equations()
+            over = self._reach(found.step)
+            step, gained = found.step / over, found.gained / over**2
+            size = float(step[:POSE] @ np.linalg.solve(found.covariance[:POSE, :POSE], step[:POSE]))
+            improved = self._search_along(step)
+            if held and (not improved or (size < CONVERGED and gained < 1.0)):
+                return self._found(found, axes_from_body)
+        raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+
+    def _models(self, guesses: Sequence[Guess]) -> list[ProfileModel]:
+        return [
+            ProfileModel(head.image, head.camera, _seen_from(self.body, head.cam_from_body), guess.blur, head.knowledge)
+            for head, guess in zip(self.heads, guesses, strict=True)
+        ]
+
+    def _common(self) -> CommonAir:
+        """Return the air of all models, which get their parts of it."""
+        found = common_air([model.air for model in self.models], [head.table for head in self.heads])
+        for model, air in zip(self.models, found.heads, strict=True):
+            model.air = air
+        return found
+
+    def _choose_again(self) -> None:
+        """Choose the pixels anew at the present pose; everything else stays as it is."""
+        before = self.air
+        self.body = self.body.moved(self.now.away)
+        self.models = self._models(self.now.heads)
+        self.air = self._common()
+        self.now = _Now(np.zeros(POSE), self.now.heads, self.air.taken_over(before, self.now.air))
+        self.weights = [np.ones_like(model.near.values) for model in self.models]
+        self.looks = self._look(self.now)
+
+    def _guess(self, k: int, now: _Now) -> Guess:
+        """Return the unknowns of a head's own model."""
+        return replace(
+            now.heads[k], away=_turned(self.heads[k].cam_from_body) @ now.away, air=now.air[self.air.columns[k]]
+        )
+
+    def _look(self, now: _Now) -> list[Seen]:
+        return [model.look(self._guess(k, now)) for k, model in enumerate(self.models)]
+
+    def _equations(self) -> ProfileStep:
+        count = POSE + OWN * len(self.heads)
+        shared, right = np.zeros((count, count)), np.zeros(count)
+        mixed = np.zeros((count, self.air.count))
+        air, right_air = np.zeros((self.air.count, self.air.count)), -self.now.air
+        wanted = self.body.step_to(self.mean) - self.now.away
+        shared[:POSE, :POSE] = self.information
+        right[:POSE] = self.information @ wanted
+        for k, (head, model, look) in enumerate(zip(self.heads, self.models, self.looks, strict=True)):
+            parts = model.equations(self._guess(k, self.now), look, self.weights[k])
+            picked = np.zeros((SHARED, count))
+            picked[:POSE, :POSE] = _turned(head.cam_from_body)
+            picked[POSE:, POSE + OWN * k : POSE + OWN * (k + 1)] = np.eye(OWN)
+            own, pull = self._own_priors(k, self.now)
+            shared += picked.T @ (parts.shared + np.diag(own)) @ picked
+            right += picked.T @ (parts.right + own * pull)
+            at = self.air.columns[k]
+            mixed[:, at] += picked.T @ parts.mixed
+            air[np.ix_(at, at)] += parts.air
+            right_air[at] += parts.right_air
+        return step_without_air(shared, right, mixed, air, right_air)
+
+    def _own_priors(self, k: int, now: _Now) -> tuple[FloatArray, FloatArray]:
+        """Return the information on what a head has of its own, shape (11,), and the step to where it points."""
+        known, one, floor = self.heads[k].knowledge, now.heads[k], self.models[k].floor
+        information, wanted = np.zeros(SHARED), np.zeros(SHARED)
+        rows = [BLUR, SHARPNESS, GAIN]
+        information[rows] = np.array([known.blur_log_sigma, known.sharpness_sigma, known.gain_log_sigma]) ** -2.0
+        wanted[rows] = np.log(known.blur_px / one.blur), known.sharpness - one.sharpness, np.log(known.gain / one.gain)
+        if floor is not None:
+            information[BACKGROUND], wanted[BACKGROUND] = floor.sigma**-2, floor.background - one.background
+        return information, wanted
+
+    def _reach(self, step: FloatArray) -> float:
+        """Return by how much a step is beyond the reach of the derivatives, at least 1."""
+        over = 1.0
+        for k, (head, model) in enumerate(zip(self.heads, self.models, strict=True)):
+            own = step[POSE + OWN * k :]
+            logs = float(np.abs(own[[BLUR - POSE, GAIN - POSE]]).max())
+            moved = model.motion_px(_turned(head.cam_from_body) @ step[:POSE])
+            over = max(over, moved / LARGEST_MOTION_PX, logs / LARGEST_LOG_STEP)
+        return over
+
+    def _moved(self, step: FloatArray) -> _Now:
+        heads = []
+        for k, one in enumerate(self.now.heads):
+            own = np.concatenate([np.zeros(POSE), step[POSE + OWN * k : POSE + OWN * (k + 1)]])
+            heads.append(replace(one, air=np.zeros(0)).moved(own))
+        return _Now(self.now.away + step[:POSE], tuple(heads), self.now.air + step[POSE + OWN * len(heads) :])
+
+    def _search_along(self, step: FloatArray) -> bool:
+        """Take a step, or the first of its halves that makes the pixels more probable; return whether any does."""
+        before = self._merit(self.now, self.looks)
+        for _ in range(MOST_TRIALS):
+            now = self._moved(step)
+            looks = self._look(now)
+            if self._merit(now, looks) <= before + ROUNDING:
+                self.now, self.looks = now, looks
+                self.steps.append(step[:POSE])
+                return True
+            step = 0.5 * step
+        return False
+
+    def _merit(self, now: _Now, looks: Sequence[Seen]) -> float:
+        wanted = self.body.step_to(self.mean) - now.away
+        squares = float(now.air @ now.air) + float(wanted @ self.information @ wanted)
+        for k, look in enumerate(looks):
+            own, pull = self._own_priors(k, now)
+            squares += float(self.weights[k] @ look.residuals**2) + float(own @ pull**2)
+        return squares
+
+    def _found(self, last: ProfileStep, axes_from_body: FloatArray) -> ProfileFit:
+        squares, count = float(self.now.air @ self.now.air), self.air.count
+        wider = strained(squares, count - last.air_open)
+        turned = _turned(axes_from_body)
+        known = turned @ last.known[:POSE, :POSE] @ turned.T
+        of_air = wider * (turned @ last.covariance[:POSE, :POSE] @ turned.T - known)
+        first = self._guess(0, self.now)
+        uv, off = by_sector(self.models[0], self.looks[0], first, self.weights[0])
+        guesses = [self._guess(k, self.now) for k in range(len(self.heads))]
+        shares = [explained(*one) for one in zip(self.models, self.looks, self.weights, strict=True)]
+        return ProfileFit(
+            pose=_seen_from(self.body.moved(self.now.away), axes_from_body),
+            blur_px=first.blur,
+            gain=first.gain,
+            background=first.background,
+            covariance=known + of_air,
+            relief_covariance=of_air,
+            improbable=max(improbable(m.air, g.air) for m, g in zip(self.models, guesses, strict=True)),
+            explained=min(shares),
+            uv=uv,
+            residuals_rad=off,
+            steps=np.array([turned @ step for step in self.steps]),
+        )
+
+
+def _turned(cam_from_body: FloatArray) -> FloatArray:
+    """Return how a step of a camera's pose follows from one of the body's, shape (7, 7)."""
+    turned = np.eye(POSE)
+    turned[:3, :3] = cam_from_body
+    return turned
+
+
+def _seen_from(body: LimbPose, cam_from_body: FloatArray) -> LimbPose:
+    return LimbPose(cam_from_body @ body.cam_from_itrs, body.r_itrs, body.height_m)
+
+
+def _best_alone(heads: Sequence[ProfileHead]) -> LimbPose:
+    """Return the body's pose as the head has it that knows its turn best."""
+    best = min(heads, key=lambda head: float(np.trace(head.alone.covariance[:3, :3])))
+    pose = best.alone.pose
+    return _seen_from(pose, best.cam_from_body.T)

@@ -1,0 +1,98 @@
+"""The whole profile of the limb in all heads of a housing at once: one pose, one air.
+
+``limb-profile`` for several cameras: their pixels are fitted together
+(:mod:`horizonval.estimation.likelihood.heads.profile_fit`), with an air that the limbs in all of them share. What one
+camera cannot tell apart, a tilt and the height of its limb, another one at right angles can. Each head is fitted alone
+first; heads that show no limb, or something that is none, are left out, and one head that does show it is enough.
+
+It needs what ``limb-profile`` needs. Linear arrays show no profile with a shape along it: with one among the heads the
+method is ``limb-heads``.
+
+What it refuses: what ``limb-profile`` does, of all heads together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.lens_error import with_lens_error
+from horizonval.estimation.likelihood.claim import fit_of
+from horizonval.estimation.likelihood.heads.profile_fit import ProfileHead, fit_profiles
+from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.fit import explained
+from horizonval.estimation.likelihood.profile.known_profile import known_profile
+from horizonval.estimation.likelihood.profile.search import ProfileSearch
+from horizonval.estimation.methods import limb_heads
+from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of
+from horizonval.estimation.observation import Estimator, Fit, Observation
+
+NAME = "limb-profile-heads"
+
+
+def run(observation: Observation) -> Fit | Refusal:
+    """Estimate nadir, roll, pitch and altitude from images of all heads, a position, a coarse attitude, and a time."""
+    if any(min(np.asarray(head.image).shape[:2]) == 1 for head in observation.heads.values()):
+        return limb_heads.run(observation)
+    if len(observation.heads) < limb_heads.FEWEST_HEADS:
+        return Refusal(Outcome.BAD_INPUT, f"two heads or more are needed, the observation has {len(observation.heads)}")
+    heads, dark = {}, []
+    for name, one in observation.heads.items():
+        head = _alone(one)
+        if not isinstance(head, Refusal):
+            heads[name] = head
+        elif head.status is Outcome.BAD_INPUT:
+            return head.of_head(name)
+        else:
+            dark.append(head.of_head(name))
+    if not heads:
+        return dark[0]
+    first = next(iter(heads.values()))
+    stated, turn = first.knowledge.mean, first.cam_from_body
+    mean = LimbPose(turn.T @ stated.cam_from_itrs, stated.r_itrs, stated.height_m)
+    information = first.knowledge.information.copy()
+    information[:3, :3] = turn.T @ information[:3, :3] @ turn
+    cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
+    try:
+        fitted = fit_profiles(list(heads.values()), mean, information, cam_from_body)
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb in {len(heads)} heads: {e}")
+    if next(iter(observation.heads)) not in heads:
+        # Points are drawn into the image of the first head, which has none.
+        fitted = replace(fitted, uv=np.empty((0, 2)), residuals_rad=np.empty(0))
+    doubt = doubt_of(fitted, observation.prior, cam_from_body)
+    return fit_of(fitted, observation, first.knowledge.ellipsoid) if doubt is None else doubt
+
+
+def _alone(head: Observation) -> ProfileHead | Refusal:
+    """Return a head whose profile was fitted by itself, or why it shows none."""
+    known = known_profile(head, NAME)
+    if isinstance(known, Refusal):
+        return known
+    image = known.picture.unclipped
+    try:
+        start = known.start(head.camera, known.tilt_sigma_rad)
+        alone = ProfileSearch(image, head.camera, start, known.knowledge).run()
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
+    share = explained(alone.model, alone.look, alone.inverse_variance)
+    if not share > LEAST_EXPLAINED:
+        return Refusal(
+            Outcome.NO_LIMB, f"the predicted limb explains {max(share, 0.0):.0%} of the pixels where it should be"
+        )
+    cam_from_body = Rotation.from_quat(head.q_cam_from_body).as_matrix()
+    table = (head.band_kind, head.band_um, head.prior.climate)
+    return ProfileHead(head.camera, cam_from_body, known.knowledge, table, image, alone)
+
+
+ESTIMATOR = Estimator(
+    name=NAME,
+    title="Whole profiles of the limb in several heads at once, with one air",
+    run=with_lens_error(run),
+    estimates="geocentric",
+    needs="heads",
+)
