@@ -60,7 +60,7 @@ LIKELIHOOD_LIMITS = ClaimLimits(math.radians(0.25), 0.0)
 """Of fits of the pixels' likelihood. They model the limb's height, its relief and the Earth's flattening, and claim
 what is left of them: nothing excuses them from the test of their own sigma. 0.25 deg is what small-satellite Earth
 sensors are specified to."""
-LIKELIHOOD_METHODS = ("limb-sphere", "limb-ellipsoid", "limb-profile", "limb-heads")
+LIKELIHOOD_METHODS = ("limb-sphere", "limb-ellipsoid", "limb-profile", "limb-heads", "limb-profile-heads")
 GUARDED = "guarded-"
 
 

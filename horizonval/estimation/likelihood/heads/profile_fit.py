@@ -76,7 +76,7 @@ class ProfileHead:
 
 
 @dataclass(frozen=True)
-class _Now:
+class _Unknowns:
     """The unknowns: the way of the body from the pose that pixels were chosen for, what heads have, and the air."""
 
     away: FloatArray
@@ -110,10 +110,10 @@ def fit_profiles(
     numpy.linalg.LinAlgError
         Too little limb in view of a head, or no convergence.
     """
-    return _JointSearch(list(heads), mean, information).run(axes_from_body)
+    return _SearchOfHeads(list(heads), mean, information).run(axes_from_body)
 
 
-class _JointSearch:
+class _SearchOfHeads:
     """The way from where the heads ended alone to the most probable unknowns."""
 
     def __init__(self, heads: list[ProfileHead], mean: LimbPose, information: FloatArray) -> None:
@@ -125,7 +125,7 @@ class _JointSearch:
         self.air = self._common()
         alone = [(head.alone.model.air, head.alone.now.air) for head in heads]
         said = [dict(zip(air.names, air.coefficients(z)[:, 1:].T, strict=True)) for air, z in alone]
-        self.now = _Now(np.zeros(POSE), guesses, self.air.saying(said))
+        self.now = _Unknowns(np.zeros(POSE), guesses, self.air.saying(said))
         self.weights = [np.ones_like(model.near.values) for model in self.models]
         self.looks = self._look(self.now)
 
@@ -166,17 +166,17 @@ class _JointSearch:
         self.body = self.body.moved(self.now.away)
         self.models = self._models(self.now.heads)
         self.air = self._common()
-        self.now = _Now(np.zeros(POSE), self.now.heads, self.air.taken_over(before, self.now.air))
+        self.now = _Unknowns(np.zeros(POSE), self.now.heads, self.air.taken_over(before, self.now.air))
         self.weights = [np.ones_like(model.near.values) for model in self.models]
         self.looks = self._look(self.now)
 
-    def _guess(self, k: int, now: _Now) -> Guess:
+    def _guess(self, k: int, now: _Unknowns) -> Guess:
         """Return the unknowns of a head's own model."""
         return replace(
             now.heads[k], away=_turned(self.heads[k].cam_from_body) @ now.away, air=now.air[self.air.columns[k]]
         )
 
-    def _look(self, now: _Now) -> list[Seen]:
+    def _look(self, now: _Unknowns) -> list[Seen]:
         return [model.look(self._guess(k, now)) for k, model in enumerate(self.models)]
 
     def _equations(self) -> ProfileStep:
@@ -201,7 +201,7 @@ class _JointSearch:
             right_air[at] += parts.right_air
         return step_without_air(shared, right, mixed, air, right_air)
 
-    def _own_priors(self, k: int, now: _Now) -> tuple[FloatArray, FloatArray]:
+    def _own_priors(self, k: int, now: _Unknowns) -> tuple[FloatArray, FloatArray]:
         """Return the information on what a head has of its own, shape (11,), and the step to where it points."""
         known, one, floor = self.heads[k].knowledge, now.heads[k], self.models[k].floor
         information, wanted = np.zeros(SHARED), np.zeros(SHARED)
@@ -222,12 +222,12 @@ class _JointSearch:
             over = max(over, moved / LARGEST_MOTION_PX, logs / LARGEST_LOG_STEP)
         return over
 
-    def _moved(self, step: FloatArray) -> _Now:
+    def _moved(self, step: FloatArray) -> _Unknowns:
         heads = []
         for k, one in enumerate(self.now.heads):
             own = np.concatenate([np.zeros(POSE), step[POSE + OWN * k : POSE + OWN * (k + 1)]])
             heads.append(replace(one, air=np.zeros(0)).moved(own))
-        return _Now(self.now.away + step[:POSE], tuple(heads), self.now.air + step[POSE + OWN * len(heads) :])
+        return _Unknowns(self.now.away + step[:POSE], tuple(heads), self.now.air + step[POSE + OWN * len(heads) :])
 
     def _search_along(self, step: FloatArray) -> bool:
         """Take a step, or the first of its halves that makes the pixels more probable; return whether any does."""
@@ -242,7 +242,7 @@ class _JointSearch:
             step = 0.5 * step
         return False
 
-    def _merit(self, now: _Now, looks: Sequence[Seen]) -> float:
+    def _merit(self, now: _Unknowns, looks: Sequence[Seen]) -> float:
         wanted = self.body.step_to(self.mean) - now.away
         squares = float(now.air @ now.air) + float(wanted @ self.information @ wanted)
         for k, look in enumerate(looks):
