@@ -94,7 +94,7 @@ def test_the_claim_is_honest(pairs: list[tuple[Observation, FloatArray, Fit]]) -
 
 
 def test_two_cameras_know_more_than_one(pairs: list[tuple[Observation, FloatArray, Fit]]) -> None:
-    """The worst sigma of two alike that know nothing in common would be 0.71 of one's; the place and the air are common."""
+    """Two alike with nothing in common would have 0.71 of one's worst sigma; place and air are common."""
     for observation, _, found in pairs[:3]:
         alone = limb_profile.run(observation.heads["first"])
         assert isinstance(alone, Fit)
