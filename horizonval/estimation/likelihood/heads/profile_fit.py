@@ -8,8 +8,8 @@ air is one (:mod:`.common_air`), and is eliminated from the sum.
 Every head is fitted alone first, which finds its limb, its light and its noise; those that show none are left out.
 The claim is widened where the air is strained, as that of one image.
 
-**Neglected.** That the air which two bands see is one: heads of other wavelengths have air of their own, and together they
-claim too little error of what it has in common. The heads of a camera file have the same bands.
+**Neglected.** That the air which two bands see is one: heads of other wavelengths have air of their own, and together
+they claim too little error of what it has in common. The heads of a camera file have the same bands.
 """
 
 from __future__ import annotations
