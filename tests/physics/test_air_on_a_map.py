@@ -143,6 +143,7 @@ def zonal(latitude_deg: float) -> OpticalModel:
     return model_of({"b": (15.0, 16.3)}, atmosphere=atmosphere, platform=platform, surface={"temperature_k": 270.0})
 
 
+@pytest.mark.slow
 def test_the_truth_of_zonal_air_is_the_same_on_a_map() -> None:
     """15 m of the horizon's height: columns 1.5 deg apart against rows of latitude 0.6 to 1.6 deg apart.
 

@@ -86,6 +86,7 @@ def test_other_views_from_the_same_place_change_no_bit(name: str, alone: dict[st
         assert _digest(scene, camera) == alone[name]
 
 
+@pytest.mark.slow
 def test_the_order_of_frames_changes_no_bit(alone: dict[str, str]) -> None:
     for order in (list(FRAMES), list(FRAMES)[::-1]):
         TABLES.clear()

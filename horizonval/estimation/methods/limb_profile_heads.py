@@ -24,9 +24,8 @@ from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.heads.profile_fit import ProfileHead, fit_profiles
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.fit import explained
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
-from horizonval.estimation.likelihood.profile.search import ProfileSearch
+from horizonval.estimation.likelihood.profile.search import ProfileSearch, explained
 from horizonval.estimation.methods import limb_heads
 from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of
 from horizonval.estimation.observation import Estimator, Fit, Observation

@@ -23,7 +23,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.heads.common_air import CommonAir, common_air
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.elimination import ProfileStep, step_without_air
-from horizonval.estimation.likelihood.profile.fit import by_sector, explained, improbable, strained
+from horizonval.estimation.likelihood.profile.fit import by_sector, improbable, strained
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.model import (
     BACKGROUND,
@@ -44,6 +44,7 @@ from horizonval.estimation.likelihood.profile.search import (
     MOST_TRIALS,
     ROUNDING,
     ProfileSearch,
+    explained,
     weights_of,
 )
 from horizonval.geometry.camera import CameraModel

@@ -38,7 +38,7 @@ from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.air import NodeAir
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.model import POSE, Guess, ProfileModel, Seen
-from horizonval.estimation.likelihood.profile.search import ProfileSearch
+from horizonval.estimation.likelihood.profile.search import ProfileSearch, explained
 from horizonval.geometry.camera import CameraModel
 
 
@@ -94,13 +94,6 @@ def strained(squares: float, determined: float) -> float:
     """
     ratio = squares / max(determined, 1e-300)
     return ratio if determined > 0.0 and ratio > 1.0 + SCATTERED * np.sqrt(2.0 / determined) else 1.0
-
-
-def explained(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> float:
-    """Return the share of the pixels' variance that the prediction explains."""
-    values = model.near.values
-    mean = float(inverse_variance @ values) / float(inverse_variance.sum())
-    return 1.0 - float(inverse_variance @ look.residuals**2) / float(inverse_variance @ (values - mean) ** 2)
 
 
 def improbable(air: NodeAir, unknowns: FloatArray) -> float:

@@ -33,6 +33,9 @@ from horizonval.geometry.camera import CameraModel
 MOST_STEPS = 40
 FEW_PX = 6000
 """Candidates, at least, of the pixels that a first part of the way asks for: enough to be within a tenth of a pixel."""
+LOST_STEPS, LOST = 12, 0.25
+"""Steps after which a prediction that explains less of the pixels' variance is given up: what is no Earth takes all
+steps else, a dozen seconds of 6 000 pixels. Chosen after looking at 400 images: the least of an answer was 0.58."""
 SETTLED = 0.03
 SETTLING_STEPS = 2
 """Steps of a square below the first, after which the noise is held: what a pose that is not there yet leaves would be
@@ -94,10 +97,14 @@ class ProfileSearch:
         Raises
         ------
         numpy.linalg.LinAlgError
-            No convergence, or unknowns that nothing determines.
+            No convergence, nothing like the prediction, or unknowns that nothing determines.
         """
         settled, size = 0, np.inf
-        for _ in range(MOST_STEPS):
+        for number in range(MOST_STEPS):
+            if number >= LOST_STEPS and explained(self.model, self.look, self.inverse_variance) < LOST:
+                raise np.linalg.LinAlgError(
+                    f"the predicted limb explains less than {LOST:.0%} of the pixels where it should be"
+                )
             step, gained = self._step()
             size = float(step[:POSE] @ np.linalg.solve(self.covariance[:POSE, :POSE], step[:POSE]))
             held = settled >= SETTLING_STEPS
@@ -258,6 +265,13 @@ class ProfileSearch:
         now, known = now or self.now, self.knowledge
         beside = [np.log(known.blur_px / now.blur), known.sharpness - now.sharpness, np.log(known.gain / now.gain)]
         return np.concatenate([self._wanted_pose - now.away, beside])
+
+
+def explained(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> float:
+    """Return the share of the pixels' variance that the prediction explains."""
+    values = model.near.values
+    mean = float(inverse_variance @ values) / float(inverse_variance.sum())
+    return 1.0 - float(inverse_variance @ look.residuals**2) / float(inverse_variance @ (values - mean) ** 2)
 
 
 def weights_of(model: ProfileModel, look: Seen, before: FloatArray) -> FloatArray:

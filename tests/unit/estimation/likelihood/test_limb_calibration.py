@@ -166,6 +166,7 @@ def test_a_percent_of_the_focal_length_is_found() -> None:
     assert found.change[0] == pytest.approx(-0.01, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_limbs_of_many_pixels_depth_are_read_in_wider_ones() -> None:
     """A scale height is four pixels deep, two are fitted as one; what is found is in the camera's own pixels."""
     fine = CameraModel(width=512, height=510, fx=960.0, fy=960.0, cx=257.3, cy=252.6)

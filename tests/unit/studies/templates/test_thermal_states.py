@@ -37,7 +37,9 @@ def test_warmings_have_their_share_of_the_days(month: float, fewest: int, most: 
     assert fewest <= warm <= most
 
 
-@pytest.mark.parametrize("latitude_deg", [-70.0, 0.0, 40.0])
+@pytest.mark.parametrize(
+    "latitude_deg", [0.0, pytest.param(-70.0, marks=pytest.mark.slow), pytest.param(40.0, marks=pytest.mark.slow)]
+)
 def test_states_have_cirrus_where_their_cover_has_a_layer(latitude_deg: float) -> None:
     """And over a year's states about as often as its kinds are seen: 72 draws of a third to two thirds, to 0.06."""
     drawn = [(float(month), k) for month in range(1, 13) for k in range(states.COVERS)]
