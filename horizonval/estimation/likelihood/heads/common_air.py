@@ -34,6 +34,8 @@ class CommonAir:
         Which of the common unknowns are each head's.
     waves : dict of ndarray
         By function, at the nodes of all heads that have it, one head after the other: (nodes, unknowns).
+    owners : dict of list of int
+        Those heads.
     count : int
         Of all unknowns.
     """
