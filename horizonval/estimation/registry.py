@@ -50,9 +50,9 @@ def _points() -> dict[str, _Declared]:
 def _module(point: EntryPoint) -> str | None:
     try:
         return point.module
-    except (AttributeError, ValueError):
-        # What is declared is no place in a module: Python's own reader and its backport, which other packages put in
-        # its place, say so differently.
+    except (AttributeError, ValueError, AssertionError):
+        # What is declared is no place in a module: Python's own reader, by its version, and its backport, which other
+        # packages put in its place, say so differently.
         return None
 
 
