@@ -133,10 +133,14 @@ SLOW = {
     "one pixel, and a wide band",
     "sun in the zenith",
     "glint under clouds",
+    "sun at 60 deg",
+    "sphere",
+    "clouds",
+    "land and sea",
     "sun at 104 deg",
     "sun at 100 deg, off",
 }
-"""Whose table of multiple scattering takes a minute to solve, and others that take half of one."""
+"""Whose table of multiple scattering takes a minute to solve, others that take half of one, and some of many alike."""
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in DAY])

@@ -221,6 +221,7 @@ def test_a_fit_told_its_cameras_errors_claims_what_they_do_to_it() -> None:
     assert np.mean(silent) > 5.0
 
 
+@pytest.mark.slow
 def test_where_the_camera_starts_changes_nothing() -> None:
     """The same frames told rightly and wrongly lead to one camera, to a tenth of what is claimed, and to the true one.
 
