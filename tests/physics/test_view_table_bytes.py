@@ -6,6 +6,7 @@ import hashlib
 import json
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import drjit as dr
@@ -49,15 +50,11 @@ def _backend() -> None:
     activate()
 
 
-@pytest.fixture(scope="module")
-def alone() -> dict[str, str]:
-    """Return the digest of every frame, each rendered first of all after the tables were dropped."""
-    activate()
-    digests = {}
-    for name, frame in FRAMES.items():
-        TABLES.clear()
-        digests[name] = _digest(*frame)
-    return digests
+@cache
+def _alone(name: str) -> str:
+    """Return the digest of a frame that is rendered first of all after the tables were dropped."""
+    TABLES.clear()
+    return _digest(*FRAMES[name])
 
 
 BY_NAME = ["day", *(pytest.param(name, marks=pytest.mark.slow) for name in FRAMES if name != "day")]
@@ -65,35 +62,36 @@ BY_NAME = ["day", *(pytest.param(name, marks=pytest.mark.slow) for name in FRAME
 
 
 @pytest.mark.parametrize("name", BY_NAME)
-def test_threads_change_no_bit(name: str, alone: dict[str, str]) -> None:
-    before = dr.thread_count()
+def test_threads_change_no_bit(name: str) -> None:
+    alone, before = _alone(name), dr.thread_count()
     try:
         for threads in (1, 2):
             dr.set_thread_count(threads)
             TABLES.clear()
-            assert _digest(*FRAMES[name]) == alone[name]
+            assert _digest(*FRAMES[name]) == alone
     finally:
         dr.set_thread_count(before)
 
 
 @pytest.mark.parametrize("name", BY_NAME)
-def test_other_views_from_the_same_place_change_no_bit(name: str, alone: dict[str, str]) -> None:
+def test_other_views_from_the_same_place_change_no_bit(name: str) -> None:
     """Frames before it that made some of its tiles, all, or others: turned about the vertical, down, up, narrow."""
-    scene, camera = FRAMES[name]
+    (scene, camera), alone = FRAMES[name], _alone(name)
     TABLES.clear()
     for azimuth_deg, tilt_deg, lens in ((25.0, LIMB, CAMERA), (0.0, LIMB, NARROW), (170.0, 10.0, CAMERA)):
         render_frame(_turned(scene, azimuth_deg, tilt_deg), lens)
-        assert _digest(scene, camera) == alone[name]
+        assert _digest(scene, camera) == alone
 
 
 @pytest.mark.slow
-def test_the_order_of_frames_changes_no_bit(alone: dict[str, str]) -> None:
+def test_the_order_of_frames_changes_no_bit() -> None:
+    alone = {name: _alone(name) for name in FRAMES}
     for order in (list(FRAMES), list(FRAMES)[::-1]):
         TABLES.clear()
         assert {name: _digest(*FRAMES[name]) for name in order} == alone
 
 
-def test_a_fresh_process_gives_the_same_bytes(alone: dict[str, str]) -> None:
+def test_a_fresh_process_gives_the_same_bytes() -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
         "import json, test_view_table_bytes as t\n"
@@ -102,4 +100,4 @@ def test_a_fresh_process_gives_the_same_bytes(alone: dict[str, str]) -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     apart = json.loads(run.stdout.split("result")[1])
-    assert apart == {name: alone[name] for name in apart}
+    assert apart == {name: _alone(name) for name in apart}

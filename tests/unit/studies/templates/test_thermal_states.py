@@ -41,8 +41,8 @@ def test_warmings_have_their_share_of_the_days(month: float, fewest: int, most: 
     "latitude_deg", [0.0, pytest.param(-70.0, marks=pytest.mark.slow), pytest.param(40.0, marks=pytest.mark.slow)]
 )
 def test_states_have_cirrus_where_their_cover_has_a_layer(latitude_deg: float) -> None:
-    """And over a year's states about as often as its kinds are seen: 72 draws of a third to two thirds, to 0.06."""
-    drawn = [(float(month), k) for month in range(1, 13) for k in range(states.COVERS)]
+    """And over a year's states about as often as its kinds are seen: 36 draws of a third to two thirds, to 0.08."""
+    drawn = [(float(month), k) for month in range(1, 13, 2) for k in range(states.COVERS)]
     found = [states.has_cirrus(latitude_deg, *state) for state in drawn]
     assert found == [bool(states.cover_of(latitude_deg, *state).layers) for state in drawn]
     expected = np.mean([states.cirrus_chance(latitude_deg, month) for month, _ in drawn])
