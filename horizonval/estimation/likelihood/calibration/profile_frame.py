@@ -32,7 +32,7 @@ from horizonval.estimation.likelihood.calibration.shared import (
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile import model as profile
 from horizonval.estimation.likelihood.profile.known_profile import KnownProfile
-from horizonval.estimation.likelihood.profile.model import BACKGROUND, BLUR, GAIN, POSE, SHARPNESS, ProfileModel
+from horizonval.estimation.likelihood.profile.model import BLUR, GAIN, POSE, ProfileModel, priors_beside_pose
 from horizonval.estimation.likelihood.profile.ray_height import level_distance, ray_height
 from horizonval.estimation.likelihood.profile.search import ProfileSearch, weights_of
 from horizonval.geometry.camera import CameraModel
@@ -73,8 +73,6 @@ class ProfileFrame:
         found = ProfileSearch(self._image, camera, start, replace(known.knowledge, information=loose)).run()
         self.now, self.model, self._weights = found.now, found.model, found.inverse_variance
         self._at = np.zeros(OF_LENS)
-        beside = known.knowledge
-        self._priors = np.array([beside.blur_log_sigma, beside.sharpness_sigma, beside.gain_log_sigma]) ** -2.0
 
     def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
         """Return the normal matrix (8, 8) and right side (8,) of what is shared, the frame's own eliminated.
@@ -140,14 +138,9 @@ class ProfileFrame:
         wanted = self.model.pose.step_to(self._mean(shared)) - now.away
         total += to_prior.T @ known.information @ to_prior
         pull += to_prior.T @ (known.information @ wanted)
-        rows = [BLUR, SHARPNESS, GAIN]
-        beside = [np.log(known.blur_px / now.blur), known.sharpness - now.sharpness, np.log(known.gain / now.gain)]
-        total[rows, rows] += self._priors
-        pull[rows] += self._priors * beside
-        floor = self.model.floor
-        if floor is not None:
-            total[BACKGROUND, BACKGROUND] += floor.sigma**-2
-            pull[BACKGROUND] += (floor.background - now.background) * floor.sigma**-2
+        beside, to_beside = priors_beside_pose(known, now, self.model.floor)
+        total[np.arange(OWN), np.arange(OWN)] += beside
+        pull[:OWN] += beside * to_beside
         return total, pull
 
     def _mean(self, shared: SharedUnknowns) -> LimbPose:

@@ -26,15 +26,14 @@ from horizonval.estimation.likelihood.profile.elimination import ProfileStep, st
 from horizonval.estimation.likelihood.profile.fit import by_sector, improbable, strained
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.model import (
-    BACKGROUND,
     BLUR,
     GAIN,
     POSE,
     SHARED,
-    SHARPNESS,
     Guess,
     ProfileModel,
     Seen,
+    priors_beside_pose,
 )
 from horizonval.estimation.likelihood.profile.search import (
     CONVERGED,
@@ -207,14 +206,7 @@ class _SearchOfHeads:
 
     def _own_priors(self, k: int, now: _Unknowns) -> tuple[FloatArray, FloatArray]:
         """Return the information on what a head has of its own, shape (11,), and the step to where it points."""
-        known, one, floor = self.heads[k].knowledge, now.heads[k], self.models[k].floor
-        information, wanted = np.zeros(SHARED), np.zeros(SHARED)
-        rows = [BLUR, SHARPNESS, GAIN]
-        information[rows] = np.array([known.blur_log_sigma, known.sharpness_sigma, known.gain_log_sigma]) ** -2.0
-        wanted[rows] = np.log(known.blur_px / one.blur), known.sharpness - one.sharpness, np.log(known.gain / one.gain)
-        if floor is not None:
-            information[BACKGROUND], wanted[BACKGROUND] = floor.sigma**-2, floor.background - one.background
-        return information, wanted
+        return priors_beside_pose(self.heads[k].knowledge, now.heads[k], self.models[k].floor)
 
     def _reach(self, step: FloatArray) -> float:
         """Return by how much a step is beyond the reach of the derivatives, at least 1."""

@@ -20,7 +20,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles, blur_after
-from horizonval.estimation.likelihood.profile.floor import floor_of
+from horizonval.estimation.likelihood.profile.floor import Floor, floor_of
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.pixels import profile_pixels
 from horizonval.estimation.likelihood.profile.ray_height import level_distance
@@ -76,6 +76,25 @@ class Guess:
             self.background + float(step[BACKGROUND]),
             self.air + step[SHARED:] / brighter,
         )
+
+
+def priors_beside_pose(known: ProfileKnowledge, now: Guess, floor: Floor | None) -> tuple[FloatArray, FloatArray]:
+    """Return the information on the shared unknowns that are no pose, shape (11,), and the step to where it points.
+
+    Parameters
+    ----------
+    known : ProfileKnowledge
+    now : Guess
+    floor : Floor or None
+        Dark pixels at it tell of the background no more than one pixel does.
+    """
+    information, wanted = np.zeros(SHARED), np.zeros(SHARED)
+    rows = [BLUR, SHARPNESS, GAIN]
+    information[rows] = np.array([known.blur_log_sigma, known.sharpness_sigma, known.gain_log_sigma]) ** -2.0
+    wanted[rows] = np.log(known.blur_px / now.blur), known.sharpness - now.sharpness, np.log(known.gain / now.gain)
+    if floor is not None:
+        information[BACKGROUND], wanted[BACKGROUND] = floor.sigma**-2, floor.background - now.background
+    return information, wanted
 
 
 @dataclass(frozen=True)
