@@ -243,9 +243,11 @@ def _eliminated(jacobian: FloatArray, azimuth: FloatArray, reliefs: Sequence[Rel
     total[gains, gains] += _precision(uneven, 1e-4)
     total[gain + 1, gain + 1] += BLUR_VARIANCE_SIGMA**-2
     total[gain + 2, gain + 2] += STRETCH_SIGMA**-2
-    # A row of space or of gain that no pixel tells from another must not make the matrix singular.
+    # A row of space or of gain that no pixel tells from another must not make the matrix singular, nor the gain of a
+    # single pixel, of which nothing is known and which nothing depends on.
     diagonal = np.arange(UNKNOWNS, len(total))
-    total[diagonal, diagonal] *= 1.0 + 1e-12
+    own_size = total[diagonal, diagonal]
+    total[diagonal, diagonal] = np.where(own_size > 0.0, own_size * (1.0 + 1e-12), 1.0)
     size = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scaled = total / np.outer(size, size)
     left = without_last(scaled, UNKNOWNS)

@@ -302,6 +302,21 @@ def test_an_image_without_limb_has_no_bound():
     assert limb_information(_expected(np.ones((64, 64)), 1.0), camera, down, r, WGS84) is None
 
 
+def test_a_limb_of_one_pixel_says_nothing_in_numbers():
+    """Its level may be all of it, and of the gain of a single pixel nothing is known."""
+    camera = CameraModel(160, 1, 160.0, 160.0, 79.5, 0.0)
+    rho = math.asin(6371e3 / 6871e3)
+    mean = 20.0 + 100.0 * ndtr((np.arange(160) - 79.5) / 0.9)[None, :]
+    expected = replace(_expected(mean, 1.0), reads=np.arange(160)[None, :] == 80)
+    r = -6871e3 * np.array([math.sin(rho), 0.0, math.cos(rho)])
+    found = limb_information(expected, camera, np.eye(3), r, sphere(6371e3))
+    assert found is not None
+    assert np.isfinite(found.by_noise).all()
+    # A hundred kilometres of height, or a radian of tilt, would be as likely.
+    assert np.abs(found.by_knowledge[:3, :3]).max() < 1.0
+    assert abs(found.by_knowledge[6, 6]) < 1e-5**2
+
+
 def test_a_flattening_with_a_pole_anywhere_is_the_oblateness_of_cones():
     """Of a full disc alone the tilt that the flattening may make, against that of a cone, the mean over 400 poles."""
     picture = _sphere(96, 96, 20.0, (0.0, 0.0, 1.0), 35786e3)
