@@ -22,6 +22,8 @@
    as the slope's square; and more where neighbouring residuals are alike. Where the converter cuts noise off at its
    lowest level, dark pixels are taken for what they then show in the mean. Pixels and noise are chosen anew until both
    stand still, closer than `limb-profile` asks for, so that an answer depends little on where the search started.
+   Where the air strains what is known of it, the search begins anew with the limb half a pixel higher, and the more probable
+   end is believed.
 
    Left out: lenses with distortion. Not as in `limb-profile`: MOST_NODES, half of what it has at most, which is less
    only where more than 1.1 rad of limb at the Earth's centre are in view.
@@ -75,6 +77,8 @@ enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8, FEW_PX = 6000 };
 static const double SETTLED = 0.03, STEADY = 0.03, CONVERGED = 1e-2, RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, LEAST_GAIN = 0.2;
+enum { MORE_STARTS = 3 };
+static const double FINEST_M = 4e3, FINEST_PX = 0.5, LEAST_TILT = 0.2;
 static const double LEAST_SHARE = 0.1, MOST_SHARE = 0.7, MOST_ROUND = 0.5, ROUNDED = 1e-4;
 /* What is believed. */
 static const double SCATTERED = 2.0, LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
@@ -1093,6 +1097,68 @@ static int fit(State *s, const char **reason) {
   return equations(s) ? MOST_STEPS : 0;
 }
 
+/* How many of the air's unknowns the pixels determine, the trace of 1 - C: the sum of their squares is as many in the mean. */
+static double determined_air(void) {
+  static double column[MOST_UNKNOWNS];
+  double determined = air;
+  for (int j = 0; j < air; j++)
+    for (int i = j; i < unknowns; i++) {
+      column[i] = ((i == j) - product(L[i] + j, column + j, i - j)) / L[i][i];
+      determined -= column[i] * column[i];
+    }
+  return determined;
+}
+
+/* Minus twice the logarithm of the probability of image and unknowns, per pixel. */
+static double improbability(const State *s) {
+  double logs = 0.0, sum = merit_of(s);
+  int used = 0;
+  for (int i = 0; i < count; i++)
+    if (near_[i].weight > 0.0) logs += log(near_[i].weight), used++;
+  logs /= used;
+  return (sum + (count - used) * OUTLIER * OUTLIER) / count - logs;
+}
+
+/* The turn that has the limb in view predicted higher by what a start leaves; 0 where the limb is seen nearly all around. */
+static int higher(const State *s, double *w) {
+  double to_limb = sqrt(dot(s->r, s->r) - A_M * A_M), size;
+  for (int c = 0; c < 3; c++) {
+    w[c] = 0.0;
+    for (int i = 0; i < count; i++) w[c] -= near_[i].by_pose[c] / (count * to_limb);
+  }
+  size = sqrt(dot(w, w));
+  for (int c = 0; c < 3; c++) w[c] *= fmax(FINEST_M, FINEST_PX * median_width) / to_limb;
+  return size >= LEAST_TILT;
+}
+
+/* Searches from the state's pose, with nothing else of it kept. */
+static int fit_anew(State *s, const char **reason) {
+  s->blur = prior.blur, s->sharpness = prior.sharpness, s->gain = prior.gain, s->background = prior.background;
+  nodes = 0;
+  return fit(s, reason);
+}
+
+/* The most probable state, from other starts too where the first seems to have missed. A limb that is predicted too low
+   leaves light above it, which noise, gain and lens explain as well as a higher limb: the search ends there, with air that
+   strains what is known of it. As long as air does, and a start with a higher limb ends more probably, that is believed. */
+static int fit_well(State *s, const char **reason) {
+  static State other;
+  const char *unused;
+  int steps = fit(s, reason);
+  for (int more = 0; steps && more < MORE_STARTS; more++) {
+    double w[3], before = improbability(s);
+    if (product(s->z, s->z, air) <= determined_air() || !higher(s, w)) return steps;
+    rest(s);
+    other = *s;
+    turn(other.R, w);
+    int again = fit_anew(&other, &unused);
+    /* the pixels are those of the other now: where the first has ended is found once more */
+    if (!again || improbability(&other) >= before) return fit_anew(s, reason);
+    *s = other, steps = again;
+  }
+  return steps;
+}
+
 /* The start */
 
 /* The tilt near the prior's attitude at which the predicted picture is most like a coarse copy of the image. */
@@ -1137,7 +1203,7 @@ static int start(State *s) {
       profile[k][g] = h > limb_height_m[LIMB_H - 1] ? 0.0 : (1.0 - share) * at.mean[i] + share * at.mean[i + 1];
     }
   }
-  double step = 3.5 * sigma_q / STEPS, pixel_rad = factor / fmax(fx, fy), finest = fmax(4e3 / to_limb, 0.5 * pixel_rad);
+  double step = 3.5 * sigma_q / STEPS, pixel_rad = factor / fmax(fx, fy), finest = fmax(FINEST_M / to_limb, FINEST_PX * pixel_rad);
   for (int reach = STEPS;; reach = FINER_STEPS, step /= 3.0) {
     double sigma = fmax(step, pixel_rad) * to_limb * 0.5 / fine, middle[2] = {best[0], best[1]};
     int taps = (int)fmin(4.0 * sigma + 0.5, MOST_GRID);
@@ -1186,16 +1252,9 @@ static int refuse(const char *status, const char *reason) {
   return 0;
 }
 
-/* By how much the air's unknowns scatter more than they should, 1 where chance may do so: the sum of their squares is in
-   the mean as many as the pixels determine, the trace of 1 - C. */
+/* By how much the air's unknowns scatter more than they should, 1 where chance may do so. */
 static double strain(const State *s) {
-  static double column[MOST_UNKNOWNS];
-  double squares = product(s->z, s->z, air), determined = air;
-  for (int j = 0; j < air; j++)
-    for (int i = j; i < unknowns; i++) {
-      column[i] = ((i == j) - product(L[i] + j, column + j, i - j)) / L[i][i];
-      determined -= column[i] * column[i];
-    }
+  double squares = product(s->z, s->z, air), determined = determined_air();
   return squares > determined + SCATTERED * sqrt(2.0 * determined) ? squares / determined : 1.0;
 }
 
@@ -1275,7 +1334,7 @@ int main(void) {
   s.sharpness = SHARPNESS_PRIOR;
   prior = s;
   if (!start(&s)) return refuse("no_limb", "no tilt near the prior's makes the image like a limb");
-  int steps = fit(&s, &reason);
+  int steps = fit_well(&s, &reason);
   rest(&s);
   if (!steps) return refuse("no_limb", reason);
   if (!(explained() > LEAST_EXPLAINED)) return refuse("no_limb", "the predicted limb explains too little of the image");

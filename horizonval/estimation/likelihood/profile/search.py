@@ -26,7 +26,7 @@ from horizonval.estimation.likelihood.profile.model import (
     ProfileModel,
     Seen,
 )
-from horizonval.estimation.likelihood.profile.noise import alike, weighed
+from horizonval.estimation.likelihood.profile.noise import OUTLIER, alike, weighed
 from horizonval.estimation.rounding import rounding_variance
 from horizonval.geometry.camera import CameraModel
 
@@ -142,6 +142,16 @@ class ProfileSearch:
         """
         assert self._last is not None
         return float(self.now.air @ self.now.air), len(self.now.air) - self._last.air_open
+
+    def improbability(self) -> float:
+        """Return minus twice the logarithm of the probability of image and unknowns, per pixel that tells anything.
+
+        Steps count squares in variances, which are held for them. Ends whose noise differs are told apart by this.
+        """
+        weights = self.inverse_variance
+        used = weights > 0.0
+        squares = self._merit(self.now, self.look) + OUTLIER**2 * float(np.sum(~used))
+        return squares / len(weights) - float(np.mean(np.log(weights[used])))
 
     def _choose(self, pose: LimbPose, blur: float, most: int | None) -> None:
         self._few = most is not None

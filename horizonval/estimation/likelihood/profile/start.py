@@ -42,8 +42,8 @@ STEPS = 10
 """To either side of the first grid."""
 FINER, FINER_STEPS = 3.0, 3
 """By which the step shrinks, and to how many steps to either side the finer grids reach."""
-FINEST_M = 4e3
-"""Of height at the limb, or half a pixel: within reach of a fit's derivatives."""
+FINEST_M, FINEST_PX = 4e3, 0.5
+"""Of height at the limb and in pixels, the larger of the two: within reach of a fit's derivatives."""
 AZIMUTHS = 24
 GRID_M = 1e3
 FEWEST_PIXELS = 100
@@ -96,7 +96,7 @@ def start_pose(
     table = profiles((cosine * outwards - sine * n[:, None]).T, (sine * outwards + cosine * n[:, None]).T, grid)
     step = REACH_SIGMA * tilt_sigma_rad / STEPS
     best, score, reach = np.zeros(2), -np.inf, STEPS
-    finest = max(FINEST_M / to_limb, 0.5 * pixel_rad)
+    finest = max(FINEST_M / to_limb, FINEST_PX * pixel_rad)
     every = max(1, len(values) // FIRST_PX) | 1
     seen = _Seen(values, los, light, radius, bin_ * len(grid))
     first = _Seen(*(part[..., ::every] for part in (values, los, light, radius, bin_ * len(grid))))
