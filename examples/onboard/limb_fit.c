@@ -78,7 +78,7 @@ enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8, FE
 static const double SETTLED = 0.03, STEADY = 0.03, CONVERGED = 1e-2, RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, LEAST_GAIN = 0.2;
 enum { MORE_STARTS = 3 };
-static const double FINEST_M = 4e3, FINEST_PX = 0.5, LEAST_TILT = 0.2;
+static const double FINEST_M = 4e3, FINEST_PX = 0.5, LEAST_TILT = 0.2, NEARLY = 0.9;
 static const double LEAST_SHARE = 0.1, MOST_SHARE = 0.7, MOST_ROUND = 0.5, ROUNDED = 1e-4;
 /* What is believed. */
 static const double SCATTERED = 2.0, LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
@@ -1109,6 +1109,18 @@ static double determined_air(void) {
   return determined;
 }
 
+/* Share of the pixels' variance that the prediction explains. */
+static double explained(void) {
+  double weights = 0.0, mean = 0.0, left = 0.0, whole = 0.0;
+  for (int i = 0; i < count; i++) weights += near_[i].weight, mean += near_[i].weight * near_[i].value;
+  mean /= weights;
+  for (int i = 0; i < count; i++) {
+    left += near_[i].weight * near_[i].off * near_[i].off;
+    whole += near_[i].weight * pow(near_[i].value - mean, 2.0);
+  }
+  return 1.0 - left / whole;
+}
+
 /* Minus twice the logarithm of the probability of image and unknowns, per pixel. */
 static double improbability(const State *s) {
   double logs = 0.0, sum = merit_of(s);
@@ -1147,7 +1159,7 @@ static int fit_well(State *s, const char **reason) {
   int steps = fit(s, reason);
   for (int more = 0; steps && more < MORE_STARTS; more++) {
     double w[3], before = improbability(s);
-    if (product(s->z, s->z, air) <= determined_air() || !higher(s, w)) return steps;
+    if (product(s->z, s->z, air) <= determined_air() || explained() <= NEARLY || !higher(s, w)) return steps;
     rest(s);
     other = *s;
     turn(other.R, w);
@@ -1291,18 +1303,6 @@ static double nadir_variance(const State *s, const double *nadir) {
     variance += known + strained * (whole - known);
   }
   return variance;
-}
-
-/* Share of the pixels' variance that the prediction explains. */
-static double explained(void) {
-  double weights = 0.0, mean = 0.0, left = 0.0, whole = 0.0;
-  for (int i = 0; i < count; i++) weights += near_[i].weight, mean += near_[i].weight * near_[i].value;
-  mean /= weights;
-  for (int i = 0; i < count; i++) {
-    left += near_[i].weight * near_[i].off * near_[i].off;
-    whole += near_[i].weight * pow(near_[i].value - mean, 2.0);
-  }
-  return 1.0 - left / whole;
 }
 
 /* The largest coefficient of any function in its own standard deviations. */
