@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import subprocess
 import sys
 from functools import cache
@@ -91,13 +90,13 @@ def test_the_order_of_frames_changes_no_bit() -> None:
         assert {name: _digest(*FRAMES[name]) for name in order} == alone
 
 
-def test_a_fresh_process_gives_the_same_bytes() -> None:
+@pytest.mark.parametrize("name", ["terminator", pytest.param("bent", marks=pytest.mark.slow)])
+def test_a_fresh_process_gives_the_same_bytes(name: str) -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        "import json, test_view_table_bytes as t\n"
+        "import test_view_table_bytes as t\n"
         "t.activate()\n"
-        "print('result', json.dumps({n: t._digest(*t.FRAMES[n]) for n in ('terminator', 'bent')}))"
+        f"print('result', t._digest(*t.FRAMES[{name!r}]))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    apart = json.loads(run.stdout.split("result")[1])
-    assert apart == {name: _alone(name) for name in apart}
+    assert run.stdout.split("result")[1].strip() == _alone(name)

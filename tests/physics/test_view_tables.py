@@ -139,6 +139,9 @@ SLOW = {
     "land and sea",
     "sun at 104 deg",
     "sun at 100 deg, off",
+    "refraction, clouds and coasts",
+    "moonlit clouds",
+    "moon in frame",
 }
 """Whose table of multiple scattering takes a minute to solve, others that take half of one, and some of many alike."""
 

@@ -124,7 +124,7 @@ PHOTOGRAPHS = {
 }
 
 
-def rendered(photograph: Photograph) -> dict[str, FloatArray]:
+def rendered(photograph: Photograph, clouds_seed: int | None = None) -> dict[str, FloatArray]:
     """Return the radiance of every band of a frame with everything that the Earth has."""
     kind, bands = ("thermal", THERMAL) if photograph.thermal else ("solar", VISIBLE)
     camera = CameraSpec.model_validate(
@@ -138,7 +138,7 @@ def rendered(photograph: Photograph) -> dict[str, FloatArray]:
         "camera": {"file": "photograph"},
         "atmosphere": {"profile": "by_latitude_month"},
         "surface": {"kind": "earth"},
-        "clouds": {},
+        "clouds": {} if clouds_seed is None else {"seed": clouds_seed},
     }
     # east to the right, south down
     scene["platform"] = scene["platform"] | {"heading_deg": 90.0}
@@ -231,6 +231,28 @@ def half_height_km(height: FloatArray, profile: FloatArray) -> float:
     return float(height[k] + (share[k] - 0.5) / (share[k] - share[k + 1]) * (height[k + 1] - height[k]))
 
 
+def edge_over_middle(photograph: Photograph, folder: Path, draws: int) -> dict[str, list[float]]:
+    """Return edge over middle of the disc, like sRGB, over the photograph's, for as many draws of the month's clouds.
+
+    The middle is a sixth of the disc: what stands there is one draw in a photograph, and another one in a frame.
+    """
+    theirs = read(photograph, folder)
+    scale = photograph.camera["width"] / next(iter(theirs.values())).shape[1]
+    centre = tuple((c + 0.5) * scale - 0.5 for c in photograph.centre_px)
+    found: dict[str, list[float]] = {band: [] for band in theirs}
+    for seed in range(1, draws + 1):
+        for band, radiance in rendered(photograph, seed).items():
+            small = cv2.resize(theirs[band], radiance.shape[::-1], interpolation=cv2.INTER_AREA)
+            grid = Grid.of(radiance.shape, centre, photograph.radius_px * scale)
+            frame = at_the_same_scale(radiance, small, grid.radius < DISC)
+            ratios = [
+                np.median(channel[grid.between(EDGE)]) / np.median(channel[grid.between(CENTRE)])
+                for channel in (frame, small)
+            ]
+            found[band].append(float(ratios[0] / ratios[1]))
+    return found
+
+
 def compare(name: str, folder: Path, out: Path) -> dict[str, Any]:
     """Write a frame and its profiles, and return the numbers of both."""
     photograph = PHOTOGRAPHS[name]
@@ -302,9 +324,15 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--only", choices=sorted(PHOTOGRAPHS))
+    parser.add_argument("--cloud-draws", type=int, default=0, help="edge over middle of EPIC's disc for so many")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     activate()
+    if arguments.cloud_draws:
+        for band, ratios in edge_over_middle(PHOTOGRAPHS["epic"], arguments.folder, arguments.cloud_draws).items():
+            each = " ".join(f"{ratio - 1.0:+.0%}" for ratio in ratios)
+            sys.stdout.write(f"{band:7s} mean {np.mean(ratios) - 1.0:+.1%} sd {np.std(ratios, ddof=1):.1%}  {each}\n")
+        return
     names = [arguments.only] if arguments.only else list(PHOTOGRAPHS)
     figures = {name: compare(name, arguments.folder, arguments.out) for name in names}
     (arguments.out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")

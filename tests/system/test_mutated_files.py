@@ -17,8 +17,8 @@ from horizonval.store.exr import write_frame, write_image
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits and memory of a process as Linux tells them")
 
-SAMPLE, ALL = 5, 110
-"""Mutants of each kind of file: some hundred, and 2 000."""
+SAMPLE, ALL = 3, 110
+"""Mutants of each kind of file: some sixty, and 2 000."""
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -45,12 +46,17 @@ def result():
     return study.conclude(SPEC, profiles)
 
 
-@pytest.fixture
-def run_dir(tmp_path, result):
-    folder = write_run(tmp_path / "run")
+@pytest.fixture(scope="module")
+def written(tmp_path_factory, result):
+    folder = write_run(tmp_path_factory.mktemp("written") / "run")
     (folder / "stability").mkdir()
     write_json(folder / page.RESULT, result)
     return folder
+
+
+@pytest.fixture
+def run_dir(tmp_path, written):
+    return shutil.copytree(written, tmp_path / "run")
 
 
 def _plain(text: str) -> str:
