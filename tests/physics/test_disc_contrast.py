@@ -41,62 +41,73 @@ def limb_over_centre(image: FloatArray, radius: FloatArray) -> float:
     return float(limb / centre)
 
 
+DRAWS = (1, 2, 3, 4)
+"""Seeds of clouds: what stands in the middle of the disc, a tenth of it, is one draw. Limb over centre by the power
+of the contrasts is 0.62 to 0.84 in twelve of them."""
+
+Disc = dict[str, FloatArray]
+
+
+def _radius() -> FloatArray:
+    """Return the distance from the disc's middle in its radii."""
+    row, column = np.indices((PIXELS, PIXELS)) - 0.5 * (PIXELS - 1)
+    return np.asarray(np.hypot(row, column) / (DISC_RADIUS * PIXELS))
+
+
 @pytest.fixture(scope="module")
-def disc() -> tuple[dict[str, FloatArray], FloatArray]:
-    """Radiance by channel, and distance from the disc's middle in its radii."""
+def discs() -> list[Disc]:
+    """Radiance by channel, for every draw of the month's clouds."""
     activate()
-    scene = {
-        "camera": {"file": "test"},
-        "platform": {
-            "epoch_utc": datetime(2025, 6, 13, 21, 6, 4, tzinfo=UTC),
-            "latitude_deg": 19.206,
-            "longitude_deg": -142.943,
-            "altitude_km": 1_450_100.0 - 6371.0,
-        },
-        "surface": {"kind": "earth"},
-        "clouds": {"seed": 3},
-    }
     half = 0.5 * 1080.0 * 1.0063115862290796e-05
     bands = [
         {"name": n, "kind": "solar", "lo_um": w - 0.005, "hi_um": w + 0.005, "nodes": 1} for n, w in CHANNELS.items()
     ]
-    camera = {"width": PIXELS, "height": PIXELS, "fov_deg": float(2.0 * np.degrees(np.arctan(half)))}
-    frame = render_frame(SceneSpec.model_validate(scene), CameraSpec.model_validate({"camera": camera, "band": bands}))
-    row, column = np.indices((PIXELS, PIXELS)) - 0.5 * (PIXELS - 1)
-    radius = np.hypot(row, column) / (DISC_RADIUS * PIXELS)
-    return {name: frame.radiance[name].astype(float) for name in CHANNELS}, radius
+    lens = {"width": PIXELS, "height": PIXELS, "fov_deg": float(2.0 * np.degrees(np.arctan(half)))}
+    camera = CameraSpec.model_validate({"camera": lens, "band": bands})
+    found = []
+    for seed in DRAWS:
+        scene = {
+            "camera": {"file": "test"},
+            "platform": {
+                "epoch_utc": datetime(2025, 6, 13, 21, 6, 4, tzinfo=UTC),
+                "latitude_deg": 19.206,
+                "longitude_deg": -142.943,
+                "altitude_km": 1_450_100.0 - 6371.0,
+            },
+            "surface": {"kind": "earth"},
+            "clouds": {"seed": seed},
+        }
+        frame = render_frame(SceneSpec.model_validate(scene), camera)
+        found.append({name: frame.radiance[name].astype(float) for name in CHANNELS})
+    return found
 
 
-@pytest.fixture(scope="module")
-def power(disc: tuple[dict[str, FloatArray], FloatArray]) -> float:
-    """The power of radiance that brings the three contrasts nearest to the photograph's: its tone curve is unknown."""
-    images, radius = disc
-    ours = np.log([contrast(images[name], radius) for name in CHANNELS])
+def power_of(disc: Disc) -> float:
+    """Return the power of radiance that brings the three contrasts nearest to the photograph's."""
+    ours = np.log([contrast(disc[name], _radius()) for name in CHANNELS])
     theirs = np.log([CONTRAST[name] for name in CHANNELS])
     return float(np.sum(theirs * ours) / np.sum(ours**2))
 
 
 @pytest.mark.slow
-def test_contrast_of_the_channels(disc: tuple[dict[str, FloatArray], FloatArray], power: float) -> None:
-    """Within 25 %: 7.2, 4.8 and 3.1 in red, green and blue with a power of 0.66.
+def test_contrast_of_the_channels(discs: list[Disc]) -> None:
+    """Within 25 % in every draw: 7.2, 4.8 and 3.1 in red, green and blue with powers of 0.66 to 0.68.
 
     The power is fitted to these three ratios, so that two of them are judged, and the power itself: display curves have
     0.4 to 0.8.
     """
-    images, radius = disc
-    ours = np.array([contrast(images[name], radius) for name in CHANNELS])
-    assert 0.4 < power < 0.8
-    assert ours**power == pytest.approx([CONTRAST[name] for name in CHANNELS], rel=0.25)
+    for disc in discs:
+        power = power_of(disc)
+        ours = np.array([contrast(disc[name], _radius()) for name in CHANNELS])
+        assert 0.4 < power < 0.8
+        assert ours**power == pytest.approx([CONTRAST[name] for name in CHANNELS], rel=0.25)
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="0.62 for 0.76 by the power of the contrasts, 19 % dark; by sRGB's own power 0.72, but then contrasts "
-    "are too small by a third",
-)
-def test_centre_to_limb(disc: tuple[dict[str, FloatArray], FloatArray], power: float) -> None:
-    """Limb over centre within 15 % of two photographs' mean, by the power of the contrasts."""
-    images, radius = disc
-    assert limb_over_centre(images["green"], radius) ** power == pytest.approx(np.mean(CENTRE_TO_LIMB), rel=0.15)
+def test_centre_to_limb(discs: list[Disc]) -> None:
+    """Limb over centre, the draws' mean, within 15 % of that of two photographs, by the power of the contrasts.
+
+    One draw scatters by 9 %, the mean of four by half of that.
+    """
+    ours = [limb_over_centre(disc["green"], _radius()) ** power_of(disc) for disc in discs]
+    assert np.mean(ours) == pytest.approx(np.mean(CENTRE_TO_LIMB), rel=0.15)
