@@ -54,6 +54,8 @@ CELL_OCTAVES = (5, 6)
 PER_DEGREE = 1
 MAP_ROWS, MAP_COLUMNS, CHANNELS = 180 * PER_DEGREE + 1, 360 * PER_DEGREE + 1, 8
 CALIBRATION_POINTS = 400_000
+AT_ONCE = 25
+"""Parts of the points for calibration: 16 000 stay in a processor's cache, two thirds of the time of all at once."""
 MEAN_POINTS = 20_000
 RANK_STEPS = 512
 TWO_STREAM = 0.15 * math.sqrt(3.0) / 2.0
@@ -227,10 +229,15 @@ def at_places(coarse: Coarse, position: FloatArray) -> Local:
 
 def depth_at(coarse: Coarse, seed: int, position: FloatArray) -> tuple[FloatArray, Local]:
     """Return s and the coarse map at unit vectors, shape (n, 3)."""
-    a, at = numpy_arithmetic(), at_places(coarse, position)
-    n = noise((position[:, 0], position[:, 1], position[:, 2]), at, seed, a)
+    n, at = _noise_at(coarse, seed, position)
     rank = np.interp(n, np.linspace(coarse.lowest, coarse.highest, RANK_STEPS + 1), coarse.rank)
-    return depth(rank, at, a), at
+    return depth(rank, at, numpy_arithmetic()), at
+
+
+def _noise_at(coarse: Coarse, seed: int, position: FloatArray) -> tuple[FloatArray, Local]:
+    """Return the noise and the coarse map at unit vectors, shape (n, 3)."""
+    at = at_places(coarse, position)
+    return noise((position[:, 0], position[:, 1], position[:, 2]), at, seed, numpy_arithmetic()), at
 
 
 @lru_cache(maxsize=4)
@@ -257,14 +264,13 @@ def coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
     values[:, -1] = values[:, 0]
     values[[0, -1]] = values[[0, -1], :-1].mean(axis=1)[:, None]
     values = values.astype(np.float32)
-    points = even_points(CALIBRATION_POINTS)
     first = Coarse(values.ravel(), 0.0, 0.0, np.zeros(0))
-    at = at_places(first, points)
-    n = noise((points[:, 0], points[:, 1], points[:, 2]), at, seed, numpy_arithmetic())
+    parts = [_noise_at(first, seed, some) for some in np.array_split(even_points(CALIBRATION_POINTS), AT_ONCE)]
+    n, covered = (np.concatenate(each) for each in zip(*((m, at.fraction) for m, at in parts), strict=True))
     lowest, highest, rank = ranked(n, RANK_STEPS)
     u = np.interp(n, np.linspace(lowest, highest, RANK_STEPS + 1), rank)
     wanted = climatological_cover(month) if cover is None else cover
-    values[..., 4] += np.float32(_shift(u, at.fraction, wanted))
+    values[..., 4] += np.float32(_shift(u, covered, wanted))
     flat = values.ravel()
     flat.setflags(write=False)
     return Coarse(flat, lowest, highest, rank)
