@@ -234,7 +234,7 @@ def half_height_km(height: FloatArray, profile: FloatArray) -> float:
 def edge_over_middle(photograph: Photograph, folder: Path, draws: int) -> dict[str, list[float]]:
     """Return edge over middle of the disc, like sRGB, over the photograph's, for as many draws of the month's clouds.
 
-    The middle is a sixth of the disc: what stands there is one draw in a photograph, and another one in a frame.
+    The middle is a tenth of the disc: what stands there is one draw in a photograph, and another one in a frame.
     """
     theirs = read(photograph, folder)
     scale = photograph.camera["width"] / next(iter(theirs.values())).shape[1]

@@ -54,8 +54,8 @@ CELL_OCTAVES = (5, 6)
 PER_DEGREE = 1
 MAP_ROWS, MAP_COLUMNS, CHANNELS = 180 * PER_DEGREE + 1, 360 * PER_DEGREE + 1, 8
 CALIBRATION_POINTS = 400_000
-AT_ONCE = 25
-"""Parts of the points for calibration: 16 000 stay in a processor's cache, two thirds of the time of all at once."""
+CALIBRATION_PARTS = 25
+"""16 000 points at a time stay in a processor's cache: two thirds of the time of all at once."""
 MEAN_POINTS = 20_000
 RANK_STEPS = 512
 TWO_STREAM = 0.15 * math.sqrt(3.0) / 2.0
@@ -265,7 +265,9 @@ def coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
     values[[0, -1]] = values[[0, -1], :-1].mean(axis=1)[:, None]
     values = values.astype(np.float32)
     first = Coarse(values.ravel(), 0.0, 0.0, np.zeros(0))
-    parts = [_noise_at(first, seed, some) for some in np.array_split(even_points(CALIBRATION_POINTS), AT_ONCE)]
+    parts = [
+        _noise_at(first, seed, some) for some in np.array_split(even_points(CALIBRATION_POINTS), CALIBRATION_PARTS)
+    ]
     n, covered = (np.concatenate(each) for each in zip(*((m, at.fraction) for m, at in parts), strict=True))
     lowest, highest, rank = ranked(n, RANK_STEPS)
     u = np.interp(n, np.linspace(lowest, highest, RANK_STEPS + 1), rank)
