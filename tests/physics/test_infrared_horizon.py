@@ -24,7 +24,7 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import truth_of
 from horizonval.truth.infrared_horizon.around import infrared_horizon
-from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance
+from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance, limb_radiances
 from horizonval.truth.infrared_horizon.rays import ray_paths
 
 SPHERE = sphere(6_371_230.0)
@@ -128,6 +128,22 @@ def test_the_quadrature_has_converged(climate: str, band_um: tuple[float, float]
     (path, passed), (path_fine, passed_fine) = ground_ray(air, down), ground_ray(air, down, step_m=125.0)
     assert abs(path.sum() - path_fine.sum()) < 2e-4 * path_fine.sum()
     assert np.abs(passed - passed_fine).max() < 2e-4
+
+
+def test_bands_together_are_each_alone() -> None:
+    """In air by latitude, with cirrus that is in two bands of four: those are cut at other places than the rest."""
+    clear = scene("by_latitude_month", latitude_deg=40.0)
+    cirrus = SceneSpec.model_validate(clear.model_dump(exclude_unset=True) | {"layer": [{"kind": "subvisible_cirrus"}]})
+    bands = [
+        *optical_model(clear, camera((14.0, 16.3), (8.0, 14.0))).thermal,
+        *optical_model(cirrus, camera((8.0, 14.0), (10.5, 12.5))).thermal,
+    ]
+    airs = [BandMedium(band) for band in bands]
+    assert [airs[0].lies_as(air) for air in airs] == [True, True, False, False]
+    assert airs[2].lies_as(airs[3])
+    rays = ray_paths(CAMERA_M, SPHERE, [0.0, 1.0, 2.5], np.array([0.0, 8e3, 12e3, 30e3]), airs[0].top_m)
+    for air, found in zip(airs, limb_radiances(airs, rays), strict=True):
+        np.testing.assert_array_equal(found, limb_radiance(air, rays))
 
 
 SCALE_M = 7000.0

@@ -27,7 +27,7 @@ from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height
 from horizonval.truth.infrared_horizon.bent_rays import StraightHeights, straight_heights
 from horizonval.truth.infrared_horizon.ground import GroundPlaces, ground_places, ground_radiance
 from horizonval.truth.infrared_horizon.locators import GROUND_RAY_M, HorizonHeights, locate, profile_heights_m
-from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance
+from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiances
 from horizonval.truth.infrared_horizon.rays import RayPath, angle_of_height, ground_points, ray_paths
 
 AZIMUTHS = 36
@@ -131,10 +131,11 @@ def _computed(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
     airs = [BandMedium(band, heights) for band in model.thermal]
     zonal = all(air.column_map is None for air in airs)
     view = _CameraRays.of(asked, heights, all(air.is_uniform for air in airs), zonal)
+    seen = [(band, air) for band, air in zip(model.thermal, airs, strict=True) if air.absorbs]
+    limbs = limb_radiances([air for _, air in seen], view.past)
     return {
-        band.name: _plain(view, _located(view, band, air, model.emission))
-        for band, air in zip(model.thermal, airs, strict=True)
-        if air.absorbs
+        band.name: _plain(view, _located(view, band, air, limb, model.emission))
+        for (band, air), limb in zip(seen, limbs, strict=True)
     }
 
 
@@ -182,11 +183,14 @@ class _CameraRays:
         return cls(r_itrs, asked.ellipsoid, air.rise_m, azimuth, heights, spread[mirrored], past, down, ground)
 
 
-def _located(view: _CameraRays, band: EmittingBand, air: BandMedium, emission: GroundEmission) -> HorizonHeights:
+def _located(
+    view: _CameraRays, band: EmittingBand, air: BandMedium, limb: FloatArray, emission: GroundEmission
+) -> HorizonHeights:
+    """Find a band's horizon; ``limb``: its radiance past the ground."""
     path, passed = ground_ray(air, view.down)
     ground = ground_radiance(band, emission, view.ground)
     disc = (view.spread @ path + (view.spread @ passed) * ground).sum(axis=1)
-    return locate(view.height_m, view.spread @ limb_radiance(air, view.past), disc)
+    return locate(view.height_m, view.spread @ limb, disc)
 
 
 def _plain(view: _CameraRays, located: HorizonHeights) -> dict[str, Any]:

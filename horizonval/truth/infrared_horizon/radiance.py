@@ -13,14 +13,15 @@ which is exact for thin pieces and tends to S0 for thick ones.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.weather.column_map import ColumnMap
 from horizonval.truth.infrared_horizon.bent_rays import StraightHeights
 from horizonval.truth.infrared_horizon.rays import RayPath
 
@@ -56,21 +57,42 @@ def layer_edges_m(band: EmittingBand, altitude_m: FloatArray) -> FloatArray:
     return np.asarray(altitude_m[np.unique(np.clip(beside, 0, len(altitude_m) - 1))])
 
 
+@dataclass(frozen=True)
+class PointsInAir:
+    """Points of rays, shape (points, azimuths), between columns and heights of a medium; one azimuth in uniform air.
+
+    ``weights``: sparse matrix, shape (points x azimuths, columns x heights), with the neighbours of each point.
+    """
+
+    shape: tuple[int, int]
+    weights: csr_array
+
+
 class BandMedium:
     """Extinction and source of one band, laid out for rays: g point last. ``heights``: None where no light is bent."""
 
     def __init__(self, band: EmittingBand, heights: StraightHeights | None = None) -> None:
-        extinction, source = band.columns()
-        self.altitude_m = band.altitude_m
-        if heights is not None:
+        extinction, source = (np.moveaxis(column, 0, -1) for column in band.columns())
+        self.count = extinction.shape[-1]
+        # Side by side: both of a point's neighbour lie together.
+        both = np.empty((*extinction.shape[:2], 2 * self.count))
+        both[..., self.count :] = source
+        if heights is None:
+            self.altitude_m = band.altitude_m
+            both[..., : self.count] = extinction
+        else:
             self.altitude_m = heights.of(band.altitude_m)
-            extinction = extinction * np.interp(band.altitude_m, heights.altitude_m, heights.stretch)
+            stretch = np.interp(band.altitude_m, heights.altitude_m, heights.stretch)
+            np.multiply(extinction, stretch[:, None], out=both[..., : self.count])
+        self._both = both.reshape(-1, 2 * self.count)
         self.sin_latitude = band.sin_latitude
         self.edges_m = layer_edges_m(band, self.altitude_m)
         self.column_map = band.column_map
-        self.extinction = np.ascontiguousarray(np.moveaxis(extinction, 0, -1))
-        self.source = np.ascontiguousarray(np.moveaxis(source, 0, -1))
-        self._both = None if band.column_map is None else self._flat()
+
+    @property
+    def absorbs(self) -> bool:
+        """Whether there is anything in it that a ray could notice."""
+        return bool(self._both[:, : self.count].max() > 1e-30)
 
     @property
     def top_m(self) -> float:
@@ -78,76 +100,63 @@ class BandMedium:
         return float(self.altitude_m[-1])
 
     @property
-    def absorbs(self) -> bool:
-        """Whether there is anything in it that a ray could notice."""
-        return bool(self.extinction.max() > 1e-30)
-
-    @property
     def is_uniform(self) -> bool:
         """Whether the air is the same everywhere."""
         return self.column_map is None and len(self.sin_latitude) == 1
 
-    def along(self, path: RayPath, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return extinction and source at the points of rays, shape (azimuths, points, g); 1 azimuth if uniform."""
+    def lies_as(self, other: BandMedium) -> bool:
+        """Whether points lie between the same columns and heights, and paths are cut at the same places."""
+        here, there = self.column_map, other.column_map
+        if here is None or there is None:
+            alike = here is there and np.array_equal(self.sin_latitude, other.sin_latitude)
+        else:
+            alike = (here.half, here.count) == (there.half, there.count) and np.array_equal(here.axes, there.axes)
+        return (
+            alike and np.array_equal(self.altitude_m, other.altitude_m) and np.array_equal(self.edges_m, other.edges_m)
+        )
+
+    def points(self, path: RayPath, u: FloatArray) -> PointsInAir:
+        """Return where points of rays lie: between two heights, and two rows of latitude or four columns of a map."""
         height = np.maximum(path.lowest_m + u * u, 0.0)
         i = np.clip(np.searchsorted(self.altitude_m, height, side="right") - 1, 0, len(self.altitude_m) - 2)
-        w = ((height - self.altitude_m[i]) / (self.altitude_m[i + 1] - self.altitude_m[i]))[:, None]
+        w = (height - self.altitude_m[i]) / (self.altitude_m[i + 1] - self.altitude_m[i])
+        columns = self._columns(path, u)
+        shape = (len(u), columns[0][1].shape[0])
+        index, weight = np.empty((*shape, 2 * len(columns)), dtype=np.int32), np.empty((*shape, 2 * len(columns)))
+        for n, (column, share) in enumerate(columns):
+            index[..., 2 * n] = (column * len(self.altitude_m) + i).T
+            index[..., 2 * n + 1] = index[..., 2 * n] + 1
+            weight[..., 2 * n] = (share * (1.0 - w)).T
+            weight[..., 2 * n + 1] = (share * w).T
+        ends = np.arange(0, index.size + 1, index.shape[-1], dtype=np.int32)
+        matrix = csr_array((weight.ravel(), index.ravel(), ends), shape=(len(ends) - 1, len(self._both)))
+        return PointsInAir(shape, matrix)
+
+    def at(self, points: PointsInAir) -> tuple[FloatArray, FloatArray]:
+        """Return extinction and source, shape (points, azimuths, g), by one product with a sparse matrix."""
+        both = np.asarray(points.weights @ self._both).reshape(*points.shape, -1)
+        return both[..., : self.count], both[..., self.count :]
+
+    def _columns(self, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
+        """Return the columns about the points of rays, and their weights, shape (azimuths, points) each."""
         if self.is_uniform:
-            k, s = (c[:, i] * (1.0 - w) + c[:, i + 1] * w for c in (self.extinction, self.source))
-            return k, s
-        if self._both is not None:
-            return self._on_the_map(path, u, i, w[:, 0])
-        places = self._rows(path, u)
-        corners = [(share[..., None] * v, j, level) for j, share in places for v, level in ((1.0 - w, i), (w, i + 1))]
-        result = []
-        for column in (self.extinction, self.source):
-            value = np.zeros((*places[0][0].shape, column.shape[-1]))
-            for weight, rows, levels in corners:
-                value += weight * column[rows, levels]
-            result.append(value)
-        return result[0], result[1]
+            return [(np.zeros((1, len(u)), dtype=np.intp), np.ones((1, len(u))))]
+        return self._rows(path, u) if self.column_map is None else self._corners(self.column_map, path, u)
 
     def _rows(self, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
-        """Return the two rows of latitude about the points of rays, and their weights."""
+        """Return two rows of latitude."""
         step = self.sin_latitude[1] - self.sin_latitude[0]
         row = np.clip((path.sine_at(u) - self.sin_latitude[0]) / step, 0.0, len(self.sin_latitude) - 1)
         j = np.minimum(row.astype(np.intp), len(self.sin_latitude) - 2)
         v = row - j
         return [(j, 1.0 - v), (j + 1, v)]
 
-    def _flat(self) -> FloatArray:
-        """Return extinction and source side by side, shape (columns x heights, 2 g)."""
-        return np.concatenate([self.extinction, self.source], axis=-1).reshape(-1, 2 * self.source.shape[-1])
-
-    def _on_the_map(self, path: RayPath, u: FloatArray, i: np.ndarray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what :meth:`along` does; eight neighbours of each point by one product with a sparse matrix."""
-        assert self._both is not None
-        heights = len(self.altitude_m)
-        index, weight = [], []
-        for j, share in self._columns(path, u):
-            index += [j * heights + i, j * heights + i + 1]
-            weight += [share * (1.0 - w), share * w]
-        shape = index[0].shape
-        points = math.prod(shape)
-        matrix = csr_array(
-            (
-                np.stack(weight, axis=-1).ravel(),
-                np.stack(index, axis=-1).ravel(),
-                np.arange(0, 8 * points + 1, 8),
-            ),
-            shape=(points, len(self._both)),
-        )
-        both = np.asarray(matrix @ self._both).reshape(*shape, -1)
-        g = both.shape[-1] // 2
-        return both[..., :g], both[..., g:]
-
-    def _columns(self, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
-        """Return the four columns of a map about the points of rays, and their weights.
+    @staticmethod
+    def _corners(lattice: ColumnMap, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
+        """Return four columns of a map.
 
         Written anew from the map's definition: the truth knows where columns stand, not how others read them.
         """
-        lattice = self.column_map
-        assert lattice is not None
         normal = path.normal_at(u)
         along = normal @ lattice.axes.T
         plane = along[..., :2] / (1.0 + along[..., 2:])
@@ -174,13 +183,32 @@ def limb_radiance(air: BandMedium, rays: Sequence[RayPath], *, step_m: float = S
     step_m : float
         Thickness of the shells; 1 km leaves 1e-4 of the plateau.
     """
-    columns = []
+    return limb_radiances([air], rays, step_m=step_m)[0]
+
+
+def limb_radiances(airs: Sequence[BandMedium], rays: Sequence[RayPath], *, step_m: float = SHELL_M) -> list[FloatArray]:
+    """Return :func:`limb_radiance` of several bands: those whose air is laid out alike share where points lie in it."""
+    kinds: list[list[int]] = []
+    for k, air in enumerate(airs):
+        alike = next((kind for kind in kinds if airs[kind[0]].lies_as(air)), None)
+        if alike is None:
+            kinds.append([k])
+        else:
+            alike.append(k)
+    columns: list[list[FloatArray]] = [[] for _ in airs]
     for path in rays:
-        u = _cuts(path, path.lowest_m, step_m, air.edges_m)
-        u = np.concatenate([-u[:0:-1], u])
-        parts = [_integrate(air, few, u)[0].sum(axis=-1) for few in path.parts(_AZIMUTHS_AT_ONCE)]
-        columns.append(np.concatenate(parts))
-    return np.stack(columns, axis=-1)
+        for kind in kinds:
+            first = airs[kind[0]]
+            u = _cuts(path, path.lowest_m, step_m, first.edges_m)
+            u = np.concatenate([-u[:0:-1], u])
+            parts: list[list[FloatArray]] = [[] for _ in kind]
+            for few in path.parts(_AZIMUTHS_AT_ONCE):
+                points, metres_per_u = first.points(few, u), few.metres_per_u(u).T[..., None]
+                for k, radiances in zip(kind, parts, strict=True):
+                    radiances.append(_integrate(*airs[k].at(points), metres_per_u, u)[0].sum(axis=-1))
+            for k, radiances in zip(kind, parts, strict=True):
+                columns[k].append(np.concatenate(radiances))
+    return [np.stack(each, axis=-1) for each in columns]
 
 
 def ground_ray(air: BandMedium, path: RayPath, *, step_m: float = SHELL_M) -> tuple[FloatArray, FloatArray]:
@@ -188,7 +216,8 @@ def ground_ray(air: BandMedium, path: RayPath, *, step_m: float = SHELL_M) -> tu
 
     The rays' lowest height is negative: the depth of the chord.
     """
-    return _integrate(air, path, -_cuts(path, 0.0, step_m, air.edges_m)[::-1])
+    u = -_cuts(path, 0.0, step_m, air.edges_m)[::-1]
+    return _integrate(*air.at(air.points(path, u)), path.metres_per_u(u).T[..., None], u)
 
 
 def _cuts(path: RayPath, start_m: float, step_m: float, edges_m: FloatArray) -> FloatArray:
@@ -209,21 +238,57 @@ def _cuts(path: RayPath, start_m: float, step_m: float, edges_m: FloatArray) -> 
     return both
 
 
-def _integrate(air: BandMedium, path: RayPath, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return radiance and transmission, shapes (azimuths, g), along ``u`` from the observer on."""
-    k, source = air.along(path, u)
-    slope = k * path.metres_per_u(u)[..., None]
-    weighted = slope * source
-    sixth = ((u[2::2] - u[:-2:2]) / 6.0)[:, None]
-    depth = (slope[:, :-2:2] + 4.0 * slope[:, 1::2] + slope[:, 2::2]) * sixth
-    mean = (weighted[:, :-2:2] + 4.0 * weighted[:, 1::2] + weighted[:, 2::2]) * sixth / np.maximum(depth, 1e-300)
-    near, far = source[:, :-2:2], source[:, 2::2]
-    depth = np.minimum(depth, _OPAQUE)
+def _integrate(
+    k: FloatArray, source: FloatArray, metres_per_u: FloatArray, u: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return radiance and transmission, shapes (azimuths, g), along ``u`` from the observer on.
+
+    What is given at the points has them first: what is done for all rays and g points of a place lies together.
+    """
+    slope = k * metres_per_u
+    source = np.ascontiguousarray(source)
+    sixth = ((u[2::2] - u[:-2:2]) / 6.0)[:, None, None]
+    depth = _simpson(slope, sixth)
+    mean = _simpson(slope * source, sixth)
+    mean /= np.maximum(depth, 1e-300)
+    near, far = source[:-2:2], source[2::2]
+    np.minimum(depth, _OPAQUE, out=depth)
     e = np.exp(-depth)
-    d = np.maximum(depth, _THIN)
-    b = np.where(depth < _THIN, 1.0 - depth * (1 / 2 - depth * (1 / 6 - depth / 24)), (1.0 - e) / d)
-    bulge = np.where(depth < _THIN, depth * (1.0 - depth * (1 / 2 - depth * 3 / 20)), 6.0 * (1.0 + e - 2.0 * b) / d)
-    emitted = near * (1.0 - b) + far * (b - e) + (mean - 0.5 * (near + far)) * bulge
-    behind = np.minimum(np.cumsum(depth, axis=1), 8.0 * _OPAQUE)
-    before = np.exp(depth - behind)
-    return (emitted * before).sum(axis=1), np.exp(-behind[:, -1])
+    thick, thin = np.maximum(depth, _THIN), np.minimum(depth, _THIN)
+    within = np.exp(-thick)
+    b = (1.0 - within) / thick
+    bulge = 6.0 * (1.0 + within - 2.0 * b) / thick
+    # One of the two is at the threshold: without a choice between arrays, which takes as long as all the rest.
+    b += _thin_b(thin) - _thin_b(_THIN)
+    bulge += _thin_bulge(thin) - _thin_bulge(_THIN)
+    mean -= 0.5 * (near + far)
+    mean *= bulge
+    emitted = near * (1.0 - b)
+    b -= e
+    b *= far
+    emitted += b
+    emitted += mean
+    behind = np.minimum(np.cumsum(depth, axis=0), 8.0 * _OPAQUE)
+    passed = np.exp(-behind[-1])
+    depth -= behind
+    emitted *= np.exp(depth, out=depth)
+    return emitted.sum(axis=0), passed
+
+
+def _thin_b(depth: FloatArray | float) -> FloatArray | float:
+    """Return b of thin pieces, to 1e-9."""
+    return 1.0 - depth * (1 / 2 - depth * (1 / 6 - depth / 24))
+
+
+def _thin_bulge(depth: FloatArray | float) -> FloatArray | float:
+    """Return what stands behind M - (S0 + S1)/2 of thin pieces, to 1e-8."""
+    return depth * (1.0 - depth * (1 / 2 - depth * 3 / 20))
+
+
+def _simpson(values: FloatArray, sixth: FloatArray) -> FloatArray:
+    """Return the integrals over pieces of which values have both ends and the middle."""
+    total = 4.0 * values[1::2]
+    total += values[:-2:2]
+    total += values[2::2]
+    total *= sixth
+    return total
