@@ -360,14 +360,18 @@ class ProfileModel:
         the next (m - 1, k, k) alone.
         """
         function, waves = self.air.function, self.air.wave
-        spread = own[:, :, function] * waves[:, None]
-        spread[:-1] += next_[:, :, function] * waves[1:, None]
-        spread[1:] += next_.transpose(0, 2, 1)[:, :, function] * waves[:-1, None]
         matrix = np.empty((len(function), len(function)))
         last = 0
+        # The rows of one function at a time stay in a processor's cache; what is above the diagonal is below it too.
         for j, wave in enumerate(self.air.waves):
             first, last = last, last + wave.shape[1]
-            matrix[first:last] = wave.T @ spread[:, j]
+            before = function[:last]
+            spread = own[:, j, before] * waves[:, :last]
+            spread[:-1] += next_[:, j, before] * waves[1:, :last]
+            spread[1:] += next_[:, before, j] * waves[:-1, :last]
+            rows = wave.T @ spread
+            matrix[first:last, :last] = rows
+            matrix[:first, first:last] = rows[:, :first].T
         return matrix
 
 
