@@ -18,6 +18,7 @@ FALLOFF = 0.5 ** (1.0 / 3.0)
 """Of amplitudes from one octave to the next: the -5/3 law of cloud fields (R. F. Cahalan and J. B. Snider, Remote Sens.
 Environ. 28, 95 (1989))."""
 _LATTICE_OFFSET = 8192.0
+_FACTORS = (0x8DA6B343, 0xD8163841, 0xCB1AB31F)
 
 
 def lattice_noise(
@@ -45,11 +46,16 @@ def lattice_noise(
     cells, parts = zip(*(split(v + offset) for v in position), strict=True)
     seed = (seed + (0x9E3779B9 * (octave + 1) & 0xFFFFFFFF)) & 0xFFFFFFFF
     fade = [t * t * t * (t * (t * 6.0 - 15.0) + 10.0) for t in parts]
+    away = [(t, t - 1.0) for t in parts]
+    # What the eight corners of a cell have in common is hashed once.
+    x_key, y_key, z_key = ((c * factor, c * factor + factor) for c, factor in zip(cells, _FACTORS, strict=True))
+    xy_key = [[x ^ y for y in y_key] for x in x_key]
+    z_key = tuple(z ^ seed for z in z_key)
 
     def corner(i: int, j: int, k: int) -> Any:
-        h = _hashed(cells[0] + i, cells[1] + j, cells[2] + k, seed)
+        h = _stirred(xy_key[i][j] ^ z_key[k])
         slopes = [real((h >> shift) & 1023) * (1.0 / 511.5) - 1.0 for shift in (0, 10, 20)]
-        return slopes[0] * (parts[0] - i) + slopes[1] * (parts[1] - j) + slopes[2] * (parts[2] - k)
+        return slopes[0] * away[0][i] + slopes[1] * away[1][j] + slopes[2] * away[2][k]
 
     def mixed(a: Any, b: Any, w: Any) -> Any:
         return a + w * (b - a)
@@ -59,8 +65,7 @@ def lattice_noise(
     return mixed(y[0], y[1], fade[2])
 
 
-def _hashed(x: Any, y: Any, z: Any, seed: Any) -> Any:
-    h = (x * 0x8DA6B343) ^ (y * 0xD8163841) ^ (z * 0xCB1AB31F) ^ seed
+def _stirred(h: Any) -> Any:
     h = (h ^ (h >> 16)) * 0x85EBCA6B
     h = (h ^ (h >> 13)) * 0xC2B2AE35
     return h ^ (h >> 16)
