@@ -61,7 +61,7 @@ def pareto(
         axes = figure.subplots()
         if log_x:
             axes.set_xscale("log")
-            _plain_ticks(axes.xaxis)
+            plain_ticks(axes.xaxis)
         words = list(dict.fromkeys(groups.values()))
         shown = [d for d in designs if d["p95_deg"]["value"] is not None and x_of[d["name"]]["value"] is not None]
         places = [v for d in shown for v in (x_of[d["name"]]["value"], *(x_of[d["name"]]["interval"] or ())) if v]
@@ -101,7 +101,7 @@ def pareto(
         axes.axhline(limit_deg, color=_LIMIT, lw=1.1, ls="--")
         # Not before there is data: a log axis complains of an empty one.
         axes.set_yscale("log")
-        _plain_ticks(axes.yaxis)
+        plain_ticks(axes.yaxis)
         axes.set(xlabel=label, ylabel="p95 of the nadir error [deg]")
         handles = [
             Line2D([], [], ls="", marker=ESTIMATOR_MARKERS[i % len(ESTIMATOR_MARKERS)], mfc="white",
@@ -125,7 +125,7 @@ def by_design(designs: Sequence[JsonObject], limit_deg: float, availability: flo
         for k, (key, word, marker) in enumerate(ERRORS):
             _dots(left, lines, [d[key] for d in designs], "value", k, marker, word)
         left.set_xscale("log")
-        _plain_ticks(left.xaxis)
+        plain_ticks(left.xaxis)
         left.axvline(limit_deg, color=_LIMIT, lw=1.1, ls="--")
         left.set_xlabel("error of claims [deg]")
         for k, (key, word, marker) in enumerate(SHARES):
@@ -184,7 +184,7 @@ def level_factors(effects: JsonObject, words: Mapping[str, str]) -> Draw:
             if at < sum(len(v) for v in effects["levels"].values()):
                 axes.axhline(at - 0.5, color="#d9dde2", lw=0.8)
         axes.set_xscale("log")
-        _plain_ticks(axes.xaxis)
+        plain_ticks(axes.xaxis)
         low, high = axes.get_xlim()
         axes.set_xlim(min(low, 0.5), max(high, 2.0))
         axes.axvline(1.0, color="#555555", lw=0.9)
@@ -205,12 +205,14 @@ def level_words(level: Any) -> str:
     return f"{level:g}" if isinstance(level, float) else str(level)
 
 
-def _plain_ticks(axis: Axis) -> None:
+def plain_ticks(axis: Axis) -> None:
     """Label a log axis with plain numbers, between the powers of ten at 2 and 5; a short axis at all its ticks."""
 
     def label(x: float, _: object) -> str:
         low, high = sorted(axis.get_view_interval())
-        return f"{x:.3g}" if high < _SHORT * low or f"{x:.3e}"[:5] in ("2.000", "5.000") else ""
+        shown = high < _SHORT * low or f"{x:.3e}"[:5] in ("2.000", "5.000")
+        # 20000, as 100000 beside it, not 2e+04.
+        return f"{float(f'{x:.3g}'):g}" if shown else ""
 
     axis.set_major_formatter(lambda x, _: f"{x:g}")
     axis.set_minor_formatter(label)
