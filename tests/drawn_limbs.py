@@ -61,11 +61,13 @@ def picture(
     noise: float = NOISE,
     strength: float = 1.0,
     air: np.random.Generator | None = None,
+    growth: float = 0.0,
 ) -> np.ndarray:
     """Means over pixels of the sky six times finer, blurred, with the air's coefficients drawn along the limb.
 
     What is left is a random function too, alike over 5 km of height and 0.1 rad along the limb. The air is drawn from
-    ``rng``, or from its own generator: two cameras at one place that are given equal ones see one air.
+    ``rng``, or from its own generator: two cameras at one place that are given equal ones see one air. ``growth``: of
+    the logarithm of the blur from the axis to the corners, with the square of the angle.
     """
     air = air or rng
     margin = 4
@@ -99,7 +101,16 @@ def picture(
         rest = RegularGridInterpolator((nodes, levels), field, bounds_error=False, fill_value=0.0)
         sky = sky + rest(np.stack([azimuth, height], axis=-1)) * left_profile(height)
     sky = np.where(along > 0.0, sky, 0.0) / length**4
-    means = gaussian_filter(sky, BLUR_PX * FINE).reshape(v.size // FINE, FINE, u.size // FINE, FINE).mean(axis=(1, 3))
+    blurred = gaussian_filter(sky, BLUR_PX * FINE)
+    if growth:
+        off = np.arctan(np.hypot(x, y)) ** 2 / np.arctan(np.hypot(camera.cx / camera.fx, camera.cy / camera.fy)) ** 2
+        shares = np.linspace(0.0, 1.4, 15)
+        softer = np.array([gaussian_filter(sky, BLUR_PX * np.exp(growth * share) * FINE) for share in shares])
+        at = np.clip(off / shares[1], 0.0, len(shares) - 1.001)
+        first = at.astype(int)
+        one, next_ = (np.take_along_axis(softer, (first + k)[None], axis=0)[0] for k in (0, 1))
+        blurred = one + (at - first) * (next_ - one)
+    means = blurred.reshape(v.size // FINE, FINE, u.size // FINE, FINE).mean(axis=(1, 3))
     clean = BLACK + bright * means[margin:-margin, margin:-margin]
     return np.rint(clean + rng.normal(0.0, noise, clean.shape))
 

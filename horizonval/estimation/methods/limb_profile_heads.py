@@ -28,7 +28,7 @@ from horizonval.estimation.likelihood.profile.fit import most_probable
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
 from horizonval.estimation.likelihood.profile.search import explained
 from horizonval.estimation.methods import limb_heads
-from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of
+from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of, uneven_lens
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 NAME = "limb-profile-heads"
@@ -84,6 +84,9 @@ def _alone(head: Observation) -> ProfileHead | Refusal:
         return Refusal(
             Outcome.NO_LIMB, f"the predicted limb explains {max(share, 0.0):.0%} of the pixels where it should be"
         )
+    lens = uneven_lens(*alone.growth())
+    if lens is not None:
+        return Refusal(Outcome.AMBIGUOUS, lens)
     cam_from_body = Rotation.from_quat(head.q_cam_from_body).as_matrix()
     table = (head.band_kind, head.band_um, head.prior.climate)
     return ProfileHead(head.camera, cam_from_body, known.knowledge, table, image, alone)

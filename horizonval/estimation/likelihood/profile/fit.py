@@ -76,6 +76,7 @@ def fit_profile(
     found = most_probable(image, camera, start, knowledge)
     look, now = found.look, found.now
     uv, off = by_sector(found.model, look, now, found.inverse_variance)
+    growth, growth_sigma = found.growth()
     of_air = (found.covariance - found.known)[:POSE, :POSE] * strained(*found.strain())
     return ProfileFit(
         pose=found.pose,
@@ -89,6 +90,8 @@ def fit_profile(
         uv=uv,
         residuals_rad=off,
         steps=np.array(found.steps),
+        growth=growth,
+        growth_sigma=growth_sigma,
     )
 
 

@@ -69,6 +69,9 @@ class ProfileFit:
     uv : ndarray, shape (m, 2)
     residuals_rad : ndarray, shape (m,)
     steps : ndarray, shape (k, 7)
+    growth, growth_sigma : float
+        By how much the logarithm of the blur changes over the limb in view, as far as the pixels say; of several heads
+        it is asked of each alone.
     """
 
     pose: LimbPose
@@ -82,3 +85,5 @@ class ProfileFit:
     uv: FloatArray
     residuals_rad: FloatArray
     steps: FloatArray
+    growth: float = 0.0
+    growth_sigma: float = np.inf

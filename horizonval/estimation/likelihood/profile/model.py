@@ -24,8 +24,10 @@ from horizonval.estimation.likelihood.profile.floor import Floor, floor_of
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.pixels import profile_pixels
 from horizonval.estimation.likelihood.profile.ray_height import level_distance
-from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.directions import off_axis_angle
 
+AXIS_CAM = np.array([0.0, 0.0, 1.0])
 POSE = 7
 """Turn, position, lift."""
 BLUR, SHARPNESS, GAIN, BACKGROUND, SHARED = 7, 8, 9, 10, 11
@@ -155,6 +157,8 @@ class ProfileModel:
         Of the distances across the limb, by errors of the lens that are asked for beside the pose; none by itself.
     moved : ndarray, shape (n,), or 0
         What the lens has moved them by.
+    off_axis : ndarray, shape (n,)
+        Squares of the pixels' angles from the axis, over that of the image's farthest corner.
 
     Raises
     ------
@@ -198,6 +202,8 @@ class ProfileModel:
         self.moved: FloatArray | float = 0.0
         i, t = near.sector, near.along
         self._lift = near.lift_m[i] * (1.0 - t) + near.lift_m[i + 1] * t
+        shares = off_axis_share(camera, near.los_cam)
+        self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
         self.width_m = near.width_m[i]
         # Softened by a pixel's own width.
         self._some = slice(None, None, max(1, len(across) // SOME))
@@ -244,14 +250,19 @@ class ProfileModel:
         left += right
         return left
 
-    def equations(self, now: Guess, look: Seen, inverse_variance: FloatArray) -> Equations:
-        """Return the normal equations of a step."""
+    def equations(self, now: Guess, look: Seen, inverse_variance: FloatArray, *, of_growth: bool = False) -> Equations:
+        """Return the normal equations of a step.
+
+        ``of_growth``: with one more shared unknown, the last: how the logarithm of the blur grows with ``off_axis``.
+        """
         near = self.near
         root = np.sqrt(inverse_variance)
         kept = root * look.kept
         amplitude = now.gain * near.light * kept
         residuals = root * look.residuals
         shared = self._shared(now, amplitude, kept, look.level, look.changes)
+        if of_growth:
+            shared = np.concatenate([shared, self.off_axis[None] * shared[BLUR]])
         sums, squares = self._by_sector(look, amplitude, shared)
         functions = self.tables.values(now.blur, now.sharpness, self.every)[:, 1:]
         bends = _bends(functions)
@@ -373,6 +384,13 @@ class ProfileModel:
             matrix[first:last, :last] = rows
             matrix[:first, first:last] = rows[:, :first].T
         return matrix
+
+
+def off_axis_share(camera: CameraModel, los_cam: FloatArray) -> FloatArray:
+    """Return squares of angles from the axis over that of the image's farthest corner, shape (m,)."""
+    corners = np.array([(u, v) for u in (0.0, camera.width - 1.0) for v in (0.0, camera.height - 1.0)])
+    farthest = float(np.nanmax(off_axis_angle(unproject(camera, corners), AXIS_CAM)))
+    return np.asarray((off_axis_angle(los_cam, AXIS_CAM) / farthest) ** 2)
 
 
 def _bends(functions: FloatArray) -> FloatArray:

@@ -21,7 +21,9 @@ from horizonval.estimation.likelihood.profile.model import (
     BLUR,
     GAIN,
     POSE,
+    SHARED,
     SHARPNESS,
+    Equations,
     Guess,
     ProfileModel,
     Seen,
@@ -55,6 +57,8 @@ With 0.05, and a noise that was held after steps of 0.3 and changes of 0.1, star
 0.2 standard deviations from each other."""
 LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
 """Of the limb and of the logarithms: two scale heights of the air or some pixels, beyond which derivatives mislead."""
+GROWTH_SIGMA = 0.5
+"""Of a lens's logarithm of the blur from the axis to the corner: 2.7 times as soft there is two sigma."""
 LEAST_ALIKE, SURELY_ALIKE = 1.1, 1.3
 """Between which it begins to count: of independent residuals it is 1 to a tenth. A step in place of the slope moved
 nadirs by a fifth of a standard deviation."""
@@ -143,6 +147,17 @@ class ProfileSearch:
         assert self._last is not None
         return float(self.now.air @ self.now.air), len(self.now.air) - self._last.air_open
 
+    def growth(self) -> tuple[float, float]:
+        """Return by how much the logarithm of the blur changes over the limb in view, and its standard deviation.
+
+        A lens is softer towards the corners, with the square of the angle. It is no unknown of the fit: this is how far
+        a step would go if it were.
+        """
+        parts = self.model.equations(self.now, self.look, self.inverse_variance, of_growth=True)
+        parts.shared[-1, -1] += GROWTH_SIGMA**-2
+        found, over = self._solved(parts), float(np.ptp(self.model.off_axis))
+        return over * float(found.step[SHARED]), over * float(np.sqrt(found.covariance[SHARED, SHARED]))
+
     def improbability(self) -> float:
         """Return minus twice the logarithm of the probability of image and unknowns, per pixel that tells anything.
 
@@ -191,18 +206,7 @@ class ProfileSearch:
 
     def _step(self) -> tuple[FloatArray, float]:
         """Return a step within the reach of the derivatives, and the merit that it should gain."""
-        parts = self.model.equations(self.now, self.look, self.inverse_variance)
-        wanted = self._wanted()
-        shared = parts.shared.copy()
-        shared[:POSE, :POSE] += self.knowledge.information
-        shared[[BLUR, SHARPNESS, GAIN], [BLUR, SHARPNESS, GAIN]] += self._priors
-        right = parts.right
-        right[:POSE] += self.knowledge.information @ wanted[:POSE]
-        right[[BLUR, SHARPNESS, GAIN]] += self._priors * wanted[POSE:]
-        away, information = self._off_floor(self.now)
-        shared[BACKGROUND, BACKGROUND] += information
-        right[BACKGROUND] += information * away
-        found = step_without_air(shared, right, parts.mixed, parts.air, parts.right_air - self.now.air)
+        found = self._solved(self.model.equations(self.now, self.look, self.inverse_variance))
         self.known, self.covariance, self._last = found.known, found.covariance, found
         step = found.step
         most_px = max(LARGEST_MOTION_M / float(np.median(self.model.near.width_m)), LARGEST_MOTION_PX)
@@ -210,6 +214,19 @@ class ProfileSearch:
             self.model.motion_px(step) / most_px, float(np.abs(step[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP, 1.0
         )
         return step / over, found.gained / over**2
+
+    def _solved(self, parts: Equations) -> ProfileStep:
+        """Return the step that equations ask for, with the priors."""
+        wanted = self._wanted()
+        shared, right = parts.shared.copy(), parts.right
+        shared[:POSE, :POSE] += self.knowledge.information
+        shared[[BLUR, SHARPNESS, GAIN], [BLUR, SHARPNESS, GAIN]] += self._priors
+        right[:POSE] += self.knowledge.information @ wanted[:POSE]
+        right[[BLUR, SHARPNESS, GAIN]] += self._priors * wanted[POSE:]
+        away, information = self._off_floor(self.now)
+        shared[BACKGROUND, BACKGROUND] += information
+        right[BACKGROUND] += information * away
+        return step_without_air(shared, right, parts.mixed, parts.air, parts.right_air - self.now.air)
 
     def _search_along(self, step: FloatArray, gained: float) -> bool:
         """Go as far along a step as the pixels become more probable; return whether that is any way.

@@ -486,6 +486,24 @@ def test_no_start_takes_it_long(seed: int) -> None:
         assert float(np.linalg.norm(fit.pose.nadir_cam - fits[0].pose.nadir_cam)) < 0.3 * claimed
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_lens_that_softens_towards_the_corners_is_noticed(seed: int) -> None:
+    """The blur grows by a factor of 2.5 to the corners; the limb goes through the middle and out at the sides."""
+    _, knowledge, start = knowledge_of(seed, CAMERA)
+    found = {}
+    for growth in (0.0, 0.9):
+        r, cam, rng = view(seed)
+        image = picture(cam, r, rng, modes=True, growth=growth)
+        fit = fit_profile(image, CAMERA, start, knowledge)
+        found[growth] = (fit.growth, fit.growth_sigma)
+    assert abs(found[0.0][0]) < 4.0 * found[0.0][1]
+    assert limb_profile.uneven_lens(*found[0.0]) is None
+    assert found[0.9][0] > 5.0 * found[0.9][1]
+    reason = limb_profile.uneven_lens(*found[0.9])
+    assert reason is not None
+    assert "softer at one part of the limb" in reason
+
+
 def test_a_background_far_below_the_floor_comes_back() -> None:
     """Noise of 20 levels, cut off at 0 where space is: from 40 sigma below, where no pixel shows how far."""
     image, knowledge, start = knowledge_of(1, CAMERA)
