@@ -28,6 +28,7 @@ from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.directions import off_axis_angle
 
 AXIS_CAM = np.array([0.0, 0.0, 1.0])
+EIGHTHS = 9
 POSE = 7
 """Turn, position, lift."""
 BLUR, SHARPNESS, GAIN, BACKGROUND, SHARED = 7, 8, 9, 10, 11
@@ -158,7 +159,7 @@ class ProfileModel:
     moved : ndarray, shape (n,), or 0
         What the lens has moved them by.
     off_axis : ndarray, shape (n,)
-        Squares of the pixels' angles from the axis, over that of the image's farthest corner.
+        Squares of the pixels' angles from the axis, over the largest of the image.
 
     Raises
     ------
@@ -387,9 +388,13 @@ class ProfileModel:
 
 
 def off_axis_share(camera: CameraModel, los_cam: FloatArray) -> FloatArray:
-    """Return squares of angles from the axis over that of the image's farthest corner, shape (m,)."""
-    corners = np.array([(u, v) for u in (0.0, camera.width - 1.0) for v in (0.0, camera.height - 1.0)])
-    farthest = float(np.nanmax(off_axis_angle(unproject(camera, corners), AXIS_CAM)))
+    """Return squares of angles from the axis over the largest of the image, shape (m,).
+
+    Of every eighth of the image: its corners may lie outside of what the lens shows.
+    """
+    columns, rows = (np.linspace(0.0, size - 1.0, EIGHTHS) for size in (camera.width, camera.height))
+    some = unproject(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
+    farthest = float(np.nanmax(off_axis_angle(some, AXIS_CAM)))
     return np.asarray((off_axis_angle(los_cam, AXIS_CAM) / farthest) ** 2)
 
 
