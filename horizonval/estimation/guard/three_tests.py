@@ -216,8 +216,8 @@ def _by_altitude(
         rho = seen.rho_rad
         variance += seen.variance
     low, high = (h * np.tan(expected) / radius for h in limb_height_m(observation.band_kind))
-    # In coarse pixels points lie in the limb's light, not at its edge: by 0.11 px where a pixel sees 350 km, and the fit
-    # of free altitude, which has an exponential for that light, by 0.07.
+    # In coarse pixels points lie in the limb's light, not at its edge: by 0.11 px in pixels of 350 km, and the fit of
+    # free altitude, which has an exponential for that light, by 0.07.
     variance += (MISPLACED_PX / max(observation.camera.fx, observation.camera.fy)) ** 2
     slack = SIGMAS * float(np.sqrt(variance))
     if low - slack <= rho - expected <= high + slack:
