@@ -43,6 +43,7 @@ from horizonval.estimation.likelihood.fit import (
     predicted,
     scaled_inverse,
 )
+from horizonval.estimation.likelihood.height.uneven_limb import UnevenLimb
 from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M, LimbKnowledge, LimbPose
 from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
 from horizonval.estimation.likelihood.limb_pixels import FEWEST_LIMB_PX, LimbPixels, limb_pixels
@@ -136,7 +137,7 @@ class _JointSearch:
     def __init__(self, heads: list[HeadImage], start: LimbPose, knowledge: LimbKnowledge) -> None:
         self.heads, self.knowledge = heads, knowledge
         # One relief for all: heads choose their pixels without.
-        self.alone = replace(knowledge, reliefs=(), flattened_m=0.0)
+        self.alone = [self._alone(head) for head in heads]
         axes = knowledge.ellipsoid.axes_m + start.height_m
         rho = float(np.arcsin(min(float(axes[0]) / float(np.linalg.norm(start.r_itrs)), 1.0)))
         self.nodes, self.modes = _modes(knowledge.reliefs, knowledge.flattened_m, rho)
@@ -180,17 +181,32 @@ class _JointSearch:
             merit = new
         raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
 
+    def _alone(self, head: HeadImage) -> LimbKnowledge:
+        """Return what is known of a head's limb: without the relief, and with the Sun in its own axes."""
+        alone = replace(self.knowledge, reliefs=(), flattened_m=0.0)
+        uneven = self.knowledge.uneven
+        if not isinstance(uneven, UnevenLimb):
+            return alone
+        sun_cam = uneven.sun_cam
+        if sun_cam is not None:
+            sun_cam = head.cam_from_body @ self.heads[0].cam_from_body.T @ sun_cam
+        # Heights above the planet: what two limbs differ by is no tilt.
+        return replace(alone, uneven=replace(uneven, sun_cam=sun_cam, typical_m=0.0))
+
     def _pixels(self) -> list[LimbPixels]:
         chosen = []
         for k, head in enumerate(self.heads):
             now = self.now.of_head(k, head)
             fewest = 1 if min(head.image.shape) == 1 else FEWEST_LIMB_PX
-            near = limb_pixels(head.image, head.camera, now.pose, self.alone, now.state.blur, now.state.scale_m, fewest)
+            state, known = now.state, self.alone[k]
+            near = limb_pixels(head.image, head.camera, now.pose, known, state.blur, state.scale_m, fewest)
             across = self.basis_body.T @ (head.cam_from_body.T @ near.pixels.los_cam)
             azimuth = np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi)
             modes = np.array([np.interp(azimuth, self.nodes, mode) for mode in self.modes])
             chosen.append(replace(near, modes=modes.reshape(len(self.modes), len(azimuth))))
-        return chosen
+        # The height of the pose stands for what all limbs have in common.
+        common = float(np.mean([near.lift_m.mean() for near in chosen]))
+        return [replace(near, lift_m=near.lift_m - common) for near in chosen]
 
     def _look(self, held: Sequence[LimbLight] | None) -> _Looks:
         models, lights = [], []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,10 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.earth.limb_relief import SOLAR_RELIEF
+from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M
+from horizonval.estimation.likelihood.height.band_heights import band_heights
+from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
+from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD, UnevenLimb
 from horizonval.estimation.methods.limb_heads import run
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -141,6 +146,56 @@ def test_two_heads_know_more_than_one_of_them():
     both = _bounds_rad(_heads(nadir, 160, 120, 57.0, 2), nadir, 2)[0]
     # 56 arcsec: the figure of one arc of 160 x 120 px at 57 deg.
     assert both < 0.2 * 56.0 * ARCSEC
+
+
+BAND_UM = (0.45, 0.75)
+
+
+def _height_m(one: Sphere, mount: Rotation, nadir_body: np.ndarray, sun_body: np.ndarray) -> float:
+    """Return the height that the shipped profiles give the middle of a head's limb."""
+    ahead = mount.inv().apply([0.0, 0.0, 1.0])
+    level = ahead - (ahead @ nadir_body) * nadir_body
+    level /= np.linalg.norm(level)
+    rho = math.asin(RADIUS_M / (RADIUS_M + ALTITUDE_M))
+    los = math.cos(rho) * nadir_body + math.sin(rho) * level
+    up = math.cos(rho) * level - math.sin(rho) * nadir_body
+    heights = band_heights("solar", BAND_UM, SCALE_HEIGHT_M)
+    assert heights is not None
+    pixel_m = math.sqrt((RADIUS_M + ALTITUDE_M) ** 2 - RADIUS_M**2) / one.focal_px
+    places = ArcPlaces(mount.apply([los]), mount.apply([up]), mount.as_matrix(), np.array([pixel_m]))
+    known = UnevenLimb(heights, mount.apply(sun_body), SUN_SIGMA_RAD, month=None, thermal=False, typical_m=0.0)
+    return float(known.along(places, np.zeros(1))[0][0])
+
+
+def test_limbs_that_stand_unlike_under_one_sun_are_no_tilt():
+    """The Sun is high over one limb and low over the other, which stands 3.6 km higher for that: a tilt of 146 arcsec.
+
+    With the Sun in the axes of the first head for both, and heights from the middle of either arc, all of it was erred.
+    """
+    nadir_body = np.array([0.0, 0.0, 1.0])
+    heads, mounts = _heads(nadir_body, 160, 120, 57.0, 2), _mounts(2)
+    first = mounts[0].inv().apply([0.0, 0.0, 1.0])
+    first -= (first @ nadir_body) * nadir_body
+    sun_body = math.cos(math.radians(62.0)) * -nadir_body + math.sin(math.radians(62.0)) * first / np.linalg.norm(first)
+    raised = [_height_m(one, mount, nadir_body, sun_body) for one, mount in zip(heads.values(), mounts, strict=True)]
+    tilt = 0.5 * abs(raised[0] - raised[1]) / math.sqrt((RADIUS_M + ALTITUDE_M) ** 2 - RADIUS_M**2)
+    assert tilt > 60.0 * ARCSEC
+    distance = RADIUS_M + ALTITUDE_M
+    seen = {
+        name: replace(one, altitude_m=distance * RADIUS_M / (RADIUS_M + height) - RADIUS_M)
+        for (name, one), height in zip(heads.items(), raised, strict=True)
+    }
+    prior = Prior(shape="sphere", radius_m=RADIUS_M)
+    rng = np.random.default_rng(5)
+    together = _observation({name: noisy(picture(one), rng) for name, one in seen.items()}, seen, prior, 2)
+    of_heads = {
+        name: replace(one, band_um=BAND_UM, sun_cam=mount.apply(sun_body))
+        for (name, one), mount in zip(together.heads.items(), mounts, strict=True)
+    }
+    fit = run(replace(together, band_um=BAND_UM, sun_cam=mounts[0].apply(sun_body), heads=of_heads))
+    assert isinstance(fit, Fit), fit
+    off = float(np.linalg.norm(np.cross(fit.nadir_cam, seen["a"].nadir)))
+    assert off < 0.35 * tilt
 
 
 def test_a_head_without_limb_is_named():
