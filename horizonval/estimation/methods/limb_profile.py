@@ -12,8 +12,8 @@ start is the tilt near the prior's attitude at which the predicted picture is mo
 
 What it refuses: an image that no tilt makes like a limb, or of which the fit explains less than
 :data:`LEAST_EXPLAINED`; an air more than :data:`MOST_IMPROBABLE` from its tables; an attitude more than
-:data:`MOST_SIGMA` standard deviations from the prior's; a lens whose blur changes along the limb by more than
-:data:`MOST_GROWTH`, as the prediction has one blur.
+:data:`MOST_SIGMA` standard deviations from the prior's; a lens whose blur changes along the limb
+(:func:`.uneven_lens`), as the prediction has one blur.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.profile.fit import fit_profile
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
+from horizonval.estimation.likelihood.profile.search import uneven_lens
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 
@@ -37,10 +38,6 @@ claim, leave 1 to 3 %; noise explains nothing."""
 MOST_IMPROBABLE = 6.0
 """Standard deviations of a shape of the air: an air that the tables do not know. Air is not normal: a sudden warming is
 far out and does happen. Chosen after looking at the same frames, whose largest is 3."""
-MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
-"""Of the logarithm of the blur over the limb in view, and standard deviations of what is not chance. Visible frames of
-256 px over 90 deg whose lens is 0.6 px soft in the middle and 1.1 at the corners were off by 400 to 1 100 arcsec at
-claims of 220 to 340, with 0.36 to 0.57; of 80 with one blur none had more than 0.12. Chosen after seeing these."""
 MOST_SIGMA = 5.0
 """Of the attitude's prior: one in two million."""
 
@@ -77,13 +74,6 @@ def doubt_of(found: ProfileFit, prior: Prior, cam_from_body: np.ndarray) -> Refu
     if sigmas > MOST_SIGMA:
         return Refusal(Outcome.AMBIGUOUS, f"the limb lies {sigmas:.0f} sigma from the prior's attitude", found.uv)
     return None
-
-
-def uneven_lens(growth: float, sigma: float) -> str | None:
-    """Return what is wrong with a lens whose blur's logarithm changes by ``growth`` over the limb, if anything is."""
-    if abs(growth) <= max(MOST_GROWTH, SURE_GROWTH * sigma):
-        return None
-    return f"the lens is {np.expm1(abs(growth)):.0%} softer at one part of the limb than at another"
 
 
 ESTIMATOR = Estimator(

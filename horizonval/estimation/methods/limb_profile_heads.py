@@ -26,9 +26,9 @@ from horizonval.estimation.likelihood.heads.profile_fit import ProfileHead, fit_
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.fit import most_probable
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
-from horizonval.estimation.likelihood.profile.search import explained
+from horizonval.estimation.likelihood.profile.search import explained, uneven_lens
 from horizonval.estimation.methods import limb_heads
-from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of, uneven_lens
+from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 NAME = "limb-profile-heads"

@@ -37,7 +37,7 @@ from horizonval.estimation.likelihood.profile.known_air import KnownAir, sun_of_
 from horizonval.estimation.likelihood.profile.model import SHARED, Guess, ProfileModel
 from horizonval.estimation.likelihood.profile.pixels import profile_pixels
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
-from horizonval.estimation.likelihood.profile.search import ProfileSearch
+from horizonval.estimation.likelihood.profile.search import ProfileSearch, uneven_lens
 from horizonval.estimation.likelihood.profile.start import start_pose
 from horizonval.estimation.likelihood.templates import LimbTemplates, load_templates
 from horizonval.estimation.methods import limb_profile
@@ -497,9 +497,9 @@ def test_a_lens_that_softens_towards_the_corners_is_noticed(seed: int) -> None:
         fit = fit_profile(image, CAMERA, start, knowledge)
         found[growth] = (fit.growth, fit.growth_sigma)
     assert abs(found[0.0][0]) < 4.0 * found[0.0][1]
-    assert limb_profile.uneven_lens(*found[0.0]) is None
+    assert uneven_lens(*found[0.0]) is None
     assert found[0.9][0] > 5.0 * found[0.9][1]
-    reason = limb_profile.uneven_lens(*found[0.9])
+    reason = uneven_lens(*found[0.9])
     assert reason is not None
     assert "softer at one part of the limb" in reason
 
