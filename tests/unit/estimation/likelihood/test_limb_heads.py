@@ -170,7 +170,8 @@ def _height_m(one: Sphere, mount: Rotation, nadir_body: np.ndarray, sun_body: np
 def test_limbs_that_stand_unlike_under_one_sun_are_no_tilt():
     """The Sun is high over one limb and low over the other, which stands 3.6 km higher for that: a tilt of 146 arcsec.
 
-    With the Sun in the axes of the first head for both, and heights from the middle of either arc, all of it was erred.
+    Drawn at the heights that the shipped profiles give, which is all that the fit may know. With the Sun in the axes of
+    the first head for both, and heights from the middle of either arc, all of the tilt was erred.
     """
     nadir_body = np.array([0.0, 0.0, 1.0])
     heads, mounts = _heads(nadir_body, 160, 120, 57.0, 2), _mounts(2)
