@@ -113,14 +113,12 @@ def _drain(work: Callable[[I], T], waiting: Turns[I], workers: int, renderer: bo
                 else:
                     yield item, result
     finally:
-        children = set(multiprocessing.active_children()) - others
-        for pool in pools:
-            pool.shutdown(wait=False, cancel_futures=True)
         if under_way:
-            for child in children:
+            for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
-        for child in children:
-            child.join()
+        # Waits for the thread of each pool too: one that is still closing while the interpreter ends prints a traceback.
+        for pool in pools:
+            pool.shutdown(cancel_futures=True)
     waiting.release()
     return suspects
 

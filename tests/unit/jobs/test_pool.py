@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -48,6 +49,7 @@ def test_a_case_whose_worker_died_gets_a_second_chance(tmp_path):
 
 
 def test_closing_ends_the_workers(tmp_path):
+    threads = set(threading.enumerate())
     running = run_in_processes(partial(_work, folder=tmp_path), map(Named, ["a", "slow"]), 2)
     assert next(running)[1] == "A"
     deadline = time.monotonic() + 30
@@ -57,6 +59,8 @@ def test_closing_ends_the_workers(tmp_path):
     running.close()
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
+    # One that closes while the interpreter ends prints a traceback on Ctrl-C.
+    assert set(threading.enumerate()) <= threads, "no thread of a pool is left"
 
 
 def test_available_cpus():
