@@ -6,6 +6,7 @@ made anew, which is logged.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import logging
 from collections.abc import Mapping
@@ -50,6 +51,18 @@ def cached_arrays(path: Path) -> dict[str, np.ndarray] | None:
     """Return the arrays that are kept in a cache; otherwise as :func:`cached_json`."""
     data = _cached(path)
     return None if data is None else _arrays(data, path)
+
+
+def keep_newest(folder: Path, count: int) -> None:
+    """Remove all but the files of a cache's folder that were written last; what other processes removed is gone."""
+    written: list[tuple[float, Path]] = []
+    with contextlib.suppress(OSError):
+        for path in folder.glob("*.npz"):
+            with contextlib.suppress(OSError):
+                written.append((path.stat().st_mtime, path))
+    for _, path in sorted(written, reverse=True)[count:]:
+        with contextlib.suppress(OSError):
+            path.unlink()
 
 
 def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:

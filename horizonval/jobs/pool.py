@@ -116,7 +116,7 @@ def _drain(work: Callable[[I], T], waiting: Turns[I], workers: int, renderer: bo
         if under_way:
             for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
-        # Waits for the thread of each pool too: one that is still closing while the interpreter ends prints a traceback.
+        # Waits for the pools' threads too: one that still closes while the interpreter ends prints a traceback.
         for pool in pools:
             pool.shutdown(cancel_futures=True)
     waiting.release()

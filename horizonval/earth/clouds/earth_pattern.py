@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -240,7 +240,6 @@ def _noise_at(coarse: Coarse, seed: int, position: FloatArray) -> tuple[FloatArr
     return noise((position[:, 0], position[:, 1], position[:, 2]), at, seed, numpy_arithmetic()), at
 
 
-@lru_cache(maxsize=4)
 def coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
     """Return the coarse map of a seed in a month; ``cover``: global share, None for that of the climatology."""
     latitude = np.linspace(-90.0, 90.0, MAP_ROWS)

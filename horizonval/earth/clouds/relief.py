@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.clouds import earth_pattern
+from horizonval.earth.clouds.coarse_store import kept_coarse_map
 from horizonval.earth.clouds.earth_pattern import BASE_M, Coarse
 from horizonval.earth.clouds.lattice_noise import (
     EARTH_RADIUS_M,
@@ -82,7 +83,7 @@ class CloudField:
 
     def coarse(self) -> Coarse:
         """Return the coarse part of the pattern of the Earth."""
-        return earth_pattern.coarse_map(self.seed, self.month, self.cover)
+        return kept_coarse_map(self.seed, self.month, self.cover)
 
     @property
     def exponent(self) -> float:

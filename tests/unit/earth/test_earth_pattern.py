@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.clouds import earth_pattern, relief
+from horizonval.earth.clouds import coarse_store, earth_pattern, relief
 from horizonval.earth.clouds.climatology import cloud_kinds
-from horizonval.earth.clouds.earth_pattern import BASE_M
+from horizonval.earth.clouds.coarse_store import kept_coarse_map
+from horizonval.earth.clouds.earth_pattern import BASE_M, Coarse
 from horizonval.earth.clouds.relief import CloudField
 from horizonval.earth.clouds.whirls import stirred
 from horizonval.earth.surface.ground_map import is_land
@@ -138,12 +141,44 @@ def test_highest_tops_can_be_lowered(places: FloatArray) -> None:
 def test_a_seed_and_a_month_fix_the_clouds(places: FloatArray) -> None:
     few = places[:20_000]
     first = relief.top_m(_field(), few)
-    earth_pattern.coarse_map.cache_clear()
+    kept_coarse_map.cache_clear()
     assert np.array_equal(first, relief.top_m(_field(), few))
     depth, other = (earth_pattern.depth_at(_field(seed).coarse(), seed, few)[0] for seed in (3, 4))
     assert abs(np.corrcoef(depth, other)[0, 1]) < 0.15
     january = relief.top_m(_field(month=1), few)
     assert 0.02 < np.mean((first > BASE_M) != (january > BASE_M)) < 0.3
+
+
+def test_a_map_is_found_again_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not another's, nor a damaged one, nor more of them than are kept."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(coarse_store, "KEPT", 2)
+    made: list[int] = []
+
+    def counted(seed: int, month: int, cover: float | None) -> Coarse:
+        made.append(seed)
+        return earth_pattern.coarse_map(seed, month, cover)
+
+    monkeypatch.setattr(coarse_store, "coarse_map", counted)
+
+    def found(seed: int) -> Coarse:
+        kept_coarse_map.cache_clear()
+        return kept_coarse_map(seed, 6, None)
+
+    first, again = found(3), found(3)
+    assert made == [3]
+    assert again.values.tobytes() == first.values.tobytes()
+    assert again.rank.tobytes() == first.rank.tobytes()
+    assert (again.lowest, again.highest) == (first.lowest, first.highest)
+    assert not again.values.flags.writeable
+
+    (file,) = (tmp_path / "horizonval" / "clouds").iterdir()
+    file.write_bytes(file.read_bytes()[:-1000])
+    assert found(3).values.tobytes() == first.values.tobytes()
+    assert found(4).values.tobytes() != first.values.tobytes()
+    assert made == [3, 3, 4]
+    found(5)
+    assert len(list(file.parent.iterdir())) == 2
 
 
 def test_poles_and_the_date_line_have_no_seam() -> None:
