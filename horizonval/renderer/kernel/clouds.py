@@ -182,7 +182,7 @@ def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, f
 
 def _squares(values: mi.Float32, nodes_per_step: float) -> tuple[Squares, ...]:
     """Return the highest tops in squares of nodes, :data:`NO_TOP_M` without clouds."""
-    tops, before = np.array(values).reshape(TABLE_SIDE, TABLE_SIDE), 1
+    tops, before = np.asarray(values).reshape(TABLE_SIDE, TABLE_SIDE), 1
     maps: list[Squares] = []
     for side in reversed(SQUARES):
         tops, before = _highest_in_squares(tops, side // before), side

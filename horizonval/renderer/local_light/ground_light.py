@@ -153,7 +153,7 @@ def ground_cells(ground: Ground, planet: Planet, origin: FloatArray) -> GroundCe
             part = mi.Float32(share if kind == "cloud" else share * through) * (1.0 / SAMPLES**2)
             shares[kind] = shares.get(kind, mi.Float32(0.0)) + part
         dr.eval(shares)
-    each = {kind: np.array(share) for kind, share in shares.items() if dr.width(share) > 1}
+    each = {kind: np.asarray(share) for kind, share in shares.items() if dr.width(share) > 1}
     return GroundCells(ground, each, axes, per_unit, planet.mean_radius_m / per_unit)
 
 

@@ -129,10 +129,10 @@ def cloudy_air(light: Light, plane: RayPlane, top_m: float) -> PatchTable:
             radiance, bounce, transmittance = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
             dr.eval(radiance, bounce, transmittance)
             for n, (r, t) in enumerate(zip(radiance, transmittance, strict=True)):
-                out[:, :, 2 * k, n] = np.array(r).reshape(STATIONS, -1).T
-                out[:, :, 2 * k + 1, n] = np.array(t).reshape(STATIONS, -1).T
+                out[:, :, 2 * k, n] = np.asarray(r).reshape(STATIONS, -1).T
+                out[:, :, 2 * k + 1, n] = np.asarray(t).reshape(STATIONS, -1).T
             for n, b in enumerate(bounce):
-                out[:, :, bounce_packet(count, False, k), n] = np.array(b).reshape(STATIONS, -1).T
+                out[:, :, bounce_packet(count, False, k), n] = np.asarray(b).reshape(STATIONS, -1).T
         return out.reshape(len(x), -1)
 
     return air_table(light, coordinates, values, stations=STATIONS, looser=LOOSER)

@@ -109,7 +109,7 @@ class PatchTable:
         row, column = _finest_at(x, azimuth)
         seen = dr.zeros(mi.UInt32, self._leaves.size)
         dr.scatter(seen, mi.UInt32(1), row * self._leaves.shape[1] + column)
-        missing = (np.array(seen).reshape(self._leaves.shape) > 0) & (self._leaves == _NOT_MADE)
+        missing = (np.asarray(seen).reshape(self._leaves.shape) > 0) & (self._leaves == _NOT_MADE)
         if not missing.any():
             return
         with made_once("tables"):

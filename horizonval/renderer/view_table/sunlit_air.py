@@ -213,12 +213,12 @@ def sunlit_air(light: Light, plane: RayPlane, bends: bool) -> PatchTable:
             dr.eval(air.radiance, air.bounce, air.transmittance, bending)
             first = PACKET * radiance_packet(k)
             for n, (radiance, transmittance) in enumerate(zip(air.radiance, air.transmittance, strict=True)):
-                out[:, first + n] = np.array(radiance)
-                out[:, first + PACKET + n] = np.array(transmittance)
+                out[:, first + n] = np.asarray(radiance)
+                out[:, first + PACKET + n] = np.asarray(transmittance)
             for n, bounce in enumerate(air.bounce):
-                out[:, PACKET * bounce_packet(count, bends, k) + n] = np.array(bounce)
+                out[:, PACKET * bounce_packet(count, bends, k) + n] = np.asarray(bounce)
             if bends and bending is not None:
-                out[:, PACKET * bending_packet(count)] = np.array(bending)
+                out[:, PACKET * bending_packet(count)] = np.asarray(bending)
         return out
 
     return air_table(light, coordinates, values, bends)
