@@ -125,7 +125,7 @@ def _calibration(tree: dict[str, Any]) -> Calibration:
 
 def _prior(tree: dict[str, Any]) -> Prior:
     values: dict[str, Any] = dict(tree)
-    for name in ("r_itrs", "q_cam_from_itrs", "attitude_sigma_rad"):
+    for name in ("r_itrs", "q_cam_from_itrs", "attitude_sigma_rad", "psf_field_rad", "psf_field_sigma_px"):
         if name in tree:
             values[name] = np.array(tree[name])
     if "epoch_utc" in tree:

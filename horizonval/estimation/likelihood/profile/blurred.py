@@ -13,13 +13,23 @@ lets more through: from a smooth Gaussian to one of samples at whole pixels, as 
 
 Of pixels that are small beside the limb's depth, or a blur of a pixel and more, both are the same.
 
+Of a lens two things more can be told. Where it is softer at one part of the field than at another, its transform is
+
+    L = sum_b w_b(place) L_b,        s_b = r_b s,
+
+``r_b`` its softness at some angles from the axis against a common one, ``w_b`` how a place of the image lies between
+these: at every place it mixes what is sharp and what is soft, and is no Gaussian between. And a round aperture, whose
+rings throw a hundredth of an edge five pixels far, multiplies it by ``(2 a - sin 2 a) / pi``, ``cos a = w d m / 2 pi``
+with ``d = lambda N`` in pixels (M. Born and E. Wolf, Principles of Optics, 9.5.2), taken at the mean wavelength.
+
 The profiles are taken as even about both ends of the grid, so that a level there goes on as it is. They are
 transformed once; a step of a fit takes the products alone.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, reduce
 
 import numpy as np
 from scipy import fft
@@ -74,6 +84,36 @@ def _variance(blur_px: float, sharpness: float) -> tuple[float, float, float]:
     )
 
 
+@dataclass(frozen=True)
+class KnownLens:
+    """What is told of a lens: how its blur changes over the field, and its aperture.
+
+    Attributes
+    ----------
+    angles_rad : ndarray, shape (b,)
+        From the axis, rising.
+    ratios : ndarray, shape (b,)
+        Of the blur there to the one that is asked for.
+    diffraction_px : float
+        Mean wavelength times f-number.
+    """
+
+    angles_rad: FloatArray
+    ratios: FloatArray
+    diffraction_px: float = 0.0
+
+    def shares(self, off_axis_rad: FloatArray) -> FloatArray:
+        """Return the shares of the blurs at angles from the axis (m,), shape (b, m); beyond the ends that of the end.
+
+        Between two angles they are linear in the angle.
+        """
+        return np.array([np.interp(off_axis_rad, self.angles_rad, one) for one in np.eye(len(self.angles_rad))])
+
+
+ONE_BLUR = KnownLens(np.zeros(1), np.ones(1))
+"""The same all over the field, with an aperture that is wide in wavelengths."""
+
+
 class BlurredProfiles:
     """Profiles at some places along the limb.
 
@@ -85,9 +125,21 @@ class BlurredProfiles:
         Of the grid.
     boxes_m : ndarray, shape (m, 2)
         Height that a pixel is wide along its columns and along its rows.
+    lens : KnownLens, optional
+    off_axis_rad : ndarray, shape (m,), optional
+        Of the places, for a lens that blurs them differently.
     """
 
-    def __init__(self, profiles: FloatArray, step_m: float, boxes_m: FloatArray) -> None:
+    def __init__(
+        self,
+        profiles: FloatArray,
+        step_m: float,
+        boxes_m: FloatArray,
+        lens: KnownLens = ONE_BLUR,
+        off_axis_rad: FloatArray | None = None,
+    ) -> None:
+        self._ratios = lens.ratios
+        self._shares = lens.shares(np.zeros(len(profiles)) if off_axis_rad is None else off_axis_rad)
         self._profiles, self._count = profiles, profiles.shape[-1]
         frequency = np.fft.rfftfreq(2 * self._count - 2, step_m)
         by_column, by_row = boxes_m[:, :1] * frequency, boxes_m[:, 1:] * frequency
@@ -95,6 +147,8 @@ class BlurredProfiles:
         self._wave = 2.0 * np.pi * frequency
         self._turns = np.cos(2.0 * np.pi * np.array([by_column, by_row]))
         self._wave_px = np.hypot(*boxes_m.T)[:, None] * self._wave
+        if lens.diffraction_px:
+            self._pixel *= _through_aperture(self._wave_px / (2.0 * np.pi) * lens.diffraction_px)
 
     @cached_property
     def _transform(self) -> np.ndarray:
@@ -150,8 +204,14 @@ class BlurredProfiles:
         blurred = ends * fft.irfft(whole, n=2 * self._count - 2, axis=-1)[:, : self._count]
         return np.asarray((self._profiles @ blurred[..., None])[..., 0])
 
-    def _parts(self, blur_px: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the smooth and the sampled Gaussian's transform, shape (m, f) each, and both's change by the blur."""
+    def _parts(self, blur_px: float) -> FloatArray:
+        """Return the smooth and the sampled lens's transform, and both's change by the blur, shape (4, m, f)."""
+        each = (self._gaussian(float(ratio) * blur_px) for ratio in self._ratios)
+        mixed = (share[:, None] * one for share, one in zip(self._shares, each, strict=True))
+        return reduce(np.add, mixed)
+
+    def _gaussian(self, blur_px: float) -> FloatArray:
+        """Return :meth:`_parts` of one Gaussian."""
         smooth = np.exp(-0.5 * (blur_px * self._wave_px) ** 2)
         place = np.arange(1, int(np.ceil(REACH_BLURS * blur_px)) + 1)
         weight = 2.0 * np.exp(-0.5 * (place / max(blur_px, LEAST_BLUR_PX)) ** 2)
@@ -166,12 +226,14 @@ class BlurredProfiles:
         scale = 1.0 / (1.0 + weight.sum())
         one_way = total * scale
         change = (by_blur - one_way * steeper.sum()) * scale
-        return (
-            smooth,
-            one_way[0] * one_way[1],
-            -((blur_px * self._wave_px) ** 2) * smooth,
-            change[0] * one_way[1] + one_way[0] * change[1],
-        )
+        sampled, sampled_by_blur = one_way[0] * one_way[1], change[0] * one_way[1] + one_way[0] * change[1]
+        return np.array([smooth, sampled, -((blur_px * self._wave_px) ** 2) * smooth, sampled_by_blur])
+
+
+def _through_aperture(v: FloatArray) -> FloatArray:
+    """Return the transfer of a round aperture at frequencies in units of its cut-off: two discs' overlap."""
+    half_angle = np.arccos(np.minimum(v, 1.0))
+    return (2.0 * half_angle - np.sin(2.0 * half_angle)) / np.pi
 
 
 def _even(profiles: FloatArray) -> np.ndarray:

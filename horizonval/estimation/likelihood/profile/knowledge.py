@@ -10,6 +10,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.air import NodeAir
+from horizonval.estimation.likelihood.profile.blurred import ONE_BLUR, KnownLens
 from horizonval.geometry.ellipsoid import Ellipsoid
 
 
@@ -31,6 +32,8 @@ class ProfileKnowledge:
         (first, last, step) with their curve, to the air.
     blur_px, blur_log_sigma : float
         Of the lens.
+    lens : KnownLens
+        What is told of it beside.
     sharpness, sharpness_sigma : float
         Of the lens, as :mod:`.blurred` has it: nobody says it of a lens.
     gain, gain_log_sigma : float
@@ -44,6 +47,7 @@ class ProfileKnowledge:
     air: Callable[[FloatArray, FloatArray, LimbPose, tuple[float, float, float], float], NodeAir]
     blur_px: float = 0.7
     blur_log_sigma: float = 0.3
+    lens: KnownLens = ONE_BLUR
     sharpness: float = 0.5
     sharpness_sigma: float = 0.5
     gain: float = 1.0

@@ -181,7 +181,8 @@ class ProfileModel:
         axes = knowledge.ellipsoid.axes_m
         to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
         pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
-        rim = EDGE_BLURS * float(np.sqrt(blur_px**2 + PIXEL_VARIANCE)) * pixel_m
+        widest = blur_px * float(knowledge.lens.ratios.max())
+        rim = EDGE_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
         bottom = pose.height_m - max(DEPTH_M, DEPTH_PX * pixel_m)
         top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
         self.curve = curve = 0.5 * axes[0] / to_limb_2
@@ -193,7 +194,8 @@ class ProfileModel:
         first, coarse = ends[0] - GRID_RIMS * rim, self.every * step
         last = first + coarse * next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / coarse)), real=True)
         self.air = knowledge.air(near.normal_cam, near.los_cam, pose, (first, last - 0.5 * step, step), curve)
-        self.tables = BlurredProfiles(self.air.functions, self.air.step_m, near.boxes_m)
+        lens, off_axis = knowledge.lens, off_axis_angle(near.los_cam, AXIS_CAM)
+        self.tables = BlurredProfiles(self.air.functions, self.air.step_m, near.boxes_m, lens, off_axis)
         self.floor = floor_of(near.values[near.ray.height_m > high + rim + pose.height_m], float(np.nanmin(image)))
         across, by_height = level_distance(near.ray.height_m - pose.height_m, curve)
         self._across = across
@@ -203,6 +205,8 @@ class ProfileModel:
         self.moved: FloatArray | float = 0.0
         i, t = near.sector, near.along
         self._lift = near.lift_m[i] * (1.0 - t) + near.lift_m[i + 1] * t
+        variances = lens.ratios**2 @ lens.shares(off_axis)
+        self._variance = variances[i] + (variances[i + 1] - variances[i]) * t
         shares = off_axis_share(camera, near.los_cam)
         self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
         self.width_m = near.width_m[i]
@@ -218,7 +222,8 @@ class ProfileModel:
     def look(self, now: Guess) -> Seen:
         """Return the pixels as the unknowns say they are."""
         near, air = self.near, self.air
-        across = self._across + self.moved + now.away @ self.by_pose + self._lift * (now.blur**2 + PIXEL_VARIANCE)
+        lift = self._lift * (now.blur**2 * self._variance + PIXEL_VARIANCE)
+        across = self._across + self.moved + now.away @ self.by_pose + lift
         at = (across - air.bottom_m) / air.step_m
         size = air.functions.shape[2]
         place = np.clip(at.astype(np.intp), 0, size - 2)
@@ -293,7 +298,7 @@ class ProfileModel:
         shared = np.empty((SHARED + len(self.by_lens), len(root)))
         np.multiply(self.by_pose, slope, out=shared[:POSE])
         np.multiply(self.by_lens, slope, out=shared[SHARED:])
-        shared[BLUR] = by_blur + slope * ((2.0 * now.blur**2) * self._lift)
+        shared[BLUR] = by_blur + slope * ((2.0 * now.blur**2) * self._variance * self._lift)
         shared[SHARPNESS], shared[GAIN], shared[BACKGROUND] = by_sharpness, amplitude * level, root
         return shared
 
