@@ -26,8 +26,9 @@ from horizonval.scoring.bound import bound_of, together
 from horizonval.scoring.errors import ARCSEC, score, sigma_nadir_rad
 from horizonval.scoring.row import rounded
 from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
+from horizonval.sensor.stated_lens import stated_lens
 from horizonval.spec.load import load_prior
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.spec.sensor.prior import PriorSpec, is_limb_table
 from horizonval.suites.observation import band_of, known_of, observation_of, observation_of_heads, with_altitude_of
 
@@ -239,9 +240,14 @@ def observation_from(
         band_kind=_band_kind(camera) if recorded is None else recorded.band_kind,
         band_um=_band_um(camera) if recorded is None else recorded.band_um,
         band_width_um=_band_width_um(camera) if recorded is None else recorded.band_width_um,
+        lens=None if isinstance(picture.source, RadianceFrame) else stated_lens(camera, _only_band(camera)),
         radiance_per_dn=None if recorded is None else recorded.radiance_per_dn,
         oracle=None if recorded is None else recorded.oracle,
     )
+
+
+def _only_band(camera: CameraSpec) -> Band | None:
+    return camera.band[0] if len(camera.band) == 1 else None
 
 
 def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
@@ -250,11 +256,13 @@ def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
 
 
 def _band_um(camera: CameraSpec) -> tuple[float, float] | None:
-    return limits_um(camera.band[0]) if len(camera.band) == 1 else None
+    band = _only_band(camera)
+    return None if band is None else limits_um(band)
 
 
 def _band_width_um(camera: CameraSpec) -> float | None:
-    return width_um(camera.band[0]) if len(camera.band) == 1 else None
+    band = _only_band(camera)
+    return None if band is None else width_um(band)
 
 
 def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:

@@ -17,6 +17,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.calibration import Calibration
+from horizonval.estimation.lens import Lens
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 
@@ -60,6 +61,8 @@ class Observation:
         Band radiance on the axis that one more digital number stands for [W m-2 sr-1]: as a calibrated thermal detector
         states it, or as lens, exposure, quantum efficiency and converter of a visible camera's file have it; None
         without a calibration.
+    lens : Lens or None
+        What the camera's file says of the lens's blur over the field and of its aperture; None where it says nothing.
     sun_cam : ndarray, shape (3,), or None
         Direction to the Sun in camera axes as a Sun sensor gives it, right to ``prior.sun_sigma_rad``, or without that
         to a degree; None where there is no such sensor or it sees no Sun.
@@ -90,6 +93,7 @@ class Observation:
     band_um: tuple[float, float] | None = None
     band_width_um: float | None = None
     radiance_per_dn: float | None = None
+    lens: Lens | None = None
     sun_cam: FloatArray | None = None
     calibration: Calibration | None = None
     oracle: OraclePose | None = None

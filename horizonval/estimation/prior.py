@@ -46,9 +46,6 @@ FILE_KEYS: tuple[tuple[str, str, float | None], ...] = (
     ("limb_height_km", "limb_height_m", 1e3),
     ("limb_height_sigma_km", "limb_height_sigma_m", 1e3),
     ("climate", "climate", None),
-    ("psf_field_deg", "psf_field_rad", math.pi / 180.0),
-    ("psf_field_sigma_px", "psf_field_sigma_px", 1.0),
-    ("psf_diffraction_px", "psf_diffraction_px", 1.0),
     ("sun_sigma_deg", "sun_sigma_rad", math.pi / 180.0),
 )
 """Key of a table ``[prior]``, its name here, and what turns a number of the key into SI; None for what is no number."""
@@ -68,7 +65,6 @@ _NUMBERS = (
     "position_sigma_m",
     "limb_height_m",
     "limb_height_sigma_m",
-    "psf_diffraction_px",
     "sun_sigma_rad",
 )
 """All above 0 but the limb's height, which may have either sign over a sphere in place of the ellipsoid."""
@@ -103,11 +99,6 @@ class Prior:
         What is known of the air: the name of an atmosphere (``horizonval list atmospheres``), the path of a profile
         file (.csv, .json) or of a table of ``horizonval templates`` (.npz), or ``"by_latitude_month"`` for the climate
         of the place and the month.
-    psf_field_rad, psf_field_sigma_px : ndarray, shape (k,), or None
-        Angles from the axis, rising, and the standard deviation of the lens's point spread there, above 0, without
-        diffraction. Between two a point's light is shared out between both.
-    psf_diffraction_px : float or None
-        Mean wavelength times f-number, in pixels.
     sun_sigma_rad : float or None
         Of the observation's ``sun_cam``, in each of two directions across it. None where ``sun_cam`` is that of a
         coarse Sun sensor, right to a degree.
@@ -115,9 +106,8 @@ class Prior:
     Raises
     ------
     UserError
-        A value without its sigma or the other way round, a point spread that is no table over rising angles, a sigma
-        that is not above 0, a vector of another shape, a quaternion that is not of length 1, a radius for anything but
-        a sphere.
+        A value without its sigma or the other way round, a sigma that is not above 0, a vector of another shape, a
+        quaternion that is not of length 1, a radius for anything but a sphere.
 
     Examples
     --------
@@ -142,9 +132,6 @@ class Prior:
     limb_height_m: float | None = None
     limb_height_sigma_m: float | None = None
     climate: str | None = None
-    psf_field_rad: FloatArray | None = None
-    psf_field_sigma_px: FloatArray | None = None
-    psf_diffraction_px: float | None = None
     sun_sigma_rad: float | None = None
 
     def __post_init__(self) -> None:
@@ -160,7 +147,6 @@ class Prior:
             self._number(name, above_0=name != "limb_height_m")
         for name, length in (("r_itrs", 3), ("q_cam_from_itrs", 4), ("attitude_sigma_rad", 3)):
             self._vector(name, length)
-        self._point_spread()
         if self.attitude_sigma_rad is not None and not (self.attitude_sigma_rad > 0).all():
             raise UserError("found one of 0 or less", where="Prior: attitude_sigma_rad", expected="angles above 0")
         if self.q_cam_from_itrs is not None:
@@ -213,8 +199,6 @@ class Prior:
             "epoch_utc": "time",
             "limb_height_m": "limb height",
             "climate": "climate",
-            "psf_field_rad": "lens",
-            "psf_diffraction_px": "aperture",
             "sun_sigma_rad": "Sun",
         }
         return tuple(word for name, word in words.items() if getattr(self, name) is not None)
@@ -244,14 +228,6 @@ class Prior:
             parts.append(f"limb at {self.limb_height_m / 1e3:.3f} km to {self.limb_height_sigma_m / 1e3:g} km")
         if self.climate is not None:
             parts.append(f"air {self.climate}")
-        if self.psf_field_rad is not None and self.psf_field_sigma_px is not None:
-            spread = ", ".join(
-                f"{s:g} px at {a:g} deg"
-                for s, a in zip(self.psf_field_sigma_px, np.degrees(self.psf_field_rad), strict=True)
-            )
-            parts.append(f"lens of {spread}")
-        if self.psf_diffraction_px is not None:
-            parts.append(f"diffraction of {self.psf_diffraction_px:g} px")
         if self.sun_sigma_rad is not None:
             parts.append(f"Sun to {math.degrees(self.sun_sigma_rad):g} deg")
         return "; ".join(parts)
@@ -280,24 +256,6 @@ class Prior:
         if array.shape != (length,) or not np.isfinite(array).all():
             raise UserError(f"found {value!r}", where=f"Prior: {name}", expected=f"{length} finite numbers")
         self._keep(name, array)
-
-    def _point_spread(self) -> None:
-        """Check the table of the lens."""
-        names = "psf_field_rad", "psf_field_sigma_px"
-        angles, sigmas = (getattr(self, name) for name in names)
-        if angles is None and sigmas is None:
-            return
-        count = max(1, min(np.size(v) for v in (angles, sigmas) if v is not None))
-        for name in names:
-            if getattr(self, name) is None:
-                raise UserError(f"{names[0]} or {names[1]} alone", where="Prior", expected="both or neither")
-            self._vector(name, count)
-        assert self.psf_field_rad is not None
-        assert self.psf_field_sigma_px is not None
-        if not (np.diff(self.psf_field_rad) > 0).all():
-            raise UserError(f"found {angles!r}", where="Prior: psf_field_rad", expected="angles that rise")
-        if not (self.psf_field_sigma_px > 0).all():
-            raise UserError(f"found {sigmas!r}", where="Prior: psf_field_sigma_px", expected="numbers above 0")
 
     def _keep(self, name: str, array: FloatArray) -> None:
         array.flags.writeable = False

@@ -18,6 +18,7 @@ from horizonval.geometry.frames import inverse, rotate
 from horizonval.sensor import knowledge
 from horizonval.sensor.calibrated import radiance_per_dn
 from horizonval.sensor.miscalibration import believed_prior, calibration_of, errors_of, stated_sigmas
+from horizonval.sensor.stated_lens import stated_lens
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.prior import PriorSpec
 
@@ -59,6 +60,7 @@ def observation_of(
         band_kind=None if seen is None else seen.kind,
         band_um=None if seen is None else limits_um(seen),
         band_width_um=None if seen is None else width_um(seen),
+        lens=stated_lens(spec, seen) if isinstance(source, DetectorImage) else None,
         radiance_per_dn=radiance_per_dn(source) if isinstance(source, DetectorImage) else None,
         # A Sun sensor is mounted on the body as well, and its reading comes to the camera as the mounting is believed.
         sun_cam=sun if sun is None or not any(errors.mounting_rad) else _by_mounting(sun, truth, mounting),

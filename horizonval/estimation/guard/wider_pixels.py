@@ -13,4 +13,5 @@ def in_wider_pixels(observation: Observation, scale: int) -> Observation:
     if scale == 1:
         return observation
     image, camera = smaller(observation.image, observation.camera, scale)
-    return replace(observation, image=image, camera=camera)
+    lens = None if observation.lens is None else observation.lens.in_wider_pixels(scale)
+    return replace(observation, image=image, camera=camera, lens=lens)

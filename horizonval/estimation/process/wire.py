@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.answer import MOST_POINTS, checked
 from horizonval.estimation.calibration import Calibration
+from horizonval.estimation.lens import Lens
 from horizonval.estimation.observation import Fit, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
@@ -80,7 +81,7 @@ def _observation_tree(observation: Observation, arrays: list[NDArray[Any]], plac
         # Few numbers: JSON keeps every bit of them.
         return value.isoformat() if isinstance(value, datetime) else np.asarray(value).tolist()
 
-    oracle, calibration = observation.oracle, observation.calibration
+    oracle, calibration, lens = observation.oracle, observation.calibration, observation.lens
     camera = {key: list(v) if isinstance(v, tuple) else v for key, v in vars(observation.camera).items()}
     return {
         "image": put(observation.image),
@@ -92,6 +93,7 @@ def _observation_tree(observation: Observation, arrays: list[NDArray[Any]], plac
         "band_kind": observation.band_kind,
         "band_width_um": number(observation.band_width_um),
         "radiance_per_dn": number(observation.radiance_per_dn),
+        "lens": None if lens is None else {name: plain(value) for name, value in vars(lens).items()},
         "band_um": None if observation.band_um is None else [float(limit) for limit in observation.band_um],
         "calibration": None if calibration is None else vars(calibration),
         "oracle": None if oracle is None else [put(oracle.r_itrs), put(oracle.q_cam_from_itrs), float(oracle.radius_m)],
@@ -111,6 +113,7 @@ def _observation(tree: dict[str, Any], arrays: list[NDArray[Any]]) -> Observatio
         band_kind=tree["band_kind"],
         band_width_um=tree["band_width_um"],
         radiance_per_dn=tree["radiance_per_dn"],
+        lens=None if tree["lens"] is None else _lens(tree["lens"]),
         band_um=None if tree["band_um"] is None else (tree["band_um"][0], tree["band_um"][1]),
         sun_cam=None if tree["sun_cam"] is None else arrays[tree["sun_cam"]],
         calibration=None if calibration is None else _calibration(calibration),
@@ -119,13 +122,17 @@ def _observation(tree: dict[str, Any], arrays: list[NDArray[Any]]) -> Observatio
     )
 
 
+def _lens(tree: dict[str, Any]) -> Lens:
+    return Lens(np.array(tree["angles_rad"]), np.array(tree["ratios"]), tree["diffraction_px"])
+
+
 def _calibration(tree: dict[str, Any]) -> Calibration:
     return Calibration(**(tree | {"mounting_sigma_rad": tuple(tree["mounting_sigma_rad"])}))
 
 
 def _prior(tree: dict[str, Any]) -> Prior:
     values: dict[str, Any] = dict(tree)
-    for name in ("r_itrs", "q_cam_from_itrs", "attitude_sigma_rad", "psf_field_rad", "psf_field_sigma_px"):
+    for name in ("r_itrs", "q_cam_from_itrs", "attitude_sigma_rad"):
         if name in tree:
             values[name] = np.array(tree[name])
     if "epoch_utc" in tree:

@@ -92,7 +92,7 @@ class Stray(Model):
 
     @model_validator(mode="after")
     def _table(self) -> Stray:
-        check_table("angle_deg", self.angle_deg, "pst", self.pst)
+        _check_table("angle_deg", self.angle_deg, "pst", self.pst)
         for angle, pst in zip(self.angle_deg, self.pst, strict=True):
             if pst > 1:
                 raise ValueError(f"pst = {pst} at angle_deg = {angle} must not be above 1")
@@ -172,8 +172,8 @@ class Optics(Model):
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Optics:
-        check_table("vignetting_deg", self.vignetting_deg, "vignetting", self.vignetting)
-        check_table("psf_field_deg", self.psf_field_deg, "psf_field_sigma_px", self.psf_field_sigma_px)
+        _check_table("vignetting_deg", self.vignetting_deg, "vignetting", self.vignetting)
+        _check_table("psf_field_deg", self.psf_field_deg, "psf_field_sigma_px", self.psf_field_sigma_px)
         if self.psf_field_sigma_px and self.psf_sigma_px:
             raise ValueError(
                 f"psf_field_sigma_px = {self.psf_field_sigma_px} stands in place of psf_sigma_px = "
@@ -185,8 +185,7 @@ class Optics(Model):
         return self
 
 
-def check_table(x_name: str, x: list[float], y_name: str, y: list[float]) -> None:
-    """Raise a ``ValueError`` where two keys are no table of one over the other, which rises."""
+def _check_table(x_name: str, x: list[float], y_name: str, y: list[float]) -> None:
     if len(x) != len(y):
         raise ValueError(f"{x_name} has {len(x)} values, {y_name} has {len(y)}: must be equal")
     for before, after in pairwise(x):

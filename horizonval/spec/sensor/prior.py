@@ -9,7 +9,6 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
 from horizonval.spec.numbers import Finite, Listed, Positive
-from horizonval.spec.sensor.optics import Blur, FieldAngles, check_table
 from horizonval.spec.units import unit
 
 BY_LATITUDE_MONTH = "by_latitude_month"
@@ -64,14 +63,6 @@ class PriorSpec(Model):
     """What is known of the air: a name (`horizonval list atmospheres`), a profile file (.csv, .json) or a table of
     `horizonval templates` (.npz) beside this one, or `by_latitude_month`, which needs position and time.
     """
-    psf_field_deg: FieldAngles | None = None
-    """Field angles of `psf_field_sigma_px`, rising."""
-    psf_field_sigma_px: list[Blur] | None = None
-    """Standard deviation of the lens's point spread at these field angles, diffraction not included, as measured on
-    the ground; between two a point's light is shared out between both. Where there are several cameras, of all.
-    """
-    psf_diffraction_px: Positive | None = None
-    """Mean wavelength times f-number, in pixels."""
     sun_sigma_deg: SigmaAngle | None = None
     """Standard deviation of the Sun sensor's reading in each of two directions across it. Without the key the sensor
     gives whole degrees.
@@ -96,14 +87,6 @@ class PriorSpec(Model):
         for value, sigma in PAIRS.items():
             if getattr(self, value) is not None and getattr(self, sigma) is None:
                 raise ValueError(f"{value} without {sigma}; say how well it is known")
-        if (self.psf_field_deg is None) != (self.psf_field_sigma_px is None):
-            raise ValueError("psf_field_deg and psf_field_sigma_px go together")
-        if self.psf_field_deg is not None and self.psf_field_sigma_px is not None:
-            check_table("psf_field_deg", self.psf_field_deg, "psf_field_sigma_px", self.psf_field_sigma_px)
-            if not all(self.psf_field_sigma_px):
-                raise ValueError(f"psf_field_sigma_px = {self.psf_field_sigma_px}: each must be above 0")
-            if not self.psf_field_sigma_px:
-                raise ValueError("psf_field_sigma_px is empty; say it for an angle, or leave the key out")
         if self.radius_km is not None and self.shape != "sphere":
             raise ValueError('radius_km applies to shape = "sphere" only')
         if self.climate == "":

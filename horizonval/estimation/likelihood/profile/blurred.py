@@ -28,13 +28,13 @@ transformed once; a step of a fit takes the products alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, reduce
 
 import numpy as np
 from scipy import fft
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.lens import Lens
 
 REACH_BLURS = 5.0
 """To which samples at whole pixels are summed up: 4e-6 of the middle one."""
@@ -84,36 +84,6 @@ def _variance(blur_px: float, sharpness: float) -> tuple[float, float, float]:
     )
 
 
-@dataclass(frozen=True)
-class KnownLens:
-    """What is told of a lens: how its blur changes over the field, and its aperture.
-
-    Attributes
-    ----------
-    angles_rad : ndarray, shape (b,)
-        From the axis, rising.
-    ratios : ndarray, shape (b,)
-        Of the blur there to the one that is asked for.
-    diffraction_px : float
-        Mean wavelength times f-number.
-    """
-
-    angles_rad: FloatArray
-    ratios: FloatArray
-    diffraction_px: float = 0.0
-
-    def shares(self, off_axis_rad: FloatArray) -> FloatArray:
-        """Return the shares of the blurs at angles from the axis (m,), shape (b, m); beyond the ends that of the end.
-
-        Between two angles they are linear in the angle.
-        """
-        return np.array([np.interp(off_axis_rad, self.angles_rad, one) for one in np.eye(len(self.angles_rad))])
-
-
-ONE_BLUR = KnownLens(np.zeros(1), np.ones(1))
-"""The same all over the field, with an aperture that is wide in wavelengths."""
-
-
 class BlurredProfiles:
     """Profiles at some places along the limb.
 
@@ -125,7 +95,7 @@ class BlurredProfiles:
         Of the grid.
     boxes_m : ndarray, shape (m, 2)
         Height that a pixel is wide along its columns and along its rows.
-    lens : KnownLens, optional
+    lens : Lens, optional
     off_axis_rad : ndarray, shape (m,), optional
         Of the places, for a lens that blurs them differently.
     """
@@ -135,9 +105,10 @@ class BlurredProfiles:
         profiles: FloatArray,
         step_m: float,
         boxes_m: FloatArray,
-        lens: KnownLens = ONE_BLUR,
+        lens: Lens | None = None,
         off_axis_rad: FloatArray | None = None,
     ) -> None:
+        lens = lens or Lens()
         self._ratios = lens.ratios
         self._shares = lens.shares(np.zeros(len(profiles)) if off_axis_rad is None else off_axis_rad)
         self._profiles, self._count = profiles, profiles.shape[-1]

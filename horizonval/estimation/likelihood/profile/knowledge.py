@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.lens import Lens
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.air import NodeAir
-from horizonval.estimation.likelihood.profile.blurred import ONE_BLUR, KnownLens
 from horizonval.geometry.ellipsoid import Ellipsoid
 
 
@@ -32,7 +32,7 @@ class ProfileKnowledge:
         (first, last, step) with their curve, to the air.
     blur_px, blur_log_sigma : float
         Of the lens.
-    lens : KnownLens
+    lens : Lens
         What is told of it beside.
     sharpness, sharpness_sigma : float
         Of the lens, as :mod:`.blurred` has it: nobody says it of a lens.
@@ -47,7 +47,7 @@ class ProfileKnowledge:
     air: Callable[[FloatArray, FloatArray, LimbPose, tuple[float, float, float], float], NodeAir]
     blur_px: float = 0.7
     blur_log_sigma: float = 0.3
-    lens: KnownLens = ONE_BLUR
+    lens: Lens = field(default_factory=Lens)
     sharpness: float = 0.5
     sharpness_sigma: float = 0.5
     gain: float = 1.0

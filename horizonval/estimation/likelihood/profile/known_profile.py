@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -14,9 +14,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.lens import Lens
 from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.blurred import ONE_BLUR, KnownLens
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.known_air import KnownAir, sun_of_time
 from horizonval.estimation.likelihood.profile.start import start_pose
@@ -104,20 +104,15 @@ def known_profile(observation: Observation, method: str) -> KnownProfile | Refus
     information[:3, :3] = cam_from_body @ np.diag(prior.attitude_sigma_rad**-2.0) @ cam_from_body.T
     information[3:6, 3:6] = np.eye(3) / prior.position_sigma_m**2
     information[6, 6] = LIFT_SIGMA_M**-2
-    numbers: dict[str, float] = {}
+    calibration = {}
     if observation.radiance_per_dn is not None and observation.band_width_um is not None:
-        numbers = {
+        calibration = {
             "gain": sunlight * observation.band_width_um / observation.radiance_per_dn,
             "gain_log_sigma": GAIN_SIGMA[observation.band_kind],
         }
-    lens = ONE_BLUR
-    if prior.psf_field_rad is not None and prior.psf_field_sigma_px is not None:
-        numbers["blur_px"] = float(np.sqrt(np.mean(prior.psf_field_sigma_px**2)))
-        lens = KnownLens(prior.psf_field_rad, prior.psf_field_sigma_px / numbers["blur_px"])
-    if prior.psf_diffraction_px is not None:
-        lens = replace(lens, diffraction_px=prior.psf_diffraction_px)
+    lens = observation.lens or Lens()
     ellipsoid = sphere(prior.sphere_radius_m) if prior.shape == "sphere" else WGS84
-    knowledge = ProfileKnowledge(ellipsoid, mean, information, air.heights_m, air.nodes, lens=lens, **numbers)
+    knowledge = ProfileKnowledge(ellipsoid, mean, information, air.heights_m, air.nodes, lens=lens, **calibration)
     return KnownProfile(picture, knowledge, air, float(prior.attitude_sigma_rad.max()))
 
 

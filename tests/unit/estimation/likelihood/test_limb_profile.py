@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.lens import Lens
 from horizonval.estimation.likelihood.fit import nadir_derivative
 from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.knowledge import LimbPose
@@ -384,6 +385,39 @@ def test_a_sharp_lens_is_one_of_samples_at_whole_pixels() -> None:
     smooth, sharp = (np.interp(at, grid, tables.values(blur, q)[0, 0]) for q in (0.0, 1.0))
     np.testing.assert_allclose(sharp, wanted, atol=5e-4)
     assert np.abs(smooth - sharp).max() > 5e-3
+
+
+def test_a_lens_that_is_softer_outside_mixes_both_blurs() -> None:
+    """By where a place lies between the angles; beyond them the last one's. Derivatives against differences."""
+    step, boxes = 500.0, np.array([[0.8, 0.6]] * 4) * 12e3
+    grid = np.arange(-100e3, 150e3, step)
+    profiles = np.repeat(mean_profile(grid)[None, None], 4, axis=0)
+    lens = Lens(np.array([0.1, 0.5]), np.array([0.6, 1.2]))
+    tables = BlurredProfiles(profiles, step, boxes, lens, np.array([0.0, 0.2, 0.5, 0.7]))
+    one = BlurredProfiles(profiles, step, boxes)
+    sharp, soft = one.values(0.6 * 0.8, 0.3)[:, 0], one.values(1.2 * 0.8, 0.3)[:, 0]
+    share = np.array([0.0, 0.25, 1.0, 1.0])[:, None]
+    np.testing.assert_allclose(tables.values(0.8, 0.3)[:, 0], (1.0 - share) * sharp + share * soft, atol=1e-12)
+    by_blur = tables.changes(np.ones((4, 1)), 0.8, 0.3)[2]
+    wider, narrower = (tables.values(0.8 * f, 0.3)[:, 0] for f in (np.exp(0.01), np.exp(-0.01)))
+    np.testing.assert_allclose(by_blur, (wider - narrower) / 0.02, atol=1e-4)
+    weights = np.random.default_rng(5).normal(size=(4, len(grid)))
+    pulled = tables.pull(weights, np.zeros_like(weights), 0.8, 0.3)
+    np.testing.assert_allclose(pulled[:, 0], np.sum(weights * tables.values(0.8, 0.3)[:, 0], axis=1), rtol=1e-9)
+
+
+def test_an_aperture_throws_an_edge_as_far_as_its_rings_say() -> None:
+    """Far out a point's light falls as lambda N / (pi^3 r^3), and an edge's as 2 lambda N / (pi^3 x)."""
+    step, pixel_m, spread_px = 250.0, 10e3, 0.44
+    grid = np.arange(-2000e3, 2000e3, step)
+    edge = (grid < 0.0).astype(float)
+    tables = BlurredProfiles(edge[None, None], step, np.array([[1.0, 0.0]]) * pixel_m, Lens(diffraction_px=spread_px))
+    blurred = tables.values(0.5, 0.0)[0, 0]
+    far_px = np.array([5.0, 8.0, 12.0])
+    wanted = 2.0 * spread_px / (np.pi**3 * far_px)
+    # The edge's mirror image at the grid's end is 20 to 50 times as far: 5 %.
+    np.testing.assert_allclose(np.interp(far_px * pixel_m, grid, blurred), wanted, rtol=0.07)
+    np.testing.assert_allclose(1.0 - np.interp(-far_px * pixel_m, grid, blurred), wanted, rtol=0.07)
 
 
 def test_products_and_pulls_are_those_of_the_blurred_functions() -> None:

@@ -1,0 +1,113 @@
+"""What an estimator is told of a lens, and what that is worth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import horizonval as hv
+from horizonval.estimation.lens import Lens
+from horizonval.estimation.methods.limb_profile import ESTIMATOR
+from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.process.wire import pack_observation, unpack_observation
+from horizonval.sensor.stated_lens import stated_lens
+from horizonval.spec.load import load_camera
+from horizonval.suites.observation import observation_of
+
+
+def test_it_is_what_the_file_says() -> None:
+    """550 nm or so at f/4 on pixels of 5.5 um; 0.6 px in the middle, 1.1 at 40 deg, whose root mean square is 0.886."""
+    camera = load_camera("vis-cmos-1024-60deg-full")
+    lens = stated_lens(camera, camera.band[0])
+    assert lens is not None
+    assert lens.diffraction_px == pytest.approx(0.6 * 4.0 / 5.5, rel=0.03)
+    np.testing.assert_allclose(lens.angles_rad, np.radians([0.0, 40.0]))
+    np.testing.assert_allclose(lens.ratios, np.array([0.6, 1.1]) / 0.886, rtol=1e-3)
+    assert lens.in_wider_pixels(4).diffraction_px == lens.diffraction_px / 4
+    np.testing.assert_allclose(lens.shares(np.radians([10.0, 50.0])), [[0.75, 0.0], [0.25, 1.0]])
+
+
+def test_of_a_plain_lens_nothing_is_said() -> None:
+    camera = load_camera("vis-cmos-512-60deg")
+    assert stated_lens(camera, camera.band[0]) is None
+
+
+def test_without_pixels_there_is_no_pitch() -> None:
+    camera = load_camera("vis-cmos-1024-60deg-full").model_copy(update={"detector": None})
+    lens = stated_lens(camera, camera.band[0])
+    assert lens is not None
+    assert lens.diffraction_px == 0.0
+
+
+SCENE = """[camera]
+file = "vis-cmos-1024-60deg-full"
+mount_yaw_deg = 90.0
+mount_roll_deg = 75.0
+[camera.camera]
+width = 256
+height = 256
+fov_deg = 90.0
+[platform]
+altitude_km = 500.0
+heading_deg = 90.0
+epoch_utc = 2026-03-20T12:00:00Z
+[sun]
+zenith_deg = 55.0
+azimuth_deg = 110.0
+[atmosphere]
+profile = "us_standard"
+[render]
+subsamples = 4
+nodes = 64
+[prior]
+position_sigma_km = 1.0
+attitude_sigma_deg = [2.0, 2.0, 2.0]
+climate = "by_latitude_month"
+"""
+
+
+@pytest.fixture(scope="module")
+def frame(tmp_path_factory: pytest.TempPathFactory) -> hv.Frame:
+    """A limb by day through every stage of lens and detector."""
+    path = tmp_path_factory.mktemp("lens") / "scene.toml"
+    path.write_text(SCENE)
+    return hv.render(path)
+
+
+def test_a_profile_seen_through_all_of_a_lens(frame: hv.Frame) -> None:
+    """Within three of its sigmas; of a lens that nothing is told of the fit has no answer, or one far off."""
+    image = frame.observe(seed=1)
+    seen = observation_of(image, ESTIMATOR)
+    assert seen.lens is not None
+    known = _error_and_claim(seen, image)
+    assert known is not None
+    error, claimed = known
+    assert claimed < np.radians(180.0 / 3600.0)
+    assert error < 3.0 * claimed
+    without = _error_and_claim(replace(seen, lens=None), image)
+    assert without is None or without[0] > 3.0 * without[1]
+
+
+def _error_and_claim(seen: Observation, image: hv.Image) -> tuple[float, float] | None:
+    result = ESTIMATOR.run(seen)
+    if not isinstance(result, Fit):
+        return None
+    cosine = float(result.nadir_cam @ np.array(image.truth.nadir_geocentric_cam))
+    return float(np.arccos(min(cosine, 1.0))), float(np.sqrt(np.trace(result.total_covariance_nadir_cam)))
+
+
+def test_a_frame_before_the_lens_has_none(frame: hv.Frame) -> None:
+    assert observation_of(frame, ESTIMATOR).lens is None
+
+
+def test_a_process_of_its_own_is_told_too(frame: hv.Frame) -> None:
+    seen = observation_of(frame.observe(seed=1), ESTIMATOR)
+    data = np.frombuffer(b"".join(pack_observation(seen)), dtype=np.uint8)
+    again = unpack_observation(data).lens
+    assert isinstance(again, Lens)
+    assert seen.lens is not None
+    assert vars(again).keys() == vars(seen.lens).keys()
+    np.testing.assert_array_equal(again.ratios, seen.lens.ratios)
+    assert again.diffraction_px == seen.lens.diffraction_px
