@@ -6,14 +6,15 @@ haze, cloud and ground at a latitude and in a month (or under a Sun), and how fa
 it. The shapes' coefficients are unknowns that vary along the limb, each with its own prior, so that the height of the
 limb comes from its brightness and softness too, and the claim holds what the air leaves open.
 
-It needs a position, an attitude to some degrees, a time and the wavelengths of the camera, and refuses without. The
+It needs a position, an attitude to some degrees, a time and the wavelengths of the camera, and refuses without; what
+is told of the lens, its blur over the field and its diffraction, is in the prediction. The
 tables are those that are shipped, or the file of `horizonval templates` that the prior's ``climate`` names. The
 start is the tilt near the prior's attitude at which the predicted picture is most like the image: no search for edges.
 
 What it refuses: an image that no tilt makes like a limb, or of which the fit explains less than
 :data:`LEAST_EXPLAINED`; an air more than :data:`MOST_IMPROBABLE` from its tables; an attitude more than
-:data:`MOST_SIGMA` standard deviations from the prior's; a lens whose blur changes along the limb
-(:func:`.uneven_lens`), as the prediction has one blur.
+:data:`MOST_SIGMA` standard deviations from the prior's; a lens whose blur changes along the limb by
+more than is told of it (:func:`.uneven_lens`).
 """
 
 from __future__ import annotations
