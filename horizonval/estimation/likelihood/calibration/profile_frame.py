@@ -102,7 +102,7 @@ class ProfileFrame:
         self.model.moved = (shared.values[:OF_LENS] - self._at) @ self.model.by_lens
         look = self.model.look(self.now)
         if not held:
-            self._weights = weights_of(self.model, look, self._weights)
+            self._weights = weights_of(self.model, self.now, look, self._weights)
         parts = self.model.equations(self.now, look, self._weights)
         if not all(np.isfinite(x).all() for x in (parts.shared, parts.right, parts.air, parts.right_air)):
             raise np.linalg.LinAlgError("the frame's equations have no solution")

@@ -139,8 +139,8 @@ class _SearchOfHeads:
             if not held:
                 if number:
                     self._choose_again()
-                pairs = zip(self.models, self.looks, self.weights, strict=True)
-                self.weights = [weights_of(model, look, before) for model, look, before in pairs]
+                each = zip(self.models, self.now.heads, self.looks, self.weights, strict=True)
+                self.weights = [weights_of(*one) for one in each]
             found = self._equations()
             over = self._reach(found.step)
             step, gained = found.step / over, found.gained / over**2

@@ -43,7 +43,10 @@ BUMP_M = 6e3
 BUMP_HEIGHTS_M = (-15e3, 75e3)
 """Where bumps are: below a profile is smooth, above is too little light."""
 LEAST_BUMP = 3e-3
-"""Of the brightest place of the profile: a bump that is less everywhere is left out, below the noise of any pixel."""
+"""Of the brightest place of the profile: a bump that is less everywhere is left out, and counts as noise of the
+pixels."""
+LEAST_LEFT = 5e-5
+"""Of the brightest place: half a step of the 8 bits in which tables have what is left."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
 EARTH_RADIUS_M = 6.371e6
 POLE_ITRS = np.array([0.0, 0.0, 1.0])
@@ -73,6 +76,8 @@ class NodeAir:
         Unit vectors from the Earth's centre to the nodes.
     lengths_rad : ndarray, shape (m, k, 2)
         Over which the added functions' coefficients are alike, along the meridian and along the parallel.
+    neglected : ndarray, shape (m, n)
+        Standard deviation of what the bumps that are left out would be.
     """
 
     bottom_m: float
@@ -82,6 +87,7 @@ class NodeAir:
     names: tuple[tuple[str, int], ...]
     up_itrs: FloatArray
     lengths_rad: FloatArray
+    neglected: FloatArray
 
     @cached_property
     def wave(self) -> FloatArray:
@@ -171,10 +177,15 @@ def node_air(
     functions = [mean[:, None], modes]
     lengths = [lengths_rad, lengths_rad[:, second]]
     names = [("limb", i) for i in range(lengths_rad.shape[1])] + [("end", int(i)) for i in second]
+    neglected = np.zeros_like(left)
     if left.any():
-        bumps = left[:, None] * _bumps(grid)
-        kept = np.flatnonzero((bumps > LEAST_BUMP * mean.max(axis=1)[:, None, None]).any(axis=(0, 2)))
+        brightest = mean.max(axis=1)[:, None]
+        shapes = _bumps(grid)
+        bumps = left[:, None] * shapes
+        kept = np.flatnonzero((bumps > LEAST_BUMP * brightest[:, None]).any(axis=(0, 2)))
         bumps = bumps[:, kept]
+        above = np.maximum(1.0 - np.sum(shapes[kept] ** 2, axis=0), 0.0) * (grid > BUMP_HEIGHTS_M[0] + BUMP_M)
+        neglected = np.maximum(left, LEAST_LEFT * brightest) * np.sqrt(above)
         functions.append(bumps)
         names += [("bump", int(i)) for i in kept]
         lengths.append(everywhere(np.full(len(kept), LEFT_LENGTH_RAD), len(mean)))
@@ -191,6 +202,7 @@ def node_air(
         tuple(names),
         places.up_itrs,
         np.concatenate(lengths, axis=1),
+        neglected,
     )
 
 

@@ -19,6 +19,7 @@ from scipy.sparse import csr_array
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles, blur_after
 from horizonval.estimation.likelihood.profile.floor import Floor, floor_of
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
@@ -239,6 +240,16 @@ class ProfileModel:
         if self.floor is not None:
             shown, kept = self.floor.expected(shown)
         return Seen(place, share, level, np.array([slope, by_blur, by_sharpness]), kept, near.values - shown)
+
+    def neglected(self, now: Guess, look: Seen) -> FloatArray:
+        """Return the noise that does to the pixels what the prediction leaves out, shape (n,).
+
+        It is alike over a bump's height and length: as an unknown it would take from all pixels there together what
+        noise as large takes from one, so that it counts by the root of their number.
+        """
+        alike = BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2
+        size = self.air.neglected[self.near.sector, look.place] * np.sqrt(np.maximum(alike, 1.0))
+        return np.asarray(now.gain * self.near.light * size)
 
     def _read(self, tables: FloatArray, place: np.ndarray, share: FloatArray) -> FloatArray:
         """Return tables (c, m, n) at places of the grid and shares of the next, shape (n, c)."""

@@ -1,8 +1,8 @@
 """The noise of the pixels that see a profile, as their residuals show it.
 
-The variance is that of dark pixels, not below that of the converter's rounding, and three parts that least squares find
-in the residuals: one as bright as the pixel (photons), one as its square where clouds can be, one as the slope's square
-(what a lens does that the model has not).
+The variance is that of dark pixels and three parts that least squares find in the residuals: one as bright as the
+pixel (photons), one as its square where clouds can be, one as the slope's square (what a lens does that the model has
+not). It is not below that of the converter's rounding and of what the prediction leaves out.
 Pixels further off than five standard deviations are left out (stars, hot pixels).
 
 Where neighbouring residuals are alike (clouds, and what else no mode has), their sums over squares scatter more than
@@ -33,7 +33,7 @@ def weighed(
     below: FloatArray,
     per_px: FloatArray,
     used: np.ndarray,
-    rounding: float = 0.0,
+    least: FloatArray | float = 0.0,
 ) -> FloatArray:
     """Return the inverse variances of pixels, 0 of outliers, shape (n,).
 
@@ -48,19 +48,18 @@ def weighed(
         Change of the level over a pixel across the limb, in any unit.
     used : ndarray of bool, shape (n,)
         Pixels of which the first guess is made.
-    rounding : float
-        Variance that the converter's steps leave at least.
+    least : float or ndarray, shape (n,)
+        Variance that there is at least: what the converter's steps leave, and what the prediction leaves out.
     """
     level = np.clip(level / max(float(level.max()), 1e-300), 0.0, 1.0)
     squares = residuals**2
     dark, bright = (_variance(squares, there & used) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
-    dark = max(dark, rounding)
     steep = per_px**2
     parts = np.array([level, (below * level) ** 2, steep / max(float(steep.max()), 1e-300)])
-    expected = dark + max(bright - dark, 0.0) * level
+    expected = np.maximum(dark + max(bright - dark, 0.0) * level, least)
     for _ in range(WEIGHINGS):
         inside = squares < OUTLIER**2 * expected
-        expected = dark + _components(squares - dark, expected, parts, inside) @ parts
+        expected = np.maximum(dark + _components(squares - dark, expected, parts, inside) @ parts, least)
     return np.where(squares < OUTLIER**2 * expected, 1.0 / expected, 0.0)
 
 

@@ -265,7 +265,7 @@ class ProfileSearch:
     def _weigh(self) -> float:
         """Weigh the pixels by the residuals as they are; return by how much their logarithms changed (rms)."""
         before = self.inverse_variance
-        self.inverse_variance = _weighed(self.model, self.look, before)
+        self.inverse_variance = _weighed(self.model, self.now, self.look, before)
         both = (before > 0.0) & (self.inverse_variance > 0.0)
         return float(np.sqrt(np.mean(np.log(self.inverse_variance[both] / before[both]) ** 2)))
 
@@ -313,16 +313,16 @@ def explained(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> 
     return 1.0 - float(inverse_variance @ look.residuals**2) / float(inverse_variance @ (values - mean) ** 2)
 
 
-def weights_of(model: ProfileModel, look: Seen, before: FloatArray) -> FloatArray:
+def weights_of(model: ProfileModel, now: Guess, look: Seen, before: FloatArray) -> FloatArray:
     """Return the inverse variances of the pixels by their residuals, shape (n,); ``before`` is 0 of outliers."""
-    return _widened(model, look, _weighed(model, look, before))
+    return _widened(model, look, _weighed(model, now, look, before))
 
 
-def _weighed(model: ProfileModel, look: Seen, before: FloatArray) -> FloatArray:
+def _weighed(model: ProfileModel, now: Guess, look: Seen, before: FloatArray) -> FloatArray:
     light = model.near.light
     per_px = light * look.changes[0] * model.width_m
-    rounding = rounding_variance(model.near.values)
-    return weighed(look.residuals, light * look.level, model.below_clouds, per_px, before > 0.0, rounding)
+    least = rounding_variance(model.near.values) + model.neglected(now, look) ** 2
+    return weighed(look.residuals, light * look.level, model.below_clouds, per_px, before > 0.0, least)
 
 
 def _widened(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> FloatArray:
