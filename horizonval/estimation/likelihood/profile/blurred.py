@@ -21,6 +21,7 @@ Of a lens two things more can be told. Where it is softer at one part of the fie
 these: at every place it mixes what is sharp and what is soft, and is no Gaussian between. And a round aperture, whose
 rings throw a hundredth of an edge five pixels far, multiplies it by ``(2 a - sin 2 a) / pi``, ``cos a = w d m / 2 pi``
 with ``d = lambda N`` in pixels (M. Born and E. Wolf, Principles of Optics, 9.5.2), taken at the mean wavelength.
+Samples at whole pixels then are the sum over frequencies a whole number per pixel apart, of which nine count.
 
 The profiles are taken as even about both ends of the grid, so that a level there goes on as it is. They are
 transformed once; a step of a fit takes the products alone.
@@ -28,7 +29,9 @@ transformed once; a step of a fit takes the products alone.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property, reduce
+from itertools import product
 
 import numpy as np
 from scipy import fft
@@ -118,8 +121,8 @@ class BlurredProfiles:
         self._wave = 2.0 * np.pi * frequency
         self._turns = np.cos(2.0 * np.pi * np.array([by_column, by_row]))
         self._wave_px = np.hypot(*boxes_m.T)[:, None] * self._wave
-        if lens.diffraction_px:
-            self._pixel *= _through_aperture(self._wave_px / (2.0 * np.pi) * lens.diffraction_px)
+        self._aperture = _Aperture.of(lens.diffraction_px, by_column, by_row) if lens.diffraction_px else None
+        self._known_parts: dict[float, FloatArray] = {}
 
     @cached_property
     def _transform(self) -> np.ndarray:
@@ -177,9 +180,13 @@ class BlurredProfiles:
 
     def _parts(self, blur_px: float) -> FloatArray:
         """Return the smooth and the sampled lens's transform, and both's change by the blur, shape (4, m, f)."""
-        each = (self._gaussian(float(ratio) * blur_px) for ratio in self._ratios)
-        mixed = (share[:, None] * one for share, one in zip(self._shares, each, strict=True))
-        return reduce(np.add, mixed)
+        if blur_px not in self._known_parts:
+            one = self._gaussian if self._aperture is None else self._aperture.parts
+            each = (one(float(ratio) * blur_px) for ratio in self._ratios)
+            mixed = (share[:, None] * part for share, part in zip(self._shares, each, strict=True))
+            # A step asks three times for one blur.
+            self._known_parts = {blur_px: reduce(np.add, mixed)}
+        return self._known_parts[blur_px]
 
     def _gaussian(self, blur_px: float) -> FloatArray:
         """Return :meth:`_parts` of one Gaussian."""
@@ -201,10 +208,56 @@ class BlurredProfiles:
         return np.array([smooth, sampled, -((blur_px * self._wave_px) ** 2) * smooth, sampled_by_blur])
 
 
+@dataclass(frozen=True, eq=False)
+class _Aperture:
+    """A lens behind a round aperture, as a Gaussian makes it softer.
+
+    Attributes
+    ----------
+    square : ndarray, shape (m, f)
+        Of the frequencies, per pixel.
+    transfer : ndarray, shape (m, f)
+        Of the aperture alone.
+    squares, transfers : ndarray, shape (9, m, f)
+        Of the frequencies that samples at whole pixels take for these: each brought near 0, and its eight neighbours.
+    at_zero : tuple of ndarray, shape (9,)
+        Both of frequency 0.
+    """
+
+    square: FloatArray
+    transfer: FloatArray
+    squares: FloatArray
+    transfers: FloatArray
+    at_zero: tuple[FloatArray, FloatArray]
+
+    @classmethod
+    def of(cls, diffraction_px: float, by_column: FloatArray, by_row: FloatArray) -> _Aperture:
+        """Build from frequencies along columns and rows, per pixel, shape (m, f) each."""
+        places = np.array(list(product((-1.0, 0.0, 1.0), repeat=2)))
+        column, row = by_column - np.rint(by_column), by_row - np.rint(by_row)
+        square = by_column**2 + by_row**2
+        squares = np.array([(column + i) ** 2 + (row + j) ** 2 for i, j in places])
+        zero = np.sum(places**2, axis=1)
+        transfer, transfers, of_zero = (_through_aperture(np.sqrt(v) * diffraction_px) for v in (square, squares, zero))
+        return cls(square, transfer, squares, transfers, (zero, of_zero))
+
+    def parts(self, blur_px: float) -> FloatArray:
+        """Return :meth:`BlurredProfiles._parts` of one Gaussian."""
+        steep = 2.0 * np.pi**2 * blur_px**2
+        smooth = self.transfer * np.exp(-steep * self.square)
+        each = self.transfers * np.exp(-steep * self.squares)
+        each_zero = self.at_zero[1] * np.exp(-steep * self.at_zero[0])
+        scale = 1.0 / each_zero.sum()
+        sampled = scale * each.sum(axis=0)
+        by_blur = -2.0 * steep * scale * np.einsum("kmf,kmf->mf", each, self.squares)
+        by_blur += 2.0 * steep * scale * float(each_zero @ self.at_zero[0]) * sampled
+        return np.array([smooth, sampled, -2.0 * steep * self.square * smooth, by_blur])
+
+
 def _through_aperture(v: FloatArray) -> FloatArray:
     """Return the transfer of a round aperture at frequencies in units of its cut-off: two discs' overlap."""
     half_angle = np.arccos(np.minimum(v, 1.0))
-    return (2.0 * half_angle - np.sin(2.0 * half_angle)) / np.pi
+    return np.asarray((2.0 * half_angle - np.sin(2.0 * half_angle)) / np.pi)
 
 
 def _even(profiles: FloatArray) -> np.ndarray:

@@ -46,6 +46,9 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84, sphere
+from horizonval.sensor.lens import core_spread
+from horizonval.sensor.stated_lens import stated_lens
+from horizonval.spec.load import load_camera
 
 ARCSEC = np.radians(1.0 / 3600.0)
 A_M, B_M = 6378137.0, 6356752.314245
@@ -418,6 +421,36 @@ def test_an_aperture_throws_an_edge_as_far_as_its_rings_say() -> None:
     # The edge's mirror image at the grid's end is 20 to 50 times as far: 5 %.
     np.testing.assert_allclose(np.interp(far_px * pixel_m, grid, blurred), wanted, rtol=0.07)
     np.testing.assert_allclose(1.0 - np.interp(-far_px * pixel_m, grid, blurred), wanted, rtol=0.07)
+
+
+@pytest.mark.parametrize(
+    ("name", "sigma_px"), [("ir-bolometer-160-57deg-full", 0.5), ("vis-cmos-1024-60deg-full", 0.9)]
+)
+def test_a_sampled_lens_behind_its_aperture_is_the_simulated_one(name: str, sigma_px: float) -> None:
+    """Sums over the simulated sensor's kernel, whose band has many wavelengths and whose square ends; 1 %."""
+    camera = load_camera(name)
+    lens = stated_lens(camera, camera.band[0])
+    assert lens is not None
+    assert camera.detector is not None
+    pitch_m, f_number = 1e-6 * camera.detector.pixel_pitch_um, camera.optics.f_number
+    reach = core_spread.reach_px(sigma_px, 0.0, lens.diffraction_px)
+    kernel = core_spread.kernel(sigma_px, 0.0, camera.band[0], f_number, pitch_m, reach)
+    step, pixel_m = 500.0, 10e3
+    boxes = np.array([[0.8, 0.6], [1.0, 0.0]]) * pixel_m
+    grid = step * np.arange(2001)
+    one_aperture = Lens(diffraction_px=lens.diffraction_px)
+    tables = BlurredProfiles(np.repeat(mean_profile(grid)[None, None], 2, axis=0), step, boxes, one_aperture)
+    _, sampled, by_smooth, by_sampled = tables._parts(sigma_px)
+    place = np.arange(-reach, reach + 1)
+    cycles = np.fft.rfftfreq(2 * len(grid) - 2, step)
+    shown = slice(0, 160, 8)  # to 1.6 cycles per pixel
+    for boxes_m, found in zip(boxes, sampled, strict=True):
+        turns = 2.0 * np.pi * np.add.outer(boxes_m[1] * place, boxes_m[0] * place)[..., None] * cycles[shown]
+        wanted = np.einsum("ij,ijf->f", kernel, np.cos(turns))
+        np.testing.assert_allclose(found[shown], wanted, atol=0.012)
+    wider, narrower = (tables._parts(sigma_px * f) for f in (np.exp(0.01), np.exp(-0.01)))
+    np.testing.assert_allclose(by_smooth, (wider[0] - narrower[0]) / 0.02, atol=1e-4)
+    np.testing.assert_allclose(by_sampled, (wider[1] - narrower[1]) / 0.02, atol=1e-4)
 
 
 def test_products_and_pulls_are_those_of_the_blurred_functions() -> None:
