@@ -19,8 +19,9 @@
        step = (J^T W J + Q)^-1 (J^T W residuals + Q (prior - now)),        C = (J^T W J + Q)^-1
 
    The noise is found in the residuals: of dark pixels, as bright as the pixel, as its square below the highest clouds,
-   as the slope's square; and more where neighbouring residuals are alike. Where the converter cuts noise off at its
-   lowest level, dark pixels are taken for what they then show in the mean. Pixels and noise are chosen anew until both
+   as the slope's square; not less than rounding and what is left out of the air make; and more where neighbouring
+   residuals are alike. Where the converter cuts noise off at its lowest level, dark pixels are taken for what they then
+   show in the mean. Pixels and noise are chosen anew until both
    stand still, closer than `limb-profile` asks for, so that an answer depends little on where the search started.
    Where the air strains what is known of it, the search begins anew with the limb half a pixel higher, and the more probable
    end is believed.
@@ -65,7 +66,7 @@ static const double SHARPNESS_PRIOR = 0.5, SHARPNESS_SIGMA = 0.5;
 static const double DEPTH_PX = 0.5, SPACE_PX = 4.0, EDGE_BLURS = 2.5, GRID_RIMS = 2.0, NODE_RAD = 0.035;
 enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8 };
 /* Air. */
-static const double LEFT_OUT = 1e-5, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_APART = 0.05;
+static const double LEFT_OUT = 1e-5, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_LEFT = 5e-5, LEAST_APART = 0.05;
 static const double LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3, ENDS_STEP = 0.05, AT_POLE = 1e-9;
 static const double SUNLIT_M = -20e3, SUNLIT_STEP_M = 20e3;
 /* Noise. */
@@ -529,11 +530,13 @@ static int choose(State *s) {
   return 1;
 }
 
+static double neglected[MOST_NODES][GRID];             /* what bumps that are left out would be */
+
 /* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns. */
 static void functions_of_air(void) {
   static double shape[LIMB_H], left[MOST_NODES][GRID], spare[GRID];
   int second[LIMB_K + 1] = {0}, bump[BUMPS] = {0};
-  static double bump_of[BUMPS][GRID];
+  static double bump_of[BUMPS][GRID], largest_of[MOST_NODES];
   double last = grid_low + HALF * grid_step;
   for (int k = 0; k < SETS; k++)
     rank_of[k] = root_of_covariance(k, k == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0, wave[k], pivot_of[k]);
@@ -548,6 +551,7 @@ static void functions_of_air(void) {
     even(node[m].mean, transform[m][0]);
     even(node[m].left, left[m]);
     for (int g = 0; g < GRID; g++) largest = fmax(largest, transform[m][0][g]);
+    largest_of[m] = largest;
     for (int j = 0; j < BUMPS; j++)
       for (int g = 0; g < GRID; g++)
         if (left[m][g] * bump_of[j][g] > LEAST_BUMP * largest) bump[j] = 1;
@@ -555,6 +559,12 @@ static void functions_of_air(void) {
       for (int h = 0; h < LIMB_H; h++)
         if (limb_height_m[h] > grid_low && limb_height_m[h] < last && 1.0 - pow(node[m].alike[k][h], 2.0) > LEAST_APART * LEAST_APART)
           second[k] = 1;
+  }
+  for (int g = 0; g < GRID; g++) {
+    double y = grid_low + g * grid_step, out = y - curve * y * y > LOWEST_BUMP_M + BUMP_M ? 1.0 : 0.0;
+    for (int j = 0; j < BUMPS; j++)
+      if (bump[j] && out > 0.0) out = fmax(out - bump_of[j][g] * bump_of[j][g], 0.0);
+    for (int m = 0; m < nodes; m++) neglected[m][g] = fmax(left[m][g], LEAST_LEFT * largest_of[m]) * sqrt(out);
   }
   for (int m = 0; m < nodes; m++) {
     double(*f)[GRID] = transform[m];
@@ -732,7 +742,7 @@ static double variance_between(double low, double high, double brightest) {
 
 /* Weighs the pixels by the residuals as they are; returns by how much their logarithms changed (rms). */
 static double weigh(const State *s) {
-  static double part[MOST_NEAR][3], expected[MOST_NEAR];
+  static double part[MOST_NEAR][3], expected[MOST_NEAR], least[MOST_NEAR];
   double brightest = 1e-300, steepest = 1e-300, changed = 0.0, both = 0.0;
   for (int i = 0; i < count; i++) {
     const Pixel *p = &near_[i];
@@ -741,15 +751,18 @@ static double weigh(const State *s) {
     part[i][2] = per_px * per_px;
     steepest = fmax(steepest, part[i][2]);
   }
-  /* pixels are whole numbers: what rounding leaves, at least */
-  double dark = fmax(variance_between(-1.0, DARK, brightest), 1.0 / 12.0);
+  double dark = variance_between(-1.0, DARK, brightest);
   double bright = variance_between(BRIGHT, 2.0, brightest);
   for (int i = 0; i < count; i++) {
     const Pixel *p = &near_[i];
     double level = clip(p->light * p->level / brightest, 0.0, 1.0);
     double below = clip(0.5 - (p->h - CLOUD_TOP_M) / (2.0 * node[p->node].width_m), 0.0, 1.0);
     part[i][0] = level, part[i][1] = pow(below * level, 2.0), part[i][2] /= steepest;
-    expected[i] = dark + fmax(bright - dark, 0.0) * level;
+    /* at least what rounding to whole numbers leaves, and bumps that are left out, by how many pixels they are alike in */
+    double alike = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0), 1.0);
+    const double *out = &neglected[p->node][p->place];
+    least[i] = 1.0 / 12.0 + alike * pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
+    expected[i] = fmax(dark + fmax(bright - dark, 0.0) * level, least[i]);
   }
   for (int round = 0; round < WEIGHINGS; round++) {
     double A[3][3] = {{0}}, b[3] = {0}, size[3], x[3];
@@ -770,6 +783,7 @@ static double weigh(const State *s) {
     for (int i = 0; i < count; i++) {
       expected[i] = dark;
       for (int j = 0; j < 3; j++) expected[i] += x[j] / size[j] * part[i][j];
+      expected[i] = fmax(expected[i], least[i]);
     }
   }
   for (int i = 0; i < count; i++) {

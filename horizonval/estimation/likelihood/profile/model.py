@@ -248,7 +248,8 @@ class ProfileModel:
         noise as large takes from one, so that it counts by the root of their number.
         """
         alike = BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2
-        size = self.air.neglected[self.near.sector, look.place] * np.sqrt(np.maximum(alike, 1.0))
+        before, after = (self.air.neglected[self.near.sector, look.place + k] for k in (0, 1))
+        size = (before + look.share * (after - before)) * np.sqrt(np.maximum(alike, 1.0))
         return np.asarray(now.gain * self.near.light * size)
 
     def _read(self, tables: FloatArray, place: np.ndarray, share: FloatArray) -> FloatArray:
