@@ -3,7 +3,10 @@
 The blend of climates is written down here once more, from its description: tropical air at 15 deg, midlatitude at 45,
 subarctic at 60, between them ``x^2 (3 - 2 x)``, beyond them the last; summer's share ``(1 + cos(2 pi (month - 7) / 12))
 / 2`` in the north, half a year later in the south; temperatures and logarithms of densities and mixing ratios are
-blended. What such air absorbs is the product's look-up, which is judged elsewhere (by the compiled original's check
+blended. Poleward of 68 deg, and by ``x^2 (3 - 2 x)`` from 55 on, in the south all year and in the north by winter's
+share ``(1 + cos(2 pi (month - 1) / 12)) / 2``, the temperature below 8 km is that of the zonal table, above 12 km the
+blend's; the air's density and relative humidity stay. What such air absorbs is the product's look-up, which is judged
+elsewhere (by the compiled original's check
 states and the six climates' published tables). Here it is made at 801 sines of latitude, four times as close as the
 product's rows, and at levels 20 m apart where it jumps, and read between them by lines in its logarithm. Everything
 else is by itself.
@@ -24,6 +27,7 @@ STEP_M = 10.0
 BATCH = 20_000
 LATITUDES, SEAM_STEP_M = 801, 20.0
 LOOKUP = Path(rrtmg.__file__).parents[1] / "data" / "rrtmg_lw.npz"
+ZONAL = LOOKUP.with_name("zonal_temperature.npz")
 CLIMATES = ("tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter")
 
 
@@ -92,6 +96,13 @@ def shares(latitude: np.ndarray, month: float) -> np.ndarray:
     return np.stack([1 - x, middle * summer, middle * (1 - summer), north * summer, north * (1 - summer)], axis=1)
 
 
+def _saturation_pa(t: np.ndarray) -> np.ndarray:
+    """Return the pressure of saturated vapour: Murphy and Koop's eq. 7 over ice, Magnus' with Sonntag's constants."""
+    ice = np.exp(9.550426 - 5723.265 / t + 3.53068 * np.log(t) - 0.00728332 * t)
+    water = 611.2 * np.exp(17.62 * (t - 273.15) / (t - 273.15 + 243.12))
+    return np.where(t < 273.15, ice, water)
+
+
 class Climate:
     """A top hat through the blend of a month."""
 
@@ -119,8 +130,25 @@ class Climate:
         ln_p = blend(np.log(t["afgl_pressure_pa"])) - weight @ np.log(of_climates) + np.log(self.temperature_k)
         gases = {gas: np.exp(blend(np.log(t[f"afgl_{gas}_vmr"]))) for gas in ("h2o", "o3", "n2o", "ch4", "hno3")}
         gases["co2"] = np.exp(blend(np.log(t["afgl_co2_330ppm_vmr"]))) * co2_ppm / 330
+        ln_p = self._over_poles(month, ln_p, gases)
         k = rrtmg.absorption_per_m(np.exp(ln_p), self.temperature_k, gases, self.band.places)
         self.ln_k = np.log(np.moveaxis(k.reshape(-1, *ln_p.shape), 0, 2))
+
+    def _over_poles(self, month: float, ln_p: np.ndarray, gases: dict[str, np.ndarray]) -> np.ndarray:
+        """Put cold air over the poles; return the logarithm of its pressure."""
+        degrees = np.degrees(np.arcsin(np.linspace(-1, 1, LATITUDES)))
+        x = np.clip((np.abs(degrees) - 55) / 13, 0, 1)
+        polar = x * x * (3 - 2 * x) * np.where(degrees < 0, 1.0, (1 + np.cos(2 * np.pi * (month - 1) / 12)) / 2)
+        share = polar[:, None] * np.clip((12e3 - self.level_m) / 4e3, 0, 1)
+        with np.load(ZONAL, allow_pickle=False) as file:
+            rows = [np.interp(self.level_m, file["altitude_m"], row) for row in file["temperature_k"][int(month) - 1]]
+            table = np.array([np.interp(degrees, file["latitude_deg"], column) for column in np.array(rows).T]).T
+        before = self.temperature_k
+        self.temperature_k = before + share * (table - before)
+        ln_p = ln_p + np.log(self.temperature_k / before)
+        holds = _saturation_pa(self.temperature_k) / _saturation_pa(before)
+        gases["h2o"] = gases["h2o"] * holds * (before / self.temperature_k)
+        return ln_p
 
     def at(self, point_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return absorption [1/m] and source [W m-2 sr-1] at points (n, 3), shapes (n, g); vacuum above the top."""

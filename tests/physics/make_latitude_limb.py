@@ -1,8 +1,8 @@
-"""Make ``limb_latitude_thermal.csv`` by :mod:`latitude_limb`: brute force, 10 m steps, 3 minutes of processor time.
+"""Make ``limb_latitude_thermal.csv`` by :mod:`latitude_limb`: brute force, 10 m steps, 4 minutes of processor time.
 
     python tests/physics/make_latitude_limb.py
 
-Seen from 900 km over three places, through the climate of a month by latitude, WGS84, black ground of 285 K.
+Seen from 900 km over four places, through the climate of a month by latitude, WGS84, black ground of 285 K.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from reference_rays import DATA, fill
 
 HEIGHT_M, GROUND_K = 900e3, 285.0
 # latitude, longitude [deg], month
-PLACES = ((52.0, 20.0, 2), (-20.0, 179.0, 7), (88.0, -60.0, 10))
+PLACES = ((52.0, 20.0, 2), (-20.0, 179.0, 7), (88.0, -60.0, 10), (-72.0, 60.0, 9))
 AZIMUTHS_DEG = (0.0, 100.0, 200.0, 290.0)
 HEIGHTS_KM = (-20.0, -1.0, 6.0, 16.0, 30.0, 45.0)
 BANDS = {"co2": (14.0, 16.3), "window": (10.5, 12.5)}

@@ -8,8 +8,9 @@ south. In the tropics there is no season.
 Temperatures are blended linearly, number densities in their logarithms. Every blend keeps the ideal gas law; it is
 hydrostatic to 3 %, as the climates themselves are.
 
-What no blend of six climates has: longitude, weather, the ozone hole, the cold of the Antarctic winter, sudden
-stratospheric warmings.
+What no blend of six climates has: longitude, weather, the ozone hole, the cold stratosphere of the Antarctic winter,
+sudden stratospheric warmings. The cold troposphere over the poles is put in place for thermal bands
+(:mod:`horizonval.earth.weather.cold_poles`).
 """
 
 from __future__ import annotations

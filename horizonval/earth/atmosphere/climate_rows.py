@@ -5,7 +5,8 @@ the air for another ``acos(R / (R + 100 km)) = 10.1 deg``. Rows of climate stand
 the same for all scenes, so that frames taken one after the other see the same air. Between two rows extinction and
 source are linear in sin(latitude). Half way between two rows, where that is worst, the temperature is within 0.05 K of
 the blend of that latitude, and the radiance within 0.05 % of its own in 14.0 to 16.3 um, 0.15 % in the windows; along a
-ray that crosses many rows within 0.06 % of air that varies smoothly, windows included.
+ray that crosses many rows within 0.06 % of air that varies smoothly, windows included, but for 0.12 % of these across
+the edge of the polar air, from 55 to 68 deg.
 
 Latitudes are geodetic; taking geocentric ones for them (0.19 deg at most) shifts the climate by a third of a row.
 """

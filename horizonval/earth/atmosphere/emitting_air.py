@@ -5,7 +5,8 @@ What the air is decides where its levels are:
 
 - the AFGL climates and their blends by latitude and month: those of :func:`horizonval.earth.gases.afgl.levels_m`. A
   blend by latitude has a row for every latitude in sight, see :mod:`horizonval.earth.atmosphere.climate_rows`; its
-  state is blended, not its absorption;
+  state is blended, not its absorption. Over the poles its troposphere is colder than any climate's
+  (:mod:`horizonval.earth.weather.cold_poles`);
 - weather and profiles of many places: columns on a map of what is in sight
   (:mod:`horizonval.earth.weather.column_map`), on fewer levels and marched on 250 m to 1 km. All else is the same
   everywhere;
@@ -34,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere import aerosol, climate_rows
+from horizonval.earth.atmosphere import aerosol, climate, climate_rows
 from horizonval.earth.atmosphere.air import TOP_M, Air
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
@@ -43,6 +44,7 @@ from horizonval.earth.clouds.layers import ThinLayer
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands, sunlight, thermal_absorption
+from horizonval.earth.weather.cold_poles import with_cold_poles
 from horizonval.earth.weather.column_map import ColumnMap, latitude_longitude_deg
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band
@@ -176,11 +178,15 @@ def emitting_air(
         ground_m = ground_m if ground is None else ground(latitude, longitude)
     elif air.climates:
         climates: tuple[Mapping[str, float], ...] = (air.climates,)
+        latitude = np.array([scene.atmosphere.latitude_deg or 0.0])
         if climate_rows.varies(scene):
             rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
             climates = climate_rows.weights(rows, climate_rows.month(scene))
-            ground_m = ground_m if ground is None else ground(np.degrees(np.arcsin(rows)), None)
+            latitude = np.degrees(np.arcsin(rows))
+            ground_m = ground_m if ground is None else ground(latitude, None)
         state = afgl.blended(climates, afgl.levels_m(), scene.atmosphere.co2_ppm)
+        if scene.atmosphere.profile == climate.BY_LATITUDE_MONTH:
+            state = with_cold_poles(state, latitude, climate_rows.month(scene))
     else:
         state = air.state.gas_state().columns()
     if scene.atmosphere.halocarbons:

@@ -1,9 +1,9 @@
 """What the ground of a scene emits: from its specification to
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
-A ``uniform`` ground is as warm as ``surface.temperature_k`` says, or else as the lowest air: one temperature, or with
-``by_latitude_month`` and ``weather`` that of the AFGL climates at every latitude, and with profiles of many places that
-of their lowest air, its mean around each circle of latitude. An ``earth`` has the climate of
+A ``uniform`` ground is as warm as ``surface.temperature_k`` says, or else as the lowest air: one temperature, that of
+every latitude with ``by_latitude_month``, that of the AFGL climates there with ``weather``, and with profiles of many
+places that of their lowest air, its mean around each circle of latitude. An ``earth`` has the climate of
 :mod:`horizonval.earth.surface.surface_temperature` for the month of the air (or of the epoch), whatever the profile of
 the air above it, unless ``surface.temperature_k`` puts one temperature in place of everything.
 
@@ -20,6 +20,7 @@ from horizonval.earth.atmosphere.air import Columns
 from horizonval.earth.gases import afgl
 from horizonval.earth.surface import ground_map, surface_temperature
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
+from horizonval.earth.weather.cold_poles import with_cold_poles
 from horizonval.spec.scene import SceneSpec
 
 _AROUND_DEG = 15.0
@@ -43,8 +44,10 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float | FloatArray) -> Groun
         return climate_ground(month, cloud)
     by_latitude = climate_rows.varies(scene) or columns.weather_of(scene) is not None
     if surface.kind != "earth" and fixed is None and by_latitude:
-        air = afgl.blended(climate_rows.weights(rows, month), np.zeros(1)).temperature_k[:, 0]
-        return uniform_ground(air, surface.emissivity, cloud)
+        air = afgl.blended(climate_rows.weights(rows, month), np.zeros(1))
+        if climate_rows.varies(scene):
+            air = with_cold_poles(air, np.degrees(np.arcsin(rows)), month)
+        return uniform_ground(air.temperature_k[:, 0], surface.emissivity, cloud)
     kind = "earth" if surface.kind == "earth" else "uniform"
     return uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud, kind, month)
 

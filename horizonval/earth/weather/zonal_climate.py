@@ -67,11 +67,11 @@ def temperature_k(
     start = BLEND_FROM_M * np.cos(np.radians(latitude_deg))[:, None] ** 2
     x = np.clip((altitude_m - start) / BLEND_OVER_M, 0.0, 1.0)
     share = x * x * (3.0 - 2.0 * x)
-    share = share + (1.0 - share) * _polar_share(latitude_deg, month)[:, None]
+    share = share + (1.0 - share) * polar_share(latitude_deg, month)[:, None]
     return np.asarray(afgl_blend_k + share * (table_temperature_k(latitude_deg, month, altitude_m) - afgl_blend_k))
 
 
-def _polar_share(latitude_deg: FloatArray, month: float) -> FloatArray:
+def polar_share(latitude_deg: FloatArray, month: float) -> FloatArray:
     """Return how far the table holds down to the ground: all year in the south, by the winter's share in the north."""
     first, last = POLAR_DEG
     x = np.clip((np.abs(latitude_deg) - first) / (last - first), 0.0, 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,15 @@ import numpy as np
 import pytest
 from make_weather_modes import made
 
+from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere import climate, columns
 from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.gases import afgl
+from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.tables import npz
 from horizonval.earth.weather import field, modes, real_states, warming, zonal_climate
+from horizonval.earth.weather.cold_poles import with_cold_poles
 from horizonval.earth.weather.field import WeatherField
 from horizonval.earth.weather.humidity import saturated_share
 from horizonval.earth.weather.hydrostatic import pressure_pa
@@ -147,7 +151,16 @@ def test_the_antarctic_winter_is_cold() -> None:
     assert zonal_climate.sea_level_pa(-65.0) < zonal_climate.sea_level_pa(-30.0) - 2000.0
 
 
-def test_low_polar_air_is_as_cold_as_real_states() -> None:
+def _of_weather(latitude_deg: float, month: float, blend: GasState) -> FloatArray:
+    return zonal_climate.temperature_k(np.array([latitude_deg]), month, blend.altitude_m, blend.temperature_k)[0]
+
+
+def _of_latitude_and_month(latitude_deg: float, month: float, blend: GasState) -> FloatArray:
+    return with_cold_poles(blend, np.array([latitude_deg]), month).temperature_k[0]
+
+
+@pytest.mark.parametrize("low_air", [_of_weather, _of_latitude_and_month])
+def test_low_polar_air_is_as_cold_as_real_states(low_air: Callable[[float, float, GasState], FloatArray]) -> None:
     """500 to 700 hPa poleward of 68 deg, where the subarctic climates are 10 to 18 K too warm; means over five or more
     days, each of which has 6 K of weather: 3 standard errors."""
     apart: dict[str, list[float]] = {}
@@ -160,14 +173,35 @@ def test_low_polar_air_is_as_cold_as_real_states() -> None:
         if s.latitude_deg > 0.0 and not winter:
             continue
         z = s.altitude_m[(s.altitude_m > s.surface_m + 200.0) & (s.pressure_pa > 5e4) & (s.pressure_pa < 7e4)]
-        blend = afgl.blended([climate.climate_weights(s.latitude_deg, month)], z).temperature_k
-        own = zonal_climate.temperature_k(np.array([s.latitude_deg]), month, z, blend)[0]
+        own = low_air(s.latitude_deg, month, afgl.blended([climate.climate_weights(s.latitude_deg, month)], z))
         key = f"{'south' if s.latitude_deg < 0.0 else 'north'} {'winter' if winter else 'summer'}"
         apart.setdefault(key, []).append(float(np.mean(own - np.interp(z, s.altitude_m, s.temperature_k))))
     assert sorted(apart) == ["north winter", "south summer", "south winter"]
     for key, found in apart.items():
         assert len(found) >= 5
         assert abs(np.mean(found)) < 3.0 * 6.0 / math.sqrt(len(found)), (key, np.mean(found))
+
+
+@pytest.mark.parametrize(("latitude", "month"), [(-90.0, 9.0), (-70.0, 1.0), (80.0, 1.0), (-62.0, 7.0)])
+def test_cold_poles_leave_the_air_s_density_and_what_is_above(latitude: float, month: float) -> None:
+    blend = afgl.blended([climate.climate_weights(latitude, month)], Z_M)
+    cold = with_cold_poles(blend, np.array([latitude]), month)
+    density = cold.pressure_pa / cold.temperature_k
+    np.testing.assert_allclose(density, blend.pressure_pa / blend.temperature_k, rtol=1e-12)
+    above = Z_M >= 12e3
+    np.testing.assert_array_equal(cold.temperature_k[:, above], blend.temperature_k[:, above])
+    np.testing.assert_array_equal(cold.vmr["h2o"][:, above], blend.vmr["h2o"][:, above])
+    humidity = [state.vmr["h2o"] / saturated_share(state.pressure_pa, state.temperature_k) for state in (cold, blend)]
+    np.testing.assert_allclose(*humidity, rtol=1e-12)
+    if abs(latitude) > 68.0:
+        assert (cold.temperature_k[:, Z_M < 8e3] < blend.temperature_k[:, Z_M < 8e3]).all()
+
+
+def test_only_poles_are_cold() -> None:
+    """South of 55 deg all year, and north of it by the winter's share: none in July."""
+    latitude = np.array([-54.0, 0.0, 54.0, 90.0])
+    blend = afgl.blended([climate.climate_weights(float(row), 7.0) for row in latitude], Z_M)
+    np.testing.assert_array_equal(with_cold_poles(blend, latitude, 7.0).temperature_k, blend.temperature_k)
 
 
 def test_a_warming_warms_the_winter_pole_and_cools_above() -> None:
