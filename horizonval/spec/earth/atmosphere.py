@@ -18,7 +18,7 @@ class Atmosphere(Model):
     profile: str = "us_standard"
     """Temperature and gases by name (`horizonval list atmospheres`). `none` is no atmosphere at all.
     `by_latitude_month` blends the AFGL climates by latitude and month: rays then cross the air of every latitude
-    in sight.
+    in sight, over the poles colder below 8 km than any climate in thermal bands.
     `weather` draws the temperature, ozone and water vapour of one day over latitude, longitude and height, around the
     climate of the month; `weather:ec2008-12` and the like are real states, the same everywhere.
     """

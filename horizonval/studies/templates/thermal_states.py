@@ -4,9 +4,10 @@ Every place of the table has
 
 - the calm climate of the weather model, :func:`horizonval.earth.atmosphere.columns.weather_columns`;
 - *air*: :data:`WEATHERS` days drawn with it, one draw serving all latitudes of its month, at two places of a
-  parallel, and the blend of the AFGL climates, which scenes may have instead, as one more. Days come in pairs, each
-  with its opposite, and warmings in as many of them as they have of all days: days drawn one by one, seven a month,
-  had a mean whose limb in the carbon dioxide band stood up to 0.8 km from the climate's, 0.3 km rms;
+  parallel, and the blend of the AFGL climates, which scenes may have instead, as one more: the blend alone, without
+  the colder poles that scenes have below 8 km. Days come in pairs, each with its opposite, and warmings in as many of
+  them as they have of all days: days drawn one by one, seven a month, had a mean whose limb in the carbon dioxide band
+  stood up to 0.8 km from the climate's, 0.3 km rms;
 - *below*: :data:`COVERS` states of what else is there, on the calm air: opaque clouds in three states of four, cirrus
   as often as it is seen, the ground warmer or colder than the climate by 5 K rms, on land or sea by halves, haze of 0.5
   to 2 times the mean (one standard deviation), a volcanic stratosphere in one of ten.
