@@ -20,11 +20,14 @@
 
    The noise is found in the residuals: of dark pixels, as bright as the pixel, as its square below the highest clouds,
    as the slope's square; not less than rounding and what is left out of the air make; and more where neighbouring
-   residuals are alike. Where the converter cuts noise off at its lowest level, dark pixels are taken for what they then
-   show in the mean. Pixels and noise are chosen anew until both
-   stand still, closer than `limb-profile` asks for, so that an answer depends little on where the search started.
-   Where the air strains what is known of it, the search begins anew with the limb half a pixel higher, and the more probable
-   end is believed.
+   residuals are alike. It depends on the level, and what is made smallest is
+
+       sum (residual^2 / variance + ln variance) / wider + priors
+
+   of which residual + (residual^2 / variance - 1) (d variance / d level) / 2 is the slope by a pixel's level. Where the
+   converter cuts noise off at its lowest level, dark pixels are taken for what they then show in the mean. Pixels and
+   noise are chosen anew until both stand still, closer than `limb-profile` asks for, so that an answer depends little on
+   where the search started.
 
    Left out: lenses with distortion. Not as in `limb-profile`: MOST_NODES, half of what it has at most, which is less
    only where more than 1.1 rad of limb at the Earth's centre are in view.
@@ -76,10 +79,10 @@ static const double LEAST_SHARE_DARK = 0.01;
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 /* Steps. */
 enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8, FEW_PX = 6000 };
-static const double SETTLED = 0.03, STEADY = 0.03, CONVERGED = 1e-2, RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3;
+static const double SETTLED = 0.03, NEARLY_SETTLED = 1.0, STEADY = 0.03, CONVERGED = 1e-3, STRAINED = 0.9;
+static const double RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3, WORTH = 0.002;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, LEAST_GAIN = 0.2;
-enum { MORE_STARTS = 3 };
-static const double FINEST_M = 4e3, FINEST_PX = 0.5, LEAST_TILT = 0.2, NEARLY = 0.9;
+static const double FINEST_M = 4e3, FINEST_PX = 0.5;
 static const double LEAST_SHARE = 0.1, MOST_SHARE = 0.7, MOST_ROUND = 0.5, ROUNDED = 1e-4;
 /* What is believed. */
 static const double SCATTERED = 2.0, LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
@@ -93,6 +96,7 @@ typedef struct {
   double value, light;                               /* of the image */
   double h, y, by_pose[POSE];                        /* height, and way across the limb with its derivatives */
   double share, level, slope, kept, off, weight;     /* of what is predicted, its change by light; 1 / variance */
+  double variance, least, by_level, pull;            /* of the noise, its derivative by the level, what that adds to off */
   float along;                                       /* from its node to the next */
   int16_t column, row, node, place;
 } Pixel;
@@ -111,6 +115,8 @@ static State prior;
 static Pixel near_[MOST_NEAR];
 static Node node[MOST_NODES];
 static int count, nodes, functions, unknowns, air;
+static double wider = 1.0; /* variances, by how residuals are alike */
+static int plain;          /* whether noise is held for a step, and not wider */
 static double curve, grid_low, grid_step, median_width, floor_level, floor_sigma, floor_space;
 static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS], pivot_of[SETS][MOST_NODES];
 static double wave[SETS][MOST_NODES][MOST_NODES];
@@ -740,10 +746,21 @@ static double variance_between(double low, double high, double brightest) {
   return fmax(sum / fmax(number, 1.0), 1e-300);
 }
 
-/* Weighs the pixels by the residuals as they are; returns by how much their logarithms changed (rms). */
-static double weigh(const State *s) {
-  static double part[MOST_NEAR][3], expected[MOST_NEAR], least[MOST_NEAR];
-  double brightest = 1e-300, steepest = 1e-300, changed = 0.0, both = 0.0;
+/* The variance that there is at least: what rounding to whole numbers leaves, and bumps that are left out, by how many
+   pixels they are alike in. */
+static void least_noise(const State *s) {
+  for (int i = 0; i < count; i++) {
+    Pixel *p = &near_[i];
+    double alike = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0), 1.0);
+    const double *out = &neglected[p->node][p->place];
+    p->least = 1.0 / 12.0 + alike * pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
+  }
+}
+
+/* The noise of the pixels by the residuals as they are. */
+static void estimate_noise(const State *s) {
+  static double part[MOST_NEAR][3], expected[MOST_NEAR];
+  double brightest = 1e-300, steepest = 1e-300, found[2] = {0.0, 0.0};
   for (int i = 0; i < count; i++) {
     const Pixel *p = &near_[i];
     double per_px = s->gain * p->light * p->slope * node[p->node].width_m;
@@ -758,11 +775,7 @@ static double weigh(const State *s) {
     double level = clip(p->light * p->level / brightest, 0.0, 1.0);
     double below = clip(0.5 - (p->h - CLOUD_TOP_M) / (2.0 * node[p->node].width_m), 0.0, 1.0);
     part[i][0] = level, part[i][1] = pow(below * level, 2.0), part[i][2] /= steepest;
-    /* at least what rounding to whole numbers leaves, and bumps that are left out, by how many pixels they are alike in */
-    double alike = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0), 1.0);
-    const double *out = &neglected[p->node][p->place];
-    least[i] = 1.0 / 12.0 + alike * pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
-    expected[i] = fmax(dark + fmax(bright - dark, 0.0) * level, least[i]);
+    expected[i] = fmax(dark + fmax(bright - dark, 0.0) * level, p->least);
   }
   for (int round = 0; round < WEIGHINGS; round++) {
     double A[3][3] = {{0}}, b[3] = {0}, size[3], x[3];
@@ -780,18 +793,19 @@ static double weigh(const State *s) {
       for (int k = 0; k < 3; k++) A[j][k] = A[j][k] / (size[j] * size[k]) + (j == k ? 1e-9 : 0.0);
     }
     not_negative(A, b, x);
+    found[0] = x[0] / size[0], found[1] = x[1] / size[1];
     for (int i = 0; i < count; i++) {
       expected[i] = dark;
       for (int j = 0; j < 3; j++) expected[i] += x[j] / size[j] * part[i][j];
-      expected[i] = fmax(expected[i], least[i]);
+      expected[i] = fmax(expected[i], near_[i].least);
     }
   }
   for (int i = 0; i < count; i++) {
-    double weight = near_[i].off * near_[i].off < OUTLIER * OUTLIER * expected[i] ? 1.0 / expected[i] : 0.0;
-    if (weight > 0.0 && near_[i].weight > 0.0) changed += pow(log(weight / near_[i].weight), 2.0), both += 1.0;
-    near_[i].weight = weight;
+    Pixel *p = &near_[i];
+    double below = clip(0.5 - (p->h - CLOUD_TOP_M) / (2.0 * node[p->node].width_m), 0.0, 1.0);
+    p->variance = expected[i];
+    p->by_level = expected[i] <= p->least ? 0.0 : (found[0] + 2.0 * found[1] * below * below * part[i][0]) / brightest;
   }
-  return sqrt(changed / fmax(both, 1.0));
 }
 
 /* The weights of pixels that are chosen again; those that are new are as good as the median one. With noise that began
@@ -829,6 +843,29 @@ static double alike(void) {
   return most;
 }
 
+/* Weighs the pixels by their noise, wider by how much more the residuals scatter over squares of pixels than independent
+   ones would; returns by how much the weights' logarithms changed (rms). */
+static double weigh(const State *s) {
+  static double before[MOST_NEAR];
+  double changed = 0.0, both = 0.0;
+  least_noise(s);
+  estimate_noise(s);
+  for (int i = 0; i < count; i++) {
+    Pixel *p = &near_[i];
+    double square = p->off * p->off / p->variance;
+    before[i] = p->weight;
+    p->weight = square < OUTLIER * OUTLIER ? 1.0 / p->variance : 0.0;
+    p->pull = plain ? 0.0 : 0.5 * (fmin(square, OUTLIER * OUTLIER) - 1.0) * p->by_level / s->gain;
+  }
+  double beyond = alike();
+  wider = plain ? 1.0 : 1.0 + (beyond - 1.0) * clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0);
+  for (int i = 0; i < count; i++) {
+    double weight = near_[i].weight /= wider;
+    if (weight > 0.0 && before[i] > 0.0) changed += pow(log(weight / before[i]), 2.0), both += 1.0;
+  }
+  return sqrt(changed / fmax(both, 1.0));
+}
+
 /* Equations */
 
 /* The step to the priors' values, and their information; shared unknowns. */
@@ -846,14 +883,19 @@ static void priors(const State *s, double *wanted, double *information) {
   information[BACKGROUND] = floor_sigma > 0.0 ? 1.0 / (floor_sigma * floor_sigma) : 0.0;
 }
 
-/* What the most probable unknowns make smallest. */
+/* What the most probable unknowns make smallest: with the noise that fits the residuals. */
 static double merit_of(const State *s) {
-  double wanted[SHARED], information[SHARED], sum = 0.0;
+  double wanted[SHARED], information[SHARED], sum = 0.0, data = 0.0;
+  if (!plain) estimate_noise(s);
   priors(s, wanted, information);
   for (int i = 0; i < SHARED; i++) sum += information[i] * wanted[i] * wanted[i];
   for (int i = 0; i < air; i++) sum += s->z[i] * s->z[i];
-  for (int i = 0; i < count; i++) sum += near_[i].weight * near_[i].off * near_[i].off;
-  return sum;
+  for (int i = 0; i < count && plain; i++) sum += near_[i].weight * near_[i].off * near_[i].off;
+  for (int i = 0; i < count && !plain; i++) {
+    double square = near_[i].off * near_[i].off / near_[i].variance;
+    data += fmin(square, OUTLIER * OUTLIER) + log(near_[i].variance);
+  }
+  return sum + data / wider;
 }
 
 /* L L^T = N, lower triangles. */
@@ -923,7 +965,8 @@ static int equations(const State *s) {
     }
     for (int j = 0; j < SHARED; j++) {
       double weighted = p->weight * J[j];
-      shared_pull[j] += weighted * p->off;
+      /* gain and background do without: with them the noise changes as a whole */
+      shared_pull[j] += weighted * (p->off + (j == GAIN || j == BACKGROUND ? 0.0 : p->pull));
       for (int k = 0; k <= j; k++) shared[j][k] += weighted * J[k];
       for (int e = 0; e < 2; e++)
         for (int k = 1; k < functions; k++) to_shared[p->node + e][k][j] += weighted * row[e][k];
@@ -931,7 +974,7 @@ static int equations(const State *s) {
     for (int j = 1; j < functions; j++) {
       double here = p->weight * row[0][j], there = p->weight * row[1][j];
       double *x = own[p->node][j], *y = own[p->node + 1][j], *z = next[p->node][j];
-      pull[p->node][j] += here * p->off, pull[p->node + 1][j] += there * p->off;
+      pull[p->node][j] += here * (p->off + p->pull), pull[p->node + 1][j] += there * (p->off + p->pull);
       for (int k = 1; k <= j; k++) x[k] += here * row[0][k], y[k] += there * row[1][k];
       for (int k = 1; k < functions; k++) z[k] += here * row[1][k];
     }
@@ -1050,23 +1093,17 @@ static int search_along(State *s, const double *step, double promised) {
   }
   *s = best < INFINITY ? found : origin;
   look(s);
-  return best < INFINITY;
+  return merit_before - best > WORTH;
 }
 
-/* Widens the noise by how much more the residuals scatter over squares of pixels than independent ones would. That is
-   known of residuals that nothing but noise and shapes without a mode is left in. */
-static void widen(void) {
-  double beyond = alike();
-  double factor = 1.0 + (beyond - 1.0) * clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0);
-  for (int i = 0; i < count; i++) near_[i].weight /= factor;
-}
-
-/* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
-static int fit(State *s, const char **reason) {
+/* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. Narrow: noise is
+   held for a step, and not wider, in the first part of the way. */
+static int search(State *s, int narrow, const char **reason) {
   static double step[MOST_UNKNOWNS];
-  int settled = 0, few = width * height > FEW_PX, round = 0;
+  int settled = 0, few = 1, round = 0;
   double size = INFINITY;
   *reason = "too little limb in view";
+  plain = narrow;
   if (!select_pixels(s)) return 0;
   *reason = "the image is not brighter where the limb should be";
   if (!levels(s)) return 0;
@@ -1090,7 +1127,7 @@ static int fit(State *s, const char **reason) {
     int improved = search_along(s, step, promised);
     if (held && !improved) return round;
     if (held) continue;
-    int close = size < SETTLED || !improved;
+    int close = size < (plain ? NEARLY_SETTLED : SETTLED) || !improved;
     double away_px = motion_px_of(s->away);
     if ((close && few) || away_px > (close ? CLOSE_PX : RESELECT_PX)) {
       keep_weights();
@@ -1098,15 +1135,13 @@ static int fit(State *s, const char **reason) {
       take_weights_over();
       look(s);
       few = few && !close;
+      plain = plain && few;
     }
     double changed = weigh(s);
     settled = close && changed < STEADY ? settled + 1 : 0;
-    if (settled >= SETTLING_STEPS) widen();
   }
   *reason = "no convergence";
   if (size > 1.0) return 0;
-  /* its noise went to and fro to the end; without this it would claim too much of itself */
-  if (settled < SETTLING_STEPS) widen();
   /* the claim is that of the noise as it is now */
   return equations(s) ? MOST_STEPS : 0;
 }
@@ -1135,54 +1170,19 @@ static double explained(void) {
   return 1.0 - left / whole;
 }
 
-/* Minus twice the logarithm of the probability of image and unknowns, per pixel. */
-static double improbability(const State *s) {
-  double logs = 0.0, sum = merit_of(s);
-  int used = 0;
-  for (int i = 0; i < count; i++)
-    if (near_[i].weight > 0.0) logs += log(near_[i].weight), used++;
-  logs /= used;
-  return (sum + (count - used) * OUTLIER * OUTLIER) / count - logs;
-}
-
-/* The turn that has the limb in view predicted higher by what a start leaves; 0 where the limb is seen nearly all around. */
-static int higher(const State *s, double *w) {
-  double to_limb = sqrt(dot(s->r, s->r) - A_M * A_M), size;
-  for (int c = 0; c < 3; c++) {
-    w[c] = 0.0;
-    for (int i = 0; i < count; i++) w[c] -= near_[i].by_pose[c] / (count * to_limb);
-  }
-  size = sqrt(dot(w, w));
-  for (int c = 0; c < 3; c++) w[c] *= fmax(FINEST_M, FINEST_PX * median_width) / to_limb;
-  return size >= LEAST_TILT;
-}
-
-/* Searches from the state's pose, with nothing else of it kept. */
-static int fit_anew(State *s, const char **reason) {
-  s->blur = prior.blur, s->sharpness = prior.sharpness, s->gain = prior.gain, s->background = prior.background;
-  nodes = 0;
-  return fit(s, reason);
-}
-
-/* The most probable state, from other starts too where the first seems to have missed. A limb that is predicted too low
-   leaves light above it, which noise, gain and lens explain as well as a higher limb: the search ends there, with air that
-   strains what is known of it. As long as air does, and a start with a higher limb ends more probably, that is believed. */
-static int fit_well(State *s, const char **reason) {
-  static State other;
+/* The most probable state: a second search where the air strains what is known of it in the first. */
+static int fit(State *s, const char **reason) {
+  static State begin;
   const char *unused;
-  int steps = fit(s, reason);
-  for (int more = 0; steps && more < MORE_STARTS; more++) {
-    double w[3], before = improbability(s);
-    if (product(s->z, s->z, air) <= determined_air() || explained() <= NEARLY || !higher(s, w)) return steps;
-    rest(s);
-    other = *s;
-    turn(other.R, w);
-    int again = fit_anew(&other, &unused);
-    /* the pixels are those of the other now: where the first has ended is found once more */
-    if (!again || improbability(&other) >= before) return fit_anew(s, reason);
-    *s = other, steps = again;
-  }
-  return steps;
+  begin = *s;
+  int steps = search(s, 1, reason);
+  if (!steps || product(s->z, s->z, air) <= STRAINED * determined_air()) return steps;
+  *s = begin, nodes = 0;
+  int again = search(s, 0, &unused);
+  if (again) return again;
+  /* the pixels are those of the other now: where the first has ended is found once more */
+  *s = begin, nodes = 0;
+  return search(s, 1, reason);
 }
 
 /* The start */
@@ -1348,7 +1348,7 @@ int main(void) {
   s.sharpness = SHARPNESS_PRIOR;
   prior = s;
   if (!start(&s)) return refuse("no_limb", "no tilt near the prior's makes the image like a limb");
-  int steps = fit_well(&s, &reason);
+  int steps = fit(&s, &reason);
   rest(&s);
   if (!steps) return refuse("no_limb", reason);
   if (!(explained() > LEAST_EXPLAINED)) return refuse("no_limb", "the predicted limb explains too little of the image");

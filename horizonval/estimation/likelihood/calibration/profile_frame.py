@@ -34,7 +34,7 @@ from horizonval.estimation.likelihood.profile import model as profile
 from horizonval.estimation.likelihood.profile.known_profile import KnownProfile
 from horizonval.estimation.likelihood.profile.model import BLUR, GAIN, POSE, ProfileModel, priors_beside_pose
 from horizonval.estimation.likelihood.profile.ray_height import level_distance, ray_height
-from horizonval.estimation.likelihood.profile.search import ProfileSearch, weights_of
+from horizonval.estimation.likelihood.profile.search import ProfileSearch, least_variance, noise_at, wider
 from horizonval.geometry.camera import CameraModel
 
 STEP_PX = 0.02
@@ -102,7 +102,9 @@ class ProfileFrame:
         self.model.moved = (shared.values[:OF_LENS] - self._at) @ self.model.by_lens
         look = self.model.look(self.now)
         if not held:
-            self._weights = weights_of(self.model, self.now, look, self._weights)
+            least = least_variance(self.model, self.now, look)
+            noise = noise_at(self.model, look, self._weights, least)
+            self._weights = noise.inverse_variance / wider(self.model, look, noise)
         parts = self.model.equations(self.now, look, self._weights)
         if not all(np.isfinite(x).all() for x in (parts.shared, parts.right, parts.air, parts.right_air)):
             raise np.linalg.LinAlgError("the frame's equations have no solution")

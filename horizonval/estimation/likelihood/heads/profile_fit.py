@@ -44,7 +44,9 @@ from horizonval.estimation.likelihood.profile.search import (
     ROUNDING,
     ProfileSearch,
     explained,
-    weights_of,
+    least_variance,
+    noise_at,
+    wider,
 )
 from horizonval.geometry.camera import CameraModel
 
@@ -131,6 +133,7 @@ class _SearchOfHeads:
         self.now = _Unknowns(np.zeros(POSE), guesses, self.air.saying(said))
         self.weights = [np.ones_like(model.near.values) for model in self.models]
         self.looks = self._look(self.now)
+        self._weigh()
 
     def run(self, axes_from_body: FloatArray) -> ProfileFit:
         """Search, and return where it ends."""
@@ -139,8 +142,7 @@ class _SearchOfHeads:
             if not held:
                 if number:
                     self._choose_again()
-                each = zip(self.models, self.now.heads, self.looks, self.weights, strict=True)
-                self.weights = [weights_of(*one) for one in each]
+                self._weigh()
             found = self._equations()
             over = self._reach(found.step)
             step, gained = found.step / over, found.gained / over**2
@@ -149,6 +151,14 @@ class _SearchOfHeads:
             if held and (not improved or (size < CONVERGED and gained < 1.0)):
                 return self._found(found, axes_from_body)
         raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+
+    def _weigh(self) -> None:
+        each = list(zip(self.models, self.looks, strict=True))
+        self.least = [least_variance(one, self._guess(k, self.now), look) for k, (one, look) in enumerate(each)]
+        found = zip(each, self.weights, self.least, strict=True)
+        self.noises = [noise_at(*seen, weights, least) for seen, weights, least in found]
+        self.wider = [wider(*seen, noise) for seen, noise in zip(each, self.noises, strict=True)]
+        self.weights = [noise.inverse_variance / by for noise, by in zip(self.noises, self.wider, strict=True)]
 
     def _models(self, guesses: Sequence[Guess]) -> list[ProfileModel]:
         return [
@@ -191,7 +201,9 @@ class _SearchOfHeads:
         shared[:POSE, :POSE] = self.information
         right[:POSE] = self.information @ wanted
         for k, (head, model, look) in enumerate(zip(self.heads, self.models, self.looks, strict=True)):
-            parts = model.equations(self._guess(k, self.now), look, self.weights[k])
+            guess = self._guess(k, self.now)
+            pull_of_noise = self.noises[k].pull(look.residuals, guess.gain)
+            parts = model.equations(guess, look, self.weights[k], pull_of_noise)
             picked = np.zeros((SHARED, count))
             picked[:POSE, :POSE] = _turned(head.cam_from_body)
             picked[POSE:, POSE + OWN * k : POSE + OWN * (k + 1)] = np.eye(OWN)
@@ -243,7 +255,8 @@ class _SearchOfHeads:
         squares = float(now.air @ now.air) + float(wanted @ self.information @ wanted)
         for k, look in enumerate(looks):
             own, pull = self._own_priors(k, now)
-            squares += float(self.weights[k] @ look.residuals**2) + float(own @ pull**2)
+            noise = noise_at(self.models[k], look, self.weights[k], self.least[k])
+            squares += noise.improbability(look.residuals) / self.wider[k] + float(own @ pull**2)
         return squares
 
     def _found(self, last: ProfileStep, axes_from_body: FloatArray) -> ProfileFit:

@@ -28,6 +28,7 @@ their sums over squares scatter than independent ones would, of the size of squa
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
@@ -39,17 +40,7 @@ from horizonval.estimation.likelihood.profile.air import NodeAir
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.model import POSE, Guess, ProfileModel, Seen
 from horizonval.estimation.likelihood.profile.search import ProfileSearch, explained
-from horizonval.estimation.likelihood.profile.start import FINEST_M, FINEST_PX
 from horizonval.geometry.camera import CameraModel
-
-MORE_STARTS = 3
-"""At most, each half a pixel higher than where the search before has ended: of 128 images drawn as the tables have
-their air two were a pixel and more off, one of which took two more starts."""
-NEARLY = 0.9
-"""Of the pixels' variance: a first end that explains less is of no limb. Those that missed explained 0.996; chosen
-after seeing them, to save the time of pictures that are no Earth."""
-LEAST_TILT = 0.2
-"""Of the limb's rise that a tilt's is: below, the limb is seen nearly all around."""
 
 
 def fit_profile(
@@ -98,44 +89,18 @@ def fit_profile(
 def most_probable(
     image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: ProfileKnowledge
 ) -> ProfileSearch:
-    """Return the search for the most probable unknowns, from other starts too where the first seems to have missed.
-
-    A limb that is predicted too low leaves light above it, which noise that is estimated with the unknowns, gain and
-    lens explain as well as a limb that is higher: the search ends there, half a pixel and more from the limb, with air
-    that strains its priors. As long as air does, and a start with a higher limb ends more probably, that is believed.
+    """Return the search for the most probable unknowns: a second one where the air strains its priors in the first.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        As of :meth:`.ProfileSearch.run`, from the first start.
+        As of :meth:`.ProfileSearch.run`, from the first.
     """
     found = ProfileSearch(image, camera, start, knowledge).run()
-    for _ in range(MORE_STARTS):
-        squares, determined = found.strain()
-        higher = _limb_higher(found)
-        likely = explained(found.model, found.look, found.inverse_variance) > NEARLY
-        if squares <= determined or not likely or higher is None:
-            break
-        try:
-            other = ProfileSearch(image, camera, higher, knowledge).run()
-        except np.linalg.LinAlgError:
-            break
-        if other.improbability() >= found.improbability():
-            break
-        found = other
+    if found.strained():
+        with suppress(np.linalg.LinAlgError):
+            return ProfileSearch(image, camera, start, knowledge, narrow=False).run()
     return found
-
-
-def _limb_higher(found: ProfileSearch) -> LimbPose | None:
-    """Return the pose tilted so that the limb in view is predicted higher by what a start leaves, if any tilt does."""
-    near = found.model.near
-    turn = np.mean(np.cross(near.los_cam, near.normal_cam), axis=0)
-    if np.linalg.norm(turn) < LEAST_TILT:
-        return None
-    by_m = max(FINEST_M, FINEST_PX * float(np.median(near.width_m)))
-    away = np.zeros(POSE)
-    away[:3] = turn * by_m / float(np.median(near.ray.distance_m))
-    return found.pose.moved(away)
 
 
 def strained(squares: float, determined: float) -> float:

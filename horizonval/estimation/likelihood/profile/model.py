@@ -268,9 +268,19 @@ class ProfileModel:
         left += right
         return left
 
-    def equations(self, now: Guess, look: Seen, inverse_variance: FloatArray, *, of_growth: bool = False) -> Equations:
+    def equations(
+        self,
+        now: Guess,
+        look: Seen,
+        inverse_variance: FloatArray,
+        by_level: FloatArray | None = None,
+        *,
+        of_growth: bool = False,
+    ) -> Equations:
         """Return the normal equations of a step.
 
+        ``by_level``: what is added to the residuals (n,) because the noise depends on the level. Gain and background
+        do without: with them the noise changes as a whole.
         ``of_growth``: with one more shared unknown, the last: how the logarithm of the blur grows with ``off_axis``.
         """
         near = self.near
@@ -278,6 +288,7 @@ class ProfileModel:
         kept = root * look.kept
         amplitude = now.gain * near.light * kept
         residuals = root * look.residuals
+        on_level = residuals if by_level is None else root * (look.residuals + by_level)
         shared = self._shared(now, amplitude, kept, look.level, look.changes)
         if of_growth:
             shared = np.concatenate([shared, self.off_axis[None] * shared[BLUR]])
@@ -293,12 +304,14 @@ class ProfileModel:
         for to_node, node, (level, bent) in zip((to_others[:-1], to_others[1:]), (before, after), sums, strict=True):
             to_node += node[0] @ level + node[1] @ bent
         waves, function = self.air.wave, self.air.function
-        pull = self._pull(now, look, amplitude * residuals)
+        pull = self._pull(now, look, amplitude * on_level)
+        right = shared @ on_level
+        right[[GAIN, BACKGROUND]] = shared[[GAIN, BACKGROUND]] @ residuals
         return Equations(
             shared @ shared.T,
             np.einsum("ijk,ij->kj", to_others[:, function], waves),
             self._of_waves(own, next_),
-            shared @ residuals,
+            right,
             np.einsum("ij,ij->j", pull[:, function], waves),
         )
 

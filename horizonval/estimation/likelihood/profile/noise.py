@@ -11,7 +11,10 @@ independent ones would.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from horizonval.core.arrays import FloatArray
@@ -27,15 +30,54 @@ ALIKE_PX = (4, 8, 16, 32)
 """Sides of the squares over which residuals are summed: what clouds and the spread between neighbours make alike."""
 
 
-def weighed(
+@dataclass(frozen=True)
+class PixelNoise:
+    """The noise of the pixels, shape (n,) each.
+
+    Attributes
+    ----------
+    variance : ndarray
+    used : ndarray of bool
+        What is no outlier.
+    by_level : ndarray
+        Derivative of the variance by the level, 0 where the variance is the least that there is.
+    """
+
+    variance: FloatArray
+    used: NDArray[np.bool_]
+    by_level: FloatArray
+
+    @property
+    def inverse_variance(self) -> FloatArray:
+        """0 of outliers."""
+        return np.where(self.used, 1.0 / self.variance, 0.0)
+
+    def improbability(self, residuals: FloatArray) -> float:
+        """Return minus twice the logarithm of the residuals' probability, but for a constant.
+
+        An outlier counts as a residual at the limit does.
+        """
+        squares = np.minimum(residuals**2 / self.variance, OUTLIER**2)
+        return float(np.sum(squares)) + float(np.sum(np.log(self.variance)))
+
+    def pull(self, residuals: FloatArray, gain: float) -> FloatArray:
+        """Return what to add to the residuals so that they pull as this noise does too, which depends on the level.
+
+        ``gain``: what residuals are per level.
+        """
+        beyond = np.minimum(residuals**2 / self.variance, OUTLIER**2) - 1.0
+        return np.asarray(0.5 * beyond * self.by_level / gain)
+
+
+def noise_of(
     residuals: FloatArray,
     level: FloatArray,
     below: FloatArray,
     per_px: FloatArray,
     used: np.ndarray,
     least: FloatArray | float = 0.0,
-) -> FloatArray:
-    """Return the inverse variances of pixels, 0 of outliers, shape (n,).
+) -> PixelNoise:
+    """Return the noise of pixels.
 
     Parameters
     ----------
@@ -51,7 +93,8 @@ def weighed(
     least : float or ndarray, shape (n,)
         Variance that there is at least: what the converter's steps leave, and what the prediction leaves out.
     """
-    level = np.clip(level / max(float(level.max()), 1e-300), 0.0, 1.0)
+    brightest = max(float(level.max()), 1e-300)
+    level = np.clip(level / brightest, 0.0, 1.0)
     squares = residuals**2
     dark, bright = (_variance(squares, there & used) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
     steep = per_px**2
@@ -59,8 +102,10 @@ def weighed(
     expected = np.maximum(dark + max(bright - dark, 0.0) * level, least)
     for _ in range(WEIGHINGS):
         inside = squares < OUTLIER**2 * expected
-        expected = np.maximum(dark + _components(squares - dark, expected, parts, inside) @ parts, least)
-    return np.where(squares < OUTLIER**2 * expected, 1.0 / expected, 0.0)
+        sizes = _components(squares - dark, expected, parts, inside)
+        expected = np.maximum(dark + sizes @ parts, least)
+    by_level = np.where(expected <= least, 0.0, (sizes[0] + 2.0 * sizes[1] * below**2 * level) / brightest)
+    return PixelNoise(expected, squares < OUTLIER**2 * expected, by_level)
 
 
 def alike(pixels: NearPixels, residuals: FloatArray, inverse_variance: FloatArray) -> float:

@@ -1,9 +1,23 @@
-"""The way from a pose near the limb to the most probable unknowns: Gauss-Newton, no step of which is a bad one.
+r"""The way from a pose near the limb to the most probable unknowns: Gauss-Newton, no step of which is a bad one.
 
 Of an image in which many pixels see the limb some are enough to come near; all are asked for the last steps.
 
-The noise is estimated anew after every step until both stand still, and held from then on: a pixel at the edge of being
-left out would else be left out at every second step.
+The noise is as little known as the rest, and depends on the unknowns: it grows with the level. What is made smallest is
+minus twice the logarithm of the probability of both, with the noise that fits the residuals of every place tried::
+
+    F = 1/w sum_i (r_i^2 / v_i + ln v_i) + priors,        v = v(residuals, levels)
+
+``w`` is how much more the residuals scatter over squares than independent ones would: pixels that see one cloud are
+not as many data. A step is that of the weights ``1 / (w v)``, with ``r + (r^2 / v - 1) (dv / dp) / 2`` in place of
+``r``: what the variance's dependence on the level ``p`` adds to the slope of ``F``. With weights alone, and ``w`` put
+in at the end, steps went downhill in ``sum r^2 / v`` and uphill in ``F``: limbs under broken clouds by day were drawn
+from the very truth to 500 to 1 000 arcsec beside it. What the prediction leaves out, the least that ``v`` is, is held
+for a step: it says nothing of where the limb is.
+
+``F`` has other places that are lowest around, with a softer lens and more noise in place of air. From a start a pixel
+off the noise that fits the residuals is large, and the way may lead there. So noise is held for a step, and not wider,
+in the first part of the way, which as a rule leads to the limb. Where the air strains its priors in the end it did
+not, and the search begins again with the noise as ``F`` has it from the start.
 """
 
 from __future__ import annotations
@@ -28,7 +42,7 @@ from horizonval.estimation.likelihood.profile.model import (
     ProfileModel,
     Seen,
 )
-from horizonval.estimation.likelihood.profile.noise import OUTLIER, alike, weighed
+from horizonval.estimation.likelihood.profile.noise import PixelNoise, alike, noise_of
 from horizonval.estimation.rounding import rounding_variance
 from horizonval.geometry.camera import CameraModel
 
@@ -39,18 +53,23 @@ LOST_STEPS, LOST = 12, 0.25
 """Steps after which a prediction that explains less of the pixels' variance is given up: what is no Earth takes all
 steps else, a dozen seconds of 6 000 pixels. Chosen after looking at 200 images, the least of whose answers was 0.58
 then; in 200 others, sealed ones of the benchmark among them, no answer had less."""
-SETTLED = 0.03
+SETTLED, NEARLY_SETTLED = 0.03, 1.0
+"""Squares of steps below which a search is near, and near enough to leave its first part where noise is narrow."""
 SETTLING_STEPS = 2
 """Steps of a square below the first, after which the noise is held: what a pose that is not there yet leaves would be
 taken for noise."""
 STEADY = 0.03
 """Of the logarithms of the pixels' variances from step to step: what a first guess leaves is no noise."""
-CONVERGED = 1e-2
-"""Square of a step of the pose over its own covariance: a tenth of a standard deviation, and it is still taken."""
+STRAINED = 0.9
+"""Of what the air's unknowns are in the mean: chosen after looking at a frame with 0.99 whose second search ended more
+probably, 77 in the merit; clear frames and those under cirrus have about half of the mean."""
+CONVERGED = 1e-3
+"""Square of a step of the pose over its own covariance: a thirtieth of a standard deviation, and it is still taken."""
 MOST_TRIALS, LEAST_SHARE, MOST_SHARE = 8, 0.1, 0.7
 """Of places along a step, and how much nearer the next one lies than the last."""
-ROUNDING = 1e-3
-"""Of a merit that counts squares in variances: so little worse is not worse, a thirtieth of a standard deviation."""
+ROUNDING, WORTH = 1e-3, 0.002
+"""Of a merit that counts squares in variances: so little worse is not worse, a thirtieth of a standard deviation; and a
+way that gains no more than a twentieth leads nowhere. With a seventh the search in C and this one ended 0.25 apart."""
 RESELECT_PX, NEAR_PX = 1.0, 0.02
 """Way of the limb after which the pixels are chosen again: on the way, and once it is found, so that no start matters.
 With 0.05, and a noise that was held after steps of 0.3 and changes of 0.1, starts a third of a pixel apart ended up to
@@ -71,25 +90,46 @@ nadirs by a fifth of a standard deviation."""
 class ProfileSearch:
     """The search; what its last step knew stays as attributes.
 
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+    camera : CameraModel
+    start : LimbPose
+    knowledge : ProfileKnowledge
+    narrow : bool
+        Whether the noise of a step is held, and not wider, in the first part of the way.
+
     Attributes
     ----------
     model : ProfileModel
     now : Guess
     look : Seen
+    noise : PixelNoise
+    wider : float
+        How much more residuals scatter over squares of pixels than independent ones would.
     inverse_variance : ndarray, shape (n,)
+        Of both.
     covariance, known : ndarray, shape (11, 11)
         Of the shared unknowns; as it is, and as it would be if the air were known.
     steps : list of ndarray, shape (7,)
     """
 
-    def __init__(self, image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: ProfileKnowledge) -> None:
+    def __init__(
+        self,
+        image: FloatArray,
+        camera: CameraModel,
+        start: LimbPose,
+        knowledge: ProfileKnowledge,
+        *,
+        narrow: bool = True,
+    ) -> None:
+        self.narrow = narrow
         self.image, self.camera, self.knowledge = image, camera, knowledge
         self.steps: list[FloatArray] = []
         self.covariance = self.known = np.empty((0, 0))
         self._last: ProfileStep | None = None
         self._priors = np.array([knowledge.blur_log_sigma, knowledge.sharpness_sigma, knowledge.gain_log_sigma]) ** -2.0
-        few = FEW_PX if image.size > FEW_PX else None
-        self._choose(start, knowledge.blur_px, few)
+        self._choose(start, knowledge.blur_px, FEW_PX)
         now = Guess(np.zeros(POSE), knowledge.blur_px, knowledge.sharpness, 1.0, 0.0, np.zeros(self.model.air.count))
         self.now = self._with_levels(now)
         self.look = self.model.look(self.now)
@@ -125,22 +165,22 @@ class ProfileSearch:
                 if not improved:
                     return self
                 continue
-            near = size < SETTLED or not improved
+            near = size < (NEARLY_SETTLED if self._plain else SETTLED) or not improved
             away_px = self.model.motion_px(self.now.away)
             if (near and self._few) or away_px > (NEAR_PX if near else RESELECT_PX):
                 self._choose_again(thinned=self._few and not near)
             changed = self._weigh()
             settled = settled + 1 if near and changed < STEADY else 0
-            if settled >= SETTLING_STEPS:
-                self._widen()
         if size > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
-        if settled < SETTLING_STEPS:
-            # Its noise went to and fro to the end; without this it would claim too much of itself.
-            self._widen()
         # The claim is that of the noise as it is now.
         self._step()
         return self
+
+    def strained(self) -> bool:
+        """Return whether the air's unknowns are so large that the search may have missed."""
+        squares, determined = self.strain()
+        return squares > STRAINED * determined
 
     def strain(self) -> tuple[float, float]:
         """Return the sum of squares of the air's unit unknowns, and how many of them the pixels determine.
@@ -162,18 +202,9 @@ class ProfileSearch:
         found, over = self._solved(parts), float(np.ptp(self.model.off_axis))
         return over * float(found.step[SHARED]), over * float(np.sqrt(found.covariance[SHARED, SHARED]))
 
-    def improbability(self) -> float:
-        """Return minus twice the logarithm of the probability of image and unknowns, per pixel that tells anything.
-
-        Steps count squares in variances, which are held for them. Ends whose noise differs are told apart by this.
-        """
-        weights = self.inverse_variance
-        used = weights > 0.0
-        squares = self._merit(self.now, self.look) + OUTLIER**2 * float(np.sum(~used))
-        return squares / len(weights) - float(np.mean(np.log(weights[used])))
-
     def _choose(self, pose: LimbPose, blur: float, most: int | None) -> None:
         self._few = most is not None
+        self._plain = self.narrow and self._few
         self.model = ProfileModel(self.image, self.camera, pose, blur, self.knowledge, most)
         self.inverse_variance = np.ones_like(self.model.near.values)
         self._wanted_pose = pose.step_to(self.knowledge.mean)
@@ -210,7 +241,8 @@ class ProfileSearch:
 
     def _step(self) -> tuple[FloatArray, float]:
         """Return a step within the reach of the derivatives, and the merit that it should gain."""
-        found = self._solved(self.model.equations(self.now, self.look, self.inverse_variance))
+        pull = None if self._plain else self.noise.pull(self.look.residuals, self.now.gain)
+        found = self._solved(self.model.equations(self.now, self.look, self.inverse_variance, pull))
         self.known, self.covariance, self._last = found.known, found.covariance, found
         step = found.step
         most_px = max(LARGEST_MOTION_M / float(np.median(self.model.near.width_m)), LARGEST_MOTION_PX)
@@ -256,29 +288,30 @@ class ProfileSearch:
         # Nothing on the way is better: the best place is this one, to rounding.
         self.now, self.look, way = found or (self.now, self.look, np.zeros_like(step))
         self.steps.append(way[:POSE])
-        return found is not None
+        return before - best > WORTH
 
     def _take(self, step: FloatArray, now: Guess) -> None:
         self.steps.append(step[:POSE])
         self.now, self.look = now, self.model.look(now)
 
     def _weigh(self) -> float:
-        """Weigh the pixels by the residuals as they are; return by how much their logarithms changed (rms)."""
+        """Estimate the noise by the residuals as they are; return by how much the weights' logarithms changed (rms)."""
         before = self.inverse_variance
-        self.inverse_variance = _weighed(self.model, self.now, self.look, before)
+        self.least = least_variance(self.model, self.now, self.look)
+        self.noise = noise_at(self.model, self.look, before, self.least)
+        self.wider = 1.0 if self._plain else wider(self.model, self.look, self.noise)
+        self.inverse_variance = self.noise.inverse_variance / self.wider
         both = (before > 0.0) & (self.inverse_variance > 0.0)
         return float(np.sqrt(np.mean(np.log(self.inverse_variance[both] / before[both]) ** 2)))
 
-    def _widen(self) -> None:
-        """Widen the noise by how much more the residuals scatter over squares of pixels than independent ones would.
-
-        That is known of residuals that nothing but noise and shapes without a mode is left in.
-        """
-        self.inverse_variance = _widened(self.model, self.look, self.inverse_variance)
-
     def _merit(self, now: Guess, look: Seen) -> float:
         wanted = self._wanted(now)
-        squares = float(self.inverse_variance @ look.residuals**2) + float(now.air @ now.air)
+        if self._plain:
+            squares = float(self.inverse_variance @ look.residuals**2)
+        else:
+            noise = noise_at(self.model, look, self.inverse_variance, self.least)
+            squares = noise.improbability(look.residuals) / self.wider
+        squares += float(now.air @ now.air)
         squares += float(wanted[:POSE] @ self.knowledge.information @ wanted[:POSE])
         away, information = self._off_floor(now)
         return squares + float(self._priors @ wanted[POSE:] ** 2) + information * away**2
@@ -313,19 +346,20 @@ def explained(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> 
     return 1.0 - float(inverse_variance @ look.residuals**2) / float(inverse_variance @ (values - mean) ** 2)
 
 
-def weights_of(model: ProfileModel, now: Guess, look: Seen, before: FloatArray) -> FloatArray:
-    """Return the inverse variances of the pixels by their residuals, shape (n,); ``before`` is 0 of outliers."""
-    return _widened(model, look, _weighed(model, now, look, before))
+def least_variance(model: ProfileModel, now: Guess, look: Seen) -> FloatArray:
+    """Return the variance that there is at least, shape (n,): of rounding, and of what the prediction leaves out."""
+    return np.asarray(rounding_variance(model.near.values) + model.neglected(now, look) ** 2)
 
 
-def _weighed(model: ProfileModel, now: Guess, look: Seen, before: FloatArray) -> FloatArray:
+def noise_at(model: ProfileModel, look: Seen, before: FloatArray, least: FloatArray) -> PixelNoise:
+    """Return the noise of the pixels by their residuals; ``before``: inverse variances so far, 0 of outliers."""
     light = model.near.light
     per_px = light * look.changes[0] * model.width_m
-    least = rounding_variance(model.near.values) + model.neglected(now, look) ** 2
-    return weighed(look.residuals, light * look.level, model.below_clouds, per_px, before > 0.0, least)
+    return noise_of(look.residuals, light * look.level, model.below_clouds, per_px, before > 0.0, least)
 
 
-def _widened(model: ProfileModel, look: Seen, inverse_variance: FloatArray) -> FloatArray:
-    beyond = alike(model.near.pixels, look.residuals, inverse_variance)
-    counts = np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0)
-    return np.asarray(inverse_variance / (1.0 + counts * (beyond - 1.0)))
+def wider(model: ProfileModel, look: Seen, noise: PixelNoise) -> float:
+    """Return by how much variances are larger where residuals are alike, see :func:`.noise.alike`."""
+    beyond = alike(model.near.pixels, look.residuals, noise.inverse_variance)
+    counts = float(np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0))
+    return 1.0 + counts * (beyond - 1.0)

@@ -86,20 +86,28 @@ def sigmas_off(found: ProfileSearch, true: LimbPose) -> float:
     return float(np.sqrt(error @ np.linalg.solve(covariance, error)))
 
 
-def test_a_limb_that_a_start_predicts_too_low_is_found() -> None:
-    """Of 76 draws the four that a search from the first start misses, by 4.3 to 7.4 of what it claims."""
-    firsts, bests = [], []
+def test_a_search_ends_at_the_limb() -> None:
+    """Of 76 draws the four that were missed by 4.3 to 7.4 of the claim while noise was held for a step all the way."""
+    off = []
     for seed in (2, 28, 52, 71):
         image, known, start, true = drawn(seed)
-        firsts.append(sigmas_off(ProfileSearch(image, CAMERA, start, known).run(), true))
-        bests.append(sigmas_off(most_probable(image, CAMERA, start, known), true))
-    assert max(bests) < FAR
-    # Else these draws try nothing any more.
-    assert max(firsts) > FAR
+        off.append(sigmas_off(most_probable(image, CAMERA, start, known), true))
+    assert max(off) < FAR
+
+
+@pytest.mark.slow
+def test_searches_are_off_by_what_they_claim() -> None:
+    """Squares of 76 draws in two axes: their mean has a standard error of 0.11."""
+    off = []
+    for seed in range(76):
+        image, known, start, true = drawn(seed)
+        off.append(sigmas_off(most_probable(image, CAMERA, start, known), true))
+    assert max(off) < FAR
+    assert 0.7 < float(np.mean(np.square(off))) / 2.0 < 1.3
 
 
 def test_what_strains_nothing_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    image, known, start, _ = drawn(5)
+    image, known, start, _ = drawn(1)
     runs = []
     run = ProfileSearch.run
 
