@@ -97,7 +97,7 @@ def most_probable(
         As of :meth:`.ProfileSearch.run`, from the first.
     """
     found = ProfileSearch(image, camera, start, knowledge).run()
-    if found.strained():
+    if found.may_have_missed():
         with suppress(np.linalg.LinAlgError):
             return ProfileSearch(image, camera, start, knowledge, narrow=False).run()
     return found

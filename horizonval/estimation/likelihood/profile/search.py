@@ -177,8 +177,8 @@ class ProfileSearch:
         self._step()
         return self
 
-    def strained(self) -> bool:
-        """Return whether the air's unknowns are so large that the search may have missed."""
+    def may_have_missed(self) -> bool:
+        """Return whether the air's unknowns are so large that the search may have ended beside the limb."""
         squares, determined = self.strain()
         return squares > STRAINED * determined
 
