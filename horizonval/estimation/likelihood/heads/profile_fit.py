@@ -133,7 +133,6 @@ class _SearchOfHeads:
         self.now = _Unknowns(np.zeros(POSE), guesses, self.air.saying(said))
         self.weights = [np.ones_like(model.near.values) for model in self.models]
         self.looks = self._look(self.now)
-        self._weigh()
 
     def run(self, axes_from_body: FloatArray) -> ProfileFit:
         """Search, and return where it ends."""
@@ -153,6 +152,7 @@ class _SearchOfHeads:
         raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
 
     def _weigh(self) -> None:
+        """Estimate the noise of all heads by their residuals as they are."""
         each = list(zip(self.models, self.looks, strict=True))
         self.least = [least_variance(one, self._guess(k, self.now), look) for k, (one, look) in enumerate(each)]
         found = zip(each, self.weights, self.least, strict=True)

@@ -105,6 +105,8 @@ class ProfileSearch:
     now : Guess
     look : Seen
     noise : PixelNoise
+    least : ndarray, shape (n,)
+        Variance that it is at least, held for a step.
     wider : float
         How much more residuals scatter over squares of pixels than independent ones would.
     inverse_variance : ndarray, shape (n,)
