@@ -18,13 +18,15 @@
 
        step = (J^T W J + Q)^-1 (J^T W residuals + Q (prior - now)),        C = (J^T W J + Q)^-1
 
-   The noise is found in the residuals: of dark pixels, as bright as the pixel, as its square below the highest clouds,
-   as the slope's square; not less than rounding and what is left out of the air make; and more where neighbouring
-   residuals are alike. It depends on the level, and what is made smallest is
+   The noise is found in the residuals: of dark pixels, as bright as the pixel, as the square of what clouds can change
+   through lens and pixel, as the slope's square; not less than rounding and what is left out of the air make. Where
+   residuals are alike a pixel is one of several that count for one (wider), the more so the more of its variance is not
+   that of dark pixels. The noise depends on the level, and what is made smallest is
 
        sum (residual^2 / variance + ln variance) / wider + priors
 
-   of which residual + (residual^2 / variance - 1) (d variance / d level) / 2 is the slope by a pixel's level. Where the
+   of which residual + (residual^2 / variance - 1) (d variance / d level) / 2 is the slope by a pixel's level. In the
+   first part of the way noise is held for a step, and the lens near its prior. Where the
    converter cuts noise off at its lowest level, dark pixels are taken for what they then show in the mean. Pixels and
    noise are chosen anew until both stand still, closer than `limb-profile` asks for, so that an answer depends little on
    where the search started.
@@ -79,7 +81,7 @@ static const double LEAST_SHARE_DARK = 0.01;
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 /* Steps. */
 enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8, FEW_PX = 6000 };
-static const double SETTLED = 0.03, NEARLY_SETTLED = 1.0, STEADY = 0.03, CONVERGED = 1e-3, STRAINED = 0.9;
+static const double SETTLED = 0.03, NEARLY_SETTLED = 1.0, STEADY = 0.03, CONVERGED = 1e-3, HELD = 10.0;
 static const double RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3, WORTH = 0.002;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, LEAST_GAIN = 0.2;
 static const double FINEST_M = 4e3, FINEST_PX = 0.5;
@@ -97,6 +99,7 @@ typedef struct {
   double h, y, by_pose[POSE];                        /* height, and way across the limb with its derivatives */
   double share, level, slope, kept, off, weight;     /* of what is predicted, its change by light; 1 / variance */
   double variance, least, by_level, pull;            /* of the noise, its derivative by the level, what that adds to off */
+  double below, brightest, left, shown, wider;       /* what noise is made of, and as how many the pixel counts for one */
   float along;                                       /* from its node to the next */
   int16_t column, row, node, place;
 } Pixel;
@@ -115,8 +118,7 @@ static State prior;
 static Pixel near_[MOST_NEAR];
 static Node node[MOST_NODES];
 static int count, nodes, functions, unknowns, air;
-static double wider = 1.0; /* variances, by how residuals are alike */
-static int plain;          /* whether noise is held for a step, and not wider */
+static int few; /* the first part of the way, with some of the pixels: noise is held for a step, and not wider */
 static double curve, grid_low, grid_step, median_width, floor_level, floor_sigma, floor_space;
 static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS], pivot_of[SETS][MOST_NODES];
 static double wave[SETS][MOST_NODES][MOST_NODES];
@@ -533,6 +535,10 @@ static int choose(State *s) {
     scratch[m] = node[m].width_m;
   }
   median_width = median(scratch, nodes);
+  for (int i = 0; i < count; i++) {
+    double soft_m = sqrt(s->blur * s->blur + PIXEL_VARIANCE) * node[near_[i].node].width_m;
+    near_[i].below = normal((CLOUD_TOP_M - near_[i].h) / soft_m);
+  }
   return 1;
 }
 
@@ -648,6 +654,7 @@ static double read_grid(double table[MOST_NODES][GRID], const Pixel *p, double s
 /* What all pixels see as the unknowns say it. */
 static void look(const State *s) {
   static double re[2 * HALF], im[2 * HALF];
+  static double largest[MOST_NODES];
   lens(s->blur);
   for (int m = 0; m < nodes; m++) {
     for (int k = 1; k < functions; k++) {
@@ -668,6 +675,8 @@ static void look(const State *s) {
     memset(im, 0, sizeof im);
     fft(re, im);
     for (int g = 0; g <= HALF; g++) level_at[m][g] = re[g] / (2.0 * HALF), slope_at[m][g] = im[g] / (2.0 * HALF * grid_step);
+    largest[m] = level_at[m][0];
+    for (int g = 1; g < GRID; g++) largest[m] = fmax(largest[m], level_at[m][g]);
     cosines(blur_at[m], sharp_at[m], 1.0 / (2.0 * HALF));
   }
   for (int i = 0; i < count; i++) {
@@ -685,6 +694,7 @@ static void look(const State *s) {
     p->kept = floor_sigma > 0.0 ? normal(z) : 1.0;
     if (floor_sigma > 0.0) shown = floor_level + floor_sigma * (exp(-0.5 * z * z) / sqrt(2.0 * PI) + z * p->kept);
     p->off = p->value - shown;
+    p->brightest = p->light * ((1.0 - p->along) * largest[p->node] + p->along * largest[p->node + 1]);
   }
 }
 
@@ -746,21 +756,20 @@ static double variance_between(double low, double high, double brightest) {
   return fmax(sum / fmax(number, 1.0), 1e-300);
 }
 
-/* The variance that there is at least: what rounding to whole numbers leaves, and bumps that are left out, by how many
-   pixels they are alike in. */
+/* The variance that there is at least: what rounding to whole numbers leaves, and bumps that are left out. */
 static void least_noise(const State *s) {
   for (int i = 0; i < count; i++) {
     Pixel *p = &near_[i];
-    double alike = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0), 1.0);
     const double *out = &neglected[p->node][p->place];
-    p->least = 1.0 / 12.0 + alike * pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
+    p->left = pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
+    p->least = 1.0 / 12.0 + p->left;
   }
 }
 
 /* The noise of the pixels by the residuals as they are. */
 static void estimate_noise(const State *s) {
   static double part[MOST_NEAR][3], expected[MOST_NEAR];
-  double brightest = 1e-300, steepest = 1e-300, found[2] = {0.0, 0.0};
+  double brightest = 1e-300, steepest = 1e-300, found[3] = {0.0, 0.0, 0.0};
   for (int i = 0; i < count; i++) {
     const Pixel *p = &near_[i];
     double per_px = s->gain * p->light * p->slope * node[p->node].width_m;
@@ -773,8 +782,7 @@ static void estimate_noise(const State *s) {
   for (int i = 0; i < count; i++) {
     const Pixel *p = &near_[i];
     double level = clip(p->light * p->level / brightest, 0.0, 1.0);
-    double below = clip(0.5 - (p->h - CLOUD_TOP_M) / (2.0 * node[p->node].width_m), 0.0, 1.0);
-    part[i][0] = level, part[i][1] = pow(below * level, 2.0), part[i][2] /= steepest;
+    part[i][0] = level, part[i][1] = pow(p->below * p->brightest / brightest, 2.0), part[i][2] /= steepest;
     expected[i] = fmax(dark + fmax(bright - dark, 0.0) * level, p->least);
   }
   for (int round = 0; round < WEIGHINGS; round++) {
@@ -793,18 +801,14 @@ static void estimate_noise(const State *s) {
       for (int k = 0; k < 3; k++) A[j][k] = A[j][k] / (size[j] * size[k]) + (j == k ? 1e-9 : 0.0);
     }
     not_negative(A, b, x);
-    found[0] = x[0] / size[0], found[1] = x[1] / size[1];
-    for (int i = 0; i < count; i++) {
-      expected[i] = dark;
-      for (int j = 0; j < 3; j++) expected[i] += x[j] / size[j] * part[i][j];
-      expected[i] = fmax(expected[i], near_[i].least);
-    }
+    for (int j = 0; j < 3; j++) found[j] = x[j] / size[j];
+    for (int i = 0; i < count; i++) expected[i] = fmax(dark + product(found, part[i], 3), near_[i].least);
   }
   for (int i = 0; i < count; i++) {
     Pixel *p = &near_[i];
-    double below = clip(0.5 - (p->h - CLOUD_TOP_M) / (2.0 * node[p->node].width_m), 0.0, 1.0);
     p->variance = expected[i];
-    p->by_level = expected[i] <= p->least ? 0.0 : (found[0] + 2.0 * found[1] * below * below * part[i][0]) / brightest;
+    p->shown = fmin(product(found, part[i], 3) / expected[i], 1.0);
+    p->by_level = expected[i] <= p->least ? 0.0 : found[0] / brightest;
   }
 }
 
@@ -843,8 +847,22 @@ static double alike(void) {
   return most;
 }
 
-/* Weighs the pixels by their noise, wider by how much more the residuals scatter over squares of pixels than independent
-   ones would; returns by how much the weights' logarithms changed (rms). */
+/* As how many a pixel counts for one. What the residuals show beyond the noise of dark pixels is as alike as their sums
+   over squares say, what is left out of the air over a bump's height and length. */
+static void widen(void) {
+  double beyond = alike(), shown = 0.0, used = 0.0;
+  for (int i = 0; i < count; i++)
+    if (near_[i].weight > 0.0) shown += near_[i].shown, used += 1.0;
+  double more = (beyond - 1.0) * clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0);
+  more /= fmax(shown / fmax(used, 1.0), 1e-300);
+  for (int i = 0; i < count; i++) {
+    Pixel *p = &near_[i];
+    double of_left = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0), 1.0) - 1.0;
+    p->wider = few ? 1.0 : 1.0 + more * p->shown + of_left * fmin(p->left / p->variance, 1.0);
+  }
+}
+
+/* Weighs the pixels by their noise; returns by how much the weights' logarithms changed (rms). */
 static double weigh(const State *s) {
   static double before[MOST_NEAR];
   double changed = 0.0, both = 0.0;
@@ -855,12 +873,11 @@ static double weigh(const State *s) {
     double square = p->off * p->off / p->variance;
     before[i] = p->weight;
     p->weight = square < OUTLIER * OUTLIER ? 1.0 / p->variance : 0.0;
-    p->pull = plain ? 0.0 : 0.5 * (fmin(square, OUTLIER * OUTLIER) - 1.0) * p->by_level / s->gain;
+    p->pull = few ? 0.0 : 0.5 * (fmin(square, OUTLIER * OUTLIER) - 1.0) * p->by_level / s->gain;
   }
-  double beyond = alike();
-  wider = plain ? 1.0 : 1.0 + (beyond - 1.0) * clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0);
+  widen();
   for (int i = 0; i < count; i++) {
-    double weight = near_[i].weight /= wider;
+    double weight = near_[i].weight /= near_[i].wider;
     if (weight > 0.0 && before[i] > 0.0) changed += pow(log(weight / before[i]), 2.0), both += 1.0;
   }
   return sqrt(changed / fmax(both, 1.0));
@@ -885,17 +902,19 @@ static void priors(const State *s, double *wanted, double *information) {
 
 /* What the most probable unknowns make smallest: with the noise that fits the residuals. */
 static double merit_of(const State *s) {
-  double wanted[SHARED], information[SHARED], sum = 0.0, data = 0.0;
-  if (!plain) estimate_noise(s);
+  double wanted[SHARED], information[SHARED], sum = 0.0;
+  if (!few) estimate_noise(s);
   priors(s, wanted, information);
   for (int i = 0; i < SHARED; i++) sum += information[i] * wanted[i] * wanted[i];
   for (int i = 0; i < air; i++) sum += s->z[i] * s->z[i];
-  for (int i = 0; i < count && plain; i++) sum += near_[i].weight * near_[i].off * near_[i].off;
-  for (int i = 0; i < count && !plain; i++) {
-    double square = near_[i].off * near_[i].off / near_[i].variance;
-    data += fmin(square, OUTLIER * OUTLIER) + log(near_[i].variance);
+  for (int i = 0; i < count; i++) {
+    const Pixel *p = &near_[i];
+    if (few)
+      sum += p->weight * p->off * p->off;
+    else
+      sum += (fmin(p->off * p->off / p->variance, OUTLIER * OUTLIER) + log(p->variance)) / p->wider;
   }
-  return sum + data / wider;
+  return sum;
 }
 
 /* L L^T = N, lower triangles. */
@@ -1006,6 +1025,7 @@ static int equations(const State *s) {
     }
   }
   priors(s, wanted, information);
+  if (few) information[BLUR] *= HELD, information[SHARPNESS] *= HELD;
   for (int j = 0; j < SHARED; j++) {
     for (int k = 0; k <= j; k++) N[air + j][air + k] = shared[j][k] + (j == k ? information[j] : 0.0);
     right_[air + j] = shared_pull[j] + information[j] * wanted[j];
@@ -1096,14 +1116,13 @@ static int search_along(State *s, const double *step, double promised) {
   return merit_before - best > WORTH;
 }
 
-/* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. Narrow: noise is
-   held for a step, and not wider, in the first part of the way. */
-static int search(State *s, int narrow, const char **reason) {
+/* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
+static int search(State *s, const char **reason) {
   static double step[MOST_UNKNOWNS];
-  int settled = 0, few = 1, round = 0;
+  int settled = 0, round = 0;
   double size = INFINITY;
   *reason = "too little limb in view";
-  plain = narrow;
+  few = 1;
   if (!select_pixels(s)) return 0;
   *reason = "the image is not brighter where the limb should be";
   if (!levels(s)) return 0;
@@ -1127,7 +1146,7 @@ static int search(State *s, int narrow, const char **reason) {
     int improved = search_along(s, step, promised);
     if (held && !improved) return round;
     if (held) continue;
-    int close = size < (plain ? NEARLY_SETTLED : SETTLED) || !improved;
+    int close = size < (few ? NEARLY_SETTLED : SETTLED) || !improved;
     double away_px = motion_px_of(s->away);
     if ((close && few) || away_px > (close ? CLOSE_PX : RESELECT_PX)) {
       keep_weights();
@@ -1135,7 +1154,6 @@ static int search(State *s, int narrow, const char **reason) {
       take_weights_over();
       look(s);
       few = few && !close;
-      plain = plain && few;
     }
     double changed = weigh(s);
     settled = close && changed < STEADY ? settled + 1 : 0;
@@ -1158,31 +1176,15 @@ static double determined_air(void) {
   return determined;
 }
 
-/* Share of the pixels' variance that the prediction explains. */
+/* Share of the pixels' variance that the prediction explains, outliers apart. */
 static double explained(void) {
-  double weights = 0.0, mean = 0.0, left = 0.0, whole = 0.0;
-  for (int i = 0; i < count; i++) weights += near_[i].weight, mean += near_[i].weight * near_[i].value;
-  mean /= weights;
-  for (int i = 0; i < count; i++) {
-    left += near_[i].weight * near_[i].off * near_[i].off;
-    whole += near_[i].weight * pow(near_[i].value - mean, 2.0);
-  }
-  return 1.0 - left / whole;
-}
-
-/* The most probable state: a second search where the air strains what is known of it in the first. */
-static int fit(State *s, const char **reason) {
-  static State begin;
-  const char *unused;
-  begin = *s;
-  int steps = search(s, 1, reason);
-  if (!steps || product(s->z, s->z, air) <= STRAINED * determined_air()) return steps;
-  *s = begin, nodes = 0;
-  int again = search(s, 0, &unused);
-  if (again) return again;
-  /* the pixels are those of the other now: where the first has ended is found once more */
-  *s = begin, nodes = 0;
-  return search(s, 1, reason);
+  double used = 0.0, mean = 0.0, off = 0.0, whole = 0.0;
+  for (int i = 0; i < count; i++)
+    if (near_[i].weight > 0.0) used += 1.0, mean += near_[i].value;
+  mean /= used;
+  for (int i = 0; i < count; i++)
+    if (near_[i].weight > 0.0) off += pow(near_[i].off, 2.0), whole += pow(near_[i].value - mean, 2.0);
+  return 1.0 - off / whole;
 }
 
 /* The start */
@@ -1348,7 +1350,7 @@ int main(void) {
   s.sharpness = SHARPNESS_PRIOR;
   prior = s;
   if (!start(&s)) return refuse("no_limb", "no tilt near the prior's makes the image like a limb");
-  int steps = fit(&s, &reason);
+  int steps = search(&s, &reason);
   rest(&s);
   if (!steps) return refuse("no_limb", reason);
   if (!(explained() > LEAST_EXPLAINED)) return refuse("no_limb", "the predicted limb explains too little of the image");

@@ -34,8 +34,8 @@ from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 
 LEAST_EXPLAINED = 0.95
-"""Of the variance of the pixels across the limb. Chosen after looking at frames: broken clouds, whose scatter is in the
-claim, leave 1 to 3 %; noise explains nothing."""
+"""Of the variance of the pixels across the limb, each as much as the other. Chosen after looking at frames: broken
+clouds, whose scatter is in the claim, leave 1 to 3 %; noise explains nothing."""
 MOST_IMPROBABLE = 6.0
 """Standard deviations of a shape of the air: an air that the tables do not know. Air is not normal: a sudden warming is
 far out and does happen. Chosen after looking at the same frames, whose largest is 3."""

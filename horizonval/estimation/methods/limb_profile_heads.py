@@ -24,9 +24,8 @@ from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.heads.profile_fit import ProfileHead, fit_profiles
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.fit import most_probable
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
-from horizonval.estimation.likelihood.profile.search import explained, uneven_lens
+from horizonval.estimation.likelihood.profile.search import ProfileSearch, explained, uneven_lens
 from horizonval.estimation.methods import limb_heads
 from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -76,10 +75,10 @@ def _alone(head: Observation) -> ProfileHead | Refusal:
     image = known.picture.unclipped
     try:
         start = known.start(head.camera, known.tilt_sigma_rad)
-        alone = most_probable(image, head.camera, start, known.knowledge)
+        alone = ProfileSearch(image, head.camera, start, known.knowledge).run()
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
-    share = explained(alone.model, alone.look, alone.inverse_variance)
+    share = explained(alone.model, alone.look, alone.noise)
     if not share > LEAST_EXPLAINED:
         return Refusal(
             Outcome.NO_LIMB, f"the predicted limb explains {max(share, 0.0):.0%} of the pixels where it should be"

@@ -104,7 +104,7 @@ class ProfileFrame:
         if not held:
             least = least_variance(self.model, self.now, look)
             noise = noise_at(self.model, look, self._weights, least)
-            self._weights = noise.inverse_variance / wider(self.model, look, noise)
+            self._weights = noise.inverse_variance / wider(self.model, self.now, look, noise)
         parts = self.model.equations(self.now, look, self._weights)
         if not all(np.isfinite(x).all() for x in (parts.shared, parts.right, parts.air, parts.right_air)):
             raise np.linalg.LinAlgError("the frame's equations have no solution")

@@ -154,10 +154,12 @@ class _SearchOfHeads:
     def _weigh(self) -> None:
         """Estimate the noise of all heads by their residuals as they are."""
         each = list(zip(self.models, self.looks, strict=True))
-        self.least = [least_variance(one, self._guess(k, self.now), look) for k, (one, look) in enumerate(each)]
+        guesses = [self._guess(k, self.now) for k in range(len(self.heads))]
+        self.least = [least_variance(one, guess, look) for (one, look), guess in zip(each, guesses, strict=True)]
         found = zip(each, self.weights, self.least, strict=True)
         self.noises = [noise_at(*seen, weights, least) for seen, weights, least in found]
-        self.wider = [wider(*seen, noise) for seen, noise in zip(each, self.noises, strict=True)]
+        seen_as = zip(each, guesses, self.noises, strict=True)
+        self.wider = [wider(model, guess, look, noise) for (model, look), guess, noise in seen_as]
         self.weights = [noise.inverse_variance / by for noise, by in zip(self.noises, self.wider, strict=True)]
 
     def _models(self, guesses: Sequence[Guess]) -> list[ProfileModel]:
@@ -256,7 +258,7 @@ class _SearchOfHeads:
         for k, look in enumerate(looks):
             own, pull = self._own_priors(k, now)
             noise = noise_at(self.models[k], look, self.weights[k], self.least[k])
-            squares += noise.improbability(look.residuals) / self.wider[k] + float(own @ pull**2)
+            squares += noise.improbability(look.residuals, self.wider[k]) + float(own @ pull**2)
         return squares
 
     def _found(self, last: ProfileStep, axes_from_body: FloatArray) -> ProfileFit:
@@ -268,7 +270,7 @@ class _SearchOfHeads:
         first = self._guess(0, self.now)
         uv, off = by_sector(self.models[0], self.looks[0], first, self.weights[0])
         guesses = [self._guess(k, self.now) for k in range(len(self.heads))]
-        shares = [explained(*one) for one in zip(self.models, self.looks, self.weights, strict=True)]
+        shares = [explained(*one) for one in zip(self.models, self.looks, self.noises, strict=True)]
         return ProfileFit(
             pose=_seen_from(self.body.moved(self.now.away), axes_from_body),
             blur_px=first.blur,

@@ -20,7 +20,7 @@ thin clouds errors squared over what is claimed were 1.4 where the ratio was bel
 made after seeing that.
 
 Where the converter's floor cuts noise off, what a pixel shows in the mean is not ``I``: see :mod:`.floor`. The noise is
-that of :mod:`.noise`. Where neighbouring residuals are alike, all variances are larger by how much more
+that of :mod:`.noise`. Where neighbouring residuals are alike, what they show counts less by how much more
 their sums over squares scatter than independent ones would, of the size of squares where that is most.
 
 **Neglected.** That residuals may be alike over more than the largest square.
@@ -28,7 +28,6 @@ their sums over squares scatter than independent ones would, of the size of squa
 
 from __future__ import annotations
 
-from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
@@ -64,7 +63,7 @@ def fit_profile(
     numpy.linalg.LinAlgError
         Too little limb in view, no light where it should be, or no convergence.
     """
-    found = most_probable(image, camera, start, knowledge)
+    found = ProfileSearch(image, camera, start, knowledge).run()
     look, now = found.look, found.now
     uv, off = by_sector(found.model, look, now, found.inverse_variance)
     growth, growth_sigma = found.growth()
@@ -77,30 +76,13 @@ def fit_profile(
         covariance=found.known[:POSE, :POSE] + of_air,
         relief_covariance=of_air,
         improbable=improbable(found.model.air, now.air),
-        explained=explained(found.model, look, found.inverse_variance),
+        explained=explained(found.model, look, found.noise),
         uv=uv,
         residuals_rad=off,
         steps=np.array(found.steps),
         growth=growth,
         growth_sigma=growth_sigma,
     )
-
-
-def most_probable(
-    image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: ProfileKnowledge
-) -> ProfileSearch:
-    """Return the search for the most probable unknowns: a second one where the air strains its priors in the first.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        As of :meth:`.ProfileSearch.run`, from the first.
-    """
-    found = ProfileSearch(image, camera, start, knowledge).run()
-    if found.may_have_missed():
-        with suppress(np.linalg.LinAlgError):
-            return ProfileSearch(image, camera, start, knowledge, narrow=False).run()
-    return found
 
 
 def strained(squares: float, determined: float) -> float:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import next_fast_len
 from scipy.sparse import csr_array
+from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
@@ -114,6 +115,8 @@ class Seen:
         Radiance.
     changes : ndarray, shape (3, n)
         By the distance across the limb [1/m], the logarithm of the blur, the sharpness.
+    brightest : ndarray
+        Radiance of the brightest height of the profile there.
     kept : ndarray
         Of a change of light, that the converter's floor leaves in the mean.
     residuals : ndarray
@@ -123,6 +126,7 @@ class Seen:
     share: FloatArray
     level: FloatArray
     changes: FloatArray
+    brightest: FloatArray
     kept: FloatArray
     residuals: FloatArray
 
@@ -161,6 +165,10 @@ class ProfileModel:
         What the lens has moved them by.
     off_axis : ndarray, shape (n,)
         Squares of the pixels' angles from the axis, over the largest of the image.
+    below_clouds : ndarray, shape (n,)
+        Share of a pixel's light, through lens and pixel, that comes from below the highest clouds.
+    left_alike : ndarray, shape (n,)
+        Over how many pixels what the prediction leaves out is alike: a bump's height and length.
 
     Raises
     ------
@@ -211,9 +219,10 @@ class ProfileModel:
         shares = off_axis_share(camera, near.los_cam)
         self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
         self.width_m = near.width_m[i]
-        # Softened by a pixel's own width.
         self._some = slice(None, None, max(1, len(across) // SOME))
-        self.below_clouds = np.clip(0.5 - (near.ray.height_m - CLOUD_TOP_M) / (2.0 * self.width_m), 0.0, 1.0)
+        soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
+        self.below_clouds = ndtr((CLOUD_TOP_M - near.ray.height_m) / soft_m)
+        self.left_alike = np.maximum(BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2, 1.0)
 
     def motion_px(self, step: FloatArray) -> float:
         """Return by how much a step moves the limb where it moves it most [px]."""
@@ -239,18 +248,15 @@ class ProfileModel:
         kept = np.ones_like(shown)
         if self.floor is not None:
             shown, kept = self.floor.expected(shown)
-        return Seen(place, share, level, np.array([slope, by_blur, by_sharpness]), kept, near.values - shown)
+        largest, i = changes[0].max(axis=1), near.sector
+        brightest = largest[i] + (largest[i + 1] - largest[i]) * near.along
+        by_all = np.array([slope, by_blur, by_sharpness])
+        return Seen(place, share, level, by_all, brightest, kept, near.values - shown)
 
     def neglected(self, now: Guess, look: Seen) -> FloatArray:
-        """Return the noise that does to the pixels what the prediction leaves out, shape (n,).
-
-        It is alike over a bump's height and length: as an unknown it would take from all pixels there together what
-        noise as large takes from one, so that it counts by the root of their number.
-        """
-        alike = BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2
+        """Return the standard deviation of what the prediction leaves out of the pixels, shape (n,)."""
         before, after = (self.air.neglected[self.near.sector, look.place + k] for k in (0, 1))
-        size = (before + look.share * (after - before)) * np.sqrt(np.maximum(alike, 1.0))
-        return np.asarray(now.gain * self.near.light * size)
+        return np.asarray(now.gain * self.near.light * (before + look.share * (after - before)))
 
     def _read(self, tables: FloatArray, place: np.ndarray, share: FloatArray) -> FloatArray:
         """Return tables (c, m, n) at places of the grid and shares of the next, shape (n, c)."""

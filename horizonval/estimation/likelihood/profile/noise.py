@@ -1,12 +1,14 @@
 """The noise of the pixels that see a profile, as their residuals show it.
 
 The variance is that of dark pixels and three parts that least squares find in the residuals: one as bright as the
-pixel (photons), one as its square where clouds can be, one as the slope's square (what a lens does that the model has
-not). It is not below that of the converter's rounding and of what the prediction leaves out.
+pixel (photons), one as the square of what clouds can change (the light of the limb's brightest height, as far as lens
+and pixel let it in from below the highest clouds), one as the slope's square (what a lens does that the model has not).
+It is not below that of the converter's rounding and of what the prediction leaves out.
 Pixels further off than five standard deviations are left out (stars, hot pixels).
 
 Where neighbouring residuals are alike (clouds, and what else no mode has), their sums over squares scatter more than
-independent ones would.
+independent ones would. What is alike is what the residuals show beyond the noise of dark pixels: the more of its
+variance that is, the less a pixel counts.
 """
 
 from __future__ import annotations
@@ -41,24 +43,27 @@ class PixelNoise:
         What is no outlier.
     by_level : ndarray
         Derivative of the variance by the level, 0 where the variance is the least that there is.
+    shown : ndarray
+        Share of the variance that the residuals show beyond that of dark pixels.
     """
 
     variance: FloatArray
     used: NDArray[np.bool_]
     by_level: FloatArray
+    shown: FloatArray
 
     @property
     def inverse_variance(self) -> FloatArray:
         """0 of outliers."""
         return np.where(self.used, 1.0 / self.variance, 0.0)
 
-    def improbability(self, residuals: FloatArray) -> float:
+    def improbability(self, residuals: FloatArray, wider: FloatArray | float = 1.0) -> float:
         """Return minus twice the logarithm of the residuals' probability, but for a constant.
 
-        An outlier counts as a residual at the limit does.
+        An outlier counts as a residual at the limit does. ``wider``: as how many a pixel counts for one, shape (n,).
         """
         squares = np.minimum(residuals**2 / self.variance, OUTLIER**2)
-        return float(np.sum(squares)) + float(np.sum(np.log(self.variance)))
+        return float(np.sum((squares + np.log(self.variance)) / wider))
 
     def pull(self, residuals: FloatArray, gain: float) -> FloatArray:
         """Return what to add to the residuals so that they pull as this noise does too, which depends on the level.
@@ -72,7 +77,7 @@ class PixelNoise:
 def noise_of(
     residuals: FloatArray,
     level: FloatArray,
-    below: FloatArray,
+    clouds: FloatArray,
     per_px: FloatArray,
     used: np.ndarray,
     least: FloatArray | float = 0.0,
@@ -84,8 +89,8 @@ def noise_of(
     residuals : ndarray, shape (n,)
     level : ndarray, shape (n,)
         Predicted, in any unit.
-    below : ndarray, shape (n,)
-        Share of a pixel that sees what is below the highest clouds.
+    clouds : ndarray, shape (n,)
+        Part of the level that clouds may change, in the same unit.
     per_px : ndarray, shape (n,)
         Change of the level over a pixel across the limb, in any unit.
     used : ndarray of bool, shape (n,)
@@ -98,14 +103,15 @@ def noise_of(
     squares = residuals**2
     dark, bright = (_variance(squares, there & used) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
     steep = per_px**2
-    parts = np.array([level, (below * level) ** 2, steep / max(float(steep.max()), 1e-300)])
+    parts = np.array([level, (clouds / brightest) ** 2, steep / max(float(steep.max()), 1e-300)])
     expected = np.maximum(dark + max(bright - dark, 0.0) * level, least)
     for _ in range(WEIGHINGS):
         inside = squares < OUTLIER**2 * expected
         sizes = _components(squares - dark, expected, parts, inside)
         expected = np.maximum(dark + sizes @ parts, least)
-    by_level = np.where(expected <= least, 0.0, (sizes[0] + 2.0 * sizes[1] * below**2 * level) / brightest)
-    return PixelNoise(expected, squares < OUTLIER**2 * expected, by_level)
+    by_level = np.where(expected <= least, 0.0, sizes[0] / brightest)
+    shown = np.minimum(sizes @ parts / expected, 1.0)
+    return PixelNoise(expected, squares < OUTLIER**2 * expected, by_level, shown)
 
 
 def alike(pixels: NearPixels, residuals: FloatArray, inverse_variance: FloatArray) -> float:

@@ -11,14 +11,14 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.fit import nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.fit import most_probable
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.known_air import KnownAir
-from horizonval.estimation.likelihood.profile.model import POSE, Guess, ProfileModel
+from horizonval.estimation.likelihood.profile.model import CLOUD_TOP_M, POSE, Guess, ProfileModel
 from horizonval.estimation.likelihood.profile.search import ProfileSearch
 from horizonval.estimation.likelihood.profile.start import start_pose
 from horizonval.estimation.likelihood.templates import shipped_templates
@@ -87,11 +87,11 @@ def sigmas_off(found: ProfileSearch, true: LimbPose) -> float:
 
 
 def test_a_search_ends_at_the_limb() -> None:
-    """Of 76 draws the four that were missed by 4.3 to 7.4 of the claim while noise was held for a step all the way."""
+    """Of 76 draws the four that were missed by 4.3 to 7.4 of the claim while the lens was free all the way."""
     off = []
     for seed in (2, 28, 52, 71):
         image, known, start, true = drawn(seed)
-        off.append(sigmas_off(most_probable(image, CAMERA, start, known), true))
+        off.append(sigmas_off(ProfileSearch(image, CAMERA, start, known).run(), true))
     assert max(off) < FAR
 
 
@@ -101,20 +101,22 @@ def test_searches_are_off_by_what_they_claim() -> None:
     off = []
     for seed in range(76):
         image, known, start, true = drawn(seed)
-        off.append(sigmas_off(most_probable(image, CAMERA, start, known), true))
+        off.append(sigmas_off(ProfileSearch(image, CAMERA, start, known).run(), true))
     assert max(off) < FAR
     assert 0.7 < float(np.mean(np.square(off))) / 2.0 < 1.3
 
 
-def test_what_strains_nothing_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    image, known, start, _ = drawn(1)
-    runs = []
-    run = ProfileSearch.run
-
-    def counted(search: ProfileSearch) -> ProfileSearch:
-        runs.append(search)
-        return run(search)
-
-    monkeypatch.setattr(ProfileSearch, "run", counted)
-    assert most_probable(image, CAMERA, start, known) is runs[0]
-    assert len(runs) == 1
+def test_clear_air_above_clouds_counts_in_full() -> None:
+    """Blocks of 12 px are brighter or darker below 16 km; through lens and pixel they reach a pixel higher."""
+    image, known, start, true = drawn(3)
+    found = ProfileSearch(image, CAMERA, start, known).run()
+    near, rng = found.model.near, np.random.default_rng(5)
+    blocks = rng.normal(0.0, 0.08, CAMERA.width // 12)[near.pixels.columns // 12]
+    cloudy = image.copy()
+    share = norm.cdf((CLOUD_TOP_M - near.ray.height_m) / (0.66 * found.model.width_m))
+    cloudy[near.pixels.rows, near.pixels.columns] += blocks * share * image.max()
+    clouds = ProfileSearch(cloudy, CAMERA, start, known).run()
+    height_m, wider = clouds.model.near.ray.height_m, clouds.wider
+    assert np.median(wider[height_m < 10e3]) > 3.0
+    assert np.median(wider[height_m > CLOUD_TOP_M + 2.0 * clouds.model.width_m.max()]) < 1.3
+    assert sigmas_off(clouds, true) < FAR
