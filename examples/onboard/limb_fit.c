@@ -20,7 +20,7 @@
 
    The noise is found in the residuals: of dark pixels, as bright as the pixel, as the square of what clouds can change
    through lens and pixel, as the slope's square; not less than rounding and what is left out of the air make. Where
-   residuals are alike a pixel is one of several that count for one (wider), the more so the more of its variance is not
+   residuals are alike several pixels count as one (wider), the more of them the more of their variance is not
    that of dark pixels. The noise depends on the level, and what is made smallest is
 
        sum (residual^2 / variance + ln variance) / wider + priors
@@ -99,7 +99,7 @@ typedef struct {
   double h, y, by_pose[POSE];                        /* height, and way across the limb with its derivatives */
   double share, level, slope, kept, off, weight;     /* of what is predicted, its change by light; 1 / variance */
   double variance, least, by_level, pull;            /* of the noise, its derivative by the level, what that adds to off */
-  double below, brightest, left, shown, wider;       /* what noise is made of, and as how many the pixel counts for one */
+  double below, brightest, left, shown, wider;       /* what noise is made of, and how many pixels count as one */
   float along;                                       /* from its node to the next */
   int16_t column, row, node, place;
 } Pixel;
@@ -847,7 +847,7 @@ static double alike(void) {
   return most;
 }
 
-/* As how many a pixel counts for one. What the residuals show beyond the noise of dark pixels is as alike as their sums
+/* How many pixels count as one. What the residuals show beyond the noise of dark pixels is as alike as their sums
    over squares say, what is left out of the air over a bump's height and length. */
 static void widen(void) {
   double beyond = alike(), shown = 0.0, used = 0.0;

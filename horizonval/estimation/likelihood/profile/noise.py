@@ -60,7 +60,7 @@ class PixelNoise:
     def improbability(self, residuals: FloatArray, wider: FloatArray | float = 1.0) -> float:
         """Return minus twice the logarithm of the residuals' probability, but for a constant.
 
-        An outlier counts as a residual at the limit does. ``wider``: as how many a pixel counts for one, shape (n,).
+        An outlier counts as a residual at the limit does. ``wider``: how many pixels count as one, shape (n,).
         """
         squares = np.minimum(residuals**2 / self.variance, OUTLIER**2)
         return float(np.sum((squares + np.log(self.variance)) / wider))

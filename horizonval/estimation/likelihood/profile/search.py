@@ -7,7 +7,7 @@ minus twice the logarithm of the probability of both, with the noise that fits t
 
     F = sum_i (r_i^2 / v_i + ln v_i) / w_i + priors,        v = v(residuals, levels)
 
-``w`` is as how many a pixel counts for one, because residuals are alike: pixels that see one cloud are not as many data
+``w`` is how many pixels count as one there, because residuals are alike: pixels that see one cloud are not as many data
 (:func:`wider`). A step is that of the weights ``1 / (w v)``, with ``r + (r^2 / v - 1) (dv / dp) / 2`` in place of
 ``r``: what the variance's dependence on the level ``p`` adds to the slope of ``F``. With weights alone, and ``w`` put
 in at the end, steps went downhill in ``sum r^2 / v`` and uphill in ``F``: limbs under broken clouds by day were drawn
@@ -106,7 +106,7 @@ class ProfileSearch:
     least : ndarray, shape (n,)
         Variance that it is at least.
     wider : ndarray, shape (n,), or 1
-        As how many a pixel counts for one, because residuals are alike.
+        How many pixels count as one there, because residuals are alike.
     inverse_variance : ndarray, shape (n,)
         Of both.
     covariance, known : ndarray, shape (11, 11)
@@ -351,7 +351,7 @@ def noise_at(model: ProfileModel, look: Seen, before: FloatArray, least: FloatAr
 
 
 def wider(model: ProfileModel, now: Guess, look: Seen, noise: PixelNoise) -> FloatArray:
-    """Return as how many a pixel counts for one because residuals are alike, shape (n,).
+    """Return how many pixels count as one, because residuals are alike, shape (n,).
 
     What the residuals show beyond the noise of dark pixels is as alike as their sums over squares say (:func:`.alike`),
     what the prediction leaves out over a bump's height and length. As an unknown either would take from all pixels
