@@ -42,6 +42,7 @@ from horizonval.estimation.likelihood.profile.search import (
     MOST_STEPS,
     MOST_TRIALS,
     ROUNDING,
+    WORTH,
     ProfileSearch,
     explained,
     least_variance,
@@ -240,15 +241,16 @@ class _SearchOfHeads:
         return _Unknowns(self.now.away + step[:POSE], tuple(heads), self.now.air + step[POSE + OWN * len(heads) :])
 
     def _search_along(self, step: FloatArray) -> bool:
-        """Take a step, or the first of its halves that makes the pixels more probable; return whether any does."""
+        """Take a step, or the first of its halves that makes nothing worse; return whether that is worth another."""
         before = self._merit(self.now, self.looks)
         for _ in range(MOST_TRIALS):
             now = self._moved(step)
             looks = self._look(now)
-            if self._merit(now, looks) <= before + ROUNDING:
+            merit = self._merit(now, looks)
+            if merit <= before + ROUNDING:
                 self.now, self.looks = now, looks
                 self.steps.append(step[:POSE])
-                return True
+                return before - merit > WORTH
             step = 0.5 * step
         return False
 
