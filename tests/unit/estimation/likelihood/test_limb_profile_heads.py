@@ -15,6 +15,7 @@ from scipy.stats import chi2
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.likelihood.heads import profile_fit
 from horizonval.estimation.likelihood.heads.common_air import common_air
 from horizonval.estimation.likelihood.height.alike import correlations
 from horizonval.estimation.likelihood.profile.air import POLE_ITRS, LimbNodes, NodeAir, node_air
@@ -100,6 +101,24 @@ def test_two_cameras_know_more_than_one(pairs: list[tuple[Observation, FloatArra
         assert isinstance(alone, Fit)
         worst = np.linalg.eigvalsh(alone.total_covariance_nadir_cam)[-1]
         assert np.linalg.eigvalsh(found.total_covariance_nadir_cam)[-1] < 0.8**2 * worst
+
+
+def test_a_step_that_gains_nothing_is_not_worth_another(
+    pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A search that goes on as long as nothing becomes worse creeps until its steps are used up."""
+    search, worth = profile_fit._SearchOfHeads, []
+    along = search._search_along
+
+    def watched(self: profile_fit._SearchOfHeads, step: FloatArray) -> bool:
+        worth.append(along(self, step))
+        return worth[-1]
+
+    monkeypatch.setattr(search, "_search_along", watched)
+    monkeypatch.setattr(search, "_merit", lambda *_: 0.0)
+    fitted(pairs[0][0])
+    assert worth
+    assert not any(worth)
 
 
 def test_the_order_of_heads_changes_nothing(pairs: list[tuple[Observation, FloatArray, Fit]]) -> None:
