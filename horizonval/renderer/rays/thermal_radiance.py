@@ -14,6 +14,8 @@ from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.rays.radiance import check_observers, unit_directions
 from horizonval.renderer.refraction.apparent_radius import apparent_planet
+from horizonval.renderer.refraction.bending import BendingField
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_ground import GroundSource, kinds_of, mirrored, places_below
@@ -67,6 +69,7 @@ def thermal_radiance(
     direction = unit_directions(direction, "dir")
     check_observers(observer_m, radius_m, polar_radius_m)
     apparent, air = apparent_planet(model, Planet(radius_m, polar_radius_m or radius_m))
+    bending = None if air is None else BendingField.of(air)
     sun = np.asarray(sun_itrs, dtype=np.float64)
     out: dict[str, FloatArray] = {}
     for band in model.thermal:
@@ -81,7 +84,7 @@ def thermal_radiance(
             mid, _, meets = apparent.chord(o, d)
             to_ground = meets & (mid > 0.0)
             ends = np.flatnonzero(np.array(to_ground))
-            p, normal, up = _ground_points(apparent, o, d, ends)
+            p, normal, up, vertical = _ground_points(apparent, bending, o, d, ends)
             cosine = -np.sum(normal * direction[part][ends], axis=1)
             first_g = 0
             for batch in batches:
@@ -93,43 +96,51 @@ def thermal_radiance(
                     if source.mirrors:
                         above, _, _ = march_emission(apparent, columns.top_m, batch, p, up, mi.Bool(False), nodes // 2)
                         mirror = np.stack([np.array(a) for a in above])
-                    below = ground_radiance(source, points, normal, cosine, sun, mirror)
+                    below = ground_radiance(source, points, vertical, cosine, sun, mirror)
                     radiance[first + ends] += sum(np.array(t)[ends] * b for t, b in zip(through, below, strict=True))
                 first_g += batch.used
         out[band.name] = radiance
     return out
 
 
-def _ground_points(planet: Planet, o: Vec, d: Vec, index: IntArray) -> tuple[Vec, FloatArray, Vec]:
-    """Return points on the ground, normals (n, 3) and mirrored directions of some rays."""
+def _ground_points(
+    planet: Planet, bending: BendingField | None, o: Vec, d: Vec, index: IntArray
+) -> tuple[Vec, FloatArray, Vec, FloatArray]:
+    """Return where some rays meet the ground among straight rays: points, normals (n, 3), mirrored directions.
+
+    The last are the verticals (n, 3) of the places that bent rays come from: at grazing they lie up to a degree nearer.
+    """
     at = mi.UInt32(index)
     if not index.size:
-        return o, np.zeros((0, 3)), d
+        return o, np.zeros((0, 3)), d, np.zeros((0, 3))
 
     def gather(v: Vec) -> Vec:
         x, y, z = (dr.gather(mi.Float64, c, at) for c in v)
         return x, y, z
 
-    p, normal, up = mirrored(planet, gather(o), gather(d))
-    dr.eval(p, normal, up)
-    return p, np.stack([np.array(c) for c in normal], axis=1), up
+    o, d = gather(o), gather(d)
+    p, normal, up = mirrored(planet, o, d)
+    mid, half, _ = planet.chord(o, d)
+    vertical = ray_end(planet, bending, o, d, mid - half).vertical
+    dr.eval(p, normal, up, vertical)
+    return p, np.stack([np.array(c) for c in normal], axis=1), up, np.stack([np.array(c) for c in vertical], axis=1)
 
 
 def ground_radiance(
     source: GroundSource,
     points: slice,
-    normal: FloatArray,
+    vertical: FloatArray,
     cosine: FloatArray,
     sun: FloatArray,
     mirror: FloatArray,
 ) -> FloatArray:
     """Return what leaves the ground, shape (g, n), for the g points of a slice.
 
-    At unit normals (n, 3) under view cosines (n,); ``mirror`` (g, n) is the air along the reflected rays.
+    At verticals (n, 3) under view cosines (n,); ``mirror`` (g, n) is the air along the reflected rays.
     """
     emission = source.emission
-    sky = source.sky_at(normal, points)
-    places = places_below(emission, normal, sun)
+    sky = source.sky_at(vertical, points)
+    places = places_below(emission, vertical, sun)
     total = np.zeros_like(sky)
     for kind in kinds_of(emission):
         e = source.emissivities(kind, cosine, points)
