@@ -128,6 +128,11 @@ def by_python(observation: Observation, table: Path) -> Any:
 
 def by_c(observation: Observation, program: Path) -> dict[str, Any]:
     """Return the answer of the program, which is told the same."""
+    return answer(program, sent(observation), observation.image)
+
+
+def sent(observation: Observation) -> list[Any]:
+    """Return the numbers that the program reads before an image."""
     camera, prior = observation.camera, observation.prior
     assert prior.r_itrs is not None
     assert prior.q_cam_from_itrs is not None
@@ -146,14 +151,13 @@ def by_c(observation: Observation, program: Path) -> dict[str, Any]:
         sunlight = (AU_M / distance_m) ** 2 if observation.band_kind == "solar" else 1.0
         gain = sunlight * observation.band_width_um / observation.radiance_per_dn
         gain_log_sigma = known_profile.GAIN_SIGMA[observation.band_kind]
-    known = [
+    return [
         *(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy),
         *(*prior.r_itrs, prior.position_sigma_m),
         *(*prior.q_cam_from_itrs, prior.attitude_sigma_rad[0]),
         *(month_of(prior.epoch_utc), *sun, *of_time),
         *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, gain, gain_log_sigma, observation.full_scale or 0.0),
     ]
-    return answer(program, known, observation.image)
 
 
 def answer(program: Path, known: list[Any], image: np.ndarray) -> dict[str, Any]:

@@ -31,15 +31,19 @@
    noise are chosen anew until both stand still, closer than `limb-profile` asks for, so that an answer depends little on
    where the search started.
 
-   Left out: lenses with distortion. Not as in `limb-profile`: MOST_NODES, half of what it has at most, which is less
-   only where more than 1.1 rad of limb at the Earth's centre are in view.
+   Left out: lenses with distortion, what is told of a lens's diffraction and of its blur over the field, the refusal
+   of a lens that is softer at one part of the limb, planets that are spheres, sigmas of the attitude by axis, and fewer
+   pixels in the first part of the way. A saturated pixel is known by full_scale alone. Not as in `limb-profile`:
+   MOST_NODES, half of what it has at most, which is less only where more than 1.1 rad of limb at the Earth's centre are
+   in view; and MOST_NEAR pixels near the limb.
 
    Standard input: one line of 28 numbers, and then width * height values of 16 bits in the machine's order, row by row:
      width height fx fy cx cy                  pixels
      rx ry rz  sigma_position                  m, Earth-fixed axes
      qx qy qz qw  sigma_attitude               from Earth-fixed to camera axes; rad, about any axis
      month                                     1.0 in the middle of January
-     sx sy sz                                  towards the Sun as a sensor reads it, camera axes
+     sx sy sz                                  towards the Sun as a sensor reads it, or as time and attitude say it;
+                                               camera axes, unit vector
      tx ty tz                                  towards the Sun as the time says it, Earth-fixed axes; 0 0 0: it is not said
      blur  blur_log_sigma  lift_sigma          px of the lens, m
      gain  gain_log_sigma                      values per radiance of the table on the axis; sigma 0 without calibration
@@ -55,6 +59,8 @@
 
 #define MOST_PIXELS (2048 * 2048)
 #define MOST_NEAR 200000
+#define MOST_SIDE 32767
+#define MOST_SQUARES (MOST_PIXELS / 16 + MOST_SIDE / 2 + 1) /* of 4 pixels a side, in an image of any shape */
 #define MOST_NODES 33
 #define BUMPS 15
 #define FUNCTIONS (1 + 2 * LIMB_K + BUMPS + 1)
@@ -80,7 +86,7 @@ static const double LEAST_ALIKE = 1.1, SURELY_ALIKE = 1.3;
 static const double LEAST_SHARE_DARK = 0.01;
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 /* Steps. */
-enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8, FEW_PX = 6000 };
+enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8 };
 static const double SETTLED = 0.03, NEARLY_SETTLED = 1.0, STEADY = 0.03, CONVERGED = 1e-3, HELD = 10.0;
 static const double RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3, WORTH = 0.002;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, LEAST_GAIN = 0.2;
@@ -118,7 +124,7 @@ static State prior;
 static Pixel near_[MOST_NEAR];
 static Node node[MOST_NODES];
 static int count, nodes, functions, unknowns, air;
-static int few; /* the first part of the way, with some of the pixels: noise is held for a step, and not wider */
+static int first_part; /* of the way: noise is held for a step and not wider, and the lens near its prior */
 static double curve, grid_low, grid_step, median_width, floor_level, floor_sigma, floor_space;
 static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS], pivot_of[SETS][MOST_NODES];
 static double wave[SETS][MOST_NODES][MOST_NODES];
@@ -829,7 +835,7 @@ static void take_weights_over(void) {
 
 /* How much larger the variance of the residuals' sums over squares is than of independent ones. */
 static double alike(void) {
-  static double sum[MOST_PIXELS / 16 + 2048], number[MOST_PIXELS / 16 + 2048];
+  static double sum[MOST_SQUARES], number[MOST_SQUARES];
   double most = 1.0;
   for (int side = 4; side <= 32; side *= 2) {
     int in_row = (width - 1) / side + 1, squares = in_row * ((height - 1) / side + 1);
@@ -858,7 +864,7 @@ static void widen(void) {
   for (int i = 0; i < count; i++) {
     Pixel *p = &near_[i];
     double of_left = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0), 1.0) - 1.0;
-    p->wider = few ? 1.0 : 1.0 + more * p->shown + of_left * fmin(p->left / p->variance, 1.0);
+    p->wider = first_part ? 1.0 : 1.0 + more * p->shown + of_left * fmin(p->left / p->variance, 1.0);
   }
 }
 
@@ -873,7 +879,7 @@ static double weigh(const State *s) {
     double square = p->off * p->off / p->variance;
     before[i] = p->weight;
     p->weight = square < OUTLIER * OUTLIER ? 1.0 / p->variance : 0.0;
-    p->pull = few ? 0.0 : 0.5 * (fmin(square, OUTLIER * OUTLIER) - 1.0) * p->by_level / s->gain;
+    p->pull = first_part ? 0.0 : 0.5 * (fmin(square, OUTLIER * OUTLIER) - 1.0) * p->by_level / s->gain;
   }
   widen();
   for (int i = 0; i < count; i++) {
@@ -895,7 +901,8 @@ static void priors(const State *s, double *wanted, double *information) {
   wanted[LIFT] = -s->lift - s->away[6], information[LIFT] = 1.0 / (lift_sigma * lift_sigma);
   wanted[BLUR] = log(prior.blur / s->blur), information[BLUR] = 1.0 / (blur_sigma * blur_sigma);
   wanted[SHARPNESS] = prior.sharpness - s->sharpness, information[SHARPNESS] = 1.0 / (SHARPNESS_SIGMA * SHARPNESS_SIGMA);
-  wanted[GAIN] = log(prior.gain / s->gain), information[GAIN] = gain_sigma > 0.0 ? 1.0 / (gain_sigma * gain_sigma) : 0.0;
+  wanted[GAIN] = gain_sigma > 0.0 ? log(prior.gain / s->gain) : 0.0;
+  information[GAIN] = gain_sigma > 0.0 ? 1.0 / (gain_sigma * gain_sigma) : 0.0;
   wanted[BACKGROUND] = floor_space - s->background;
   information[BACKGROUND] = floor_sigma > 0.0 ? 1.0 / (floor_sigma * floor_sigma) : 0.0;
 }
@@ -903,13 +910,13 @@ static void priors(const State *s, double *wanted, double *information) {
 /* What the most probable unknowns make smallest: with the noise that fits the residuals. */
 static double merit_of(const State *s) {
   double wanted[SHARED], information[SHARED], sum = 0.0;
-  if (!few) estimate_noise(s);
+  if (!first_part) estimate_noise(s);
   priors(s, wanted, information);
   for (int i = 0; i < SHARED; i++) sum += information[i] * wanted[i] * wanted[i];
   for (int i = 0; i < air; i++) sum += s->z[i] * s->z[i];
   for (int i = 0; i < count; i++) {
     const Pixel *p = &near_[i];
-    if (few)
+    if (first_part)
       sum += p->weight * p->off * p->off;
     else
       sum += (fmin(p->off * p->off / p->variance, OUTLIER * OUTLIER) + log(p->variance)) / p->wider;
@@ -1025,7 +1032,7 @@ static int equations(const State *s) {
     }
   }
   priors(s, wanted, information);
-  if (few) information[BLUR] *= HELD, information[SHARPNESS] *= HELD;
+  if (first_part) information[BLUR] *= HELD, information[SHARPNESS] *= HELD;
   for (int j = 0; j < SHARED; j++) {
     for (int k = 0; k <= j; k++) N[air + j][air + k] = shared[j][k] + (j == k ? information[j] : 0.0);
     right_[air + j] = shared_pull[j] + information[j] * wanted[j];
@@ -1121,8 +1128,8 @@ static int search(State *s, const char **reason) {
   static double step[MOST_UNKNOWNS];
   int settled = 0, round = 0;
   double size = INFINITY;
-  *reason = "too little limb in view";
-  few = 1;
+  *reason = "too little limb in view, or more pixels of it than this program holds";
+  first_part = 1;
   if (!select_pixels(s)) return 0;
   *reason = "the image is not brighter where the limb should be";
   if (!levels(s)) return 0;
@@ -1146,14 +1153,14 @@ static int search(State *s, const char **reason) {
     int improved = search_along(s, step, promised);
     if (held && !improved) return round;
     if (held) continue;
-    int close = size < (few ? NEARLY_SETTLED : SETTLED) || !improved;
+    int close = size < (first_part ? NEARLY_SETTLED : SETTLED) || !improved;
     double away_px = motion_px_of(s->away);
-    if ((close && few) || away_px > (close ? CLOSE_PX : RESELECT_PX)) {
+    if ((close && first_part) || away_px > (close ? CLOSE_PX : RESELECT_PX)) {
       keep_weights();
       if (!select_pixels(s)) return 0;
       take_weights_over();
       look(s);
-      few = few && !close;
+      first_part = first_part && !close;
     }
     double changed = weigh(s);
     settled = close && changed < STEADY ? settled + 1 : 0;
@@ -1341,9 +1348,16 @@ int main(void) {
       scanf("%lf %lf %lf", &sun_known[0], &sun_known[1], &sun_known[2]) != 3 ||
       scanf("%lf %lf %lf %lf %lf", &s.blur, &blur_sigma, &lift_sigma, &s.gain, &gain_sigma) != 5 ||
       scanf("%lf", &full_scale) != 1 || getchar() != '\n' ||
-      width < 8 || height < 8 || width > 32767 || height > 32767 || (long)width * height > MOST_PIXELS ||
+      width < 8 || height < 8 || width > MOST_SIDE || height > MOST_SIDE || (long)width * height > MOST_PIXELS ||
       fread(image, sizeof *image, (size_t)width * height, stdin) != (size_t)width * height)
     return refuse("bad_input", "the image or what is known beside it cannot be read");
+  double numbers = cx + cy + dot(s.r, s.r) + dot(q, q) + q[3] + month + dot(sun_read, sun_read) + dot(sun_known, sun_known);
+  double above_0[] = {fx, fy, sigma_r, sigma_q, s.blur, blur_sigma, lift_sigma};
+  for (size_t i = 0; i < sizeof above_0 / sizeof *above_0; i++)
+    if (!(above_0[i] > 0.0 && isfinite(above_0[i])))
+      return refuse("bad_input", "focal lengths, blur and sigmas must be above 0");
+  if (!isfinite(numbers + full_scale) || !isfinite(gain_sigma) || (gain_sigma > 0.0 && !(s.gain > 0.0 && isfinite(s.gain))))
+    return refuse("bad_input", "a number beside the image is not finite, or the gain not above 0");
   prepare_splines();
   from_quaternion(q, s.R);
   if (dot(s.r, s.r) < A_M * A_M * 1.0001) return refuse("bad_input", "the position lies in the Earth");

@@ -17,6 +17,8 @@ import json
 import os
 import re
 import stat
+import zipfile
+import zlib
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,17 @@ from horizonval.core.errors import UserError
 _READ_ONLY = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
+UNREADABLE_ARRAYS = (
+    OSError,
+    ValueError,
+    EOFError,
+    AttributeError,
+    KeyError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What numpy raises of an archive of arrays that is damaged, or none."""
 _KINDS = (
     (stat.S_ISREG, "a file"),
     (stat.S_ISDIR, "a folder"),

@@ -107,7 +107,7 @@ class Prior:
     ------
     UserError
         A value without its sigma or the other way round, a sigma that is not above 0, a vector of another shape, a
-        quaternion that is not of length 1, a radius for anything but a sphere.
+        position inside the planet, a quaternion that is not of length 1, a radius for anything but a sphere.
 
     Examples
     --------
@@ -147,6 +147,14 @@ class Prior:
             self._number(name, above_0=name != "limb_height_m")
         for name, length in (("r_itrs", 3), ("q_cam_from_itrs", 4), ("attitude_sigma_rad", 3)):
             self._vector(name, length)
+        if self.r_itrs is not None:
+            distance, least = float(np.linalg.norm(self.r_itrs)), self._least_radius_m
+            if distance <= least:
+                raise UserError(
+                    f"found a place {distance / 1e3:.6g} km from the Earth's centre",
+                    where="Prior: r_itrs",
+                    expected=f"one outside of the planet, beyond {least / 1e3:.6g} km",
+                )
         if self.attitude_sigma_rad is not None and not (self.attitude_sigma_rad > 0).all():
             raise UserError("found one of 0 or less", where="Prior: attitude_sigma_rad", expected="angles above 0")
         if self.q_cam_from_itrs is not None:
@@ -170,6 +178,11 @@ class Prior:
     def sphere_radius_m(self) -> float:
         """Radius of the sphere that a spherical method assumes."""
         return MEAN_RADIUS_M if self.radius_m is None else self.radius_m
+
+    @property
+    def _least_radius_m(self) -> float:
+        """Distance from the centre below which a place lies inside whatever the planet is taken for."""
+        return self.sphere_radius_m if self.shape == "sphere" else WGS84.b_m
 
     @property
     def flattening(self) -> float:

@@ -49,13 +49,14 @@ from horizonval.estimation.guard.limb_model import blur_of, model_covariance
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
 from horizonval.estimation.guard.wider_pixels import in_wider_pixels
 from horizonval.estimation.lens_error import lens_errors, with_lens_error
+from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.ranks import median
+from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, median
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.limb.smaller import in_whole
@@ -147,6 +148,8 @@ def _trusted(picture: Picture, found: LimbPoints, observation: Observation, esti
     sun = observation.sun_cam if observation.band_kind == "solar" else None
     if sun is not None:
         los = _into_twilight(los, image, observation, sun, bright_inside)
+        if len(los) < limits.FEWEST_POINTS:
+            return Refusal(Outcome.DARK, f"{len(los)} limb points are followed towards the terminator", found.uv)
     axis = fit_cone(los).axis_cam
     sides = read_sides(picture, camera, los, axis)
     tests = {Outcome.SUN_GLARE: restless(sides)}
@@ -213,7 +216,7 @@ def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> Sunli
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     blur = blur_of(los, cone.axis_cam, observation)
     sigma = observation.prior.sun_sigma_rad
-    sun_sigma = limits.SUN_SIGMA_RAD if sigma is None else sigma
+    sun_sigma = SUN_SIGMA_RAD if sigma is None else sigma
     return sunlit_limb(los, cone.axis_cam, rho, sun, blur, sun_sigma, observation.band_um)
 
 
@@ -264,7 +267,7 @@ def _without_outliers(points: _GuardPoints, observation: Observation) -> _GuardP
         cone = fit_cone(points.los)
         off = off_axis_angle(points.los, cone.axis_cam)
         off = np.abs(off - median(off))
-        good = off <= max(limits.TRIM_SIGMAS * 1.4826 * median(off), smallest)
+        good = off <= max(limits.TRIM_SIGMAS * MEDIAN_TO_SIGMA * median(off), smallest)
         if good.all():
             break
         points = points.take(good)

@@ -33,18 +33,18 @@ from horizonval.earth.limb_relief import limb_height_m, reliefs
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
-from horizonval.estimation.limb.finder import find_limb_and_picture
+from horizonval.estimation.limb.finder import LARGEST_RHO_RAD, find_limb_and_picture
 from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.sunlit import sun_angles
 from horizonval.estimation.limb.model.trusted import faded, read_sides, restless, saturated
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty
+from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA
+from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty, limb_directions
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
-AZIMUTHS = 7200
 MOVED_RAD = 1e-4
 """How far the limb is moved to see what a method makes of it: a hundredth of a pixel and more, a hundredth of rho."""
 
@@ -222,7 +222,7 @@ def _without_outliers(los: FloatArray, head: Observation) -> FloatArray:
             break
         off = off_axis_angle(los, fit_cone(los).axis_cam)
         off = np.abs(off - np.median(off))
-        good = off <= max(limits.TRIM_SIGMAS * 1.4826 * float(np.median(off)), smallest)
+        good = off <= max(limits.TRIM_SIGMAS * MEDIAN_TO_SIGMA * float(np.median(off)), smallest)
         if good.all():
             break
         los = los[good]
@@ -234,16 +234,7 @@ def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> Floa
     if not np.isfinite(rho_rad):
         return Refusal(Outcome.NOT_CONVERGED, "the answer has no angular radius")
     picture = Picture(head.image, head.full_scale)
-    turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
-    basis = tangent_basis(nadir_cam)
-    los = np.cos(rho_rad) * nadir_cam + np.sin(rho_rad) * (
-        np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
-    )
-    uv, in_front = project(head.camera, los)
-    rim = limits.HEAD_RIM_PX
-    with np.errstate(invalid="ignore"):
-        inside = in_front & ((uv >= rim) & (uv <= (head.camera.width - 1 - rim, head.camera.height - 1 - rim))).all(1)
-    los = _one_per_pixel(los[inside], uv[inside])
+    los = limb_directions(head.camera, nadir_cam, rho_rad, limits.HEAD_RIM_PX)
     if len(los) < limits.FEWEST_POINTS:
         return Refusal(Outcome.SHORT_ARC, f"{len(los)} px of the answer's limb are in view")
     sides = read_sides(picture, head.camera, los, nadir_cam)
@@ -262,11 +253,6 @@ def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> Floa
     if np.mean(~bad) * len(moved) < limits.HEAD_LIMB_SHARE * len(los):
         return Refusal(Outcome.NO_LIMB, f"{np.mean(~bad) * len(moved) / len(los):.0%} of the answer's limb is an edge")
     return moved[~bad]
-
-
-def _one_per_pixel(los: FloatArray, uv: FloatArray) -> FloatArray:
-    _, first = np.unique(np.rint(uv).astype(np.int64), axis=0, return_index=True)
-    return los[np.sort(first)]
 
 
 def _limb_of(seen: Mapping[str, FloatArray], observation: Observation, estimates: str) -> _Limb | Refusal:
@@ -349,7 +335,7 @@ def _of_method(
 def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: FloatArray) -> Fit | Refusal:
     """Return the fit with its model error, ``systematic`` (2, 2), if the limb of all heads bears it out."""
     basis, rho = limb.basis, limb.rho_rad
-    if not limits.SMALLEST_RHO_RAD <= rho <= limits.LARGEST_RHO_RAD:
+    if not limits.SMALLEST_RHO_RAD <= rho <= LARGEST_RHO_RAD:
         return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", fit.points)
     of_points = 0.0 if fit.systematic_nadir_cam is None else fit.systematic_nadir_cam
     confirmed = replace(fit, systematic_nadir_cam=of_points + basis @ systematic @ basis.T)

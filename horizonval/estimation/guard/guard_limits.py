@@ -19,8 +19,6 @@ FOLLOWED_PX = 3.0
 """Farthest that a followed point may lie from the cone: the limb rises by two pixels of 20 km."""
 REACHES_RAD = tuple(float(np.deg2rad(angle)) for angle in (83.0, 86.0, 88.0, 90.0, 91.0, 92.0, 93.0, 94.0))
 """Sun's zenith angles up to which points may be used; the one that determines the nadir best is taken."""
-SUN_SIGMA_RAD = float(np.deg2rad(0.5))
-"""Of a coarse Sun sensor, right to a degree."""
 
 TRIMS = 5
 TRIM_SIGMAS = 4.0
@@ -60,8 +58,6 @@ HEAD_KNOTS = 6
 
 ROW_PX = 16
 """An image whose shorter side has no more pixels is a linear array."""
-ROW_SATURATED = 0.97
-"""Of full scale, as for images."""
 ROW_NEAR_PX = 10.0
 ROW_NEAR_WIDTHS = 4.0
 """How far the limb itself reaches to either side of its half level, in widths from 20 to 80 %: a plateau bends over."""
@@ -75,12 +71,5 @@ ROW_EARTH_SHARES = (0.6, 1.5)
 of it; what comes near half of the step is another edge."""
 MISFIT_CHANCE = 1e-6
 """Probability of the crossings' misfit below which they are not of one limb."""
-LARGEST_RHO_RAD = float(np.deg2rad(82.0))
-"""From 60 km up; nothing orbits there."""
-
-LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
-"""Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius that of the Earth's
-radius below a satellite."""
-
 SEEN_RELIEF_RAD = 0.15
 """Correlation length of the relief that an image shows of itself: clouds and coasts of some hundred kilometres."""

@@ -31,6 +31,7 @@ from horizonval.earth.limb_heights import oblate_limbs, relief_covariance
 from horizonval.earth.limb_relief import reliefs
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
+from horizonval.estimation.limb.model.trusted import SATURATED_SHARE
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
@@ -71,7 +72,7 @@ def row_limb(head: Observation) -> RowLimb | Refusal:
     row = image[v]
     crossing = sub_pixel_crossing(row)
     bright_left = _bright_left(row, crossing)
-    if head.full_scale is not None and (row >= limits.ROW_SATURATED * head.full_scale).any():
+    if head.full_scale is not None and (row >= SATURATED_SHARE * head.full_scale).any():
         return Refusal(*_saturation(row, crossing, bright_left, head.full_scale))
     if isinstance(crossing, Refusal):
         return crossing
@@ -92,7 +93,7 @@ def _bright_left(row: FloatArray, crossing: Crossing | Refusal) -> bool:
 def _saturation(
     row: FloatArray, crossing: Crossing | Refusal, bright_left: bool, full_scale: float
 ) -> tuple[Outcome, str]:
-    at = np.flatnonzero(row >= limits.ROW_SATURATED * full_scale)
+    at = np.flatnonzero(row >= SATURATED_SHARE * full_scale)
     if isinstance(crossing, Crossing):
         within = at < crossing.column if bright_left else at > crossing.column
         if within.all() and len(at) > 0.5 * np.sum(row > 0.5 * full_scale):

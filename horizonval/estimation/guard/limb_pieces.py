@@ -65,7 +65,7 @@ class LimbPieces:
         Mean square of the residuals across the edge, less the noise that the pixels to both sides of it have, over the
         square of the limb's step.
     rival_shown : int
-        Pieces that are due and show another place, the one that most of them show, as well.
+        Pieces that are due and show some other place as well.
     """
 
     steps: FloatArray
@@ -176,7 +176,7 @@ def _rival(
     needed: FloatArray,
     due: BoolArray,
 ) -> int:
-    """Return the number of pieces that show the place that shows best of all those that are no part of the limb.
+    """Return the number of pieces that show some place that is no part of the limb, each its own.
 
     ``needed``: signed step, shape (m,), that a rival must reach in every piece.
     """

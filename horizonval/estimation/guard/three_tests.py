@@ -39,9 +39,10 @@ from horizonval.estimation.guard.wider_pixels import in_wider_pixels
 from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, knowledge_in_air
 from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
-from horizonval.estimation.likelihood.knowledge import LimbPose, sphere_knowledge
+from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE, LimbPose, sphere_knowledge
 from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
 from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
+from horizonval.estimation.limb.finder import LARGEST_RHO_RAD
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.cone import Cone
@@ -96,7 +97,7 @@ def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) 
         return Refusal(Outcome.NOT_CONVERGED, "the claim predicts no limb: it has no angular radius", claim.points)
     # Where the altitude is known its own test decides how large a disc must be.
     smallest = 0.0 if observation.prior.angular_radius is not None else limits.SMALLEST_RHO_RAD
-    if not smallest < rho <= limits.LARGEST_RHO_RAD:
+    if not smallest < rho <= LARGEST_RHO_RAD:
         return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", claim.points)
     radius = observation.prior.sphere_radius_m
     distance = radius / float(np.sin(rho))
@@ -238,7 +239,7 @@ def _known_altitude(observation: Observation) -> tuple[float, float] | None:
         return None
     rho = float(np.arcsin(radius / distance))
     # The Earth's radius below the satellite is that of the sphere to so much.
-    local = limits.LOCAL_RADIUS_SHARE * prior.flattening * radius
+    local = LOCAL_RADIUS_SHARE * prior.flattening * radius
     return rho, (np.tan(rho) / distance) ** 2 * (prior.position_sigma_m**2 + local**2)
 
 

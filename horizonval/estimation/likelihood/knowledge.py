@@ -17,6 +17,9 @@ from horizonval.estimation.likelihood.height.limb_places import LimbHeights
 from horizonval.geometry.directions import rotation_vector
 from horizonval.geometry.ellipsoid import Ellipsoid
 
+LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
+"""Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius, 6.4 km, that of the
+Earth's radius below."""
 BLUR_PX = 0.7
 """Of a usual lens, standard deviation."""
 FIXED_ANGLE_RAD = 1e-6

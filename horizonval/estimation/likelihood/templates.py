@@ -29,7 +29,6 @@ Files hold whole numbers: of the mean 16 bits of the largest value of a profile,
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -39,7 +38,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood.spline import slopes, spline_weights
@@ -269,7 +268,7 @@ def load_templates(path: Path) -> LimbTemplates:
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: np.asarray(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError, KeyError) as e:
+    except files.UNREADABLE_ARRAYS as e:
         problem = (e.strerror if isinstance(e, OSError) else None) or "not a table, or damaged"
         raise UserError(problem, where=str(path), expected=expected) from e
     try:
@@ -312,7 +311,7 @@ def templates_of(path: Path) -> LimbTemplates:
     """
     try:
         found = path.stat()
-    except OSError:
+    except (OSError, ValueError):  # the latter of a name that no file can have
         return load_templates(path)
     return _as_it_was(path, found.st_mtime_ns, found.st_size)
 

@@ -18,7 +18,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.checks import DARK_LEVEL, check_image
 from horizonval.estimation.limb.edges import find_edges
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.ranks import TRIM_SIGMAS
+from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, TRIM_SIGMAS
 from horizonval.estimation.limb.shape.circle import Circle, fit_circle
 
 RIM_PX = 2
@@ -60,7 +60,7 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusa
         if circle is None:
             return Refusal(Outcome.SHORT_ARC, "the longest edge is straight: it has no circle")
         off = np.abs(circle.distance_px(uv))
-        kept = off <= max(TRIM_SIGMAS * 1.4826 * float(np.median(off)), SMALLEST_TRIM_PX)
+        kept = off <= max(TRIM_SIGMAS * MEDIAN_TO_SIGMA * float(np.median(off)), SMALLEST_TRIM_PX)
         uv = uv[kept]
         if len(uv) < FEWEST_PIXELS:
             return Refusal(Outcome.NO_LIMB, "the longest edge is no arc of a circle")

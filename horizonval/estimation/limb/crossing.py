@@ -31,6 +31,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA
 from horizonval.estimation.rounding import rounding_variance
 
 FINE_STEP = 0.1
@@ -163,7 +164,9 @@ def row_noise(row: FloatArray, edge: int) -> float:
     """
     third = np.abs(np.diff(row, n=3))
     sides = [third[: max(edge - SPACE[0], 0)], third[edge + SPACE[0] :]]
-    estimates = [1.4826 * float(np.median(side)) / np.sqrt(20.0) for side in sides if len(side) >= LEVEL_PIXELS]
+    estimates = [
+        MEDIAN_TO_SIGMA * float(np.median(side)) / np.sqrt(20.0) for side in sides if len(side) >= LEVEL_PIXELS
+    ]
     return float(max(*estimates, np.sqrt(rounding_variance(row)), 0.0))
 
 

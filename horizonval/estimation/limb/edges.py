@@ -45,14 +45,10 @@ class Edges:
         (column, row), whole pixels.
     gradient : ndarray, shape (n, 2)
         Unit gradient of the grey level: points to the brighter side.
-    quiet : ndarray, shape (n,)
-        Activity (mean gradient) on the calmer of the two sides over the gradient at the point: small where one side is
-        space and the edge is a strong one.
     """
 
     uv: FloatArray
     gradient: FloatArray
-    quiet: FloatArray
 
 
 def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STRONG_SHARE) -> Edges:
@@ -92,19 +88,4 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STR
     rows, columns = rows[good], columns[good]
     gradient = np.column_stack([gx[good], gy[good]]) / length[good, None]
     uv = np.column_stack([columns, rows]).astype(np.float64)
-    return Edges(uv=uv, gradient=gradient, quiet=_quiet_side(strength, uv, gradient))
-
-
-def _quiet_side(strength: NDArray[np.float32], uv: FloatArray, gradient: FloatArray) -> FloatArray:
-    height, width = strength.shape
-    reach = float(np.clip(min(height, width) / 12.0, 3.0, 9.0))
-    size = 2 * int(reach / 2) + 1
-    activity = cv2.blur(strength, (size, size))
-    sides = []
-    for sign in (-1.0, 1.0):
-        at = np.rint(uv + sign * reach * gradient).astype(int)
-        sides.append(activity[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)])
-    columns, rows = uv.astype(int).T
-    # The floor makes exactly flat sides (noise-free frames, clipped photographs) compete by strength.
-    own = np.maximum(strength[rows, columns].astype(np.float64), 1.0)
-    return (np.minimum(sides[0], sides[1]).astype(np.float64) + 1.0) / own
+    return Edges(uv=uv, gradient=gradient)

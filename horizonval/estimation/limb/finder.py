@@ -28,7 +28,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.checks import DARK_LEVEL, check_image
 from horizonval.estimation.limb.edges import Edges, find_edges
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.ranks import TRIM_SIGMAS, median, percentile
+from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, TRIM_SIGMAS, median, percentile
 from horizonval.estimation.limb.result import FEWEST_POINTS, LimbPoints
 from horizonval.estimation.limb.search.evidence import (
     MOST_SECTORS,
@@ -143,11 +143,16 @@ def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None 
     if (refusal := check_image(image, full_scale)) is not None:
         return refusal
     if image.shape != (camera.height, camera.width):
-        return Refusal(
-            Outcome.BAD_INPUT,
-            f"the image is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
-        )
+        return wrong_size(image, camera)
     return Picture(image, full_scale)
+
+
+def wrong_size(image: FloatArray, camera: CameraModel) -> Refusal:
+    """Return the refusal of an image (H, W) that is not its camera's."""
+    return Refusal(
+        Outcome.BAD_INPUT,
+        f"the image is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
+    )
 
 
 def _find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal:
@@ -262,11 +267,11 @@ def _fitted(level: PyramidLevel, number: int, camera: CameraModel, start: _Candi
         best = _Candidate(start.axis_cam, start.rho_rad, number, level.scale, seen)
     for _ in range(REFITS):
         shows = best.evidence.shows
-        if np.count_nonzero(shows) < 3:
-            break
         los = unproject(camera, best.evidence.uv[shows])
-        cone = fit_cone(los[np.isfinite(los).all(axis=1)])
-        axis = cone.axis_cam
+        los = los[np.isfinite(los).all(axis=1)]
+        if len(los) < 3:
+            break
+        axis = fit_cone(los).axis_cam
         rho = float(off_axis_angle(los, axis).mean())
         evidence = weigh(level, camera, axis, rho)
         if evidence is None or evidence.score < STILL_SHOWN * best.evidence.score:
@@ -329,7 +334,7 @@ def _grain(finest: PyramidLevel, camera: CameraModel, found: _Candidate) -> floa
     one, known = finest.at(places)
     other, also = finest.at(places + np.array([1.0, 0.0]))
     difference = np.abs(one - other)[known & also]
-    return 1.4826 * median(difference) / np.sqrt(2.0) if len(difference) else 0.0
+    return MEDIAN_TO_SIGMA * median(difference) / np.sqrt(2.0) if len(difference) else 0.0
 
 
 def _sky(coarsest: PyramidLevel, camera: CameraModel, found: _Candidate) -> Refusal | None:
@@ -372,7 +377,7 @@ def _trimmed(uv: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatArra
             break
         angle = off_axis_angle(los, fit_cone(los).axis_cam)
         off = np.abs(angle - median(angle))
-        good = off <= max(TRIM_SIGMAS * 1.4826 * median(off), smallest)
+        good = off <= max(TRIM_SIGMAS * MEDIAN_TO_SIGMA * median(off), smallest)
         uv, los = uv[good], los[good]
     return uv, los
 
@@ -420,7 +425,7 @@ def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float 
 
 
 def _take(edges: Edges, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Edges:
-    return Edges(edges.uv[rows], edges.gradient[rows], edges.quiet[rows])
+    return Edges(edges.uv[rows], edges.gradient[rows])
 
 
 def _inside_image_circle(edges: Edges, camera: CameraModel, rim_px: int) -> Edges:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.checks import saturated_pixels
-from horizonval.estimation.limb.ranks import level_counts, median, percentile, percentile_of_counts
+from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, level_counts, median, percentile, percentile_of_counts
 
-NOISE_GAIN = 6.0 * 0.6745
-"""Median of what the operator that measures noise makes of unit white noise."""
+IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
+"""The operator that measures noise: of a level and its first derivatives it makes nothing."""
 STRETCH_PERCENTILES = (0.5, 99.9)
 """Of the levels: dead and hot pixels are fewer than what lies beyond. Chosen."""
 SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
@@ -131,16 +131,16 @@ def noise_sigma(image: NDArray[np.floating | np.uint8], largest_level: int | Non
     largest_level : int, optional
         Of an image of whole numbers from 0 on, which is sooner counted than ranked; of eight bits it is known.
     """
-    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
+    gain = float(np.linalg.norm(IMMERKAER)) / MEDIAN_TO_SIGMA
     if image.dtype == np.uint8:
-        response, largest_level = cv2.filter2D(image, cv2.CV_16S, kernel), 255
+        response, largest_level = cv2.filter2D(image, cv2.CV_16S, IMMERKAER), 255
     else:
-        response = cv2.filter2D(np.asarray(image, dtype=np.float32), cv2.CV_32F, kernel)
+        response = cv2.filter2D(np.asarray(image, dtype=np.float32), cv2.CV_32F, IMMERKAER)
     size = np.abs(response[1:-1, 1:-1])
     if largest_level is None:
-        return median(size) / NOISE_GAIN
+        return median(size) / gain
     whole = size.view(np.uint16) if size.dtype == np.int16 else size
-    return percentile_of_counts(level_counts(whole, 8 * largest_level), 50.0) / NOISE_GAIN
+    return percentile_of_counts(level_counts(whole, 8 * largest_level), 50.0) / gain
 
 
 def _stretched(grey: FloatArray, low: float, high: float) -> NDArray[np.uint8]:

@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+MEDIAN_TO_SIGMA = 1.4826
+"""Standard deviation over the median distance from the median, of normal numbers: outliers bear
+little on it."""
 ROSE_SIGMAS = 5.0
 """Of noise, from which on a feature is told from it (Rose's criterion)."""
 TRIM_SIGMAS = 3.5

@@ -24,10 +24,9 @@ from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_p
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.closed_form import position_from_limb
 from horizonval.estimation.likelihood.heads.fit import HeadImage, fit_heads
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, sphere_knowledge
+from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE, LimbKnowledge, LimbPose, sphere_knowledge
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
-from horizonval.estimation.limb.finder import find_limb_and_picture
-from horizonval.estimation.methods.limb_sphere import LOCAL_RADIUS_SHARE
+from horizonval.estimation.limb.finder import find_limb_and_picture, wrong_size
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.ellipsoid import WGS84, sphere
@@ -64,6 +63,8 @@ def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
     """Return a head's grey levels and points of its limb, shape (n, 2)."""
     image = np.asarray(head.image, dtype=np.float64)
     if image.ndim == 2 and image.shape[0] == 1:
+        if image.shape != (head.camera.height, head.camera.width):
+            return wrong_size(image, head.camera)
         crossing = sub_pixel_crossing(image[0])
         if isinstance(crossing, Refusal):
             return crossing

@@ -19,14 +19,10 @@ from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_prior
 from horizonval.estimation.likelihood.claim import claim
 from horizonval.estimation.likelihood.closed_form import position_from_limb
-from horizonval.estimation.likelihood.knowledge import LimbPose, sphere_knowledge
+from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE, LimbPose, sphere_knowledge
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
-
-LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
-"""Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius, 6.4 km, that of the
-Earth's radius below."""
 
 
 def run(observation: Observation) -> Fit | Refusal:

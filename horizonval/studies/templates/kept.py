@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,7 +22,7 @@ def kept_arrays(path: Path, make: Callable[[], dict[str, FloatArray]]) -> dict[s
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 return {key: np.asarray(arrays[key]) for key in arrays.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError):
+        except files.UNREADABLE_ARRAYS:
             pass
     made = make()
     with atomic.replacing(path) as temporary, temporary.open("wb") as file:

@@ -123,3 +123,9 @@ def test_a_mistake_is_one_line(values: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=r"^Prior: ") as found:
         Prior(**values)
     assert message in found.value.line()
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.0, 0.0, 6.35e6)])
+def test_a_place_inside_the_planet_is_refused(place: tuple[float, float, float]) -> None:
+    with pytest.raises(UserError, match=r"r_itrs: found a place .* km from the Earth's centre; expected one outside"):
+        Prior(r_itrs=np.array(place), position_sigma_m=1e3)

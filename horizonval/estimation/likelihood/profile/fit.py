@@ -112,7 +112,7 @@ def by_sector(
     """Return a place on the limb for every sector, and by how much its pixels would have the limb farther in [rad]."""
     near = model.near
     # The lift lowers all distances across the limb alike.
-    per_rad = -now.gain * near.light * look.changes[0] * model.by_pose[6] * near.ray.distance_m
+    per_rad = -now.gain * near.light * look.kept * look.changes[0] * model.by_pose[6] * near.ray.distance_m
     weights = inverse_variance * per_rad
     uv, off = [], []
     for first, last in pairwise(near.starts):

@@ -94,7 +94,10 @@ def known_profile(observation: Observation, method: str) -> KnownProfile | Refus
     picture = picture_of(observation.image, observation.camera, observation.full_scale)
     if isinstance(picture, Refusal):
         return picture
-    towards_sun_itrs, sun_distance_m = sun_itrs(prior.epoch_utc)
+    try:
+        towards_sun_itrs, sun_distance_m = sun_itrs(prior.epoch_utc)
+    except UserError as e:
+        return Refusal(Outcome.BAD_INPUT, f"{method}: the prior's {e.what}; expected {e.expected}")
     # Tables of sunlit bands have the Sun at its mean distance.
     sunlight = (AU_M / sun_distance_m) ** 2 if observation.band_kind == "solar" else 1.0
     mean = LimbPose(Rotation.from_quat(prior.q_cam_from_itrs).as_matrix(), prior.r_itrs)

@@ -39,7 +39,7 @@ LEAST_GAIN = 0.2
 """Of the gain, that a step leaves of it."""
 CLOUD_TOP_M = 16e3
 """Of the tropics: clouds are below."""
-DEPTH_M, DEPTH_PX = 0.0, 0.5
+DEPTH_PX = 0.5
 """Of the window below the ground, at least. Lines that end farther before the limb see other air, ground and clouds
 than those that pass it: with 40 km and four pixels errors of 8 to 14 um were twice as large."""
 SPACE_PX = 4.0
@@ -192,7 +192,7 @@ class ProfileModel:
         pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
         widest = blur_px * float(knowledge.lens.ratios.max())
         rim = EDGE_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
-        bottom = pose.height_m - max(DEPTH_M, DEPTH_PX * pixel_m)
+        bottom = pose.height_m - DEPTH_PX * pixel_m
         top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
         self.curve = curve = 0.5 * axes[0] / to_limb_2
         self.near = near = profile_pixels(image, camera, pose, knowledge.ellipsoid, (bottom, top), curve, most)

@@ -146,10 +146,10 @@ def _components(squares: FloatArray, expected: FloatArray, parts: FloatArray, in
     """
     weight = inside / expected
     rows = parts * weight
-    normal = rows @ rows.T
-    if not np.isfinite(normal).all():
+    normal, pull = rows @ rows.T, rows @ (squares * weight)
+    if not (np.isfinite(normal).all() and np.isfinite(pull).all()):
         raise np.linalg.LinAlgError("the residuals have left the numbers that there are")
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     root = np.linalg.cholesky(normal / np.outer(size, size) + 1e-9 * np.eye(len(parts)))
-    right = np.linalg.solve(root, (rows @ (squares * weight)) / size)
+    right = np.linalg.solve(root, pull / size)
     return np.asarray(nnls(root.T, right)[0] / size)

@@ -8,6 +8,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.limb_pixels import FEWEST_LIMB_PX
 from horizonval.estimation.likelihood.pixels import NearPixels, near_pixels
 from horizonval.estimation.likelihood.profile.ray_height import RayHeight, level_distance, ray_height
 from horizonval.estimation.likelihood.sectors import divided
@@ -15,8 +16,6 @@ from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.directions import cross, tangent_basis
 from horizonval.geometry.ellipsoid import Ellipsoid
 
-FEWEST_LIMB_PX = 8
-"""Of limb in view."""
 NODE_RAD = 0.035
 """Between nodes, at the Earth's centre: a sixth of the length over which air is alike. Straight lines between nodes
 leave 0.4 % of a mode's standard deviation; of half of the length they would leave 3 %, bent all the same way, which

@@ -332,9 +332,10 @@ def uneven_lens(growth: float, sigma: float) -> str | None:
 
 
 def explained(model: ProfileModel, look: Seen, noise: PixelNoise) -> float:
-    """Return the share of the pixels' variance that the prediction explains, outliers apart."""
+    """Return the share of the pixels' variance that the prediction explains, outliers apart; of none it explains 0."""
     values, residuals = model.near.values[noise.used], look.residuals[noise.used]
-    return 1.0 - float(np.sum(residuals**2)) / float(np.sum((values - values.mean()) ** 2))
+    whole = float(np.sum((values - values.mean()) ** 2))
+    return 1.0 - float(np.sum(residuals**2)) / whole if whole > 0.0 else 0.0
 
 
 def least_variance(model: ProfileModel, now: Guess, look: Seen) -> FloatArray:

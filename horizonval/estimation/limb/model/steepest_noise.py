@@ -31,8 +31,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.model.steepest import SIGMA_PX, STEP_PX, profile_places, steepest_sample
+from horizonval.estimation.limb.picture import IMMERKAER
 from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
-from horizonval.estimation.limb.ranks import median
+from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, median
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
@@ -48,9 +49,6 @@ SATURATED_SHARE = 0.95
 """Of full scale: brighter pixels may have their noise cut off. Chosen."""
 DIM_SHARE = 0.2
 """Of the median step: fainter pixels say little of how the variance grows with the level."""
-IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-MEDIAN_OF_SQUARE = 0.4549
-"""Median of the square of a standard normal variable."""
 
 
 def pixel_variance(
@@ -71,7 +69,7 @@ def pixel_variance(
     """
     image32 = image.astype(np.float32)
     response = np.asarray(cv2.filter2D(image32, cv2.CV_32F, IMMERKAER), dtype=np.float64)
-    square = response**2 / float((IMMERKAER**2).sum()) / MEDIAN_OF_SQUARE
+    square = response**2 * (MEDIAN_TO_SIGMA / float(np.linalg.norm(IMMERKAER))) ** 2
     level = np.asarray(cv2.blur(image32, (3, 3)), dtype=np.float64)
     usable = np.zeros(image.shape, dtype=bool)
     usable[1:-1, 1:-1] = True

@@ -31,7 +31,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.ranks import TRIM_SIGMAS, median
+from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, TRIM_SIGMAS, median
 from horizonval.estimation.limb.result import FEWEST_POINTS
 from horizonval.estimation.limb.search.evidence import (
     INNERMOST,
@@ -272,5 +272,5 @@ def _pooled(azimuth: FloatArray, shading: FloatArray, good: NDArray[np.bool_]) -
     for _ in range(3):
         coefficients = np.linalg.lstsq(design[used], shading[used], rcond=1e-9)[0]
         off = np.abs(shading - design @ coefficients)
-        used = good & (off <= TRIM_SIGMAS * 1.4826 * median(off[good]) + TINY)
+        used = good & (off <= TRIM_SIGMAS * MEDIAN_TO_SIGMA * median(off[good]) + TINY)
     return np.asarray(design @ coefficients)

@@ -46,11 +46,10 @@ KEPT = 4
 
 @dataclass(frozen=True)
 class Proposal:
-    """A cone, and how much of limb [px of the picture] speaks for it."""
+    """A cone that edge points agree with."""
 
     axis_cam: FloatArray
     rho_rad: float
-    support_px: float
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
             support, axis, cosine = again, cone.axis_cam, cone.cos_rho
         taken |= support
         rho = _half_angle(edges.los[support], axis, cosine)
-        found.append(Proposal(axis, rho, level.scale * float(np.count_nonzero(support))))
+        found.append(Proposal(axis, rho))
     return found
 
 

@@ -215,3 +215,15 @@ def test_one_head_is_too_few():
     refused = run(_observation({"a": picture(heads["a"])}, heads, Prior(), 2))
     assert isinstance(refused, Refusal)
     assert refused.status is Outcome.BAD_INPUT
+
+
+def test_a_row_that_is_not_its_cameras_is_refused() -> None:
+    camera = CameraModel(width=256, height=1, fx=400.0, fy=400.0, cx=127.5, cy=0.0)
+    row = np.full((1, 200), 10.0)
+    row[0, 100:] = 200.0
+    turns = [Rotation.from_euler("z", 90.0 * k, degrees=True).as_quat() for k in range(4)]
+    heads = {str(k): Observation(image=row, camera=camera, q_cam_from_body=q) for k, q in enumerate(turns)}
+    found = run(Observation(image=row, camera=camera, heads=heads))
+    assert isinstance(found, Refusal)
+    assert found.status is Outcome.BAD_INPUT
+    assert "200 x 1" in found.reason

@@ -689,3 +689,39 @@ def test_a_priors_table_takes_the_place_of_the_shipped_one(tmp_path: Path, monke
         assert "\n" not in answer.reason
         for word in words:
             assert word in answer.reason
+
+
+def _level_image(**prior: Any) -> Observation:
+    """Return an image of one level, but for three bright pixels just inside of where the prior has the limb."""
+    r_itrs = np.array([A_M + 500e3, 0.0, 0.0])
+    rho = np.arcsin(A_M / r_itrs[0])
+    nadir = np.array([-1.0, 0.0, 0.0])
+    z = np.cos(rho) * nadir + np.sin(rho) * np.array([0.0, 1.0, 0.0])
+    y = nadir - (nadir @ z) * z
+    y /= np.linalg.norm(y)
+    q_cam_from_itrs = Rotation.from_matrix([np.cross(y, z), y, z]).as_quat()
+    image = np.full((64, 64), 64.0)
+    image[[33, 35, 38], [20, 29, 38]] = 70.0
+    known: dict[str, Any] = {
+        "r_itrs": r_itrs,
+        "position_sigma_m": 1e3,
+        "q_cam_from_itrs": q_cam_from_itrs,
+        "attitude_sigma_rad": (3e-3, 3e-3, 3e-3),
+        "epoch_utc": EPOCH,
+    }
+    camera = CameraModel(width=64, height=64, fx=120.0, fy=120.0, cx=31.5, cy=31.5)
+    return Observation(image=image, camera=camera, prior=Prior(**known | prior), band_kind="thermal", band_um=(8, 14))
+
+
+def test_an_image_of_one_level_and_some_outliers_is_refused() -> None:
+    """All pixels that are no outliers are equal: there is no variance to explain."""
+    found = limb_profile.run(_level_image())
+    assert isinstance(found, Refusal)
+    assert found.status is Outcome.NO_LIMB
+
+
+def test_a_time_before_there_was_utc_is_refused() -> None:
+    found = limb_profile.run(_level_image(epoch_utc=datetime(1900, 1, 1, tzinfo=UTC)))
+    assert isinstance(found, Refusal)
+    assert found.status is Outcome.BAD_INPUT
+    assert "1900" in found.reason

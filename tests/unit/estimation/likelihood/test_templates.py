@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import (
+    FOLDER,
     LimbTemplates,
     load_templates,
     overlap,
@@ -200,3 +202,20 @@ def test_a_files_table_is_read_again_when_it_has_changed(tmp_path: Path):
     path.unlink()
     with pytest.raises(UserError, match=r"t\.npz: No such file"):
         templates_of(path)
+
+
+def test_a_table_with_a_damaged_part_is_refused_in_one_line(tmp_path: Path) -> None:
+    """Wherever the damage lies: of some places inflating fails, of others the checksum."""
+    whole = (FOLDER / "limb-blue.npz").read_bytes()
+    part = max(zipfile.ZipFile(FOLDER / "limb-blue.npz").infolist(), key=lambda one: one.compress_size)
+    for k in range(1, 41):
+        at = part.header_offset + 60 + part.compress_size * k // 42
+        damaged = tmp_path / f"{k}.npz"
+        damaged.write_bytes(whole[:at] + b"\xff\x00\xff\x13" + whole[at + 4 :])
+        with pytest.raises(UserError, match="damaged"):
+            load_templates(damaged)
+
+
+def test_a_name_that_no_file_can_have_is_refused() -> None:
+    with pytest.raises(UserError):
+        templates_of(Path("a\0.npz"))

@@ -7,11 +7,12 @@ depends on where its own search starts. The nearest of its answers from a few st
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from onboard import BANDS, band_of, by_c, by_python, cases, kept, make_program, make_tables, rendered
+from onboard import BANDS, answer, band_of, by_c, by_python, cases, kept, make_program, make_tables, rendered, sent
 from scipy.spatial.transform import Rotation
 
 from horizonval.estimation.likelihood.knowledge import LimbPose
@@ -22,6 +23,8 @@ pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C co
 
 MOST_SIGMA = 0.1
 """Of the nadir, in standard deviations that `limb-profile` claims: nobody can tell the two apart by the limb."""
+ATTITUDE_SIGMA = 14
+"""Its place in the line that the program reads."""
 OTHER_STARTS = 2
 START_RAD = 2e-3
 """By which they are turned in every axis: a third of a pixel."""
@@ -110,6 +113,24 @@ def test_frames_of_the_whole_suite_give_the_same_nadir(tables, programs, elsewhe
     # limb-profile jumps, as where a cloud's scatter and a lens's explain the same residuals.
     assert np.median(own) < 0.5 * MOST_SIGMA, found
     assert np.quantile(off, 0.9) < MOST_SIGMA, found
+
+
+def test_a_gain_that_nobody_knows_may_be_said_as_0(programs):
+    observation = next(one for _, one in kept() if band_of(one) == "co2")
+    unknown = replace(observation, radiance_per_dn=None)
+    known = sent(unknown)
+    assert known[-3:-1] == [1.0, 0.0]
+    one, none = (answer(programs["co2"], [*known[:-3], gain, 0.0, known[-1]], unknown.image) for gain in (1.0, 0.0))
+    assert one["status"] == none["status"] == "valid"
+    assert np.allclose(one["nadir_cam"], none["nadir_cam"], rtol=0.0, atol=np.radians(1.0 / 3600.0))
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, float("inf"), float("nan")])
+def test_sigmas_that_are_none_are_refused(programs, wrong):
+    observation = next(one for _, one in kept() if band_of(one) == "co2")
+    known = sent(observation)
+    known[ATTITUDE_SIGMA] = wrong
+    assert answer(programs["co2"], known, observation.image)["status"] == "bad_input"
 
 
 def test_no_place_is_left_and_nothing_undefined_done(tables, tmp_path):
