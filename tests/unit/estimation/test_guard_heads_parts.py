@@ -21,10 +21,10 @@ from horizonval.estimation.guard.guard_heads import (
     _Limb,
     _limb_near,
     _limb_of,
-    _one_per_pixel,
     _turns,
     _without_outliers,
 )
+from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
@@ -137,10 +137,16 @@ def test_an_answer_without_a_radius_has_that_of_its_points() -> None:
     assert math.isnan(_angular_radius(replace(fit, points=np.empty((0, 2))), observation))
 
 
-def test_every_pixel_has_one_point() -> None:
-    uv = np.array([[1.0, 1.0], [1.3, 0.8], [2.0, 1.0], [1.4, 1.4], [2.4, 1.2]])
-    los = np.arange(15.0).reshape(5, 3)
-    assert _one_per_pixel(los, uv).tolist() == [los[0].tolist(), los[2].tolist()]
+def test_every_pixel_of_the_limb_has_one_point() -> None:
+    los = limb_directions(CAMERA, AXIS, RHO, 11.0)
+    uv, _ = project(CAMERA, los)
+    pixels = np.rint(uv)
+    assert len(np.unique(pixels, axis=0)) == len(los) > 100
+    assert off_axis_angle(los, AXIS) == pytest.approx(np.full(len(los), RHO), abs=1e-12)
+    assert (uv >= 11.0).all()
+    assert (uv <= [148.0, 108.0]).all()
+    # One after the other along the limb: neighbours touch, but where a turn begins anew.
+    assert np.count_nonzero(np.abs(np.diff(pixels, axis=0)).max(axis=1) > 1.0) <= 1
 
 
 def on_limb(n: int = 300, rho: float | np.ndarray = RHO) -> np.ndarray:
