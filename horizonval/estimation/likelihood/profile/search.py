@@ -189,7 +189,8 @@ class ProfileSearch:
         A lens is softer towards the corners, with the square of the angle. It is no unknown of the fit: this is how far
         a step would go if it were.
         """
-        parts = self.model.equations(self.now, self.look, self.inverse_variance, of_growth=True)
+        pull = self.noise.pull(self.look.residuals, self.now.gain)
+        parts = self.model.equations(self.now, self.look, self.inverse_variance, pull, of_growth=True)
         parts.shared[-1, -1] += GROWTH_SIGMA**-2
         found, over = self._solved(parts), float(np.ptp(self.model.off_axis))
         return over * float(found.step[SHARED]), over * float(np.sqrt(found.covariance[SHARED, SHARED]))
