@@ -41,12 +41,14 @@ from horizonval.estimation.likelihood.profile.search import (
     LARGEST_MOTION_PX,
     MOST_STEPS,
     MOST_TRIALS,
+    NEARLY_SETTLED,
     ROUNDING,
     WORTH,
     ProfileSearch,
     explained,
     least_variance,
     noise_at,
+    taken_over,
     wider,
 )
 from horizonval.geometry.camera import CameraModel
@@ -120,7 +122,11 @@ def fit_profiles(
 
 
 class _SearchOfHeads:
-    """The way from where the heads ended alone to the most probable unknowns."""
+    """The way from where the heads ended alone to the most probable unknowns.
+
+    It begins at the pose of one head. Till the others are at it, too, pixels have the noise that they had alone
+    (``aligning``): noise that is found in the residuals of a limb beside its place hides it.
+    """
 
     def __init__(self, heads: list[ProfileHead], mean: LimbPose, information: FloatArray) -> None:
         self.heads, self.mean, self.information = heads, mean, information
@@ -132,22 +138,28 @@ class _SearchOfHeads:
         alone = [(head.alone.model.air, head.alone.now.air) for head in heads]
         said = [dict(zip(air.names, air.coefficients(z)[:, 1:].T, strict=True)) for air, z in alone]
         self.now = _Unknowns(np.zeros(POSE), guesses, self.air.saying(said))
-        self.weights = [np.ones_like(model.near.values) for model in self.models]
+        self.weights = [
+            taken_over(head.image.shape, head.alone.model, head.alone.inverse_variance, model)
+            for head, model in zip(heads, self.models, strict=True)
+        ]
         self.looks = self._look(self.now)
+        self.aligning = True
 
     def run(self, axes_from_body: FloatArray) -> ProfileFit:
         """Search, and return where it ends."""
-        for number in range(MOST_STEPS):
-            held = number >= SETTLING_STEPS
-            if not held:
-                if number:
-                    self._choose_again()
+        settled = 0
+        for _ in range(MOST_STEPS):
+            held = settled == SETTLING_STEPS
+            if not (held or self.aligning):
+                self._choose_again()
                 self._weigh()
+                settled += 1
             found = self._equations()
             over = self._reach(found.step)
             step, gained = found.step / over, found.gained / over**2
             size = float(step[:POSE] @ np.linalg.solve(found.covariance[:POSE, :POSE], step[:POSE]))
             improved = self._search_along(step)
+            self.aligning = self.aligning and improved and size > NEARLY_SETTLED
             if held and (not improved or (size < CONVERGED and gained < 1.0)):
                 return self._found(found, axes_from_body)
         raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
@@ -205,7 +217,7 @@ class _SearchOfHeads:
         right[:POSE] = self.information @ wanted
         for k, (head, model, look) in enumerate(zip(self.heads, self.models, self.looks, strict=True)):
             guess = self._guess(k, self.now)
-            pull_of_noise = self.noises[k].pull(look.residuals, guess.gain)
+            pull_of_noise = None if self.aligning else self.noises[k].pull(look.residuals, guess.gain)
             parts = model.equations(guess, look, self.weights[k], pull_of_noise)
             picked = np.zeros((SHARED, count))
             picked[:POSE, :POSE] = _turned(head.cam_from_body)
@@ -259,8 +271,12 @@ class _SearchOfHeads:
         squares = float(now.air @ now.air) + float(wanted @ self.information @ wanted)
         for k, look in enumerate(looks):
             own, pull = self._own_priors(k, now)
-            noise = noise_at(self.models[k], look, self.weights[k], self.least[k])
-            squares += noise.improbability(look.residuals, self.wider[k]) + float(own @ pull**2)
+            squares += float(own @ pull**2)
+            if self.aligning:
+                squares += float(self.weights[k] @ look.residuals**2)
+            else:
+                noise = noise_at(self.models[k], look, self.weights[k], self.least[k])
+                squares += noise.improbability(look.residuals, self.wider[k])
         return squares
 
     def _found(self, last: ProfileStep, axes_from_body: FloatArray) -> ProfileFit:

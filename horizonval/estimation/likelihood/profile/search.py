@@ -209,15 +209,9 @@ class ProfileSearch:
         """
         before, weights = self.model, self.inverse_variance
         self._choose(self.pose, self.now.blur, FEW_PX if thinned else None)
-        self.inverse_variance = self._taken_over(before, weights)
+        self.inverse_variance = taken_over(self.image.shape, before, weights, self.model)
         self.now = replace(self.now, away=np.zeros(POSE), air=self.model.air.taken_over(before.air, self.now.air))
         self.look = self.model.look(self.now)
-
-    def _taken_over(self, before: ProfileModel, weights: FloatArray) -> FloatArray:
-        """Return the weights that pixels had among others; those that are new are as good as the median one."""
-        by_pixel = np.full(self.image.shape, float(np.median(weights[weights > 0.0])))
-        by_pixel[before.near.pixels.rows, before.near.pixels.columns] = weights
-        return by_pixel[self.model.near.pixels.rows, self.model.near.pixels.columns]
 
     def _with_levels(self, now: Guess) -> Guess:
         """Return the unknowns with the gain and background that fit best."""
@@ -323,6 +317,13 @@ class ProfileSearch:
         now, known = now or self.now, self.knowledge
         beside = [np.log(known.blur_px / now.blur), known.sharpness - now.sharpness, np.log(known.gain / now.gain)]
         return np.concatenate([self._wanted_pose - now.away, beside])
+
+
+def taken_over(shape: tuple[int, ...], before: ProfileModel, weights: FloatArray, after: ProfileModel) -> FloatArray:
+    """Return the weights that an image's pixels had in another model; new ones are as good as the median one."""
+    by_pixel = np.full(shape, float(np.median(weights[weights > 0.0])))
+    by_pixel[before.near.pixels.rows, before.near.pixels.columns] = weights
+    return by_pixel[after.near.pixels.rows, after.near.pixels.columns]
 
 
 def uneven_lens(growth: float, sigma: float) -> str | None:
