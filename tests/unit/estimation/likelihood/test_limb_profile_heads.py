@@ -121,6 +121,26 @@ def test_a_step_that_gains_nothing_is_not_worth_another(
     assert not any(worth)
 
 
+def test_the_way_begins_with_the_noise_that_every_head_had_alone(
+    pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a head's limb lies beside the common pose residuals are large, and noise found in them would hide it."""
+    search, seen = profile_fit._SearchOfHeads, []
+    equations = search._equations
+
+    def watched(self: profile_fit._SearchOfHeads) -> profile_fit.ProfileStep:
+        both = zip(self.weights, self.heads, strict=True)
+        seen.append([(weights.copy(), head.alone.inverse_variance) for weights, head in both])
+        return equations(self)
+
+    monkeypatch.setattr(search, "_equations", watched)
+    fitted(pairs[0][0])
+    for weights, alone in seen[0]:
+        assert np.isin(weights, alone).mean() > 0.9, "but for pixels that are new"
+    for weights, alone in seen[-1]:
+        assert np.isin(weights, alone).mean() < 0.1, "found anew in the end"
+
+
 def test_the_order_of_heads_changes_nothing(pairs: list[tuple[Observation, FloatArray, Fit]]) -> None:
     """To a hundredth of a sigma: the answer is in the axes of whichever comes first."""
     observation, _, found = pairs[0]
