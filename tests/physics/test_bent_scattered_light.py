@@ -68,7 +68,8 @@ def _missing(aerosol: str) -> dict[str, FloatArray]:
     }
 
 
-@pytest.mark.parametrize("aerosol", ["none", pytest.param("background", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("aerosol", ["none", "background"])
 def test_bending_it_would_change_little_by_day(aerosol: str) -> None:
     """The limits are half as much again as was found: 3.4e-3 and 4.9e-3 at worst, 3e-4 and 8e-4 in the median."""
     for missing in _missing(aerosol).values():

@@ -103,7 +103,7 @@ def test_deep_twilight_equals_monte_carlo() -> None:
     assert (np.abs(table.ours["550nm"] - truth) < 0.01 * truth + 3 * error).all()
 
 
-@pytest.mark.parametrize("wavelength", ["450", "850"])
+@pytest.mark.parametrize("wavelength", [pytest.param("450", marks=pytest.mark.slow), "850"])
 def test_twilight_of_other_colours_equals_monte_carlo(wavelength: str) -> None:
     """1 % and three standard errors, the Sun 2 to 10 deg below the horizon."""
     table = Table("limb_rayleigh_twilight_montecarlo.csv", rayleigh())
@@ -136,6 +136,7 @@ def test_oblate_earth_equals_monte_carlo_over_the_ellipsoid() -> None:
     assert abs(np.mean(table.ours["550nm"] / truth) - 1.0) < 1.5e-3
 
 
+@pytest.mark.slow
 def test_haze_by_day_equals_monte_carlo() -> None:
     """Henyey-Greenstein particles, g 0.7, the Sun up to 85 deg from the zenith: 1 %."""
     table = Table("limb_aerosol_haze_day_montecarlo.csv", model_of("atm_aerosol_haze.json"))

@@ -90,7 +90,7 @@ def test_the_order_of_frames_changes_no_bit() -> None:
         assert {name: _digest(*FRAMES[name]) for name in order} == alone
 
 
-@pytest.mark.parametrize("name", ["terminator", pytest.param("bent", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", BY_NAME)
 def test_a_fresh_process_gives_the_same_bytes(name: str) -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"

@@ -119,6 +119,7 @@ def test_of_a_study_of_a_users_file(files_of_a_user, tmp_path, monkeypatch, capf
     assert any("--compare" in command for command in commands)
 
 
+@pytest.mark.slow
 def test_of_images_scored_again(files_of_a_user, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     run("run", files_of_a_user / "ext.toml", "--out", "made", "--workers", 1)
@@ -127,6 +128,7 @@ def test_of_images_scored_again(files_of_a_user, tmp_path, monkeypatch, capfd):
     assert commands[0].startswith("horizonval archive rescore ../made/archive --estimator altitude-free-published")
 
 
+@pytest.mark.slow
 def test_of_a_shipped_suite(files_of_a_user, tmp_path, monkeypatch, capfd):
     """By its name, wherever the package is."""
     scenes = tmp_path / "scenes"

@@ -50,6 +50,7 @@ SLOW = {
     "docs/howto/prior.md",
     "docs/howto/calibration.md",
     "docs/howto/trade-study.md",
+    "docs/quickstart.md",
     "docs/results/published.md",
 }
 """Pages that take minutes: ``pytest -m slow``."""
