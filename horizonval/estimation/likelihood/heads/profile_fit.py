@@ -30,6 +30,7 @@ from horizonval.estimation.likelihood.profile.model import (
     GAIN,
     POSE,
     SHARED,
+    SHARPNESS,
     Guess,
     ProfileModel,
     Seen,
@@ -124,8 +125,10 @@ def fit_profiles(
 class _SearchOfHeads:
     """The way from where the heads ended alone to the most probable unknowns.
 
-    It begins at the pose of one head. Till the others are at it, too, pixels have the noise that they had alone
-    (``aligning``): noise that is found in the residuals of a limb beside its place hides it.
+    It begins at the pose of one head. Till the others are at it, too (``aligning``), pixels have the noise and heads the
+    lens that they had alone: noise that is found in the residuals of a limb beside its place hides it, and a lens that
+    has become sharp to make up for the way there stays so. Of 354 pairs of 160 x 120 px two ended with a third of the
+    blur in one head, 161 and 200 arcsec off where the others' errors are 48 (root mean square).
     """
 
     def __init__(self, heads: list[ProfileHead], mean: LimbPose, information: FloatArray) -> None:
@@ -223,10 +226,12 @@ class _SearchOfHeads:
             picked[:POSE, :POSE] = _turned(head.cam_from_body)
             picked[POSE:, POSE + OWN * k : POSE + OWN * (k + 1)] = np.eye(OWN)
             own, pull = self._own_priors(k, self.now)
-            shared += picked.T @ (parts.shared + np.diag(own)) @ picked
-            right += picked.T @ (parts.right + own * pull)
+            free = np.ones(SHARED)
+            free[[BLUR, SHARPNESS]] = not self.aligning
+            shared += picked.T @ (free[:, None] * parts.shared * free + np.diag(own)) @ picked
+            right += picked.T @ (free * (parts.right + own * pull))
             at = self.air.columns[k]
-            mixed[:, at] += picked.T @ parts.mixed
+            mixed[:, at] += picked.T @ (free[:, None] * parts.mixed)
             air[np.ix_(at, at)] += parts.air
             right_air[at] += parts.right_air
         return step_without_air(shared, right, mixed, air, right_air)

@@ -141,6 +141,31 @@ def test_the_way_begins_with_the_noise_that_every_head_had_alone(
         assert np.isin(weights, alone).mean() < 0.1, "found anew in the end"
 
 
+def test_lenses_stay_as_they_were_alone_till_all_heads_are_at_one_pose(
+    pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lens that becomes sharp to make up for the way to the common pose does not come back."""
+    search, held = profile_fit._SearchOfHeads, []
+    search_along = search._search_along
+
+    def watched(self: profile_fit._SearchOfHeads, step: FloatArray) -> bool:
+        aligning, improved = self.aligning, search_along(self, step)
+        both = zip(self.now.heads, self.heads, strict=True)
+        held.append(
+            (
+                aligning,
+                [(now.blur, now.sharpness) == (head.alone.now.blur, head.alone.now.sharpness) for now, head in both],
+            )
+        )
+        return improved
+
+    monkeypatch.setattr(search, "_search_along", watched)
+    fitted(pairs[0][0])
+    assert held[0][0], "the way begins so"
+    assert all(all(same) for aligning, same in held if aligning)
+    assert not any(held[-1][1]), "free in the end"
+
+
 def test_the_order_of_heads_changes_nothing(pairs: list[tuple[Observation, FloatArray, Fit]]) -> None:
     """To a hundredth of a sigma: the answer is in the axes of whichever comes first."""
     observation, _, found = pairs[0]
