@@ -125,10 +125,10 @@ def fit_profiles(
 class _SearchOfHeads:
     """The way from where the heads ended alone to the most probable unknowns.
 
-    It begins at the pose of one head. Till the others are at it, too (``aligning``), pixels have the noise and heads the
-    lens that they had alone: noise that is found in the residuals of a limb beside its place hides it, and a lens that
-    has become sharp to make up for the way there stays so. Of 354 pairs of 160 x 120 px two ended with a third of the
-    blur in one head, 161 and 200 arcsec off where the others' errors are 48 (root mean square).
+    It begins at the pose of one head. Till the others are at it, too (``aligning``), pixels have the noise and heads
+    the lens that they had alone: noise that is found in the residuals of a limb beside its place hides it, and a lens
+    that has become sharp to make up for the way there stays so. Of 354 pairs of 160 x 120 px two ended with a third of
+    the blur in one head, 161 and 200 arcsec off where errors are 48 (root mean square of all).
     """
 
     def __init__(self, heads: list[ProfileHead], mean: LimbPose, information: FloatArray) -> None:

@@ -145,18 +145,15 @@ def test_lenses_stay_as_they_were_alone_till_all_heads_are_at_one_pose(
     pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A lens that becomes sharp to make up for the way to the common pose does not come back."""
-    search, held = profile_fit._SearchOfHeads, []
+    search = profile_fit._SearchOfHeads
     search_along = search._search_along
+    held: list[tuple[bool, list[bool]]] = []
 
     def watched(self: profile_fit._SearchOfHeads, step: FloatArray) -> bool:
         aligning, improved = self.aligning, search_along(self, step)
         both = zip(self.now.heads, self.heads, strict=True)
-        held.append(
-            (
-                aligning,
-                [(now.blur, now.sharpness) == (head.alone.now.blur, head.alone.now.sharpness) for now, head in both],
-            )
-        )
+        alone = [(now, head.alone.now) for now, head in both]
+        held.append((aligning, [(a.blur, a.sharpness) == (b.blur, b.sharpness) for a, b in alone]))
         return improved
 
     monkeypatch.setattr(search, "_search_along", watched)
