@@ -57,9 +57,10 @@ from horizonval.geometry.camera import CameraModel
 OWN = SHARED - POSE
 """Unknowns that each head has of its own: blur, sharpness, gain, background."""
 SETTLING_STEPS = 4
-"""After which pixels and noise are held: heads begin where each of them ended alone. And the most by which they come to
-one pose: with the noise that they had alone more of them creep along a bent valley, under broken clouds until none are
-left. Chosen of 4, 8, 12, 16 and 40 after seeing fifteen pairs with each."""
+"""After which pixels and noise are held: heads begin where each of them ended alone."""
+ALIGNING_STEPS = 4
+"""The most by which heads come to one pose with the noise that they had alone: more creep along a bent valley, under
+broken clouds until none are left. Chosen of 4, 8, 12, 16 and 40 after seeing fifteen pairs with each."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ class _SearchOfHeads:
             step, gained = found.step / over, found.gained / over**2
             size = float(step[:POSE] @ np.linalg.solve(found.covariance[:POSE, :POSE], step[:POSE]))
             improved = self._search_along(step)
-            coming = improved and size > NEARLY_SETTLED and len(self.steps) < SETTLING_STEPS
+            coming = improved and size > NEARLY_SETTLED and len(self.steps) < ALIGNING_STEPS
             self.aligning = self.aligning and coming
             if held and (not improved or (size < CONVERGED and gained < 1.0)):
                 return self._found(found, axes_from_body)
