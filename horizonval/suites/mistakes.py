@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from horizonval.core.errors import MistakeCollector, UserError
 from horizonval.earth.spectral.bands import limits_um
@@ -33,6 +35,8 @@ def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) ->
     UserError
         Naming the suite, the frame and the key.
     """
+    from horizonval.earth.optical import optical_model
+
     for program in suite.programs:
         if program.name not in suite.estimators:
             raise UserError(
@@ -47,12 +51,14 @@ def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) ->
             raise e.inside(suite.estimators_key) from e
     check_heads(suite, plan)
     cameras: set[int] = set()
-    matters: set[tuple[str, int, float]] = set()
+    matters = _outermost_matters(suite.cases)
     collector = MistakeCollector()
     for case in suite.cases:
         with collector.caught(case.name):
             try:
-                _check_case(case, cameras, matters)
+                _check_case(case, cameras)
+                if case.name in matters:
+                    optical_model(case.scene, case.camera)
             except UserError as e:
                 raise e.inside(f"{suite.source}: {case.name}") from e
     collector.tell()
@@ -121,11 +127,42 @@ def _check_table(climate: str, camera: CameraSpec) -> None:
         )
 
 
-def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, float]]) -> None:
-    from horizonval.earth.optical import optical_model
+def _outermost_matters(cases: Sequence[Case]) -> set[str]:
+    """Return the names of the frames whose air and bands are looked at: a suite's frames share few of them.
+
+    Of atmospheres that differ in numbers alone (a draw of the depth of the haze, say) those with the smallest and the
+    largest of each are looked at: what is out of reach is so at an end of its range.
+    """
+    alike: dict[tuple[str, int, float], list[tuple[str, list[float]]]] = {}
+    for case in cases:
+        numbers: list[float] = []
+        words = json.dumps(_without_numbers(case.scene.atmosphere.model_dump(mode="json"), numbers))
+        # Cases of one camera file share the object.
+        key = words, id(case.camera), case.scene.render.band_error
+        alike.setdefault(key, []).append((case.name, numbers))
+    found: set[str] = set()
+    for matters in alike.values():
+        numbers_of_all = zip(*(numbers for _, numbers in matters), strict=True)
+        ends = {i for one in numbers_of_all if min(one) < max(one) for i in (one.index(min(one)), one.index(max(one)))}
+        found.update(matters[i][0] for i in ends or {0})
+    return found
+
+
+def _without_numbers(value: Any, numbers: list[float]) -> Any:
+    """Return plain data with a word for each of its numbers, which go to ``numbers`` in their order."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        numbers.append(value)
+        return "a number"
+    if isinstance(value, dict):
+        return {key: _without_numbers(one, numbers) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_without_numbers(one, numbers) for one in value]
+    return value
+
+
+def _check_case(case: Case, cameras: set[int]) -> None:
     from horizonval.sensor.observe import check_camera
 
-    # Cases of one camera file share the object.
     camera = id(case.camera)
     if camera not in cameras:
         if case.camera.detector is None:
@@ -147,7 +184,3 @@ def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, floa
         julian_utc(case.scene.platform.epoch_utc)
     except UserError as e:
         raise e.at("platform.epoch_utc") from e
-    matter = (case.scene.atmosphere.model_dump_json(), camera, case.scene.render.band_error)
-    if matter not in matters:
-        optical_model(case.scene, case.camera)
-        matters.add(matter)

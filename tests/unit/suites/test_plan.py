@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from horizonval.core.errors import UserError
+from horizonval.earth import optical
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.suite import load_suite
@@ -71,3 +74,32 @@ def test_a_camera_without_a_detector_is_refused_once_for_all_its_frames(tmp_path
     with pytest.raises(UserError) as e:
         refuse_mistakes(suite, plan_of(suite))
     assert "has no detector" in str(e.value)
+
+
+@pytest.mark.parametrize(
+    ("draw", "looked_at"),
+    [
+        ('sobol = { n = 8, ranges = { "atmosphere.aerosol_optical_depth_550nm" = [0.05, 0.55] } }', "ends"),
+        (
+            "list = [{ atmosphere.co2_ppm = 400.0 }, { atmosphere.co2_ppm = 410.0 }, { atmosphere.co2_ppm = 420.0 }]",
+            "ends",
+        ),
+        ('grid = { atmosphere.profile = ["us-standard", "tropical", "midlatitude-summer"] }', "all"),
+        ("grid = { attitude.yaw_deg = [1.0, 2.0, 3.0] }", "one"),
+    ],
+)
+def test_of_a_drawn_number_the_air_at_both_ends_is_looked_at(load, monkeypatch, draw, looked_at):
+    """A thousand draws of the haze's depth are a thousand atmospheres, half a second to two seconds each."""
+    suite = load('[[cases]]\nname = "a"\nestimators = ["altitude-free"]\n' + SINGLE + draw)
+    suite = replace(suite, estimators=("altitude-free",))
+    seen = []
+    monkeypatch.setattr(optical, "optical_model", lambda scene, camera: seen.append(scene.atmosphere))
+    refuse_mistakes(suite, plan_of(suite))
+    numbers = [
+        case.scene.atmosphere.aerosol_optical_depth_550nm or case.scene.atmosphere.co2_ppm for case in suite.cases
+    ]
+    if looked_at == "ends":
+        assert {one.aerosol_optical_depth_550nm or one.co2_ppm for one in seen} == {min(numbers), max(numbers)}
+        assert len(seen) == 2
+    else:
+        assert len(seen) == (len(suite.cases) if looked_at == "all" else 1)
