@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_relief import Relief
 from horizonval.estimation.likelihood.height.limb_places import LimbHeights
+from horizonval.estimation.observation import Observation
 from horizonval.geometry.directions import rotation_vector
-from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, sphere
 
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 """Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius, 6.4 km, that of the
@@ -141,3 +142,51 @@ def sphere_knowledge(
     information[6, 6] = 1.0 / max(height_sigma_m, FIXED_LENGTH_M) ** 2
     pose = LimbPose(np.eye(3), -(radius_m + altitude_m) * n, height_m)
     return Ellipsoid(radius_m, radius_m), pose, information
+
+
+def placed_knowledge(
+    observation: Observation, height_m: float, height_sigma_m: float, *, in_body_axes: bool = False
+) -> tuple[Ellipsoid, LimbPose, FloatArray]:
+    """Return the planet, the pose that the prior states, and the information on it.
+
+    Parameters
+    ----------
+    observation : Observation
+        With position and attitude in its prior, and their sigmas.
+    height_m, height_sigma_m : float
+        Of the limb.
+    in_body_axes : bool
+        Pose and turns are those of the spacecraft in place of the camera's.
+    """
+    prior = observation.prior
+    assert prior.r_itrs is not None
+    assert prior.position_sigma_m is not None
+    assert prior.q_cam_from_itrs is not None
+    assert prior.attitude_sigma_rad is not None
+    cam_from_body = Rotation.from_quat(observation.q_cam_from_body)
+    axes_from_itrs = Rotation.from_quat(prior.q_cam_from_itrs)
+    turns = np.diag(prior.attitude_sigma_rad**-2.0)
+    if in_body_axes:
+        axes_from_itrs = cam_from_body.inv() * axes_from_itrs
+    else:
+        turns = cam_from_body.as_matrix() @ turns @ cam_from_body.as_matrix().T
+    information = np.zeros((7, 7))
+    information[:3, :3] = turns
+    information[3:6, 3:6] = np.eye(3) / prior.position_sigma_m**2
+    information[6, 6] = height_sigma_m**-2
+    planet = sphere(prior.sphere_radius_m) if prior.shape == "sphere" else WGS84
+    return planet, LimbPose(axes_from_itrs.as_matrix(), prior.r_itrs, height_m), information
+
+
+def turned_to(mean: LimbPose, r_seen_itrs: FloatArray) -> LimbPose:
+    """Return a pose after the shortest turn that brings the Earth to where it is seen.
+
+    Parameters
+    ----------
+    mean : LimbPose
+    r_seen_itrs : ndarray, shape (3,)
+        The position that the limb says, were the pose's attitude right.
+    """
+    axes = mean.cam_from_itrs
+    turn = Rotation.align_vectors([axes @ r_seen_itrs], [axes @ mean.r_itrs])[0].as_matrix()
+    return replace(mean, cam_from_itrs=turn @ axes)

@@ -24,12 +24,19 @@ from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_p
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.closed_form import position_from_limb
 from horizonval.estimation.likelihood.heads.fit import HeadImage, fit_heads
-from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE, LimbKnowledge, LimbPose, sphere_knowledge
+from horizonval.estimation.likelihood.knowledge import (
+    LOCAL_RADIUS_SHARE,
+    LimbKnowledge,
+    LimbPose,
+    placed_knowledge,
+    sphere_knowledge,
+    turned_to,
+)
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
 from horizonval.estimation.limb.finder import find_limb_and_picture, wrong_size
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
-from horizonval.geometry.ellipsoid import WGS84, sphere
+from horizonval.geometry.ellipsoid import sphere
 
 FEWEST_HEADS = 2
 """One head is what the methods of one image are for."""
@@ -80,7 +87,6 @@ def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, Li
     """Return where the search begins and what it leans on, both of the body."""
     prior = observation.prior
     height, height_sigma = limb_height_prior(observation)
-    body_from_cam = Rotation.from_quat(observation.q_cam_from_body).inv()
     flattened = 0.0
     if (
         prior.r_itrs is not None
@@ -88,16 +94,8 @@ def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, Li
         and prior.q_cam_from_itrs is not None
         and prior.attitude_sigma_rad is not None
     ):
-        planet = sphere(prior.sphere_radius_m) if prior.shape == "sphere" else WGS84
-        coarse = (body_from_cam * Rotation.from_quat(prior.q_cam_from_itrs)).as_matrix()
-        seen = position_from_limb(los_body, coarse, planet.raised(height))
-        # The shortest turn of the prior's attitude that brings the Earth to where it is seen.
-        turn = Rotation.align_vectors([coarse @ seen], [coarse @ prior.r_itrs])[0].as_matrix()
-        start, mean = LimbPose(turn @ coarse, prior.r_itrs, height), LimbPose(coarse, prior.r_itrs, height)
-        information = np.zeros((7, 7))
-        information[:3, :3] = np.diag(prior.attitude_sigma_rad**-2.0)
-        information[3:6, 3:6] = np.eye(3) / prior.position_sigma_m**2
-        information[6, 6] = height_sigma**-2
+        planet, mean, information = placed_knowledge(observation, height, height_sigma, in_body_axes=True)
+        start = turned_to(mean, position_from_limb(los_body, mean.cam_from_itrs, planet.raised(height)))
     else:
         radius = prior.sphere_radius_m
         flattened = prior.flattening * radius

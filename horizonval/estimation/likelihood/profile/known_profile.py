@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -16,7 +15,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.lens import Lens
 from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD
-from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.knowledge import LimbPose, placed_knowledge
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.known_air import KnownAir, sun_of_time
 from horizonval.estimation.likelihood.profile.start import start_pose
@@ -26,7 +25,6 @@ from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import BY_LATITUDE_MONTH
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 
 LIFT_SIGMA_M = 300.0
@@ -100,13 +98,7 @@ def known_profile(observation: Observation, method: str) -> KnownProfile | Refus
         return Refusal(Outcome.BAD_INPUT, f"{method}: the prior's {e.what}; expected {e.expected}")
     # Tables of sunlit bands have the Sun at its mean distance.
     sunlight = (AU_M / sun_distance_m) ** 2 if observation.band_kind == "solar" else 1.0
-    mean = LimbPose(Rotation.from_quat(prior.q_cam_from_itrs).as_matrix(), prior.r_itrs)
     air = KnownAir(templates, prior.epoch_utc, observation.sun_cam, known_sun_itrs(observation, towards_sun_itrs))
-    cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
-    information = np.zeros((7, 7))
-    information[:3, :3] = cam_from_body @ np.diag(prior.attitude_sigma_rad**-2.0) @ cam_from_body.T
-    information[3:6, 3:6] = np.eye(3) / prior.position_sigma_m**2
-    information[6, 6] = LIFT_SIGMA_M**-2
     calibration = {}
     if observation.radiance_per_dn is not None and observation.band_width_um is not None:
         calibration = {
@@ -114,7 +106,7 @@ def known_profile(observation: Observation, method: str) -> KnownProfile | Refus
             "gain_log_sigma": GAIN_SIGMA[observation.band_kind],
         }
     lens = observation.lens or Lens()
-    ellipsoid = sphere(prior.sphere_radius_m) if prior.shape == "sphere" else WGS84
+    ellipsoid, mean, information = placed_knowledge(observation, 0.0, LIFT_SIGMA_M)
     knowledge = ProfileKnowledge(ellipsoid, mean, information, air.heights_m, air.nodes, lens=lens, **calibration)
     return KnownProfile(picture, knowledge, air, float(prior.attitude_sigma_rad.max()))
 
