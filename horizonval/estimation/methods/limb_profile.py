@@ -27,7 +27,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.profile.fit import fit_profile
-from horizonval.estimation.likelihood.profile.knowledge import ProfileFit
+from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileFit
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
 from horizonval.estimation.likelihood.profile.search import uneven_lens
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -52,8 +52,10 @@ def run(observation: Observation) -> Fit | Refusal:
     try:
         start = known.start(observation.camera, known.tilt_sigma_rad)
         found = fit_profile(known.picture.unclipped, observation.camera, start, knowledge)
-    except np.linalg.LinAlgError as e:
+    except NoLimbError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb: {e}")
     doubt = doubt_of(found, prior, Rotation.from_quat(observation.q_cam_from_body).as_matrix())
     return fit_of(found, observation, knowledge.ellipsoid) if doubt is None else doubt
 

@@ -24,6 +24,7 @@ from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.heads.profile_fit import ProfileHead, fit_profiles
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.knowledge import NoLimbError
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
 from horizonval.estimation.likelihood.profile.search import ProfileSearch, explained, uneven_lens
 from horizonval.estimation.methods import limb_heads
@@ -76,8 +77,10 @@ def _alone(head: Observation) -> ProfileHead | Refusal:
     try:
         start = known.start(head.camera, known.tilt_sigma_rad)
         alone = ProfileSearch(image, head.camera, start, known.knowledge).run()
-    except np.linalg.LinAlgError as e:
+    except NoLimbError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb: {e}")
     share = explained(alone.model, alone.look, alone.noise)
     if not share > LEAST_EXPLAINED:
         return Refusal(

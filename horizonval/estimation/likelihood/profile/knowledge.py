@@ -91,3 +91,10 @@ class ProfileFit:
     steps: FloatArray
     growth: float = 0.0
     growth_sigma: float = np.inf
+
+
+class NoLimbError(np.linalg.LinAlgError):
+    """Nothing in the image is like the limb that is predicted.
+
+    Other errors of the equations are of a fit that went astray.
+    """

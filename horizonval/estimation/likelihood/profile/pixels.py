@@ -10,6 +10,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.limb_pixels import FEWEST_LIMB_PX
 from horizonval.estimation.likelihood.pixels import NearPixels, near_pixels
+from horizonval.estimation.likelihood.profile.knowledge import NoLimbError
 from horizonval.estimation.likelihood.profile.ray_height import RayHeight, level_distance, ray_height
 from horizonval.estimation.likelihood.sectors import divided
 from horizonval.geometry.camera import CameraModel, unproject
@@ -108,7 +109,7 @@ def profile_pixels(
     on_limb = np.abs(ray.height_m) < 0.5 * width
     limb_px = int(on_limb.sum())
     if limb_px < FEWEST_LIMB_PX:
-        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {FEWEST_LIMB_PX} are needed")
+        raise NoLimbError(f"{limb_px} pixels of limb in view; {FEWEST_LIMB_PX} are needed")
     across = tangent_basis(pose.nadir_cam).T @ near.los_cam
     azimuth = np.arctan2(across[1], across[0])
     sorted_ = np.sort(azimuth)

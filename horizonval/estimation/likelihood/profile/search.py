@@ -28,7 +28,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.elimination import ProfileStep, step_without_air
-from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
+from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.model import (
     BACKGROUND,
     BLUR,
@@ -148,9 +148,7 @@ class ProfileSearch:
         settled, size = 0, np.inf
         for number in range(MOST_STEPS):
             if number >= LOST_STEPS and explained(self.model, self.look, self.noise) < LOST:
-                raise np.linalg.LinAlgError(
-                    f"the predicted limb explains less than {LOST:.0%} of the pixels where it should be"
-                )
+                raise NoLimbError(f"the predicted limb explains less than {LOST:.0%} of the pixels where it should be")
             step, gained = self._step()
             size = float(step[:POSE] @ np.linalg.solve(self.covariance[:POSE, :POSE], step[:POSE]))
             held = settled >= SETTLING_STEPS
@@ -222,7 +220,7 @@ class ProfileSearch:
         if self.model.floor is not None:
             background = self.model.floor.background
         if not gain > 0.0:
-            raise np.linalg.LinAlgError("the image is not brighter where the limb's profile is")
+            raise NoLimbError("the image is not brighter where the limb's profile is")
         return replace(now, gain=float(gain), background=float(background))
 
     def _step(self) -> tuple[FloatArray, float]:

@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.knowledge import NoLimbError
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
 from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
 from horizonval.geometry.camera import CameraModel
@@ -114,7 +115,7 @@ def start_pose(
             break
         step, reach = step / FINER, FINER_STEPS
     if not score > 0.0:
-        raise np.linalg.LinAlgError("no tilt near the prior's makes the image like a limb")
+        raise NoLimbError("no tilt near the prior's makes the image like a limb")
     nadir = n + across @ best
     nadir /= np.linalg.norm(nadir)
     turn = Rotation.align_vectors(nadir[None], n[None])[0] if best.any() else Rotation.identity()
@@ -167,7 +168,7 @@ def _coarse(image: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatAr
     los = directions[middle : rows * factor : factor, middle : columns * factor : factor].reshape(-1, 3)
     seen = np.isfinite(los).all(axis=1)
     if seen.sum() < FEWEST_PIXELS:
-        raise np.linalg.LinAlgError(f"{int(seen.sum())} pixels of a coarse copy; {FEWEST_PIXELS} are needed")
+        raise NoLimbError(f"{int(seen.sum())} pixels of a coarse copy; {FEWEST_PIXELS} are needed")
     los, values = los[seen].T, values[seen]
     light = np.ones(len(values))
     if camera.projection == "pinhole":

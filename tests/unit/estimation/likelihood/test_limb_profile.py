@@ -713,6 +713,18 @@ def _level_image(**prior: Any) -> Observation:
     return Observation(image=image, camera=camera, prior=Prior(**known | prior), band_kind="thermal", band_um=(8, 14))
 
 
+def test_a_fit_that_ran_out_of_steps_far_away_is_not_called_an_image_without_a_limb(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The limb is there: what is wanting is steps."""
+    observation, _ = seen(3, monkeypatch)
+    monkeypatch.setattr(search, "MOST_STEPS", 1)
+    found = limb_profile.run(observation)
+    assert isinstance(found, Refusal)
+    assert found.status is Outcome.NOT_CONVERGED
+    assert "no convergence in 1 steps" in found.reason
+
+
 def test_an_image_of_one_level_and_some_outliers_is_refused() -> None:
     """All pixels that are no outliers are equal: there is no variance to explain."""
     found = limb_profile.run(_level_image())
