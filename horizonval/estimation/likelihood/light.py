@@ -6,9 +6,9 @@ along the limb, by a tenth from sector to sector, and the air darkens or brighte
 the lens falls off across the limb too, the more so the farther from the axis: without ``c'`` the limb gives way.
 
 The variance of the noise is a straight line in brightness, as photons and read-out make it. It is estimated from the
-residuals in space and on the Earth, and interpolated by the edge's level ``E``. Across the edge itself the residuals
-may be larger, where the profile is not that of the model (ozone, haze); what they are beyond the line is added as ``4 E
-(1 - E)``, so that an edge does not weigh more than it fits. Pixels further off than five standard deviations are left
+residuals in space and on the lit Earth, and interpolated by the edge's level ``E``. Across the edge itself they may be
+larger, where the profile is not that of the model (ozone, haze); what they are beyond the line is added as ``4 E (1 -
+E)``, so that an edge does not weigh more than it fits. Pixels further off than five standard deviations are left
 out (stars, hot pixels, the Moon): of Gaussian noise one of two million. What clouds, coasts and snow leave of the
 Earth's brightness is alike in pixels side by side; as many pixels as are alike weigh as one.
 """
@@ -43,6 +43,10 @@ NORMAL_QUARTILE = 0.67448975
 MOST_ALIKE = 0.8
 """Share of a pixel's residual that its neighbour has: above, 81 pixels and more would be as one, and a sector's window
 of 24 by 8 has no more than two."""
+LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
+"""A sector is lit whose light is at least such a share of this quantile of all of them. What night leaves is no noise
+of the Earth: where most of the limb lies in it, its even black would be, and every cloud an outlier. A tenth is below
+every cloud and above what twilight leaves; chosen."""
 DARKEST = 1e-3
 """Least variance of space over the Earth's. Of whole levels space may be all alike; it is known to a level then, and
 pixels just above it must not decide the limb alone."""
@@ -119,7 +123,7 @@ def weighed(
     edge, rounding = basis[1], rounding_variance(values)
     light = solved(basis, values, starts, np.ones_like(edge), (1.0, 1.0, 0.0))
     for _ in range(ROUNDS):
-        variance = _noise(light.residuals, edge, len(starts) - 1, rounding)
+        variance = _noise(light.residuals, edge, _is_lit(light), len(starts) - 1, rounding)
         expected = _expected(edge, variance)
         alike = _expected(edge, (1.0, _alike(light, basis, neighbours), 0.0))
         weights = np.where(light.residuals**2 < OUTLIER**2 * expected, 1.0 / (alike * expected), 0.0)
@@ -142,18 +146,28 @@ def solved(
     return LimbLight(levels, of_pixel, residuals, weights, variance)
 
 
+def _is_lit(light: LimbLight) -> NDArray[np.bool_]:
+    """Return which pixels lie in sectors that the Sun lights."""
+    level = np.abs(light.of_pixel[1])
+    return np.asarray(level >= LIT_SHARE * np.quantile(level, BRIGHT_QUANTILE))
+
+
 def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatArray:
     level = np.clip(edge, 0.0, 1.0)
     return np.asarray(variance[0] + (variance[1] - variance[0]) * level + variance[2] * 4.0 * level * (1.0 - level))
 
 
-def _noise(residuals: FloatArray, edge: FloatArray, sectors: int, rounding: float) -> tuple[float, float, float]:
+def _noise(
+    residuals: FloatArray, edge: FloatArray, lit: NDArray[np.bool_], sectors: int, rounding: float
+) -> tuple[float, float, float]:
     """Return the variance of a pixel in space, on the Earth, none below rounding's, and what the edge has beyond."""
     floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
-    space, earth = (_spread_of(residuals[there], residuals) for there in (edge < SPACE_LEVEL, edge > EARTH_LEVEL))
+    where = (edge < SPACE_LEVEL, (edge > EARTH_LEVEL) & lit)
+    space, earth = (_spread_of(residuals[there], residuals) for there in where)
     # Every sector has spent one of its pixels' freedom on the level to either side.
-    counts = (float((edge < SPACE_LEVEL).sum()), float((edge > EARTH_LEVEL).sum()))
-    freedom = [max(1.0 - sectors / max(count, 1.0), 0.5) for count in counts]
+    counts = [float(there.sum()) for there in where]
+    spent = (sectors, sectors * float(np.mean(lit)))
+    freedom = [max(1.0 - n / max(count, 1.0), 0.5) for n, count in zip(spent, counts, strict=True)]
     earth = max(earth / freedom[1], floor)
     line = (max(space / freedom[0], DARKEST * earth, floor), earth)
     between = (edge >= MIDDLE_LEVEL) & (edge <= 1.0 - MIDDLE_LEVEL)

@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.earth.limb_relief import Relief
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, edge_profile
-from horizonval.estimation.likelihood.light import brightness, light_basis
+from horizonval.estimation.likelihood.light import brightness, light_basis, weighed
 from horizonval.estimation.likelihood.relief_modes import relief_modes
 from horizonval.estimation.likelihood.sectors import eliminated, sectors_of, solve_levels
 
@@ -141,3 +141,18 @@ def test_modes_make_the_relief() -> None:
 
 def test_without_relief_there_are_no_modes() -> None:
     assert relief_modes(1.0, ())[1].shape == (0, 2)
+
+
+@pytest.mark.parametrize("night", [0, 3, 6, 8])
+def test_noise_of_the_earth_is_that_of_its_lit_part(night: int) -> None:
+    """Eight bits of space and night are exactly black: as noise of the Earth it made all that clouds do an outlier."""
+    rng = np.random.default_rng(8)
+    starts = np.linspace(0, 4000, 11).astype(np.intp)
+    x, along = rng.uniform(-10.0, 8.0, 4000), rng.uniform(-0.5, 0.5, 4000)
+    edge = edge_profile(x, 0.75, None).level
+    lit = np.arange(4000) >= starts[night]
+    values = np.rint(lit * edge * np.maximum(rng.normal(120.0, 12.0, 4000), 0.0))
+    light = weighed(light_basis(edge, x, along), values, starts)
+    # By chance: three standard deviations of a variance of so many pixels.
+    assert light.variance[1] == pytest.approx(12.0**2, rel=3.0 * np.sqrt(2.0 / np.sum(lit & (edge > 0.9))))
+    assert np.mean(light.weights[lit] == 0.0) < 1e-3

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from limb_image import RADIUS_M, Sphere, bound_rad, noisy, picture
+from scipy.ndimage import gaussian_filter
 
 from horizonval.earth.limb_relief import Relief
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
@@ -223,3 +224,22 @@ def test_two_hundred_draws_reach_the_bound(name: str, sphere: Sphere, known: boo
     assert trials.rms < 1.15 * bound
     assert trials.rms < 1.07 * bar_arcsec * ARCSEC
     assert 0.8 < trials.nees.mean() < 1.25
+
+
+def test_a_disc_most_of_which_is_black_night_is_where_its_clouds_say() -> None:
+    """Eight bits without any noise: three fifths of the limb and the sky are exactly black, the rest is uneven."""
+    sphere = Sphere(256, 256, _focal(256, 20.0), _off(0.3), RADIUS_M / np.sin(np.radians(8.2)) - RADIUS_M, space=0.0)
+    camera, clean = _camera(sphere), picture(sphere)
+    rows, columns = np.indices(clean.shape)
+    lit = np.cos(np.arctan2(rows - 127.5, columns - 127.5)) > np.cos(0.4 * np.pi)
+    errors = []
+    for seed in range(4):
+        ground = gaussian_filter(np.random.default_rng(seed).normal(size=clean.shape), 1.5)
+        seen = np.rint(np.clip(lit * clean * (0.6 + 0.12 * ground / ground.std()), 0.0, 255.0))
+        planet, mean, information = sphere_knowledge(sphere.nadir, RADIUS_M, sphere.altitude_m, 5e3)
+        found = fit_limb(seen, camera, mean, LimbKnowledge(planet, mean, information))
+        off = np.array(sphere.across) @ (found.pose.nadir_cam - sphere.nadir)
+        by = np.array(sphere.across) @ found.by_nadir
+        errors.append(float(off @ np.linalg.solve(by @ found.covariance @ by.T, off)))
+    # Of eight degrees of freedom: of errors as they are claimed, one sum of a thousand is above.
+    assert np.sum(errors) < 26.0, errors
