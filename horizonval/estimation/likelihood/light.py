@@ -6,7 +6,7 @@ along the limb, by a tenth from sector to sector, and the air darkens or brighte
 the lens falls off across the limb too, the more so the farther from the axis: without ``c'`` the limb gives way.
 
 The variance of the noise is a straight line in brightness, as photons and read-out make it. It is estimated from the
-residuals in space and on the lit Earth, and interpolated by the edge's level ``E``. Across the edge itself they may be
+residuals in space and on the Earth, and interpolated by the edge's level ``E``. Across the edge itself they may be
 larger, where the profile is not that of the model (ozone, haze); what they are beyond the line is added as ``4 E (1 -
 E)``, so that an edge does not weigh more than it fits. Pixels further off than five standard deviations are left
 out (stars, hot pixels, the Moon): of Gaussian noise one of two million. What clouds, coasts and snow leave of the
@@ -44,9 +44,8 @@ MOST_ALIKE = 0.8
 """Share of a pixel's residual that its neighbour has: above, 81 pixels and more would be as one, and a sector's window
 of 24 by 8 has no more than two."""
 LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
-"""A sector is lit whose light is at least such a share of this quantile of all of them. What night leaves is no noise
-of the Earth: where most of the limb lies in it, its even black would be, and every cloud an outlier. A tenth is below
-every cloud and above what twilight leaves; chosen."""
+"""A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
+and above what twilight leaves; chosen."""
 DARKEST = 1e-3
 """Least variance of space over the Earth's. Of whole levels space may be all alike; it is known to a level then, and
 pixels just above it must not decide the limb alone."""
@@ -123,7 +122,7 @@ def weighed(
     edge, rounding = basis[1], rounding_variance(values)
     light = solved(basis, values, starts, np.ones_like(edge), (1.0, 1.0, 0.0))
     for _ in range(ROUNDS):
-        variance = _noise(light.residuals, edge, _is_lit(light), len(starts) - 1, rounding)
+        variance = _noise(light.residuals, edge, ~_black_night(light, edge, values), len(starts) - 1, rounding)
         expected = _expected(edge, variance)
         alike = _expected(edge, (1.0, _alike(light, basis, neighbours), 0.0))
         weights = np.where(light.residuals**2 < OUTLIER**2 * expected, 1.0 / (alike * expected), 0.0)
@@ -146,10 +145,16 @@ def solved(
     return LimbLight(levels, of_pixel, residuals, weights, variance)
 
 
-def _is_lit(light: LimbLight) -> NDArray[np.bool_]:
-    """Return which pixels lie in sectors that the Sun lights."""
+def _black_night(light: LimbLight, edge: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+    """Return which pixels lie in dark sectors, where these are of one black level; else none.
+
+    Eight bits may show no noise there. Where such a night is most of the limb, its evenness would be that of the Earth,
+    and every cloud an outlier.
+    """
     level = np.abs(light.of_pixel[1])
-    return np.asarray(level >= LIT_SHARE * np.quantile(level, BRIGHT_QUANTILE))
+    dark = level < LIT_SHARE * np.quantile(level, BRIGHT_QUANTILE)
+    seen = values[dark & (edge > EARTH_LEVEL)]
+    return dark if len(seen) and 2 * np.count_nonzero(seen == median(seen)) > len(seen) else np.zeros_like(dark)
 
 
 def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatArray:
@@ -158,16 +163,18 @@ def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatAr
 
 
 def _noise(
-    residuals: FloatArray, edge: FloatArray, lit: NDArray[np.bool_], sectors: int, rounding: float
+    residuals: FloatArray, edge: FloatArray, told: NDArray[np.bool_], sectors: int, rounding: float
 ) -> tuple[float, float, float]:
-    """Return the variance of a pixel in space, on the Earth, none below rounding's, and what the edge has beyond."""
+    """Return the variance of a pixel in space, on the Earth, none below rounding's, and what the edge has beyond.
+
+    ``told``: pixels that tell what the Earth's noise is.
+    """
     floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
-    where = (edge < SPACE_LEVEL, (edge > EARTH_LEVEL) & lit)
+    where = (edge < SPACE_LEVEL, (edge > EARTH_LEVEL) & told)
     space, earth = (_spread_of(residuals[there], residuals) for there in where)
     # Every sector has spent one of its pixels' freedom on the level to either side.
     counts = [float(there.sum()) for there in where]
-    spent = (sectors, sectors * float(np.mean(lit)))
-    freedom = [max(1.0 - n / max(count, 1.0), 0.5) for n, count in zip(spent, counts, strict=True)]
+    freedom = [max(1.0 - sectors / max(count, 1.0), 0.5) for count in counts]
     earth = max(earth / freedom[1], floor)
     line = (max(space / freedom[0], DARKEST * earth, floor), earth)
     between = (edge >= MIDDLE_LEVEL) & (edge <= 1.0 - MIDDLE_LEVEL)

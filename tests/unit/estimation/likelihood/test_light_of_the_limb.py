@@ -143,8 +143,8 @@ def test_without_relief_there_are_no_modes() -> None:
     assert relief_modes(1.0, ())[1].shape == (0, 2)
 
 
-@pytest.mark.parametrize("night", [0, 3, 6, 8])
-def test_noise_of_the_earth_is_that_of_its_lit_part(night: int) -> None:
+@pytest.mark.parametrize("night", [0, 6, 8])
+def test_black_night_is_not_read_as_noise_of_the_earth(night: int) -> None:
     """Eight bits of space and night are exactly black: as noise of the Earth it made all that clouds do an outlier."""
     rng = np.random.default_rng(8)
     starts = np.linspace(0, 4000, 11).astype(np.intp)
