@@ -163,14 +163,14 @@ def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatAr
 
 
 def _noise(
-    residuals: FloatArray, edge: FloatArray, told: NDArray[np.bool_], sectors: int, rounding: float
+    residuals: FloatArray, edge: FloatArray, noisy: NDArray[np.bool_], sectors: int, rounding: float
 ) -> tuple[float, float, float]:
     """Return the variance of a pixel in space, on the Earth, none below rounding's, and what the edge has beyond.
 
-    ``told``: pixels that tell what the Earth's noise is.
+    ``noisy``: pixels that show what the Earth's noise is.
     """
     floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
-    where = (edge < SPACE_LEVEL, (edge > EARTH_LEVEL) & told)
+    where = (edge < SPACE_LEVEL, (edge > EARTH_LEVEL) & noisy)
     space, earth = (_spread_of(residuals[there], residuals) for there in where)
     # Every sector has spent one of its pixels' freedom on the level to either side.
     counts = [float(there.sum()) for there in where]
