@@ -51,11 +51,14 @@ n = 36
 
 @pytest.mark.slow
 def test_a_percent_of_the_focal_length_is_found_on_infrared_frames(tmp_path: Path) -> None:
-    """36 frames over the globe know two hundredths of a percent, and are as near as they claim."""
+    """36 frames over the globe know a quarter of a thousandth, and are as near as they claim.
+
+    They claim 0.0226 %, with pixels whose residuals are alike counted as fewer; a tenth is left for other changes.
+    """
     (tmp_path / "pass.toml").write_text(SUITE)
     hv.run(tmp_path / "pass.toml", out=tmp_path / "out")
     found = calibrate(observations_of([tmp_path / "out"]))
     assert isinstance(found, CameraCalibration), found
     assert found.frames >= 30
-    assert found.sigma[0] < 2.2e-4
+    assert found.sigma[0] < 2.5e-4
     assert abs(found.change[0] + math.log(1.01)) < 3.3 * found.sigma[0]
