@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.types import Real, Vec, Vec3
+from horizonval.renderer.types import Real, Vec, Vec3, inverse_root
 
 
 def dot(p: Vec3[Real], q: Vec3[Real]) -> Real:
@@ -107,7 +107,7 @@ class Planet:
         """Return the point at a geodetic height above where the ellipsoid has a unit normal."""
         a2, b2 = self.a_m**2, self.b_m**2
         x, y, z = normal
-        scale = dr.rsqrt(a2 * (x * x + y * y) + b2 * z * z)
+        scale = inverse_root(a2 * (x * x + y * y) + b2 * z * z)
         return x * dr.fma(a2, scale, height_m), y * dr.fma(a2, scale, height_m), z * dr.fma(b2, scale, height_m)
 
     def shadow_crossings(self, o: Vec, d: Vec, sun: Vec) -> tuple[mi.Float64, mi.Float64, mi.Bool]:
@@ -136,5 +136,5 @@ class Planet:
 
     @staticmethod
     def _unit(v: Vec) -> Vec:
-        s = dr.rsqrt(dot(v, v))
+        s = inverse_root(dot(v, v))
         return v[0] * s, v[1] * s, v[2] * s

@@ -81,7 +81,8 @@ def unwarp(path: AirPath, t: mi.Float64, c: float) -> mi.Float64:
     q = x / (1.0 - c)
     scale = 2.0 * math.sqrt(p / 3.0)
     arg = 3.0 * q / (p * scale)
-    y = scale * dr.sinh(dr.log(arg + dr.sqrt(arg * arg + 1.0)) / 3.0)
+    growth = dr.exp(dr.log(arg + dr.sqrt(arg * arg + 1.0)) / 3.0)
+    y = 0.5 * scale * (growth - 1.0 / growth)
     return dr.select(s < 0.0, -dr.minimum(y, 1.0), dr.minimum(y, 1.0))
 
 

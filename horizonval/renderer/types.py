@@ -82,3 +82,12 @@ def constant_vector(values: Iterable[float]) -> Vec:
 def constant(value: float) -> mi.Float64:
     """Return an array of size 1 whose value is data, not a constant of the compiled kernel: frames share kernels."""
     return dr.opaque(mi.Float64, float(value), 1)
+
+
+def inverse_root(x: Real) -> Real:
+    """Return ``1 / sqrt(x)``, rounded alike on every processor.
+
+    Dr.Jit's own inverse root is an instruction that reads the upper half of a double on a GPU: right to 1e-6, which
+    turns rays by 0.2 arcsec. So are its reciprocal, tangent and hyperbolic functions there; kernels use none of them.
+    """
+    return 1.0 / dr.sqrt(x)

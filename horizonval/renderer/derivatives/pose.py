@@ -41,7 +41,7 @@ from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.planet import distance_squared, dot
 from horizonval.renderer.plugin.settings import CameraSettings
 from horizonval.renderer.tables import vectors
-from horizonval.renderer.types import Values, Vec, constant_vector, indices_where
+from horizonval.renderer.types import Values, Vec, constant_vector, indices_where, inverse_root
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
 
 SLOW_ERROR = 3e-4
@@ -240,7 +240,7 @@ def _across(d: Vec) -> Sequence[Vec]:
     zero = dr.zeros(mi.Float64, dr.width(d[0]))
     helper = (dr.select(flat, zero, 1.0), zero, dr.select(flat, mi.Float64(1.0), 0.0))
     first = cross(helper, d)
-    first = scaled(first, dr.rsqrt(dot(first, first)))
+    first = scaled(first, inverse_root(dot(first, first)))
     second = cross(d, first)
     dr.eval(first, second)
     return first, second

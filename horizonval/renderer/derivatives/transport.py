@@ -23,7 +23,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.derivatives.ray_slopes import slopes
 from horizonval.renderer.derivatives.vectors import added, cross, scaled
 from horizonval.renderer.planet import Planet, along, dot
-from horizonval.renderer.types import Values, Vec, constant_vector
+from horizonval.renderer.types import Values, Vec, constant_vector, inverse_root
 
 
 def transport(planet: Planet, o: Vec, d: Vec, step: FloatArray, inside_limb: bool) -> Vec:
@@ -69,7 +69,7 @@ def level_transport(planet: Planet, o: Vec, d: Vec, step: FloatArray, to_ground:
     change = transport(planet, o, d, step, inside_limb)
     if inside_limb:
         return change
-    radial = scaled(o, dr.rsqrt(dot(o, o)))
+    radial = scaled(o, inverse_root(dot(o, o)))
     steeper = added(radial, scaled(d, -dot(radial, d)))
 
     def level(o: Vec, d: Vec) -> Values:

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.earth.surface import snow_reflectance, surface
+from horizonval.renderer.types import inverse_root
 
 
 def fresnel(c: mi.Float64) -> mi.Float64:
@@ -21,7 +22,7 @@ def fresnel(c: mi.Float64) -> mi.Float64:
 
 
 def _hidden(mu: mi.Float64, variance: mi.Float64) -> mi.Float64:
-    v = dr.minimum(mu * dr.rsqrt(dr.maximum(1.0 - mu * mu, 1e-12) * variance), 25.0)
+    v = dr.minimum(mu * inverse_root(dr.maximum(1.0 - mu * mu, 1e-12) * variance), 25.0)
     return dr.maximum(0.5 * (dr.exp(-v * v) / (v * math.sqrt(math.pi)) - (1.0 - dr.erf(v))), 0.0)
 
 

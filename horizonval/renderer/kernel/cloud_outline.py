@@ -39,7 +39,7 @@ from horizonval.renderer.planet import along, dot
 from horizonval.renderer.refraction.bending import turn_between, vertical_of
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of, vectors
-from horizonval.renderer.types import Vec, Vec3, in_single
+from horizonval.renderer.types import Vec, Vec3, in_single, inverse_root
 
 LINES = 4
 """Across a cell. A straight outline of any slope is off by 1/128 of a cell at most."""
@@ -255,7 +255,7 @@ def _turned(view: FrameGeometry, d: Vec, turn: mi.Float64) -> Vec:
     sine, cosine = dr.sincos(dr.select(turn > 0.5 * NONE, turn, 0.0))
     slope = dot(normal, d)
     up = [n - slope * c for n, c in zip(normal, d, strict=True)]
-    scale = sine * dr.rsqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2])
+    scale = sine * inverse_root(up[0] * up[0] + up[1] * up[1] + up[2] * up[2])
     x, y, z = (dr.fma(d[k], cosine, up[k] * scale) for k in range(3))
     return x, y, z
 
@@ -293,7 +293,7 @@ def _turn(view: FrameGeometry, table: CloudTable, d: Vec, lowest: mi.Float64, *,
 
     def turn_at(t: mi.Float32, height: mi.Float32, normal: Vec3[mi.Float32], vertical: Vec3[mi.Float32]) -> mi.Float32:
         top, rise = table.top(vertical), dr.minimum(dot(normal, along_ray), 0.9)
-        return dr.select(top > BASE_M, (apparent(top) - height) * dr.rsqrt(1.0 - rise * rise) / t, NONE)
+        return dr.select(top > BASE_M, (apparent(top) - height) * inverse_root(1.0 - rise * rise) / t, NONE)
 
     def glance(
         i: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32, highest: mi.Float32

@@ -34,7 +34,7 @@ from horizonval.geometry.directions import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.refraction.bending import BendingField, EnteringAngles, turn_between, vertical_of
 from horizonval.renderer.tables import gather_row, table_of
-from horizonval.renderer.types import Real, Vec, Vec3, constant, constant_vector, in_single
+from horizonval.renderer.types import Real, Vec, Vec3, constant, constant_vector, in_single, inverse_root
 
 TABLE_SIDE = 3072
 SPARSER, LARGE_NODES = 4, 75
@@ -327,7 +327,8 @@ def _tropopause(z: Real) -> Real:
     latitude = dr.abs(dr.rad2deg(dr.asin(dr.clip(z, -1.0, 1.0))))
     middle = 0.5 * (relief.TROPICAL_TROPOPAUSE_M + relief.POLAR_TROPOPAUSE_M)
     half = 0.5 * (relief.TROPICAL_TROPOPAUSE_M - relief.POLAR_TROPOPAUSE_M)
-    return middle - half * dr.tanh((latitude - 40.0) / 10.0)
+    north = 1.0 - 2.0 / (dr.exp((latitude - 40.0) / 5.0) + 1.0)  # the hyperbolic tangent of a tenth
+    return middle - half * north
 
 
 def turned_above(
@@ -371,7 +372,7 @@ def first_cloud_and_turn(
     entry, along_ray, way = in_single(along(o, d, start)), in_single(d), single(end - start)
     # half a node of the table is what a step passes over; steep rays come down by more
     rise = dot(planet.height_and_normal(entry)[1], along_ray)
-    step_m = single(table.step_m) * dr.rsqrt(dr.maximum(1.0 - rise * rise, LEAST_COSINE**2))
+    step_m = single(table.step_m) * inverse_root(dr.maximum(1.0 - rise * rise, LEAST_COSINE**2))
     count = dr.ceil(way / step_m)
     up = None if bending is None else in_single(bending.up(o, d))
 

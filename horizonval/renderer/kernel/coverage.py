@@ -18,6 +18,8 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.renderer.types import inverse_root
+
 
 def _root(low: mi.Float64, mid: mi.Float64, high: mi.Float64) -> mi.Float64:
     """Return where the parabola through values at -1/2, 0, 1/2 crosses zero: the root nearest to the middle."""
@@ -77,5 +79,5 @@ def cell_coverage(
     p = [dr.select(rising, 0.5 - r, r + 0.5) for r in roots]
     c0, c1, c2 = p[1], p[2] - p[0], 2.0 * (p[0] + p[2]) - 4.0 * p[1]
     share = dr.clip(_positive_area(c0, c1, c2) - _positive_area(c0 - 1.0, c1, c2), 0.0, 1.0)
-    norm = dr.rsqrt(dr.maximum(gu * gu + gv * gv, 1e-300))
+    norm = inverse_root(dr.maximum(gu * gu + gv * gv, 1e-300))
     return share, gu * norm, gv * norm

@@ -35,7 +35,7 @@ import numpy as np
 
 from horizonval.renderer.kernel.coverage import cell_coverage
 from horizonval.renderer.planet import distance_squared, dot
-from horizonval.renderer.types import Vec, indices_where
+from horizonval.renderer.types import Vec, indices_where, inverse_root
 
 SPLITS_PER_RADIUS = 6.0
 """Sub-cells across the radius of a disc, at least; twice as many where the limb may cut it, four times on the Moon."""
@@ -123,7 +123,7 @@ def share_of_disc(corners: list[tuple[mi.Float64, mi.Float64]], darkening: Seque
     winding = mi.Float64(0.0)
     for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True):
         dx, dy = x1 - x0, y1 - y0
-        scale = dr.rsqrt(dr.maximum(dx * dx + dy * dy, 1e-300))
+        scale = inverse_root(dr.maximum(dx * dx + dy * dy, 1e-300))
         tx, ty = dx * scale, dy * scale
         h = x0 * ty - y0 * tx
         s0, s1 = x0 * tx + y0 * ty, x1 * tx + y1 * ty
@@ -184,11 +184,12 @@ def disc_cells(
     parts, across = dr.opaque(mi.UInt32, splits**2, 1), dr.opaque(mi.UInt32, splits, 1)
     small = dr.opaque(mi.Float64, size / splits, 1)
     e1, e2 = _axes(disc.direction)
-    tangent = dr.tan(disc.radius)
+    sine, cosine = dr.sincos(disc.radius)
+    tangent = sine / cosine
 
     def on_disc(x: mi.Float64, y: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
         d = through(x, y)
-        scale = dr.rcp(dr.maximum(dot(d, disc.direction), 1e-3) * tangent)
+        scale = 1.0 / (dr.maximum(dot(d, disc.direction), 1e-3) * tangent)
         return dot(d, e1) * scale, dot(d, e2) * scale
 
     sub = dr.arange(mi.UInt32, dr.width(cell) * splits**2)
@@ -253,13 +254,14 @@ def _phase(
     to_observer = -dot(disc.light, disc.direction)
     lx, ly = dot(disc.light, axes[0]), dot(disc.light, axes[1])
     half = 0.5 * dr.acos(dr.clip(to_observer, -1.0, 1.0))
-    tan_quarter = dr.clip(dr.tan(0.5 * half), 1e-12, 1.0 - 1e-12)
-    whole = 0.5 * (1.0 + dr.sin(half) * dr.tan(half) * dr.log(tan_quarter))
+    sine, cosine = dr.sincos(half)
+    tan_quarter = dr.clip(sine / (1.0 + cosine), 1e-12, 1.0 - 1e-12)
+    whole = 0.5 * (1.0 + sine * sine / cosine * dr.log(tan_quarter))
     total, points = mi.Float64(0.0), mi.Float64(0.0)
     for i in range(_POINTS):
         for j in range(_POINTS):
             x, y = on_disc(u + ((i + 0.5) / _POINTS - 0.5) * size, v + ((j + 0.5) / _POINTS - 0.5) * size)
-            scale = dr.minimum(1.0, 0.9995 * dr.rsqrt(dr.maximum(x * x + y * y, 1e-12)))
+            scale = dr.minimum(1.0, 0.9995 * inverse_root(dr.maximum(x * x + y * y, 1e-12)))
             # points beside the disc stand on its edge, and count only where there are no others
             weight = dr.select(scale < 1.0, mi.Float64(1e-6), 1.0)
             x, y = x * scale, y * scale
@@ -277,7 +279,7 @@ def _axes(s: Vec) -> tuple[Vec, Vec]:
     x = s[1] * helper[2] - s[2] * helper[1]
     y = s[2] * helper[0] - s[0] * helper[2]
     z = s[0] * helper[1] - s[1] * helper[0]
-    scale = dr.rsqrt(x * x + y * y + z * z)
+    scale = inverse_root(x * x + y * y + z * z)
     e1 = (x * scale, y * scale, z * scale)
     e2 = (s[1] * e1[2] - s[2] * e1[1], s[2] * e1[0] - s[0] * e1[2], s[0] * e1[1] - s[1] * e1[0])
     return e1, e2

@@ -25,7 +25,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.directions import perpendicular
 from horizonval.renderer.planet import Planet, cross_squared, dot
-from horizonval.renderer.types import Vec, constant, constant_vector
+from horizonval.renderer.types import Vec, constant, constant_vector, inverse_root
 
 GROUND_DENSE_RAD, LIMB_DENSE_M, SKY_DENSE_RAD = 0.1, 25e3, 0.02
 GROUND_NODES, LIMB_NODES, SKY_NODES = 96, 512, 512
@@ -132,7 +132,7 @@ class RayCoordinates:
             rise = dr.sqrt(dr.maximum((a - miss) * (a + miss), 0.0))
             return self.ground.place(dr.atan2(rise, miss)), azimuth
         if self.inside:
-            theta = dr.atan2(miss, -dot(o1, d1) * dr.rsqrt(length2))
+            theta = dr.atan2(miss, -dot(o1, d1) * inverse_root(length2))
             return self.limb.place(theta - constant(math.asin(a / self.distance_m))), azimuth
         # away from the Earth nothing is met: as above the air
         return self.limb.place(dr.select(dot(o1, d1) < 0.0, miss - a, constant(self.limb.most))), azimuth

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.geometry.camera import CameraModel, Projection
-from horizonval.renderer.types import Number, Values, Vec, constant
+from horizonval.renderer.types import Number, Values, Vec, constant, inverse_root
 
 UNDISTORT_STEPS = 8
 _STAGES, _STRONG_STEPS = 16, 32
@@ -99,7 +99,7 @@ class RayCamera:
             return x * scale, y * scale, cos_t
         if self.distorted:
             x, y = self._undistort(x, y)
-        s = dr.rsqrt(dr.fma(x, x, dr.fma(y, y, 1.0)))
+        s = inverse_root(dr.fma(x, x, dr.fma(y, y, 1.0)))
         return x * s, y * s, s
 
     def _off_axis(self, radius: mi.Float64) -> mi.Float64:

@@ -34,7 +34,7 @@ from horizonval.renderer.reference.air_tables import AirTables
 from horizonval.renderer.reference.ground_tables import GroundTables
 from horizonval.renderer.reference.reference_scene import KM, Placement, geodetic
 from horizonval.renderer.tables import table_of
-from horizonval.renderer.types import PluginDict, constant_vector
+from horizonval.renderer.types import PluginDict, constant_vector, inverse_root
 
 TYPICAL_K = 250.0
 SINK_M = 4000.0
@@ -98,7 +98,7 @@ def _integrator(place: Placement, band: EmittingBand, ground: GroundTables) -> A
                 g = dr.binary_search(0, len(share) - 1, lambda i: dr.gather(mi.Float32, until, i) <= u)
             si = scene.ray_intersect(mi.Ray3f(ray), active=mi.Bool(active))
             o: Any = mi.Vector3d(ray.o) / KM + origin
-            d: Any = dr.normalize(mi.Vector3d(ray.d))
+            d = _unit(mi.Vector3d(ray.d))
             hit = si.is_valid()
             t_hit = dr.select(hit, mi.Float64(si.t) / KM, _NEVER)
             _, normal = geodetic(planet, o + dr.select(hit, t_hit, 0.0) * d)
@@ -108,7 +108,7 @@ def _integrator(place: Placement, band: EmittingBand, ground: GroundTables) -> A
             stays = mi.Float64(sampler.next_1d()) < ground.emissivity_of(g, kind, cosine)
             glow = ground.source_of(g, temperature)
             even = mi.Vector3d(mi.Frame3f(mi.Vector3f(normal)).to_world(mi.warp.square_to_cosine_hemisphere(lens)))
-            up = dr.normalize(dr.select(kind == ground.water, d + 2.0 * cosine * normal, even))
+            up = _unit(dr.select(kind == ground.water, d + 2.0 * cosine * normal, even))
 
             def body(
                 sampler: Any,
@@ -154,3 +154,7 @@ def _integrator(place: Placement, band: EmittingBand, ground: GroundTables) -> A
             return []
 
     return EmissionWalk(mi.Properties("emission_walk"))
+
+
+def _unit(v: Any) -> Any:
+    return v * inverse_root(dr.squared_norm(v))

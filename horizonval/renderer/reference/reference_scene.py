@@ -33,7 +33,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.types import PluginDict, constant_vector
+from horizonval.renderer.types import PluginDict, constant_vector, inverse_root
 
 KM = 1e-3
 RAYLEIGH_COS2 = 0.75
@@ -290,10 +290,10 @@ def geodetic(planet: Planet, p: Any) -> tuple[mi.Float64, Any]:
     e2, f2 = 1.0 - (b / a) ** 2, (a / b) ** 2 - 1.0
     rho = dr.sqrt(p.x * p.x + p.y * p.y)
     s, c = p.z * a, rho * b
-    norm = dr.rsqrt(s * s + c * c)
+    norm = inverse_root(s * s + c * c)
     s, c = s * norm, c * norm
     s, c = p.z + f2 * b * s * s * s, rho - e2 * a * c * c * c
-    norm = dr.rsqrt(s * s + c * c)
+    norm = inverse_root(s * s + c * c)
     s, c = s * norm, c * norm
     flat = c / dr.maximum(rho, 1e-3)
     return rho * c + p.z * s - a * dr.sqrt(1.0 - e2 * s * s), mi.Vector3d(flat * p.x, flat * p.y, s)

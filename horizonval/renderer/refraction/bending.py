@@ -21,7 +21,7 @@ from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, find_path, warp
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable, small_sincos
 from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate, table_of
-from horizonval.renderer.types import Real, Vec, Vec3, constant, in_single
+from horizonval.renderer.types import Real, Vec, Vec3, constant, in_single, inverse_root
 
 BENDING_NODES = 128
 GRID_STEP_M = 25.0
@@ -90,7 +90,7 @@ class BendingField:
         _, normal = self.planet.height_and_normal(along(o, d, mid - half))
         slope = dot(normal, d)
         up = (normal[0] - slope * d[0], normal[1] - slope * d[1], normal[2] - slope * d[2])
-        scale = dr.rsqrt(dr.maximum(dot(up, up), 1e-12))
+        scale = inverse_root(dr.maximum(dot(up, up), 1e-12))
         return up[0] * scale, up[1] * scale, up[2] * scale
 
     def look(self, point: Vec3[Real], up: Vec3[Real]) -> BentPoint[Real]:
@@ -193,7 +193,7 @@ def vertical_of(normal: Vec3[Real], d: Vec3[Real], angle: Real) -> Vec3[Real]:
     slope = dot(normal, d)
     forward = (d[0] - slope * normal[0], d[1] - slope * normal[1], d[2] - slope * normal[2])
     sine, cosine = small_sincos(angle)
-    sine = sine * dr.rsqrt(dr.maximum(dot(forward, forward), 1e-12))
+    sine = sine * inverse_root(dr.maximum(dot(forward, forward), 1e-12))
     x, y, z = (dr.fma(cosine, normal[k], sine * forward[k]) for k in range(3))
     return x, y, z
 

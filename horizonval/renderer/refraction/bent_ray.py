@@ -14,7 +14,7 @@ from horizonval.renderer.column_air import ColumnAir, DepthFactor
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, warp
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunShell, interpolate, through_shells
-from horizonval.renderer.types import Real, Values, Vec
+from horizonval.renderer.types import Real, Values, Vec, inverse_root
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class BentRay:
         """Build from the vertical at the ray's lowest point."""
         slope = dot(vertical, d)
         up = (vertical[0] - slope * d[0], vertical[1] - slope * d[1], vertical[2] - slope * d[2])
-        scale = dr.rsqrt(dr.maximum(dot(up, up), 1e-12))
+        scale = inverse_root(dr.maximum(dot(up, up), 1e-12))
         up = (up[0] * scale, up[1] * scale, up[2] * scale)
         return cls(tables, d, up, dot(d, sun), dot(up, sun), sun)
 

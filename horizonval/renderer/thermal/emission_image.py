@@ -37,7 +37,7 @@ from horizonval.renderer.thermal.emission_table import (
     lagrange,
     limb_values,
 )
-from horizonval.renderer.types import Values, Vec, indices_where
+from horizonval.renderer.types import Values, Vec, indices_where, inverse_root
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ def warmth_k(
     warm = at(emission.land_k)
     if height is None or land is None or ice_sheet is None:
         return {"land": warm}
-    flat = dr.rsqrt(dr.maximum((normal[0] ** 2 + normal[1] ** 2) * (sun[0] ** 2 + sun[1] ** 2), 1e-24))
+    flat = inverse_root(dr.maximum((normal[0] ** 2 + normal[1] ** 2) * (sun[0] ** 2 + sun[1] ** 2), 1e-24))
     cosine = (normal[0] * sun[0] + normal[1] * sun[1]) * flat
     sine = (normal[1] * sun[0] - normal[0] * sun[1]) * flat
     hour = math.cos(LAG_RAD) * cosine + math.sin(LAG_RAD) * sine

@@ -30,7 +30,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.ray_coordinates import RayAxis, RayCoordinates
-from horizonval.renderer.types import Number, Vec, constant
+from horizonval.renderer.types import Number, Vec, constant, inverse_root
 from horizonval.renderer.view_table.patch_table import ROW_PATCHES
 
 
@@ -101,7 +101,7 @@ class RayPlane:
             raised = _Raised.of(self.coordinates, height)
             up2, tilt, reach2 = (constant(v) for v in (raised.up2, raised.tilt, raised.reach2))
             cotangent = _cotangent(up2, tilt, reach2, z, up_z, dr.sqrt)
-            nadir_sine = dr.rsqrt(dr.fma(cotangent, cotangent, 1.0))
+            nadir_sine = inverse_root(dr.fma(cotangent, cotangent, 1.0))
             v = nadir_sine * constant(self.coordinates.distance_m) - self.coordinates.planet.a_m
             high = self.axis.place(v) * (1.0 / (self.axis.count - 1))
             patches = constant(float(count))
