@@ -225,6 +225,7 @@ def test_one_frame_sees_the_air_of_many_latitudes(rendered: Render) -> None:
     assert plateau(everywhere, "co2", south) == pytest.approx(plateau(everywhere, "co2", north), rel=0.02)
 
 
+@pytest.mark.slow
 def test_in_march_the_hemispheres_differ(rendered: Render) -> None:
     view: tuple[Any, ...] = ("ir-limb-equinox", "co2", 8, 96, 1.0)
     north, south = (

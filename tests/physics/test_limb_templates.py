@@ -95,6 +95,7 @@ def check(band_um: tuple[float, float], count: int, most: float) -> None:
     assert rms(rest) < most
 
 
+@pytest.mark.slow
 def test_weather_that_was_not_drawn_is_within_the_table_in_15_um():
     check((14.0, 16.3), 4, 1.6)
 

@@ -103,7 +103,8 @@ def test_deep_twilight_equals_monte_carlo() -> None:
     assert (np.abs(table.ours["550nm"] - truth) < 0.01 * truth + 3 * error).all()
 
 
-@pytest.mark.parametrize("wavelength", [pytest.param("450", marks=pytest.mark.slow), "850"])
+@pytest.mark.slow
+@pytest.mark.parametrize("wavelength", ["450", "850"])
 def test_twilight_of_other_colours_equals_monte_carlo(wavelength: str) -> None:
     """1 % and three standard errors, the Sun 2 to 10 deg below the horizon."""
     table = Table("limb_rayleigh_twilight_montecarlo.csv", rayleigh())

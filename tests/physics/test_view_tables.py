@@ -142,6 +142,9 @@ SLOW = {
     "refraction, clouds and coasts",
     "moonlit clouds",
     "moon in frame",
+    "sun at 85 deg, ahead",
+    "across the date line",
+    "clouds and land",
 }
 """Whose table of multiple scattering takes a minute to solve, others that take half of one, and some of many alike."""
 

@@ -108,7 +108,7 @@ def judge(number: int, finer: int = FINER) -> list[str]:
     return judge(number, 4 * FINER) if wrong and finer == FINER else wrong
 
 
-@pytest.mark.parametrize("number", [0, 1, CORNERS[1]])
+@pytest.mark.parametrize("number", [0, 1, pytest.param(CORNERS[1], marks=pytest.mark.slow)])
 def test_some_draws(number: int) -> None:
     activate()
     assert not judge(number)

@@ -27,6 +27,7 @@ def test_real_states_have_the_horizons_that_others_found() -> None:
         assert height.std(ddof=1) == pytest.approx(spread, abs=0.1)
 
 
+@pytest.mark.slow
 def test_winter_varies_more_than_the_tropics() -> None:
     """Drawn weather, 40 days each: 0.3 to 0.9 km in the tropics, 1.5 to 3 km in the polar winter."""
     tropics = drawn_heights("tropics, to 25 deg", 40)[0]

@@ -83,6 +83,7 @@ def test_the_image_generator_agrees_with_the_curve_and_with_a_stock_sphere() -> 
     assert abs(result["stock_mean_px"]) < 0.005
 
 
+@pytest.mark.slow
 def test_rows_tables_and_figures_come_of_a_small_run(cache: TaskCache, tmp_path: Path) -> None:
     items, results = _bank(cache)
     bank = bank_of(items, results)

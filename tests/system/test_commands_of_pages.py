@@ -93,6 +93,7 @@ def give_every_command(out: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest
     return commands
 
 
+@pytest.mark.slow
 def test_of_a_users_suite(files_of_a_user, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(files_of_a_user)
     out = tmp_path / "my runs" / "out"
@@ -111,6 +112,7 @@ def test_of_a_users_suite_with_a_program(files_of_a_user, tmp_path, monkeypatch,
     assert sum("--estimator my-program --suite" in command for command in commands) == 1
 
 
+@pytest.mark.slow
 def test_of_a_study_of_a_users_file(files_of_a_user, tmp_path, monkeypatch, capfd):
     out = tmp_path / "out"
     run("study", files_of_a_user / "my study.toml", "--out", out, "--workers", 1)

@@ -42,7 +42,8 @@ def test_results_hold_no_clock(mini_run):
         assert "second" not in path.read_text()
 
 
-@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 3])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 3])
 def test_the_number_of_workers_and_threads_changes_nothing(program, mini_suite, mini_run, tmp_path, workers):
     # One worker uses all processors as threads, three share them.
     assert program("run", mini_suite, "--out", "out", "--workers", workers).returncode == 0

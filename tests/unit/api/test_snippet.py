@@ -50,6 +50,7 @@ def test_it_runs_as_a_plain_script(snippet):
     assert (snippet.parent / "out" / "report" / "index.html").is_file()
 
 
+@pytest.mark.slow
 def test_strict_types_find_nothing_in_it_and_wrong_use_elsewhere(snippet):
     """One run of the checker for both: without errors in a wrong script, silence would prove nothing."""
     wrong = snippet.with_name("wrong.py")

@@ -40,13 +40,14 @@ def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapp
     ("band", "other_band", "changes", "other_changes", "most", "marches"),
     [
         ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, {}, {}, 55, 1),
-        (
+        pytest.param(
             {**VISIBLE, "lo_um": 0.45, "hi_um": 0.75},
             {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65},
             CLOUDS,
             OTHER_CLOUDS,
             80,
             4,  # two by day, and two with pieces on either side of the shadow's edge
+            marks=pytest.mark.slow,
         ),
         (
             {"name": "i", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.0},
@@ -56,13 +57,14 @@ def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapp
             50,
             0,
         ),
-        (
+        pytest.param(
             {**VISIBLE, "lo_um": 0.45, "hi_um": 0.75},
             {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65},
             CLIMATES,
             CLIMATES,
             55,
             1,
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["air", "clouds", "thermal", "climates"],

@@ -93,6 +93,7 @@ def _attack(names: list[str], place: Path, mark: str, patch: pytest.MonkeyPatch)
     assert not [name for name in set(sys.modules) - modules if name.startswith("hostile_")]
 
 
+@pytest.mark.slow
 def test_a_dozen_plug_ins_harm_nobody_but_themselves(
     tmp_path: Path, mark: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

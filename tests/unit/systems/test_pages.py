@@ -103,6 +103,7 @@ def _square(item):
     return {"square": item["x"] ** 2}
 
 
+@pytest.mark.slow
 def test_what_is_done_is_kept_when_another_item_fails(tmp_path):
     log = tmp_path / "log"
     items = {str(x): {"x": x, "log": str(log)} for x in (2, 13, 3)}

@@ -70,6 +70,7 @@ def test_a_curved_path_keeps_its_middle():
     np.testing.assert_allclose(fit.middle_uv, path[1], atol=0.1)
 
 
+@pytest.mark.slow
 def test_the_claimed_covariance_is_the_scatter():
     rng = np.random.default_rng(5)
     middle, half = np.array([30.2, 24.4]), np.array([8.0, -2.0])
