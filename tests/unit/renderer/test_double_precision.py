@@ -1,7 +1,7 @@
 """What kernels compute in double precision is right to rounding, with whichever back-end renders here.
 
-A GPU has instructions of its own for some functions that are right to 1e-6 only, whatever the type: of a ray's
-direction that is 0.2 arcsec.
+A GPU has instructions of its own for some functions that are right to 1e-6 only, whatever the type: of the
+Earth's radius that is six metres.
 """
 
 from __future__ import annotations
