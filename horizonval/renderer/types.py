@@ -88,6 +88,7 @@ def inverse_root(x: Real) -> Real:
     """Return ``1 / sqrt(x)``, rounded alike on every processor.
 
     Dr.Jit's own inverse root is an instruction that reads the upper half of a double on a GPU: right to 1e-6, which
-    is six metres of the Earth's radius. So are its reciprocal, tangent and hyperbolic functions there; kernels use none of them.
+    is six metres of the Earth's radius. So are its reciprocal, tangent and hyperbolic functions there; kernels use none
+    of them.
     """
     return 1.0 / dr.sqrt(x)
