@@ -85,7 +85,7 @@ def constant(value: float) -> mi.Float64:
 
 
 def inverse_root(x: Real) -> Real:
-    """Return ``1 / sqrt(x)``, rounded alike on every processor.
+    """Return ``1 / sqrt(x)``, in double precision rounded alike everywhere.
 
     Dr.Jit's own inverse root is an instruction that reads the upper half of a double on a GPU: right to 1e-6, which
     is six metres of the Earth's radius. So are its reciprocal, tangent and hyperbolic functions there; kernels use none

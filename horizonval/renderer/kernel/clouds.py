@@ -327,8 +327,9 @@ def _tropopause(z: Real) -> Real:
     latitude = dr.abs(dr.rad2deg(dr.asin(dr.clip(z, -1.0, 1.0))))
     middle = 0.5 * (relief.TROPICAL_TROPOPAUSE_M + relief.POLAR_TROPOPAUSE_M)
     half = 0.5 * (relief.TROPICAL_TROPOPAUSE_M - relief.POLAR_TROPOPAUSE_M)
-    north = 1.0 - 2.0 / (dr.exp((latitude - 40.0) / 5.0) + 1.0)  # the hyperbolic tangent of a tenth
-    return middle - half * north
+    # tanh((latitude - 40) / 10), by a function that a GPU has in double precision
+    poleward = 1.0 - 2.0 / (dr.exp((latitude - 40.0) / 5.0) + 1.0)
+    return middle - half * poleward
 
 
 def turned_above(
