@@ -20,7 +20,7 @@ from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.suites.observation import method_radius_m
 
 AnyImage: TypeAlias = DetectorImage | RadianceFrame | str | Path | NDArray[Any]

@@ -13,8 +13,8 @@ from horizonval.api.camera import Camera, camera_of
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
+from horizonval.spec.base import deep_merge
 from horizonval.spec.load import Shelf, load_frames, load_scene
-from horizonval.spec.merge import deep_merge
 from horizonval.spec.scene import SceneSpec
 
 FLAT = {

@@ -64,8 +64,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema (draft 2020-12) of a kind of file, for editors and other programs."""
     from horizonval.core.suggest import nearest
-    from horizonval.spec.reference.keys import MODELS
-    from horizonval.spec.reference.schema import schema_text
+    from horizonval.spec.schema import MODELS, schema_text
 
     known = next((name for name in MODELS if name == kind), None)
     if known is None:

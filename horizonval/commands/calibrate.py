@@ -18,8 +18,8 @@ from horizonval.estimation.likelihood.calibration.solve import CameraCalibration
 from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.process.external import camera_file
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.prior import PriorSpec
 from horizonval.store.folder import RunFolder
 from horizonval.store.store import Store
 

@@ -20,8 +20,8 @@ from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import horizon_directions, tangency_points
 from horizonval.geometry.pose import pose_from_spec
 from horizonval.precheck.target import kind_of
+from horizonval.spec.camera import Band
 from horizonval.spec.load import Case, load_frames
-from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates.header import header_text
 from horizonval.studies.templates.onboard import CutTable, LimbPlaces, cut_down, months_around
 from horizonval.studies.templates.rays import MONTHS

@@ -46,8 +46,8 @@ from horizonval.earth.refracted_horizon import air_refractivity, file_refractivi
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.surface.emitting_ground import emitting_ground, lowest_air_k
 from horizonval.earth.surface.ground_map import air_begins_m
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraSpec
 
 __all__ = ["NO_ATMOSPHERE", "FloatArray", "OpticalModel", "SpectralNode", "node_counts", "optical_model"]
 

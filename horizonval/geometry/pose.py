@@ -11,9 +11,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_height, itrs_from_geodetic, sphere, surface_normal
 from horizonval.geometry.frames import body_from_lvlh, cam_from_body, compose, lvlh_from_itrs
-from horizonval.spec.earth.ground import Earth
+from horizonval.spec.camera import CameraSpec, Head
+from horizonval.spec.earth import Earth
 from horizonval.spec.scene import CameraUse, SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec, Head
 
 
 @dataclass(frozen=True, eq=False)

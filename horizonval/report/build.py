@@ -31,7 +31,7 @@ from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.prior import PriorSpec
 from horizonval.store.manifest import amend_manifest
 
 STRIP_RATIO = 20

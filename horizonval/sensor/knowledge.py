@@ -37,7 +37,7 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
 from horizonval.geometry.frames import compose, inverse, rotate
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.prior import PAIRS, PriorSpec, is_climate_file
+from horizonval.spec.prior import PAIRS, PriorSpec, is_climate_file
 
 
 def stated_prior(spec: PriorSpec, where: str = "prior") -> Prior:

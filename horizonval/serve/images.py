@@ -15,7 +15,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
 from horizonval.serve.pose import attitude_keywords, place_keywords
 from horizonval.serve.request import ImageRequest
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.detector import Cmos
 from horizonval.wire import SCHEMA
 from horizonval.wire.packing import array_to_map
 

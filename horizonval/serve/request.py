@@ -11,10 +11,8 @@ from pydantic import Field, field_validator, model_validator
 
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
-from horizonval.spec.base import Model
+from horizonval.spec.base import Angle, Finite, Listed, Model, Positive, unit
 from horizonval.spec.load import validate
-from horizonval.spec.numbers import Angle, Finite, Listed, Positive
-from horizonval.spec.units import unit
 from horizonval.wire import SCHEMA
 
 Vector = Annotated[tuple[Finite, Finite, Finite], Listed]

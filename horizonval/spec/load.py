@@ -21,18 +21,15 @@ from horizonval.core import files
 from horizonval.core.errors import MistakeCollector, UserError, excerpt
 from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
-from horizonval.spec.base import Model
+from horizonval.spec.base import Model, deep_merge
+from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.expand import variants
-from horizonval.spec.explain import explain, show
+from horizonval.spec.explain import explain, show, with_option
 from horizonval.spec.files import Kind, find
-from horizonval.spec.merge import deep_merge
-from horizonval.spec.option import with_option
 from horizonval.spec.orbit import OrbitSpec
+from horizonval.spec.prior import PriorFile, PriorSpec, is_climate_file
 from horizonval.spec.regression import RegressionSpec
-from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import ALL_HEADS, CameraSpec
-from horizonval.spec.sensor.prior import PriorFile, PriorSpec, is_climate_file
-from horizonval.spec.spacecraft.part import SpacecraftPart
+from horizonval.spec.scene import SceneSpec, SpacecraftPart
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import DatasetSpec, FigureSpec, Keep, ProgramSpec, SuiteSpec
 

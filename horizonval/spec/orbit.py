@@ -7,9 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from horizonval.spec.base import Model
-from horizonval.spec.numbers import Angle, Finite, Listed, NonNegative, Positive
-from horizonval.spec.units import unit
+from horizonval.spec.base import Angle, Finite, Listed, Model, NonNegative, Positive, unit
 
 Angles = Annotated[tuple[Angle, Angle, Angle], Listed]
 Vector = Annotated[tuple[Finite, Finite, Finite], Listed]

@@ -7,12 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from horizonval.spec.base import Model
-from horizonval.spec.earth.atmosphere import Atmosphere
-from horizonval.spec.earth.ground import Surface
-from horizonval.spec.numbers import PlainName
-from horizonval.spec.sensor.camera import Band, Positive
-from horizonval.spec.units import unit
+from horizonval.spec.base import Model, PlainName, unit
+from horizonval.spec.camera import Band, Positive
+from horizonval.spec.earth import Atmosphere, Surface
 
 Month = Annotated[int, Field(ge=1, le=12), unit("1")]
 

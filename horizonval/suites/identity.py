@@ -18,7 +18,7 @@ from horizonval.core.code import code_digest, is_there
 from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
-from horizonval.spec.sensor.prior import is_climate_file
+from horizonval.spec.prior import is_climate_file
 from horizonval.suites.plan import CasePlan, Unit, plan_of
 
 FRAME_CODE = ("horizonval.renderer.scene.frame", "horizonval.store.exr")

@@ -16,9 +16,9 @@ from horizonval.geometry.rotation import julian_utc
 from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.sensor.knowledge import refuse_unknown_climate
 from horizonval.sensor.miscalibration import drawn_errors
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case, Suite
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec, is_limb_table
+from horizonval.spec.prior import PriorSpec, is_limb_table
 from horizonval.suites.part import Part
 from horizonval.suites.plan import CasePlan, of_heads
 from horizonval.suites.worker_memory import largest_frame

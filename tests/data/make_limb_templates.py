@@ -15,8 +15,8 @@ import numpy as np
 from horizonval.core.progress import Silent
 from horizonval.estimation.likelihood import templates
 from horizonval.renderer.plugin.backend import activate
+from horizonval.spec.camera import Band
 from horizonval.spec.load import load_camera
-from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates.rays import MONTHS
 from horizonval.studies.templates.sunlit_table import sunlit_table
 from horizonval.studies.templates.thermal_table import thermal_table

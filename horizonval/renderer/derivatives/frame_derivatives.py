@@ -12,8 +12,8 @@ from horizonval.earth.atmosphere.air import NO_ATMOSPHERE
 from horizonval.renderer.derivatives.parameters import AIR_STEPS, GAIN, POSE, changed_air
 from horizonval.renderer.derivatives.whole_frames import Images, central_difference, radiance_images
 from horizonval.renderer.scene.description import Described, describe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 
 def frame_derivatives(

@@ -16,8 +16,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ellipsoid import WGS84
+from horizonval.spec.camera import CameraGeometry, CameraSpec
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
-from horizonval.spec.sensor.camera import CameraGeometry, CameraSpec
 from horizonval.spec.stability import FieldSensor, StabilityBand, StabilitySpec
 from horizonval.studies.stability.orbit import Heads, heads_round_orbit, offsets_of_heights, rays_along_parallels
 

@@ -44,11 +44,9 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.weather import real_states
-from horizonval.spec.earth.atmosphere import Atmosphere
-from horizonval.spec.earth.ground import Surface
-from horizonval.spec.earth.layer import CloudLayer
+from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
+from horizonval.spec.earth import Atmosphere, CloudLayer, Surface
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraGeometry, CameraSpec
 from horizonval.studies.templates.rays import HEIGHT_M, SUN_AZIMUTH_DEG, SUN_ZENITH_DEG
 
 RADIUS_M = 6371008.8

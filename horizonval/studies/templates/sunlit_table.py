@@ -14,7 +14,7 @@ from horizonval.earth.limb_relief import CLOUD_RELIEF_SOLAR
 from horizonval.earth.spectral import bands
 from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 from horizonval.studies.templates import sunlit_states as states
 from horizonval.studies.templates.kept import kept_arrays
 from horizonval.studies.templates.modes import empirical_modes, scene_mode

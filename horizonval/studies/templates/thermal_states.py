@@ -49,7 +49,7 @@ from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.earth.weather import warming
 from horizonval.earth.weather.field import WeatherField
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 from horizonval.studies.stability.orbit import rays_along_parallels
 from horizonval.studies.templates.rays import HEIGHT_M
 

@@ -34,10 +34,10 @@ from horizonval.earth.surface.emitting_ground import climate_ground
 from horizonval.earth.surface.ground_emission import emitting_places, ground_k
 from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
-from horizonval.spec.earth.atmosphere import Atmosphere
+from horizonval.spec.camera import Band
+from horizonval.spec.earth import Atmosphere
+from horizonval.spec.prior import is_climate_file
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.prior import is_climate_file
 from horizonval.studies.templates import sunlit_states, thermal_states
 from horizonval.studies.templates.rays import HEIGHT_M, KNOWN_AZIMUTH_DEG, KNOWN_ZENITH_DEG, LATITUDE_DEG
 from horizonval.studies.templates.sunlit_table import FAINT

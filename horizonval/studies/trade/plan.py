@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
-from horizonval.spec.study import Requirement, StudyHead
+from horizonval.spec.suite import Requirement, StudyHead
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.trade.design import Design, Study
 

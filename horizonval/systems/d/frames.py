@@ -26,9 +26,9 @@ from horizonval.geometry.directions import angle_between
 from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.horizon import horizon_columns
 from horizonval.scoring.errors import score
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.circular_orbit import place_on_orbit
 from horizonval.systems.d.settings import PUBLISHED

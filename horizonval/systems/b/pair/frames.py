@@ -27,9 +27,9 @@ from horizonval.geometry.horizon import horizon_cam
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.scoring.errors import score
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.b.pair.sun_light import without_sunlight
 

@@ -11,9 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from horizonval.spec.base import Model
-from horizonval.spec.numbers import Finite, Fraction, Positive
-from horizonval.spec.units import unit
+from horizonval.spec.base import Finite, Fraction, Model, Positive, unit
 
 FieldAngles = list[Annotated[float, Field(ge=0, le=180)]]
 FNumber = Annotated[float, Field(ge=0.5, le=1000), unit("1")]
