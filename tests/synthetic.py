@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from horizonval.api.progress import shown
 from horizonval.api.scene import Scene
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress

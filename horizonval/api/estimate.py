@@ -13,7 +13,7 @@ from horizonval.api.camera import Camera, camera_of
 from horizonval.commands.estimate import estimator_of, observation_from, observation_from_heads, prior_from
 from horizonval.commands.picture import GreyImage, picture_of_array, picture_of_source, read_picture
 from horizonval.core.errors import UserError
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior

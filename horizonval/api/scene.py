@@ -10,9 +10,8 @@ from typing import Any, Never
 import numpy as np
 
 from horizonval.api.camera import Camera, camera_of
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.json_types import JsonObject
-from horizonval.core.suggest import nearest
 from horizonval.spec.base import deep_merge
 from horizonval.spec.load import Shelf, load_frames, load_scene
 from horizonval.spec.scene import SceneSpec

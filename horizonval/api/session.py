@@ -15,8 +15,7 @@ from horizonval.api.frame import Frame
 from horizonval.api.image import Image, observe
 from horizonval.api.progress import shown
 from horizonval.api.scene import Scene, plain, scene_of
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.geometry.frames import to_yaw_pitch_roll
 from horizonval.spec.load import validate
 from horizonval.spec.scene import Attitude as AttitudeSpec

@@ -13,7 +13,7 @@ import numpy as np
 from horizonval.commands.picture import GreyImage, read_picture, refuse_other_size
 from horizonval.commands.program import program_of
 from horizonval.core.errors import UserError
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation import installed, registry
 from horizonval.estimation.likelihood.templates import templates_of

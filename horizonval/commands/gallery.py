@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from horizonval.core import atomic
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.progress import Progress
-from horizonval.core.suggest import nearest
 from horizonval.frame import RadianceFrame
 from horizonval.report.figures.frame_picture import reflectance, thermal_panel
 from horizonval.report.figures.infrared import infrared_picture

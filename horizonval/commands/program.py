@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.limits import Limits

@@ -29,8 +29,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.earth import atmosphere_file
 from horizonval.earth.atmosphere import aerosol
 from horizonval.earth.atmosphere.air import NO_ATMOSPHERE, TOP_M, Air, air_of

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.files import kind_at
-from horizonval.core.suggest import nearest
 from horizonval.precheck.report import Report
 from horizonval.precheck.scene import check_scene
 from horizonval.precheck.study import check_study

@@ -27,8 +27,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.earth.atmosphere import profiles
 from horizonval.earth.weather import real_states
 from horizonval.earth.weather.real_states import PREFIX

@@ -11,8 +11,7 @@ from horizonval.api.camera import Camera
 from horizonval.api.image import observe
 from horizonval.api.scene import Scene
 from horizonval.api.session import Session
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.serve.pose import attitude_keywords, place_keywords
 from horizonval.serve.request import ImageRequest
 from horizonval.spec.detector import Cmos

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.spec.base import Angle, Finite, Listed, Model, Positive, unit
 from horizonval.spec.load import validate
 from horizonval.wire import SCHEMA

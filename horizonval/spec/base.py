@@ -16,8 +16,8 @@ from pydantic import (
     model_serializer,
 )
 
+from horizonval.core.files import LONGEST_FRAME_NAME, LONGEST_NAME, usable_name
 from horizonval.core.json_types import JsonObject
-from horizonval.core.machine.file_names import LONGEST_FRAME_NAME, LONGEST_NAME, usable_name
 
 
 class Model(BaseModel):

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from horizonval.core.errors import UserError, excerpt, several
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, excerpt, nearest, several
 from horizonval.spec.base import Model
 
 Schema = Mapping[str, Any]

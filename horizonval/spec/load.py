@@ -18,9 +18,8 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from horizonval.core import files
-from horizonval.core.errors import MistakeCollector, UserError, excerpt
+from horizonval.core.errors import MistakeCollector, UserError, excerpt, nearest
 from horizonval.core.json_types import JsonObject
-from horizonval.core.suggest import nearest
 from horizonval.spec.base import Model, deep_merge
 from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.expand import variants

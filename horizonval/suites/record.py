@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.code import code_version
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit
 from horizonval.frame import FrameTruth
 from horizonval.scoring.expected import expected_outcome

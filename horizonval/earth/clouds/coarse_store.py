@@ -13,7 +13,7 @@ import numpy as np
 from horizonval.core.cache import cached_arrays, keep_arrays, keep_newest
 from horizonval.core.code import FRAME_ROOMS, code_digest
 from horizonval.core.digests import content_digest
-from horizonval.core.machine.caches import cache_folder
+from horizonval.core.environment import cache_folder
 from horizonval.earth.clouds.earth_pattern import Coarse, coarse_map
 
 KEPT = 64

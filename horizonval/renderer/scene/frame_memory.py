@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from horizonval.core.machine import memory
+from horizonval.core import memory
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

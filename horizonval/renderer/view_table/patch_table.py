@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.once import made_once
+from horizonval.core.progress import made_once
 from horizonval.renderer.tables import gather_row, table_of_parts
 from horizonval.renderer.types import Values
 from horizonval.renderer.view_table.spline_patch import (

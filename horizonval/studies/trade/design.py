@@ -20,10 +20,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
+from horizonval.core.files import LONGEST_FRAME_NAME, LONGEST_GENERATED_NAME, shortened
 from horizonval.core.json_types import JsonObject
-from horizonval.core.machine.file_names import LONGEST_FRAME_NAME, LONGEST_GENERATED_NAME, shortened
-from horizonval.core.suggest import nearest
 from horizonval.spec.base import deep_merge
 from horizonval.spec.expand import variants
 from horizonval.spec.explain import show, with_option

@@ -16,7 +16,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.limb.finder import find_canny_pixels, find_edges_only, find_limb
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.result import LimbPoints

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.json_types import JsonObject
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
 from horizonval.estimation.methods import linear_heads
 from horizonval.estimation.observation import Fit, Observation

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.shape.circle import fit_circle
