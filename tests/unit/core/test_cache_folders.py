@@ -41,7 +41,6 @@ WORK = """
 import logging, os, subprocess, sys
 from horizonval.core.environment import cache_folder, settle_libraries
 settle_libraries()
-from horizonval.core import environment
 from horizonval.core.cache import cached_json, keep_json
 path = cache_folder() / "a" / "b.json"
 keep_json(path, {"x": 1})
