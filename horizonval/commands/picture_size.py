@@ -55,9 +55,9 @@ def refuse_too_large(width: int, height: int, path: Path) -> None:
 
 
 def _exr_size(path: Path) -> tuple[int, int]:
-    from horizonval.store import seal
+    from horizonval.store.header import read_header
 
-    window = seal.read_header(path).attributes.get("dataWindow")
+    window = read_header(path).attributes.get("dataWindow")
     if window is None or len(window.raw) != 16:
         raise DamagedFileError("the header has no data window", where=str(path))
     x_min, y_min, x_max, y_max = struct.unpack("<4i", window.raw)

@@ -52,10 +52,7 @@ def export_file(path: Path, out: Path, formats: Collection[Format] = (), *, zipp
         Not one of our files, damaged, no astropy for ``fits``, a folder that cannot be written, or an EXR file that
         would replace the one it is made of.
     """
-    kind = exr.kind(path)
-    if kind == "foreign":
-        raise UserError("an EXR file, but not written by horizonval", where=str(path))
-    source = exr.read_frame(path) if kind == "frame" else exr.read_image(path)
+    source = exr.read(path)
     address = path.stem if is_address(path.stem) else ""
     name = name_of(source, path, address)
     written = []

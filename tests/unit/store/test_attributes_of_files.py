@@ -20,7 +20,7 @@ from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.store import exr, masks
 from horizonval.store.attributes import UNITS, camera_of, own_attributes, standard_attributes
-from horizonval.store.show import shown
+from horizonval.store.entry import shown
 
 conf.auto_download = False
 

@@ -165,7 +165,7 @@ def test_every_flipped_byte_is_noticed(stored, capfd):
 
 def test_every_flipped_header_byte_is_noticed_without_the_pixels(stored):
     good = stored.read_bytes()
-    end = exr.seal.read_header(stored).end
+    end = len(exr.exr_header.read_header(stored).data)
     for position in range(0, end, 7):
         bad = bytearray(good)
         bad[position] ^= 0x20
