@@ -49,8 +49,8 @@ from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.earth.weather import warming
 from horizonval.earth.weather.field import WeatherField
 from horizonval.geometry.ellipsoid import WGS84
+from horizonval.geometry.horizon import rays_along_parallels
 from horizonval.spec.camera import Band
-from horizonval.studies.stability.orbit import rays_along_parallels
 from horizonval.studies.templates.rays import HEIGHT_M
 
 WEATHERS, COVERS = 12, 6
@@ -68,7 +68,7 @@ OPAQUE_PER_M = 2e-2
 """Of opaque cloud: black within 100 m."""
 GRID_M = np.linspace(0.0, 100e3, 1001)
 NODES = 128
-"""Of the march; see :data:`horizonval.studies.stability.profiles.NODES`."""
+"""Of the march; see :data:`horizonval.suites.stability.NODES`."""
 
 
 def draws(what: str, month: float, number: int) -> np.random.Generator:
