@@ -22,7 +22,7 @@ FRAME_ROOMS = ("core", "earth", "frame", "geometry", "renderer", "spec", "store"
 is for other programs and is never read back, so that work on an estimator does not render frames again."""
 _WITHOUT_RESULTS = {
     "__init__", "__main__", "api", "bridges", "cli", "commands", "jobs", "precheck", "report", "scenes", "serve",
-    "studies", "systems", "wire",
+    "studies", "systems", "tables", "wire",
 }  # fmt: skip
 """Rooms that no row of results flows through: they ask for results, or show them."""
 

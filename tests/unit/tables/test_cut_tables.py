@@ -13,7 +13,7 @@ from horizonval.commands.templates import mission_table, sun_angles, write_table
 from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import load_templates, shipped_templates
-from horizonval.studies.templates.onboard import LimbPlaces, cut_down
+from horizonval.tables.onboard import LimbPlaces, cut_down
 
 WHOLE = shipped_templates("thermal", (14.0, 16.3))
 

@@ -7,7 +7,7 @@ import pytest
 
 from horizonval.earth.weather import warming
 from horizonval.earth.weather.field import WeatherField
-from horizonval.studies.templates import thermal_states as states
+from horizonval.tables import thermal as states
 
 LEVELS_M = np.array([0.0, 5e3, 12e3, 25e3, 35e3, 45e3, 60e3])
 

@@ -12,7 +12,7 @@ from horizonval.core.progress import Silent
 from horizonval.earth.surface import surface_temperature
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.spec.camera import Band
-from horizonval.studies.templates.uniform_air import UniformAir, ground_around_k, sunlit_in, thermal_in
+from horizonval.tables.uniform_air import UniformAir, ground_around_k, sunlit_in, thermal_in
 
 
 @pytest.mark.parametrize(

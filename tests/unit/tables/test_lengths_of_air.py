@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizonval.studies.templates.rays import LATITUDE_DEG
-from horizonval.studies.templates.thermal_states import ASIDE_DEG, WEATHERS
-from horizonval.studies.templates.thermal_table import lengths_of_air
+from horizonval.tables.modes import LATITUDE_DEG
+from horizonval.tables.thermal import ASIDE_DEG, WEATHERS, lengths_of_air
 
 MONTHS = 60
 MERIDIAN_RAD, PARALLEL_RAD = 0.25, 0.55

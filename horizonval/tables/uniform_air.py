@@ -9,8 +9,7 @@ air left out: what haze, ground and cloud make of light is taken to be the same 
 
 ``clear``: the mean is that of the air with the mean haze; of modes those of haze and ground are left where the Sun
 shines, and in thermal bands a ground that is as warm as the climate's mean round the circle of latitude, and warmer or
-colder by what places and hours of that circle scatter by, and by 5 K (rms) of the day as in the shipped ones. With half
-sea and half land everywhere, and 5 K alone, ice sheets were seven standard deviations away, and refused.
+colder by what places and hours of that circle scatter by, and by 5 K (rms) of the day as in the shipped ones.
 """
 
 from __future__ import annotations
@@ -38,10 +37,10 @@ from horizonval.spec.camera import Band
 from horizonval.spec.earth import Atmosphere
 from horizonval.spec.prior import is_climate_file
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
-from horizonval.studies.templates import sunlit_states, thermal_states
-from horizonval.studies.templates.rays import HEIGHT_M, KNOWN_AZIMUTH_DEG, KNOWN_ZENITH_DEG, LATITUDE_DEG
-from horizonval.studies.templates.sunlit_table import FAINT
-from horizonval.studies.templates.thermal_table import COVER_KINDS, cover_modes
+from horizonval.tables import sunlit, thermal
+from horizonval.tables.modes import HEIGHT_M, KNOWN_AZIMUTH_DEG, KNOWN_ZENITH_DEG, LATITUDE_DEG
+from horizonval.tables.sunlit import FAINT
+from horizonval.tables.thermal import COVER_KINDS, cover_modes
 
 LONGITUDES = 360
 """Of the places round a circle of latitude, at every hour that the Sun makes there."""
@@ -104,14 +103,14 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
     """
     gases = air.gases()
     calm = np.zeros((len(LATITUDE_DEG), len(months), len(HEIGHT_M)))
-    covered = np.zeros((*calm.shape[:2], 1 if air.clear else thermal_states.COVERS, len(HEIGHT_M)))
+    covered = np.zeros((*calm.shape[:2], 1 if air.clear else thermal.COVERS, len(HEIGHT_M)))
     for i, j in np.ndindex(*calm.shape[:2]):
         latitude, month = float(LATITUDE_DEG[i]), float(months[j])
         progress.step("known air", f"latitude {latitude:g}, month {month:g}")
-        clear, warm = _clear_covers(latitude, month) if air.clear else (thermal_states.CLEAR, None)
+        clear, warm = _clear_covers(latitude, month) if air.clear else (thermal.CLEAR, None)
         calm[i, j] = _profile(gases, band, latitude, month, clear)
         for k in range(covered.shape[2]):
-            cover = thermal_states.cover_of(latitude, month, k) if warm is None else warm
+            cover = thermal.cover_of(latitude, month, k) if warm is None else warm
             covered[i, j, k] = _profile(gases, band, latitude, month, cover)
     departures = covered - calm[:, :, None]
     table = LimbTemplates(
@@ -154,28 +153,28 @@ def ground_around_k(latitude_deg: float, month: float) -> tuple[float, float]:
     return mean, float(np.sqrt(max(square - mean**2, 0.0)))
 
 
-def _clear_covers(latitude_deg: float, month: float) -> tuple[thermal_states.Cover, thermal_states.Cover]:
+def _clear_covers(latitude_deg: float, month: float) -> tuple[thermal.Cover, thermal.Cover]:
     """Return a clear sky over the mean ground of a place, and over one that is warmer by a standard deviation."""
     mean_k, spread_k = ground_around_k(latitude_deg, month)
     mean = replace(
-        thermal_states.CLEAR,
-        ground_warmer_k=mean_k - thermal_states.ground_k(latitude_deg, month, thermal_states.CLEAR),
+        thermal.CLEAR,
+        ground_warmer_k=mean_k - thermal.ground_k(latitude_deg, month, thermal.CLEAR),
     )
-    sigma_k = float(np.hypot(spread_k, thermal_states.GROUND_SIGMA_K))
+    sigma_k = float(np.hypot(spread_k, thermal.GROUND_SIGMA_K))
     return mean, replace(mean, ground_warmer_k=mean.ground_warmer_k + sigma_k)
 
 
-def _profile(gases: GasState, band: Band, latitude_deg: float, month: float, cover: thermal_states.Cover) -> FloatArray:
-    model = thermal_states.thermal_model(gases, [band], latitude_deg, month, cover)
-    return thermal_states.thermal_profiles(model, latitude_deg, [band])[0]
+def _profile(gases: GasState, band: Band, latitude_deg: float, month: float, cover: thermal.Cover) -> FloatArray:
+    model = thermal.thermal_model(gases, [band], latitude_deg, month, cover)
+    return thermal.thermal_profiles(model, latitude_deg, [band])[0]
 
 
 def sunlit_in(air: UniformAir, band: Band, whole: LimbTemplates, progress: Progress) -> LimbTemplates:
     """Return the table of a sunlit band, from the shipped one of the bands most like it."""
     sun_deg = (KNOWN_ZENITH_DEG, KNOWN_AZIMUTH_DEG)
     axes = (np.radians(sun_deg[0]), np.radians(sun_deg[1]))
-    profile = sunlit_states.band_profiles(sunlit_states.BASE, band, progress, air.keys, sun_deg)
-    base = sunlit_states.band_profiles(sunlit_states.BASE, band, progress, sun_deg=sun_deg)
+    profile = sunlit.band_profiles(sunlit.BASE, band, progress, air.keys, sun_deg)
+    base = sunlit.band_profiles(sunlit.BASE, band, progress, sun_deg=sun_deg)
     known = base > FAINT * base.max(axis=-1, keepdims=True)
     ratio = np.where(known, profile / np.where(known, base, 1.0), 1.0)
     left_out = CLOUDY_KINDS if air.clear else ("air",)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.arrays import FloatArray
-from horizonval.studies.templates.kept import kept_arrays
+from horizonval.tables.modes import kept_arrays
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", b"\x93NUMPY"])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizonval.studies.templates.modes import empirical_modes, scene_mode, smoothed
-from horizonval.studies.templates.rays import HEIGHT_M, edge_weights
+from horizonval.tables.modes import HEIGHT_M, edge_weights, empirical_modes, scene_mode, smoothed
 
 HEIGHT = np.linspace(-20e3, 60e3, 41)
 
