@@ -16,11 +16,18 @@ from horizonval.api.image import Image
 from horizonval.api.scene import plain
 from horizonval.core.errors import UserError
 from horizonval.frame import FrameTruth
-from horizonval.wire import SCHEMA
-from horizonval.wire.address import Address
-from horizonval.wire.framing import LONGEST_BODY, receive, send
-from horizonval.wire.packing import array_of_map, check_installed, pack, unpack
-from horizonval.wire.problem import error_of_message
+from horizonval.wire import (
+    LONGEST_BODY,
+    SCHEMA,
+    Address,
+    array_of_map,
+    check_installed,
+    error_of_message,
+    pack,
+    receive,
+    send,
+    unpack,
+)
 
 _RETRY_S = 0.05
 

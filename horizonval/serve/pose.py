@@ -23,7 +23,7 @@ from horizonval.geometry.ellipsoid import geodetic_from_itrs, itrs_from_geodetic
 from horizonval.geometry.frames import compose, inverse, lvlh_from_itrs, to_yaw_pitch_roll
 from horizonval.geometry.pose import ellipsoid_from_spec, place_from_spec
 from horizonval.geometry.tle import EARTH_RATE_RAD_S
-from horizonval.serve.request import ANGLES, GEODETIC, ImageRequest
+from horizonval.serve.protocol import ANGLES, GEODETIC, ImageRequest
 from horizonval.spec.scene import SceneSpec
 
 FARTHEST_M = 2.1e9

@@ -23,8 +23,7 @@ from serve_faults import after_faults
 
 import horizonval as hv
 from horizonval.geometry.frames import compose, inverse
-from horizonval.wire.address import Address
-from horizonval.wire.framing import HEADER, MAGIC
+from horizonval.wire import HEADER, MAGIC, Address
 
 CLIENT_C = Path(__file__).parents[2] / "examples" / "serve" / "client.c"
 SCENE = """

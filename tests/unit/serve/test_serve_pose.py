@@ -10,7 +10,7 @@ import horizonval as hv
 from horizonval.core.errors import UserError
 from horizonval.geometry.pose import pose_from_spec
 from horizonval.serve.pose import attitude_keywords, place_keywords
-from horizonval.serve.request import ImageRequest
+from horizonval.serve.protocol import ImageRequest
 
 SCENE = hv.Scene(
     "vis-cmos-512-60deg", altitude_km=550, latitude_deg=10, heading_deg=40, yaw_deg=5, epoch="2026-03-20T12:00Z"

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.serve.request import ImageRequest, identity_of, image_request, kind_of
+from horizonval.serve.protocol import ImageRequest, identity_of, image_request, kind_of
 from horizonval.wire import SCHEMA
 
 HEAD: dict[str, Any] = {"schema": SCHEMA, "kind": "image"}
