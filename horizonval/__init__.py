@@ -5,7 +5,7 @@
     import horizonval as hv
 
     camera = hv.Camera.from_file("mycam.toml")  # or a shipped name
-    scene = hv.Scene(camera=camera, altitude_km=550, latitude_deg=10, epoch="2026-03-20T12:00Z")
+    scene = hv.Scene(camera=camera, altitude_km=550, latitude_deg=10, epoch_utc="2026-03-20T12:00Z")
     print(hv.check(scene))
     frame = hv.render(scene)
     image = frame.observe(seed=1)

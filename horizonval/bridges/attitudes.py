@@ -78,7 +78,7 @@ def request_of_state(
     v_itrs = turn @ np.asarray(v_gcrs, float) - np.cross([0.0, 0.0, EARTH_RATE_RAD_S], r_itrs)
     body_from_gcrs = Rotation.from_quat(quaternion_of_mrp(sigma_bn))
     return {
-        "epoch": epoch_utc,
+        "epoch_utc": epoch_utc,
         "position_itrs_km": [x / 1e3 for x in r_itrs.tolist()],
         "velocity_itrs_km_s": [x / 1e3 for x in v_itrs.tolist()],
         "q_body_from_itrs": (body_from_gcrs * Rotation.from_matrix(turn.T)).as_quat(canonical=True).tolist(),

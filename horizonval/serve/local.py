@@ -1,6 +1,6 @@
-"""Requests to images: the sessions of the places that were asked for last, and what a reply holds.
+"""Requests to images: one session per place, and the contents of a reply.
 
-The image service without a socket, in the process of the one who asks: the same requests, the same bytes.
+:class:`LocalClient` is the image service without a socket, in the caller's process: the same requests, the same bytes.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from horizonval.api.camera import Camera
 from horizonval.api.client import Client
 from horizonval.api.image import observe
 from horizonval.api.scene import Scene
-from horizonval.api.session import Session
+from horizonval.api.session import TURNS, Session
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
-from horizonval.serve.pose import attitude_keywords, place_keywords
+from horizonval.geometry.pose import scene_keys
 from horizonval.serve.protocol import ImageRequest, image_request
 from horizonval.spec.detector import Cmos
+from horizonval.spec.pose import TABLE_OF
 from horizonval.wire import SCHEMA, array_to_map
 
 MOST_PLACES = 4
@@ -86,8 +87,9 @@ class ImageSource:
         """
         head, scene = self._scene(request.head)
         camera = _camera(scene.camera, request)
-        session = self._session(head, scene, place_keywords(request, scene.spec))
-        frame = session.frame(attitude_keywords(request, session.scene.spec), maps=False)
+        keys = scene_keys(request, scene.spec, "request")
+        place = {key: value for key, value in keys.items() if TABLE_OF[key] == "platform"}
+        frame = self._session(head, scene, place).frame({key: keys[key] for key in TURNS if key in keys}, maps=False)
         image = observe(frame, seed=request.seed, band=request.band, camera=camera)
         reply: dict[str, Any] = {
             "schema": SCHEMA,
@@ -116,7 +118,7 @@ class ImageSource:
         raise UserError("missing" if head is None else f"no head {head!r}", where="request: head", expected=expected)
 
     def _session(self, head: str | None, scene: Scene, place: dict[str, Any]) -> Session:
-        key = (head, *place.values())
+        key = (head, scene.spec.platform.model_copy(update=place))
         session = self._sessions.pop(key, None)
         if session is None:
             session = Session.of(scene.changed(**place))

@@ -51,7 +51,8 @@ from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.earth import Atmosphere, CloudLayer, Surface
-from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
+from horizonval.spec.pose import CameraUse, Platform
+from horizonval.spec.scene import SceneName, SceneSpec
 from horizonval.tables.modes import (
     HEIGHT_M,
     SUN_AZIMUTH_DEG,

@@ -36,7 +36,8 @@ from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.camera import Band
 from horizonval.spec.earth import Atmosphere
 from horizonval.spec.prior import is_climate_file
-from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
+from horizonval.spec.pose import CameraUse, Platform
+from horizonval.spec.scene import SceneName, SceneSpec
 from horizonval.tables import sunlit, thermal
 from horizonval.tables.modes import HEIGHT_M, KNOWN_AZIMUTH_DEG, KNOWN_ZENITH_DEG, LATITUDE_DEG
 from horizonval.tables.sunlit import FAINT

@@ -181,7 +181,7 @@ def test_mistakes_are_lines_and_the_server_lives(served):
         ({"band": "ir"}, "request: band: no band 'ir'; expected one of vis"),
         ({"head": "a"}, "request: head"),
         ({"exposure_s": 1e9}, "exposure_s"),
-        ({"epoch": "1900-01-01"}, "1960"),
+        ({"epoch_utc": "1900-01-01"}, "1960"),
         ({"altitude_km": 1e-9}, "altitude_km"),
     ]
     with served.client() as client:

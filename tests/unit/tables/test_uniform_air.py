@@ -69,7 +69,7 @@ def test_a_frame_of_that_air_has_the_brightness_of_its_table() -> None:
         camera={"width": width, "height": height, "fov_deg": None, "fx": focal, "fy": focal}
     )
     scene = hv.Scene(
-        camera=camera, altitude_km=600, latitude_deg=latitude, epoch="2026-04-30T12:00Z", mount_roll_deg=66,
+        camera=camera, altitude_km=600, latitude_deg=latitude, epoch_utc="2026-04-30T12:00Z", mount_roll_deg=66,
         atmosphere={"profile": "tropical"}, render={"subsamples": FINER, "nodes": 128},
     )  # fmt: skip
     frame = hv.render(scene, progress=False)
