@@ -9,9 +9,8 @@ from typing import Any, Unpack
 import numpy as np
 
 from horizonval.api.camera import Camera, camera_of
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.json_types import JsonObject
-from horizonval.core.suggest import nearest
 from horizonval.geometry.pose import scene_keys
 from horizonval.spec.base import deep_merge
 from horizonval.spec.load import Shelf, load_frames, load_scene, validate

@@ -14,8 +14,7 @@ from horizonval.api.frame import Frame
 from horizonval.api.image import Image, observe
 from horizonval.api.progress import shown
 from horizonval.api.scene import Scene, SceneKeywords, plain, scene_of
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.geometry.pose import scene_keys
 from horizonval.spec.load import validate
 from horizonval.spec.pose import ANGLES, QUATERNIONS, TABLE_OF, PoseKeys

@@ -16,8 +16,7 @@ from horizonval.api.client import Client
 from horizonval.api.image import observe
 from horizonval.api.scene import Scene
 from horizonval.api.session import TURNS, Session
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.geometry.pose import scene_keys
 from horizonval.serve.protocol import ImageRequest, image_request
 from horizonval.spec.detector import Cmos
