@@ -35,8 +35,8 @@ from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.camera import Band
 from horizonval.spec.earth import Atmosphere
-from horizonval.spec.prior import is_climate_file
 from horizonval.spec.pose import CameraUse, Platform
+from horizonval.spec.prior import is_climate_file
 from horizonval.spec.scene import SceneName, SceneSpec
 from horizonval.tables import sunlit, thermal
 from horizonval.tables.modes import HEIGHT_M, KNOWN_AZIMUTH_DEG, KNOWN_ZENITH_DEG, LATITUDE_DEG
