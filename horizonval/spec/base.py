@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from functools import cache
 from typing import Annotated, Any, ClassVar
 
@@ -113,6 +114,27 @@ def _from_list(value: Any) -> Any:
 
 Listed = BeforeValidator(_from_list)
 """TOML has lists only: beside a tuple's type it lets one in, which strict validation would not."""
+Vector = Annotated[tuple[Finite, Finite, Finite], Listed]
+Quaternion = Annotated[tuple[Finite, Finite, Finite, Finite], Listed, unit("1")]
+
+
+def _time_from_text(value: Any) -> Any:
+    try:
+        return datetime.fromisoformat(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+def in_utc(value: datetime) -> datetime:
+    """Return an instant in UTC; one without an offset is taken as UTC."""
+    try:
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+    except OverflowError:
+        raise ValueError(f"{value.isoformat()} in UTC is before the year 1 or after the year 9999") from None
+
+
+Epoch = Annotated[datetime, BeforeValidator(_time_from_text), AfterValidator(in_utc)]
+"""Date and time in UTC, of a TOML file or as text in the form of ISO 8601."""
 
 
 def deep_merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> JsonObject:

@@ -6,21 +6,13 @@ calibration is the error of the camera and the time that estimators are given.
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from horizonval.spec.base import Finite, FrameName, Listed, Model, NonNegative, Positive, unit
+from horizonval.spec.base import Epoch, Finite, FrameName, Listed, Model, NonNegative, Positive, Quaternion, Vector
 
 BY_LATITUDE_MONTH = "by_latitude_month"
-
-
-def _time_from_text(value: Any) -> Any:
-    try:
-        return datetime.fromisoformat(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
 
 
 SigmaAngle = Annotated[float, Field(gt=0, le=180)]
@@ -45,15 +37,15 @@ class PriorSpec(Model):
     """Height above the shape, of the ellipsoid the geodetic one."""
     altitude_sigma_km: Positive | None = None
     """Standard deviation of its error. A drawn altitude is above 0: one below is drawn again."""
-    position_itrs_km: Annotated[tuple[Finite, Finite, Finite], Listed] | None = None
+    position_itrs_km: Vector | None = None
     """Position in Earth-fixed axes."""
     position_sigma_km: Positive | None = None
     """Standard deviation of the error of each component."""
-    q_cam_from_itrs: Annotated[tuple[Finite, Finite, Finite, Finite], Listed, unit("1")] | None = None
+    q_cam_from_itrs: Quaternion | None = None
     """Attitude of the camera against Earth-fixed axes, a unit quaternion, scalar last."""
     attitude_sigma_deg: Annotated[tuple[SigmaAngle, SigmaAngle, SigmaAngle], Listed] | None = None
     """Standard deviation of its error as a turn about the body's x (roll), y (pitch) and z (yaw)."""
-    epoch_utc: Annotated[datetime, BeforeValidator(_time_from_text)] | None = None
+    epoch_utc: Epoch | None = None
     """Date and time of the image, UTC. Where position or attitude are drawn, the scene's own without the key."""
     limb_height_km: Finite | None = None
     """By how much the limb in the image stands above the horizon of the shape, the mean all round."""
@@ -69,13 +61,6 @@ class PriorSpec(Model):
     """Standard deviation of the Sun sensor's reading in each of two directions across it. Without the key the sensor
     gives whole degrees.
     """
-
-    @field_validator("epoch_utc")
-    @classmethod
-    def _utc(cls, value: datetime | None) -> datetime | None:
-        if value is None:
-            return None
-        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
     @field_validator("q_cam_from_itrs")
     @classmethod

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from horizonval.spec.base import Angle, Finite, Fraction, FrameName, Listed, Model, PlainName, Positive, Whole, unit
+from horizonval.spec.base import Angle, Fraction, FrameName, Listed, Model, PlainName, Positive, Vector, Whole, unit
 from horizonval.spec.earth import Atmosphere, CloudLayer, Clouds, Earth, Moon, Night, SunOverride, Surface
+from horizonval.spec.pose import Attitude, CameraUse, Platform
 from horizonval.spec.prior import CalibrationSpec, PriorSpec
 
 Material = Literal["white_paint", "black_paint", "solar_cell", "kapton_foil", "gold", "aluminium"]
-
-Place = Annotated[tuple[Finite, Finite, Finite], Listed]
 
 _KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mesh": (("file",), ("scale",)),
@@ -43,7 +41,7 @@ class SpacecraftPart(Model):
     """
     frame: Literal["body", "cam"] = "body"
     """Whose axes: of the body, or of the camera (x right, y down, z along the boresight)."""
-    position_m: Place = (0.0, 0.0, 0.0)
+    position_m: Vector = (0.0, 0.0, 0.0)
     """The part's origin, from the camera."""
     yaw_deg: Angle = 0.0
     """Yaw of the part, about z."""
@@ -61,9 +59,9 @@ class SpacecraftPart(Model):
     """Of a baffle at its other end; without the key `radius_m`, a tube."""
     length_m: Positive | None = None
     """Of a baffle, along z."""
-    from_m: Place | None = None
+    from_m: Vector | None = None
     """Middle of a boom's first end, in the part's own axes."""
-    to_m: Place | None = None
+    to_m: Vector | None = None
     """Middle of a boom's other end."""
     file: str | None = None
     """A mesh: PLY, OBJ or glTF (`.gltf`, `.glb`); a relative path starts from the folder of this file. Its triangles
@@ -112,73 +110,6 @@ class SceneName(Model):
     """A name that stands in place of the scene's own identity wherever something is drawn. Scenes of the same draw and
     seed have the same clouds and, with the same camera name, the same noise: common random numbers, for comparing
     cameras and methods frame by frame.
-    """
-
-
-class CameraUse(Model):
-    """Which camera, and how it is mounted in the body.
-
-    The mounting turns body axes into camera axes: yaw about z, then pitch about y, then roll about x. Where the camera
-    has heads it turns body axes into those of the housing, and the head's own angles turn these into camera axes.
-    """
-
-    later_keys: ClassVar[frozenset[str]] = frozenset({"head"})
-
-    file: str
-    """Name of a shipped camera (`horizonval list cameras`), or the path of a camera file; a relative path starts from
-    the folder of this file.
-    """
-    head: PlainName | None = None
-    """Name of one of the camera file's `[[head]]` tables, or `"all"` for one frame per head, named `<scene>.<head>`.
-    Without the key a suite's frame does the same, and a scene file asks for a choice.
-    """
-    mount_yaw_deg: Angle = 0.0
-    """Yaw of the mounting, about z."""
-    mount_pitch_deg: Angle = 0.0
-    """Pitch of the mounting, about y."""
-    mount_roll_deg: Angle = 0.0
-    """Roll of the mounting, about x."""
-
-
-class Platform(Model):
-    """Where the satellite is, and when."""
-
-    epoch_utc: datetime = datetime(2026, 3, 20, 12, 0, 0, tzinfo=UTC)
-    """Date and time, UTC; years 1960 to 2099. It decides where Sun and Moon are, the season and the local time."""
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
-    """Geodetic latitude of the satellite."""
-    longitude_deg: Angle = 0.0
-    """Longitude of the satellite, positive to the east."""
-    altitude_km: Annotated[float, Field(gt=0, le=2_000_000)]
-    """Geodetic altitude: height above the ellipsoid, or above the sphere."""
-    heading_deg: Angle = 0.0
-    """Geocentric azimuth of the velocity, from north towards east, in the plane across the line to the Earth's centre
-    (the azimuth in the geodetic level plane differs by up to half an arcsecond). It says where x of lvlh points."""
-
-    @field_validator("epoch_utc")
-    @classmethod
-    def _utc(cls, value: datetime) -> datetime:
-        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
-
-
-class Attitude(Model):
-    """Body against lvlh (x to the velocity, z to the geocentric nadir): yaw about z, then pitch about y, then roll
-    about x.
-    """
-
-    later_keys: ClassVar[frozenset[str]] = frozenset({"rate_deg_s", "hold"})
-
-    yaw_deg: Angle = 0.0
-    """Yaw, about z."""
-    pitch_deg: Angle = 0.0
-    """Pitch, about y."""
-    roll_deg: Angle = 0.0
-    """Roll, about x."""
-    rate_deg_s: Annotated[tuple[Finite, Finite, Finite], Listed] = (0.0, 0.0, 0.0)
-    """Angular velocity of the body against lvlh, in body axes; it blurs exposures and slants rolling shutters."""
-    hold: Literal["lvlh", "inertial"] = "lvlh"
-    """What `rate_deg_s` is counted from: `lvlh`, or `inertial`, which adds the orbital rate (a body that is fixed among
-    the stars).
     """
 
 

@@ -16,7 +16,8 @@ from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_g
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.earth import Atmosphere, Surface
 from horizonval.spec.load import load_camera
-from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
+from horizonval.spec.pose import CameraUse, Platform
+from horizonval.spec.scene import SceneName, SceneSpec
 
 LOWEST_M = -30e3
 FLOOR = 2e-3

@@ -70,8 +70,8 @@ class Tabulated:
     quantities : int
         A multiple of :data:`PACKET`.
     single : bool
-        Whether coefficients are kept in single precision: for large tables. Derivatives over steps of a small part of a
-        pixel want double.
+        Whether coefficients are kept in single precision: for large tables. Differences of frames over a small part of
+        a pixel need double precision.
     """
 
     values: Callable[[FloatArray, FloatArray], FloatArray]
