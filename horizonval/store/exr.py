@@ -8,7 +8,7 @@ said otherwise)::
     energy_radiance.<band>  W m-2 sr-1, of solar bands: the plain integral over wavelength
     behind.<band>       W m-2 sr-1, as radiance, without parts of the spacecraft; in frames that have some
     truth.<map>         see horizonval.frame.MAP_UNITS and PART_MAP
-    mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.masks)
+    mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.attributes)
     dn.<band>           digital numbers
 
 ``horizonval:unit.<channel>`` is the unit of a channel. Digital numbers are stored as floating point, float16 up to a
@@ -56,8 +56,14 @@ from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import MAP_UNITS, PART_MAP, PART_MAP_UNIT, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.store import header as exr_header
-from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
-from horizonval.store.masks import earth, saturated, sunlit
+from horizonval.store.attributes import (
+    camera_of,
+    earth_mask,
+    own_attributes,
+    saturated_mask,
+    standard_attributes,
+    sunlit_mask,
+)
 
 FILE_SCHEMA = 5
 """Of the files' layout. 1 to 3 went with the truth's own schema (:data:`horizonval.frame.FRAME_SCHEMA`): 1 before there
@@ -127,7 +133,7 @@ def write_frame(path: str | os.PathLike[str], frame: RadianceFrame, *, codec: Co
             channels[f"{ENERGY}{band}"] = _float32(values, f"{ENERGY}{band}")
     channels |= {f"truth.{name}": _float32(values, f"truth.{name}") for name, values in frame.maps.items()}
     channels["Y"] = channels[f"radiance.{bands[0]}"]
-    channels |= {"mask.earth": earth(frame.maps), "mask.sunlit": sunlit(frame.maps, frame.truth)}
+    channels |= {"mask.earth": earth_mask(frame.maps), "mask.sunlit": sunlit_mask(frame.maps, frame.truth)}
     own = {"kind": "frame", "bands": ",".join(bands), "truth": _dumps(frame.truth.to_dict())}
     own |= {"render": _dumps(frame.render)}
     own |= {"renderer": _words(frame.render.get(key) for key in ("kind", "version", "variant"))}
@@ -171,7 +177,7 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
     dtype = np.float16 if image.full_scale <= _FLOAT16_INTEGERS else np.float32
     name = f"dn.{image.band}"
     values = np.ascontiguousarray(dn, dtype=dtype)
-    channels: Channels = {name: values, "Y": values, "mask.saturated": saturated(dn, image.full_scale)}
+    channels: Channels = {name: values, "Y": values, "mask.saturated": saturated_mask(dn, image.full_scale)}
     own: dict[str, Any] = {"kind": "image", "bands": image.band, "truth": _dumps(image.truth.to_dict())}
     own |= {"observation": _dumps(image.observation), "full_scale": image.full_scale}
     own |= {"seed": str(image.observation.get("seed", ""))}

@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.frame import Hit, RadianceFrame
-from horizonval.store import masks
+from horizonval.store import attributes
 
 CATEGORIES = ("earth", "sunlit_earth", "limb")
 
 
 def masks_of(frame: RadianceFrame) -> dict[str, NDArray[np.bool_]]:
     """Return the masks of a frame by the names of their categories, shape (H, W) each."""
-    earth = masks.earth(frame.maps) > 0
+    earth = attributes.earth_mask(frame.maps) > 0
     return {
         "earth": earth,
-        "sunlit_earth": earth & (masks.sunlit(frame.maps, frame.truth) > 0),
+        "sunlit_earth": earth & (attributes.sunlit_mask(frame.maps, frame.truth) > 0),
         "limb": frame.maps["hit"] == Hit.ATMOSPHERE,
     }
 
