@@ -144,7 +144,7 @@ def archive_export(
     """Frames and images as files of other programs."""
     from horizonval.bridges.attitudes import write_attitudes
     from horizonval.bridges.mcap import write_mcap
-    from horizonval.store.export.export_files import Format, export_file, write_masks
+    from horizonval.store.export import Format, export_file, write_masks
     from horizonval.store.named import run_folder_of
 
     wanted: dict[Format, bool] = {"fits": fits, "png": png or coco, "tiff": tiff, "npz": npz}

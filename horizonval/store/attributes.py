@@ -2,8 +2,8 @@
 
 All of it is made from the truth, its maps and the camera file, and nothing here is read back: what scoring reads is the
 truth in ``horizonval:truth``. The standard attributes are float32 and cannot say everything (lens distortion); meanings
-and units are those of https://openexr.com/en/latest/StandardAttributes.html. Ours are doubles where the format allows. A
-mask is 1 where pixels have something in common, and 0 elsewhere.
+and units are those of https://openexr.com/en/latest/StandardAttributes.html. Ours are doubles where the format allows.
+A mask is 1 where pixels have something in common, and 0 elsewhere.
 """
 
 from __future__ import annotations

@@ -127,8 +127,8 @@ class Index:
 
     def forget(self, addresses: Iterable[str]) -> None:
         """Drop rows whose files were removed on purpose."""
-        rows = self.update()
-        self._write({address: row for address, row in rows.items() if address not in {*addresses}})
+        gone, rows = {*addresses}, self.update()
+        self._write({address: row for address, row in rows.items() if address not in gone})
 
     def select(self, wanted: Filter | None = None, progress: Progress | None = None) -> list[StoreEntry]:
         """Return the entries that a filter leaves, in the order of addresses, those of files that are gone included.

@@ -16,7 +16,7 @@ from horizonval.api.estimate import estimate_report
 from horizonval.api.picture import read_picture
 from horizonval.core.errors import UserError
 from horizonval.store import exr
-from horizonval.store.export.export_files import export_file
+from horizonval.store.export import export_file
 
 
 @pytest.fixture

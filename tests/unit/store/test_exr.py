@@ -350,7 +350,7 @@ def test_a_failed_write_keeps_the_old_file(stored, make_frame, monkeypatch):
     def fail(path: Path) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(exr.seal, "seal_file", fail)
+    monkeypatch.setattr(exr.exr_header, "seal_file", fail)
     with pytest.raises(UserError, match="No space left"):
         exr.write_frame(stored, make_frame(1.0))
     assert stored.read_bytes() == before

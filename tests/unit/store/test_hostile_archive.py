@@ -23,7 +23,7 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.jobs.kept import take_over
 from horizonval.report.load import load_run
 from horizonval.store import exr
-from horizonval.store.export.export_files import export_file
+from horizonval.store.export import export_file
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.store.named import Garbage, archive_of, garbage, remove
 from horizonval.store.store import Store

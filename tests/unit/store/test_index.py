@@ -60,7 +60,7 @@ def test_what_came_is_caught_up_with_and_what_is_gone_is_missing_until_the_index
     assert [(f.problem, f.address) for f in store.verify()] == [("missing", victim)]
     assert store.index.rebuild() == 5
     assert victim not in {entry.address for entry in store.index.select()}
-    store.index.forget([address])
+    store.index.forget(one for one in [address])
     assert address not in {row.address for row in rows(store)}
 
 
