@@ -1,4 +1,4 @@
-"""Put the report together: what is said and drawn is worked out here, how it looks is in the template beside it.
+"""The report of a run: its first page, and beside it the pages of a campaign, if any.
 
 The page is one file without any address in it: style, code, figures and pictures are inside. It is a pure function of
 the run's folder, not of its place or of the clock.
@@ -6,7 +6,6 @@ the run's folder, not of its place or of the clock.
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from collections import Counter
@@ -15,30 +14,55 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
-from horizonval.report import angle_unit, formatting, rerun, template, viewer
-from horizonval.report.accuracy import accuracy_of
-from horizonval.report.angle_unit import AngleUnit
-from horizonval.report.figures import overlay, picture, plots
-from horizonval.report.frames_on_demand import striking_frames
-from horizonval.report.headline import headline
+from horizonval.report import campaign, page, pictures, plots, rerun, viewer
 from horizonval.report.load import CaseView, ReportRun, load_run
-from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability
-from horizonval.report.sentence import sentences
-from horizonval.report.verdict import VERDICTS, verdict_of
-from horizonval.scoring import limits
+from horizonval.report.pages import stability
+from horizonval.report.words import (
+    DEFAULT_SIGMA_ARCSEC,
+    VERDICTS,
+    AngleUnit,
+    accuracy_of,
+    confusion_tables,
+    count,
+    headline,
+    limit_words,
+    meaning,
+    number,
+    outcome,
+    percent,
+    sentences,
+    unit_of,
+    verdict_of,
+)
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
+from horizonval.spec.sensor.camera import Band
 from horizonval.spec.sensor.prior import PriorSpec
 from horizonval.store.manifest import amend_manifest
+from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
-DEFAULT_SIGMA_ARCSEC = 3600.0 * math.degrees(limits.DEFAULT_SIGMA_RAD)
 MOST_CASES_SHOWN = 300
 """With a picture each; the page of a longer run would not open."""
+COARSE_PX = 320
+"""Pixels of smaller images are shown as squares."""
+INFRARED_TEXT = (
+    "A thermal band does not see the hard horizon but the edge of what radiates. The truth of every thermal frame says "
+    "where that is in a clear sky, from rays integrated apart from the renderer: the height at which the radiance has "
+    "fallen to half its plateau, and the one at which it falls fastest. In opaque bands the plateau is the air's (the "
+    "largest radiance from 10 to 24 km), in window bands the ground's (10 km below the hard horizon). Clouds are left "
+    "out; they lift the horizon of a window band to their tops."
+)
+_MOST_CURVES = 7
+"""Curves of the infrared horizon with names."""
 
 
 def build_report(run_dir: Path) -> Path:
@@ -67,75 +91,86 @@ def build_report(run_dir: Path) -> Path:
 def write_report(run_dir: Path) -> list[Path]:
     """Write the pages of a report and return them, the first one first; otherwise as :func:`build_report`."""
     run = load_run(run_dir, MOST_CASES_SHOWN)
-    environment, parts = template.environment(), template.shared_parts()
-    result = stability.load_result(run_dir)
-    study = None if result is None else {"page": stability.PAGE, "text": stability.headline(result)}
-    campaign = campaign_page.headline(run) if campaign_page.is_due(run) else None
-    shown = environment.get_template("page.html").render(**page_of(run), study=study, campaign=campaign, **parts)
-    texts = {"index.html": shown}
-    if result is not None:
-        texts[stability.PAGE] = environment.get_template("stability.html").render(
-            run=run, **stability.page_of(result), **parts
-        )
-    if campaign is not None:
-        page = campaign_page.page_of(run)
-        opening = sentences(run, summarise(run.rows, run.given_pose, run.orbit)["groups"])
-        texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(
-            run=run, sentences=opening, **striking_frames(run), **page, **parts
-        )
-        texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
-    pages = run_dir / "report"
-    if (pages / campaign_page.FIGURES).is_symlink():
-        (pages / campaign_page.FIGURES).unlink()
-    shutil.rmtree(pages / campaign_page.FIGURES, ignore_errors=True)
-    for place in {(pages / name).parent for name in texts}:
-        place.mkdir(parents=True, exist_ok=True)
-    for name in (stability.PAGE, campaign_page.PAGE):
-        (pages / name).unlink(missing_ok=True)
-    for name, text in texts.items():
-        template.write(pages / name, text)
-    return [pages / name for name in texts]
-
-
-def page_of(run: ReportRun) -> dict[str, Any]:
-    """Return everything the template shows."""
     summary = summarise(run.rows, run.given_pose, run.orbit)
-    unit = angle_unit.unit_of(row.nadir_error_arcsec for row in run.judged_rows if row.is_claim)
+    opening = sentences(run.judged_rows, run.judged_estimators, summary["groups"])
+    study = stability.load_result(run_dir)
+    has_campaign = campaign.is_due(run)
+    common: dict[str, Any] = {
+        "version": run.version, "about": [f"suite {run.suite}"], "again": run.again, "run": run,
+    }  # fmt: skip
+    texts = {
+        "index.html": page.render(
+            "report.html",
+            title=f"{run.suite}: horizonval report",
+            heading=run.title or run.suite,
+            sentences=opening,
+            study=None if study is None else {"page": stability.PAGE, "text": stability.headline(study)},
+            campaign={"page": campaign.PAGE, "text": campaign.headline(run)} if has_campaign else None,
+            **common,
+            **page_of(run, summary),
+        )
+    }
+    common["links"] = [("frames and estimators", "index.html")]
+    if study is not None:
+        title = f"{run.suite}: stability of the infrared horizon"
+        texts[stability.PAGE] = page.render(
+            "stability.html",
+            title=title,
+            heading="Stability of the infrared horizon",
+            **common,
+            **stability.page_of(study),
+        )
+    if has_campaign:
+        content = campaign.page_of(run)
+        title = f"{run.title or run.suite}: where it works and where it fails"
+        texts[campaign.PAGE] = page.render(
+            "campaign.html",
+            title=f"{run.suite}: where it works and where it fails",
+            heading=title,
+            sentences=opening,
+            **common,
+            **content,
+            **viewer.striking_frames(run),
+        )
+        texts |= {figure["file"]: figure["svg"] for section in content["sections"] for figure in section["figures"]}
+    folder = run_dir / "report"
+    if (folder / campaign.FIGURES).is_symlink():
+        (folder / campaign.FIGURES).unlink()
+    shutil.rmtree(folder / campaign.FIGURES, ignore_errors=True)
+    for name in (stability.PAGE, campaign.PAGE):
+        (folder / name).unlink(missing_ok=True)
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        page.write(folder / name, text)
+    return [folder / name for name in texts]
+
+
+def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return everything that the template of the first page shows."""
+    unit = unit_of(row.nadir_error_arcsec for row in run.judged_rows if row.is_claim)
     broken = sum(view.broken for view in run.views)
-    pixels = sum(view.image.dn.size for view in run.views if view.image is not None)
-    reduced = pixels > picture.LOSSLESS_BUDGET_PX
-    shown_views = [view for view in run.views if view.shown]
-    numbered = viewer.chosen([view.image for view in shown_views])
-    tiles = [
-        _tile(view, run, index, reduced, unit, numbered=index in numbered) for index, view in enumerate(shown_views)
-    ]
-    shown = {tile_row["verdict"] for tile in tiles for tile_row in tile["rows"]}
-    cameras = sorted({tile["camera"] for tile in tiles})
+    views = [view for view in run.views if view.shown]
+    numbered = viewer.numbered_frames([view.image for view in views])
+    cards = [_card(view, run, unit, numbered=i in numbered) for i, view in enumerate(views)]
+    shown = {row["verdict"] for card in cards for row in card["rows"]}
     return {
-        "run": run,
         "summary": summary,
         "unit": unit,
         "groups": [{**group, "finding": _finding(group, unit)} for group in _in_order(summary["groups"], run)],
         "headline": _verdict(summary, run, broken),
-        "sentences": sentences(run, summary["groups"]),
-        "without_numbers": sum(tile["picture"] is not None and not tile["numbers"] for tile in tiles),
+        "without_numbers": sum(card["frame"].get("numbers") == "" for card in cards),
         "broken": broken,
-        "cameras": cameras,
-        "confusions": confusion_section.matrices_of(run.rows, run.judged_estimators),
+        "cameras": sorted({card["camera"] for card in cards}),
+        "confusions": confusion_tables(run.rows, run.judged_estimators),
         "figures": _figures(run, unit),
-        "tiles": tiles,
-        "reduced": reduced,
+        "cards": cards,
         "hidden": len({view.case for view in run.views if not view.shown}),
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
-        "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
-        "likelihood_deg": f"{math.degrees(limits.LIKELIHOOD_LIMITS.nadir_error_rad):g}",
-        "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
-        "default_sigma": unit.text(DEFAULT_SIGMA_ARCSEC),
-        "sigmas": f"{limits.SIGMA_LIMIT:g}",
-        "gamma": f"{picture.GAMMA:g}",
-        "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
+        **limit_words(unit),
+        "gamma": f"{pictures.GAMMA:g}",
+        "percentiles": [f"{value:g}" for value in pictures.GREY_PERCENTILES],
         "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),
-        "infrared": infrared_section.section_of(shown_views),
+        "infrared": infrared_section(views),
     }
 
 
@@ -157,12 +192,12 @@ def _verdict(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[st
     false, claims, crashes = rates["false_valid"]["n"], rates["false_valid"]["of"], rates["crashed"]["n"]
     parts = [f"{crashes} {'crash' if crashes == 1 else 'crashes'}"] if crashes else []
     if false:
-        parts.append(f"{formatting.count(false, 'false claim')} among {claims}, {_whose(summary['groups'])}")
+        parts.append(f"{count(false, 'false claim')} among {claims}, {_whose(summary['groups'])}")
     if parts:
         return {"kind": "false", "glyph": "✖", "text": "; ".join(parts)}
     if broken or run.missing:
-        parts = [f"{formatting.count(broken, 'frame')} failed"] if broken else []
-        parts += [f"{formatting.count(len(run.missing), 'frame')} not finished"] if run.missing else []
+        parts = [f"{count(broken, 'frame')} failed"] if broken else []
+        parts += [f"{count(len(run.missing), 'frame')} not finished"] if run.missing else []
         return {"kind": "missed", "glyph": "▼", "text": ", ".join(parts)}
     if claims:
         return {"kind": "valid", "glyph": "●", "text": f"No false claim among {claims}"}
@@ -181,107 +216,90 @@ def _whose(groups: Sequence[Mapping[str, Any]]) -> str:
     return ", ".join(f"{n} by {name}" for name, n in false)
 
 
-def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
-    # What is told the pose stands at zero, and would only stretch the axes.
-    names, rows = run.judged_estimators, run.judged_rows
-    width = 11.0 if len(run.views) <= 45 else 13.0
+def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, Any]]:
+    # Estimators that are given the pose have zero errors, and would only stretch the axes.
+    names, rows, many = run.judged_estimators, run.judged_rows, len(run.views) > 45
     floor = f"{unit.of(plots.FLOOR_ARCSEC):g}{unit.sign}"
-    height = 3.4 + 0.17 * len(names) + (1.0 if len(run.views) <= 45 else 0.0)
-    return [
-        {
-            "uri": plots.figure_uri(plots.error_by_frame(run.views, names, unit), width, height),
-            "title": "Nadir error of every frame",
-            "text": "Angle between the claimed and the true nadir. The strip on top marks the frames that an estimator "
+    figures = [
+        plots.figure(
+            "Nadir error of every frame",
+            "Angle between the claimed and the true nadir. The strip on top marks the frames that an estimator "
             f"refused. Errors below {floor} are drawn at {floor}.",
-            "wide": "wide",
-        },
-        {
-            "uri": plots.figure_uri(plots.error_by_sigma(rows, names, unit), 5.4, 4.6),
-            "title": "Error against claimed uncertainty",
-            "text": "Points far above the diagonal are errors that the estimator does not know of: bias, such as the "
-            "soft edge of the atmosphere.",
-            "wide": "",
-        },
-        *_bound_figure(run, unit),
-        {
-            "uri": plots.figure_uri(plots.roll_and_pitch(rows, names, unit), 5.4, 4.6),
-            "title": "Roll and pitch errors",
-            "text": "Claimed minus true, body axes. A cloud whose centre is off zero is a bias.",
-            "wide": "",
-        },
+            plots.error_by_frame(run.views, names, unit),
+            13.0 if many else 11.0,
+            3.4 + 0.17 * len(names) + (0.0 if many else 1.0),
+            wide=True,
+        ),
+        plots.figure(
+            "Error against claimed uncertainty",
+            "Points far above the diagonal are errors that the estimator does not know of: bias, such as the soft "
+            "edge of the atmosphere.",
+            plots.error_by_sigma(rows, names, unit),
+            5.4,
+            4.6,
+        ),
+        plots.figure(
+            "Roll and pitch errors",
+            "Claimed minus true, body axes. A cloud whose centre is off zero is a bias.",
+            plots.roll_and_pitch(rows, names, unit),
+            5.4,
+            4.6,
+        ),
     ]
+    if any(row.error_over_bound is not None for row in rows):
+        figures.insert(
+            2,
+            plots.figure(
+                "Error against the bound",
+                "The bound is the smallest root mean square error that the limb in the image allows (Cramér-Rao), "
+                "with air, light and height of the limb as known as the scene says.",
+                plots.error_by_bound(rows, names, unit),
+                5.4,
+                4.9 + 0.12 * len(names),
+            ),
+        )
+    return figures
 
 
-def _bound_figure(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
-    """Return the figure of the bound, of runs whose images carry what their limb says."""
-    names, rows = run.judged_estimators, run.judged_rows
-    if all(row.error_over_bound is None for row in rows):
-        return []
-    return [
-        {
-            "uri": plots.figure_uri(plots.error_by_bound(rows, names, unit), 5.4, 4.9 + 0.12 * len(names)),
-            "title": "Error against the bound",
-            "text": "The bound is the smallest root mean square error that the limb in the image allows (Cramér-Rao), "
-            "with air, light and height of the limb as known as the scene says.",
-            "wide": "",
-        }
-    ]
-
-
-def _tile(
-    view: CaseView, run: ReportRun, index: int, reduced: bool, unit: AngleUnit, *, numbered: bool
-) -> dict[str, Any]:
+def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) -> dict[str, Any]:
+    """Return what the card of a frame shows, and its frame for the viewer."""
     image = view.image
-    made = picture.picture_of(image, reduced=reduced) if image is not None else None
-    # A frame without any row says so once.
-    rows = [_tile_row(view, name, unit) for name in run.estimators if name in view.rows]
-    some = next(iter(view.rows.values()), None)
     expected = expected_outcome(image.truth, view.band) if image is not None else None
-    camera = some.camera if some else (image.truth.camera_spec.camera.name or "" if image else "")
-    tile: dict[str, Any] = {
-        "index": index,
+    frame = viewer.one_frame(view, run.estimators, expected, numbered=numbered)
+    card: dict[str, Any] = {
+        "frame": frame,
         "name": view.case,
-        "camera": camera,
+        "camera": frame["camera"],
         "band": view.band,
-        "rows": rows,
+        "rows": [_result(view, name, unit) for name in run.estimators if name in view.rows],
         "expected": expected.outcome if expected else None,
-        "expected_meaning": formatting.meaning(expected.outcome) if expected else "",
+        "expected_meaning": meaning(expected.outcome) if expected else "",
         "problem": view.problem,
-        "picture": None,
-        "numbers": viewer.packed(image.dn) if image is not None and numbered else "",
-        "viewer": json.dumps(viewer.frame_data(view, expected, made, run.estimators), sort_keys=True),
-        "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
-        "facts": [*_facts(expected, image.truth), *infrared_section.facts_of(image.truth, view.band)]
-        if expected and image
-        else [],
+        "picture": "",
+        "facts": [],
         "rerun": None,
     }
-    if image is not None:
-        assert made is not None
+    if image is not None and expected is not None:
         height, width = image.dn.shape
-        tile |= {
-            "picture": made,
+        drawn = f"{number(frame['black'])} to {number(frame['white'])} of {image.full_scale} digital numbers"
+        card |= {
+            "picture": pictures.card_uri(pictures.grey_levels(image)[0]),
             "width": width,
             "height": height,
-            "coarse": max(width, height) <= 320,
+            "coarse": max(width, height) <= COARSE_PX,
             # A line of pixels would be a hair on the page: it is drawn tall, its rows out of proportion.
             "strip": width > STRIP_RATIO * height,
-            "black": formatting.number(made.black_dn),
-            "white": formatting.number(made.white_dn),
-            "full_scale": image.full_scale,
-            "horizon": overlay.horizon_path(image.truth),
-            "infrared": overlay.infrared_path(image.truth, view.band),
-            "layers": viewer.layers_of(view, image.truth, run.estimators),
+            "facts": [*_facts(expected, image.truth), *_infrared_facts(image.truth, view.band),
+                      ("drawn from black to white", drawn)],
             "rerun": _rerun(view, image.truth, run),
-        }
-    return tile
+        }  # fmt: skip
+    return card
 
 
-def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]:
+def _result(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]:
     row = view.rows[estimator]
     verdict = verdict_of(row, broken=view.broken)
-    number = formatting.number
-    expected = formatting.meaning(row.expected)
+    expected = meaning(row.expected)
     if row.is_claim:
         text = f"{unit.text(row.nadir_error_arcsec)} off"
         if row.without_sigma:
@@ -292,15 +310,15 @@ def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]
             text += f"; expected to refuse: {expected}"
     else:
         crashed = row.status == Outcome.CRASHED
-        text = "crashed" if crashed else f"refused, {formatting.outcome(row.status)}"
+        text = "crashed" if crashed else f"refused, {outcome(row.status)}"
         if row.status != row.expected and not view.broken and not crashed:
             usable = row.expected == Outcome.VALID
-            text += f"; expected {'an attitude' if usable else formatting.outcome(row.expected)}"
+            text += f"; expected {'an attitude' if usable else outcome(row.expected)}"
         if row.reason and not view.broken:
             text += f". Its reason: {row.reason}"
     values = [
-        ("reported", formatting.outcome(row.status)),
-        ("expected", f"{formatting.outcome(row.expected)} ({expected})"),
+        ("reported", outcome(row.status)),
+        ("expected", f"{outcome(row.expected)} ({expected})"),
         ("reason given", row.reason or ""),
         ("nadir error", unit.text(row.nadir_error_arcsec)),
         (
@@ -326,13 +344,11 @@ def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]
         "verdict": verdict,
         "text": text,
         "values": values,
-        "error": row.nadir_error_arcsec,
         "output": (view.details.get(estimator) or {}).get("output", ""),
     }
 
 
 def _angular_radius(truth: FrameTruth) -> str:
-    number = formatting.number
     geometric = f"{number(math.degrees(truth.angular_radius_rad), 4)}°"
     if truth.horizon_rise_m == 0.0:
         return geometric
@@ -340,7 +356,6 @@ def _angular_radius(truth: FrameTruth) -> str:
 
 
 def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
-    number = formatting.number
     sun_side = "above" if expected.sun_limb_distance_deg > 0 else "below"
     return [
         ("epoch", truth.epoch_utc),
@@ -353,13 +368,13 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
         ("Sun's zenith angle below the satellite", f"{number(expected.sun_zenith_deg, 4)}°"),
         (
             "Sun",
-            f"{formatting.percent(truth.sun_visible_fraction)} of its disc seen past the Earth, "
+            f"{percent(truth.sun_visible_fraction)} of its disc seen past the Earth, "
             f"{'in' if expected.sun_in_frame else 'not in'} the frame, "
             f"{number(abs(expected.sun_limb_distance_deg))}° {sun_side} the horizon",
         ),
         (
             "horizon in view",
-            f"{number(expected.horizon_arc_px)} px, {formatting.percent(expected.lit_fraction)} of it lit"
+            f"{number(expected.horizon_arc_px)} px, {percent(expected.lit_fraction)} of it lit"
             if expected.lit_fraction is not None
             else "none",
         ),
@@ -390,3 +405,130 @@ def _rerun(view: CaseView, truth: FrameTruth, run: ReportRun) -> dict[str, Any]:
         for name, text in made.files
     ]
     return {"files": files, "commands": "\n".join(made.commands), "archived": bool(view.image_path)}
+
+
+# ------------------------------------------------------------------------------- section on the infrared horizon
+
+
+def infrared_section(views: Sequence[CaseView]) -> dict[str, Any] | None:
+    """Return what the template shows of the infrared horizon; None for runs whose truths have none."""
+    shown = [v for v in views if v.image is not None and v.band in v.image.truth.infrared_horizon]
+    if not shown:
+        return None
+    kinds = sorted({_stored(v)["kind"] for v in shown})
+    caption = (
+        "Lowest height of the ray against azimuth about the nadir; solid: half of the plateau, dotted: steepest fall. "
+        f"{count(len(shown), 'frame')}, true and clear-sky; (+n): so many more with the same curve."
+    )
+    stated = [accuracy for v in shown if (accuracy := _stored(v).get("accuracy"))]
+    return {
+        "text": INFRARED_TEXT,
+        "notes": _notes({v.band: accuracy["sentences"] for v in shown if (accuracy := _stored(v).get("accuracy"))}),
+        "places": [_place(*pair) for pair in stated[0]["heights_km"]] if stated else [],
+        "figure": plots.figure(
+            "Height of the infrared horizon", caption, _infrared_heights(shown, kinds), 5.8, 1.2 + 2.6 * len(kinds)
+        ),
+        "rows": _accuracy_rows(shown, len(stated[0]["heights_km"]) if stated else 0),
+    }
+
+
+def _infrared_facts(truth: FrameTruth, band: str) -> list[tuple[str, str]]:
+    """Return what a frame's list of facts says of the infrared horizon in view."""
+    half, steepest = (visible_height_m(truth, band, *locator) for locator in ((), (MAXIMUM_GRADIENT,)))
+    if half is None or steepest is None:
+        return []
+    return [
+        (
+            "infrared horizon in view",
+            f"half of the plateau at {number(half / 1e3)} km, steepest fall at {number(steepest / 1e3)} km, on average",
+        )
+    ]
+
+
+def _stored(view: CaseView) -> dict[str, Any]:
+    assert view.image is not None
+    found: dict[str, Any] = view.image.truth.infrared_horizon[view.band]
+    return found
+
+
+def _infrared_heights(views: Sequence[CaseView], kinds: Sequence[str]) -> plots.Draw:
+    cases: dict[tuple[Any, ...], list[str]] = {}
+    for view in views:
+        stored = _stored(view)
+        key = (stored["kind"], *stored["half_plateau_height_m"], *stored["maximum_gradient_height_m"])
+        cases.setdefault(key, []).append(view.case)
+    distinct = {key: own[0] if len(own) == 1 else f"{own[0]} (+{len(own) - 1})" for key, own in cases.items()}
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, kind in zip(panels, kinds, strict=True):
+            own = [(name, key[1:]) for key, name in distinct.items() if key[0] == kind]
+            several = len({v.band for v in views if _stored(v)["kind"] == kind}) > 1
+            for i, (name, heights) in enumerate(own):
+                _curves(axes, heights, i, name if len(own) <= _MOST_CURVES else None)
+            axes.set_title(f"{kind} {'bands' if several else 'band'}", fontsize=9.5, loc="left")
+            axes.set_ylabel("height [km]")
+            if len(own) <= _MOST_CURVES:
+                axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+        panels[-1].set(xlim=(0, 360), xticks=range(0, 361, 90), xticklabels=["N", "E", "S", "W", "N"])
+        panels[-1].set_xlabel("azimuth about the nadir")
+
+    return draw
+
+
+def _curves(axes: Axes, heights: tuple[float, ...], index: int, name: str | None) -> None:
+    colour = plots.COLOURS[index % len(plots.COLOURS)]
+    half, steepest = np.array(heights).reshape(2, -1) / 1e3
+    azimuth = np.linspace(0.0, 360.0, len(half) + 1)
+    width = 1.6 if name else 0.9
+    axes.plot(azimuth, np.append(half, half[0]), color=colour, lw=width, label=name)
+    axes.plot(azimuth, np.append(steepest, steepest[0]), color=colour, lw=0.8 * width, ls=":")
+
+
+def _accuracy_rows(views: Sequence[CaseView], places: int) -> list[dict[str, Any]]:
+    rows: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for view in views:
+        assert view.image is not None
+        stored = _stored(view)
+        spec = view.image.truth.camera_spec
+        band = next(b for b in spec.band if b.name == view.band)
+        accuracy = stored.get("accuracy")
+        rows.setdefault(
+            (view.band, _range(band), stored["kind"]),
+            {
+                "band": view.band,
+                "range": _range(band),
+                "kind": stored["kind"],
+                "radiance": [_share(x) for x in accuracy["relative"]] if accuracy else ["–"] * places,
+                "height": _height(accuracy),
+            },
+        )
+    return [rows[key] for key in sorted(rows)]
+
+
+def _range(band: Band) -> str:
+    lo, hi = (band.lo_um, band.hi_um) if band.lo_um else (band.wavelength_um[0], band.wavelength_um[-1])
+    return f"{lo:g} to {hi:g} um"
+
+
+def _notes(sentences: dict[str, list[str]]) -> list[str]:
+    """Return a paragraph for every band of what is said of it alone, and one of what is said of all."""
+    if not sentences:
+        return []
+    common = [s for s in next(iter(sentences.values())) if all(s in distinct for distinct in sentences.values())]
+    distinct = {band: " ".join(s for s in lines if s not in common) for band, lines in sentences.items()}
+    return [*(f"{band}: {text}" for band, text in sorted(distinct.items()) if text), " ".join(common)]
+
+
+def _place(low_km: float | None, high_km: float | None) -> str:
+    return "ground" if low_km is None else f"above {low_km:g}" if high_km is None else f"{low_km:g}–{high_km:g}"
+
+
+def _share(relative: float | None) -> str:
+    return "–" if relative is None else percent(round(relative, 3))
+
+
+def _height(accuracy: dict[str, Any] | None) -> str:
+    if accuracy is None or accuracy["half_height_km"] is None:
+        return "–"
+    return f"{accuracy['half_height_km']:g} km"

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from horizonval.core.json_types import JsonObject
-from horizonval.report.figures.plots import Draw
+from horizonval.report.plots import Draw
 
 SEASONS = (3, 6, 9, 12)
 """Months that stand for the year: those of equinoxes and solstices."""

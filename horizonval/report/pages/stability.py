@@ -7,9 +7,9 @@ from typing import Any
 
 from horizonval.core.errors import DamagedFileError
 from horizonval.core.json_types import JsonObject
-from horizonval.report.figures import plots
+from horizonval.report import plots
 from horizonval.report.figures import stability_plots as draw
-from horizonval.report.formatting import number
+from horizonval.report.words import number
 from horizonval.store.folder import read_json
 
 RESULT = Path("stability") / "result.json"
@@ -66,34 +66,52 @@ def page_of(result: JsonObject) -> dict[str, Any]:
     }
 
 
-def _figures(result: JsonObject, band: JsonObject) -> list[dict[str, str]]:
+def _figures(result: JsonObject, band: JsonObject) -> list[dict[str, Any]]:
     panels, sensors = len(result["bands"]), len(band["sensors"])
     title = draw.title_of(band)
     return [
-        {
-            "uri": plots.figure_uri(draw.profiles(result), 3.2 * panels, 3.4),
-            "title": "Radiance of the limb",
-            "text": "Against the lowest height of the ray, seen along a parallel. In the bands of carbon dioxide the "
-            "air hides the ground, and the radiance falls over 30 km; a window shows the ground, and falls over 10.",
-        },
-        {
-            "uri": plots.figure_uri(draw.heights_by_latitude(result), 3.2 * panels, 3.6),
-            "title": "Height of the horizon against latitude",
-            "text": "Half of the plateau (full) and steepest fall (dotted). The grey band is how far the spectroscopy "
-            "may be off: it would shift all curves alike, which a sensor's calibration takes out. Where a limb falls "
-            "evenly over many kilometres, as that of carbon dioxide does, its steepest place jumps: a poor edge.",
-        },
-        {
-            "uri": plots.figure_uri(draw.maps(result, band), 3.2 * panels, 4.0),
-            "title": f"Height and plateau through the year, {title}",
-            "text": "By latitude of the lowest point and month.",
-        },
-        {
-            "uri": plots.figure_uri(draw.errors_round_orbit(result, band), 3.2 * sensors, 5.2),
-            "title": f"Attitude error round the orbit, {title}",
-            "text": f"{result['altitude_km']:g} km, inclination {result['inclination_deg']:g}°; ascending node at 0°, "
-            "northernmost point at 90°. Dashed: the largest errors that were published; green: the requirement.",
-        },
+        plots.figure(
+            "Radiance of the limb",
+            (
+                "Against the lowest height of the ray, seen along a parallel. In the bands of carbon dioxide the "
+                "air hides the ground, and the radiance falls over 30 km; a window shows the ground, and falls over 10."
+            ),
+            draw.profiles(result),
+            3.2 * panels,
+            3.4,
+            wide=True,
+        ),
+        plots.figure(
+            "Height of the horizon against latitude",
+            (
+                "Half of the plateau (full) and steepest fall (dotted). The grey band is how far the spectroscopy "
+                "may be off: it would shift all curves together, which calibration takes out. Where a limb falls "
+                "evenly over many kilometres, as that of carbon dioxide does, its steepest place jumps: a poor edge."
+            ),
+            draw.heights_by_latitude(result),
+            3.2 * panels,
+            3.6,
+            wide=True,
+        ),
+        plots.figure(
+            f"Height and plateau through the year, {title}",
+            ("By latitude of the lowest point and month."),
+            draw.maps(result, band),
+            3.2 * panels,
+            4.0,
+            wide=True,
+        ),
+        plots.figure(
+            f"Attitude error round the orbit, {title}",
+            (
+                f"{result['altitude_km']:g} km, inclination {result['inclination_deg']:g}°; ascending node at 0°, "
+                "northernmost point at 90°. Dashed: the largest errors that were published; green: the requirement."
+            ),
+            draw.errors_round_orbit(result, band),
+            3.2 * sensors,
+            5.2,
+            wide=True,
+        ),
     ]
 
 

@@ -71,7 +71,7 @@ def test_the_first_page_leads_to_it(run_dir):
     assert "38.0 to 42.0 km high" in _plain(index.read_text(encoding="utf-8"))
     text = (run_dir / "report" / page.PAGE).read_text(encoding="utf-8")
     assert 'href="index.html"' in text
-    assert set(re.findall(r'(?:src|href)="(?!data:)([^"]*)"', text)) == {"index.html"}
+    assert set(re.findall(r'(?:src|href)="(?!data:|#)([^"]*)"', text)) == {"index.html"}
 
 
 def test_what_is_published_stands_beside_ours(run_dir):
