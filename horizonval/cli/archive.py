@@ -9,11 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from horizonval.cli.options import Json
-from horizonval.cli.options.completion import estimators
-from horizonval.cli.options.selection import ALL, EntryOptions, selects
-from horizonval.cli.printing import print_json, print_summary
-from horizonval.cli.work import resumable, watched
+from horizonval.cli.options import ALL, EntryOptions, Json, estimators, selects
+from horizonval.cli.output import print_json, print_summary, resumable, watched
 from horizonval.core.errors import UserError, command_line, printable
 from horizonval.core.files import kind_at
 from horizonval.jobs.execution import MOST_WORKERS
@@ -151,7 +148,7 @@ def archive_export(
     options: EntryOptions = ALL,
 ) -> None:
     """Frames and images as files of other programs."""
-    from horizonval.bridges.claimed_attitudes import write_attitudes
+    from horizonval.bridges.attitudes import write_attitudes
     from horizonval.bridges.mcap import write_mcap
     from horizonval.store.export.export_files import Format, export_file, write_masks
     from horizonval.store.manifest import amend_index

@@ -7,16 +7,14 @@ from typing import Annotated
 
 import typer
 
-from horizonval.cli.options import Json
-from horizonval.cli.options.completion import kinds_of_files, lists, shipped
-from horizonval.cli.printing import print_json
-from horizonval.cli.work import watched
+from horizonval.cli.options import Json, kinds_of_files, lists, shipped
+from horizonval.cli.output import print_json, watched
 from horizonval.core.errors import UserError
 
 
 def doctor(as_json: Json = False) -> int:
     """Say what works on this machine, and how to mend what does not. Exit status 1 if rendering is impossible."""
-    from horizonval.commands.doctor import examine
+    from horizonval.api.info import examine
 
     examination = examine()
     if as_json:
@@ -43,8 +41,8 @@ def list_names(
 
     The first word of a line is the name; with --json an object of names and descriptions.
     """
-    from horizonval.commands.listing import LISTS
-    from horizonval.core.suggest import nearest
+    from horizonval.api.info import LISTS
+    from horizonval.core.errors import nearest
 
     if what not in LISTS:
         raise UserError(
@@ -63,9 +61,8 @@ def schema(
     kind: Annotated[str, typer.Argument(help="scene, camera, suite, study or prior.", autocompletion=kinds_of_files)],
 ) -> None:
     """Print the JSON Schema (draft 2020-12) of a kind of file, for editors and other programs."""
-    from horizonval.core.suggest import nearest
-    from horizonval.spec.reference.keys import MODELS
-    from horizonval.spec.reference.schema import schema_text
+    from horizonval.core.errors import nearest
+    from horizonval.spec.schema import MODELS, schema_text
 
     known = next((name for name in MODELS if name == kind), None)
     if known is None:
@@ -105,7 +102,7 @@ def templates(
     and modes than the error asks for. Prints the size in memory and the error. As `.npz` it is what the key `climate`
     of a prior takes.
     """
-    from horizonval.commands.templates import mission_table, write_table
+    from horizonval.api.templates import mission_table, write_table
 
     with watched("marching the air" if air else "cutting") as progress:
         made = mission_table(target, band, error, air, clear, progress)

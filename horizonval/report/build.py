@@ -14,15 +14,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
-from horizonval.report import campaign, page, pictures, plots, rerun, viewer
+from horizonval.report import campaign, infrared, page, pictures, plots, rerun, viewer
 from horizonval.report.load import CaseView, ReportRun, load_run
-from horizonval.report.pages import stability
 from horizonval.report.words import (
     DEFAULT_SIGMA_ARCSEC,
     VERDICTS,
@@ -43,10 +38,8 @@ from horizonval.report.words import (
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.prior import PriorSpec
 from horizonval.store.manifest import amend_manifest
-from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
@@ -54,19 +47,10 @@ MOST_CASES_SHOWN = 300
 """With a picture each; the page of a longer run would not open."""
 COARSE_PX = 320
 """Pixels of smaller images are shown as squares."""
-INFRARED_TEXT = (
-    "A thermal band does not see the hard horizon but the edge of what radiates. The truth of every thermal frame says "
-    "where that is in a clear sky, from rays integrated apart from the renderer: the height at which the radiance has "
-    "fallen to half its plateau, and the one at which it falls fastest. In opaque bands the plateau is the air's (the "
-    "largest radiance from 10 to 24 km), in window bands the ground's (10 km below the hard horizon). Clouds are left "
-    "out; they lift the horizon of a window band to their tops."
-)
-_MOST_CURVES = 7
-"""Curves of the infrared horizon with names."""
 
 
 def build_report(run_dir: Path) -> Path:
-    """Write ``run_dir/report/index.html`` and return its path; beside it the pages of a study and a campaign, if any.
+    """Write ``run_dir/report/index.html`` and return its path; beside it the page of a campaign, if any.
 
     The figures that a suite asks for are there as files, too.
 
@@ -93,7 +77,6 @@ def write_report(run_dir: Path) -> list[Path]:
     run = load_run(run_dir, MOST_CASES_SHOWN)
     summary = summarise(run.rows, run.given_pose, run.orbit)
     opening = sentences(run.judged_rows, run.judged_estimators, summary["groups"])
-    study = stability.load_result(run_dir)
     has_campaign = campaign.is_due(run)
     common: dict[str, Any] = {
         "version": run.version, "about": [f"suite {run.suite}"], "again": run.again, "run": run,
@@ -104,22 +87,13 @@ def write_report(run_dir: Path) -> list[Path]:
             title=f"{run.suite}: horizonval report",
             heading=run.title or run.suite,
             sentences=opening,
-            study=None if study is None else {"page": stability.PAGE, "text": stability.headline(study)},
+            stability=infrared.section_of_year(run_dir),
             campaign={"page": campaign.PAGE, "text": campaign.headline(run)} if has_campaign else None,
             **common,
             **page_of(run, summary),
         )
     }
     common["links"] = [("frames and estimators", "index.html")]
-    if study is not None:
-        title = f"{run.suite}: stability of the infrared horizon"
-        texts[stability.PAGE] = page.render(
-            "stability.html",
-            title=title,
-            heading="Stability of the infrared horizon",
-            **common,
-            **stability.page_of(study),
-        )
     if has_campaign:
         content = campaign.page_of(run)
         title = f"{run.title or run.suite}: where it works and where it fails"
@@ -137,8 +111,7 @@ def write_report(run_dir: Path) -> list[Path]:
     if (folder / campaign.FIGURES).is_symlink():
         (folder / campaign.FIGURES).unlink()
     shutil.rmtree(folder / campaign.FIGURES, ignore_errors=True)
-    for name in (stability.PAGE, campaign.PAGE):
-        (folder / name).unlink(missing_ok=True)
+    (folder / campaign.PAGE).unlink(missing_ok=True)
     for name, text in texts.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         page.write(folder / name, text)
@@ -170,7 +143,7 @@ def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
         "gamma": f"{pictures.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in pictures.GREY_PERCENTILES],
         "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),
-        "infrared": infrared_section(views),
+        "infrared": infrared.section_of_frames(views),
     }
 
 
@@ -289,7 +262,7 @@ def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) ->
             "coarse": max(width, height) <= COARSE_PX,
             # A line of pixels would be a hair on the page: it is drawn tall, its rows out of proportion.
             "strip": width > STRIP_RATIO * height,
-            "facts": [*_facts(expected, image.truth), *_infrared_facts(image.truth, view.band),
+            "facts": [*_facts(expected, image.truth), *infrared.facts_of(image.truth, view.band),
                       ("drawn from black to white", drawn)],
             "rerun": _rerun(view, image.truth, run),
         }  # fmt: skip
@@ -405,130 +378,3 @@ def _rerun(view: CaseView, truth: FrameTruth, run: ReportRun) -> dict[str, Any]:
         for name, text in made.files
     ]
     return {"files": files, "commands": "\n".join(made.commands), "archived": bool(view.image_path)}
-
-
-# ------------------------------------------------------------------------------- section on the infrared horizon
-
-
-def infrared_section(views: Sequence[CaseView]) -> dict[str, Any] | None:
-    """Return what the template shows of the infrared horizon; None for runs whose truths have none."""
-    shown = [v for v in views if v.image is not None and v.band in v.image.truth.infrared_horizon]
-    if not shown:
-        return None
-    kinds = sorted({_stored(v)["kind"] for v in shown})
-    caption = (
-        "Lowest height of the ray against azimuth about the nadir; solid: half of the plateau, dotted: steepest fall. "
-        f"{count(len(shown), 'frame')}, true and clear-sky; (+n): so many more with the same curve."
-    )
-    stated = [accuracy for v in shown if (accuracy := _stored(v).get("accuracy"))]
-    return {
-        "text": INFRARED_TEXT,
-        "notes": _notes({v.band: accuracy["sentences"] for v in shown if (accuracy := _stored(v).get("accuracy"))}),
-        "places": [_place(*pair) for pair in stated[0]["heights_km"]] if stated else [],
-        "figure": plots.figure(
-            "Height of the infrared horizon", caption, _infrared_heights(shown, kinds), 5.8, 1.2 + 2.6 * len(kinds)
-        ),
-        "rows": _accuracy_rows(shown, len(stated[0]["heights_km"]) if stated else 0),
-    }
-
-
-def _infrared_facts(truth: FrameTruth, band: str) -> list[tuple[str, str]]:
-    """Return what a frame's list of facts says of the infrared horizon in view."""
-    half, steepest = (visible_height_m(truth, band, *locator) for locator in ((), (MAXIMUM_GRADIENT,)))
-    if half is None or steepest is None:
-        return []
-    return [
-        (
-            "infrared horizon in view",
-            f"half of the plateau at {number(half / 1e3)} km, steepest fall at {number(steepest / 1e3)} km, on average",
-        )
-    ]
-
-
-def _stored(view: CaseView) -> dict[str, Any]:
-    assert view.image is not None
-    found: dict[str, Any] = view.image.truth.infrared_horizon[view.band]
-    return found
-
-
-def _infrared_heights(views: Sequence[CaseView], kinds: Sequence[str]) -> plots.Draw:
-    cases: dict[tuple[Any, ...], list[str]] = {}
-    for view in views:
-        stored = _stored(view)
-        key = (stored["kind"], *stored["half_plateau_height_m"], *stored["maximum_gradient_height_m"])
-        cases.setdefault(key, []).append(view.case)
-    distinct = {key: own[0] if len(own) == 1 else f"{own[0]} (+{len(own) - 1})" for key, own in cases.items()}
-
-    def draw(figure: Figure) -> None:
-        panels = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, kind in zip(panels, kinds, strict=True):
-            own = [(name, key[1:]) for key, name in distinct.items() if key[0] == kind]
-            several = len({v.band for v in views if _stored(v)["kind"] == kind}) > 1
-            for i, (name, heights) in enumerate(own):
-                _curves(axes, heights, i, name if len(own) <= _MOST_CURVES else None)
-            axes.set_title(f"{kind} {'bands' if several else 'band'}", fontsize=9.5, loc="left")
-            axes.set_ylabel("height [km]")
-            if len(own) <= _MOST_CURVES:
-                axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-        panels[-1].set(xlim=(0, 360), xticks=range(0, 361, 90), xticklabels=["N", "E", "S", "W", "N"])
-        panels[-1].set_xlabel("azimuth about the nadir")
-
-    return draw
-
-
-def _curves(axes: Axes, heights: tuple[float, ...], index: int, name: str | None) -> None:
-    colour = plots.COLOURS[index % len(plots.COLOURS)]
-    half, steepest = np.array(heights).reshape(2, -1) / 1e3
-    azimuth = np.linspace(0.0, 360.0, len(half) + 1)
-    width = 1.6 if name else 0.9
-    axes.plot(azimuth, np.append(half, half[0]), color=colour, lw=width, label=name)
-    axes.plot(azimuth, np.append(steepest, steepest[0]), color=colour, lw=0.8 * width, ls=":")
-
-
-def _accuracy_rows(views: Sequence[CaseView], places: int) -> list[dict[str, Any]]:
-    rows: dict[tuple[str, str, str], dict[str, Any]] = {}
-    for view in views:
-        assert view.image is not None
-        stored = _stored(view)
-        spec = view.image.truth.camera_spec
-        band = next(b for b in spec.band if b.name == view.band)
-        accuracy = stored.get("accuracy")
-        rows.setdefault(
-            (view.band, _range(band), stored["kind"]),
-            {
-                "band": view.band,
-                "range": _range(band),
-                "kind": stored["kind"],
-                "radiance": [_share(x) for x in accuracy["relative"]] if accuracy else ["–"] * places,
-                "height": _height(accuracy),
-            },
-        )
-    return [rows[key] for key in sorted(rows)]
-
-
-def _range(band: Band) -> str:
-    lo, hi = (band.lo_um, band.hi_um) if band.lo_um else (band.wavelength_um[0], band.wavelength_um[-1])
-    return f"{lo:g} to {hi:g} um"
-
-
-def _notes(sentences: dict[str, list[str]]) -> list[str]:
-    """Return a paragraph for every band of what is said of it alone, and one of what is said of all."""
-    if not sentences:
-        return []
-    common = [s for s in next(iter(sentences.values())) if all(s in distinct for distinct in sentences.values())]
-    distinct = {band: " ".join(s for s in lines if s not in common) for band, lines in sentences.items()}
-    return [*(f"{band}: {text}" for band, text in sorted(distinct.items()) if text), " ".join(common)]
-
-
-def _place(low_km: float | None, high_km: float | None) -> str:
-    return "ground" if low_km is None else f"above {low_km:g}" if high_km is None else f"{low_km:g}–{high_km:g}"
-
-
-def _share(relative: float | None) -> str:
-    return "–" if relative is None else percent(round(relative, 3))
-
-
-def _height(accuracy: dict[str, Any] | None) -> str:
-    if accuracy is None or accuracy["half_height_km"] is None:
-        return "–"
-    return f"{accuracy['half_height_km']:g} km"

@@ -45,7 +45,7 @@ from horizonval.frame import DetectorImage, Hit, RadianceFrame
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.report import page
 from horizonval.report.load import load_run
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 # ---------------------------------------------------------------------------------------------- detector images in grey
 

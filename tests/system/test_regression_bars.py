@@ -14,8 +14,7 @@ import pytest
 from scipy import ndimage
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.frame import FrameTruth
 from horizonval.sensor.observe import observe

@@ -80,8 +80,8 @@ def furnace() -> Anchor:
     from horizonval.earth.optical import optical_model
     from horizonval.earth.surface.ground_emission import uniform_ground
     from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.spec.camera import CameraSpec
     from horizonval.spec.scene import SceneSpec
-    from horizonval.spec.sensor.camera import CameraSpec
 
     bands = {"window": (8.0, 14.0), "co2": (14.0, 16.3)}
     temperature_k, radius_m, distance_m = 250.0, 6371e3, 6871e3
@@ -190,8 +190,8 @@ def photon_transfer() -> Anchor:
     """Flat fields at four levels, 65 536 pixels: the variance's standard error is 0.55 %, the limit four of them."""
     from horizonval.frame import MAP_UNITS, RadianceFrame
     from horizonval.sensor.observe import observe
+    from horizonval.spec.camera import CameraSpec
     from horizonval.spec.scene import SceneSpec
-    from horizonval.spec.sensor.camera import CameraSpec
     from horizonval.truth.frame_truth import truth_of
 
     size, gain, read_noise, dark = 256, 4.0, 12.0, 40.0

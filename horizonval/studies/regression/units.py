@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
@@ -26,8 +25,8 @@ from horizonval.scoring.information.of_frame import information_of
 from horizonval.scoring.row import rounded
 from horizonval.sensor.calibrated import radiance_per_dn
 from horizonval.sensor.observe import observe as observe_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.baseline.pack import FrozenImage, Pack, digest, read_pack
 from horizonval.studies.regression.regions import noise_in_space, regions_of
 from horizonval.studies.regression.row import ReplicateRow

@@ -9,9 +9,8 @@ import pytest
 from horizonval import cli
 from horizonval.core.errors import UserError
 from horizonval.jobs.execution import Execution, parse_shard
-from horizonval.spec.option import with_option
-from horizonval.spec.study import Requirement
-from horizonval.spec.suite import SobolSpec, SuiteHead
+from horizonval.spec.explain import with_option
+from horizonval.spec.suite import Requirement, SobolSpec, SuiteHead
 
 LONG = "9" * 5000
 """More digits than Python turns into a number."""
@@ -56,25 +55,6 @@ def test_a_number_out_of_range_is_one_line_at_once(arguments, option, expected, 
     assert expected in error
     assert time.process_time() - start < 10.0
     assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("seeds", "exposures", "expected"),
-    [
-        (["0-999999999"], [], "at most 10000"),
-        (["0-9999", "10000-19999"], [], "20000 images"),
-        ([LONG], [], "numbers from 0 up"),
-        ([], ["1e9"], "at most"),
-        ([], ["nan"], "above 0"),
-        ([], [LONG], "at most"),
-    ],
-)
-def test_lists_of_images_are_bounded(seeds, exposures, expected):
-    from horizonval.commands.observing import plans
-    from horizonval.spec.load import load_camera
-
-    with pytest.raises(UserError, match=expected):
-        plans("out", seeds, exposures, [], load_camera("vis-cmos-512-60deg"))
 
 
 def test_an_option_is_checked_as_the_key_it_stands_for():

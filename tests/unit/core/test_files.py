@@ -129,23 +129,33 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
         "report/template.py": "data of the package",
         "store/seal.py": "the temporary file that is being written",
         "store/folder.py": "the lock, which is made",
-        "commands/doctor.py": "what the system says of its driver",
-        "commands/picture_size.py": "checked before by read_picture",
+        "api/info.py": "what the system says of its driver",
         "store/export/fits.py": "an open file",
         "studies/dataset/shard_files.py": "the shard that is being written",
         "cli/serving.py": "a page in a browser",
         "store/exr.py": "the null device",
-        "commands/picture.py": "the null device",
-        "commands/rays.py": "the temporary file that is being written",
+        "api/picture.py": "the null device, and what read_picture has checked",
+        "api/radiance.py": "the temporary file that is being written",
         "scoring/table.py": "the temporary file that is being written",
-        "studies/templates/kept.py": "bytes that were read",
+        "tables/modes.py": "bytes that were read",
         "studies/regression/anchors.py": "data of the package",
         "studies/regression/environment.py": "what the system says of its processor",
         "studies/regression/baseline/pack.py": "an open file",
         "studies/regression/frames.py": "an open file",
     }
     package = Path(files.__file__).parents[1]
-    rooms = ("api", "cli", "commands", "earth", "report", "scoring", "spec", "store", "studies", "suites", "precheck")
+    rooms = (
+        "api",
+        "cli",
+        "earth",
+        "report",
+        "scoring",
+        "spec",
+        "store",
+        "studies",
+        "suites",
+        "tables",
+    )
     others = set()
     for path in sorted(path for room in rooms for path in (package / room).rglob("*.py")):
         text = re.sub(r"\b(files|seal|file)\.(read_text|read_bytes|open_file)\(", "", path.read_text(encoding="utf-8"))

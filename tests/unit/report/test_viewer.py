@@ -17,7 +17,7 @@ from synthetic import SOLAR_CAMERA, TALL_CAMERA, THERMAL_CAMERA, toy_image, trut
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.frames import inverse, rotate
-from horizonval.report import build, viewer
+from horizonval.report import infrared, viewer
 from horizonval.report.load import CaseView
 from horizonval.report.viewer import NODES, sightline_of
 
@@ -179,7 +179,7 @@ def view_of(truth, case="made"):
 
 
 def test_the_infrared_section_says_what_is_stored():
-    section = build.infrared_section([view_of(infrared_truth())])
+    section = infrared.section_of_frames([view_of(infrared_truth())])
     assert section["places"] == ["ground", "0–7", "above 60"]
     assert section["rows"] == [
         {
@@ -191,18 +191,18 @@ def test_the_infrared_section_says_what_is_stored():
         }
     ]
     assert section["figure"]["svg"].startswith("<svg")
-    facts = dict(build._infrared_facts(infrared_truth(), "lwir"))
+    facts = dict(infrared.facts_of(infrared_truth(), "lwir"))
     assert facts == {"infrared horizon in view": "half of the plateau at 40.0 km, steepest fall at 38.0 km, on average"}
-    bare = build.infrared_section([view_of(infrared_truth(accuracy=None))])
+    bare = infrared.section_of_frames([view_of(infrared_truth(accuracy=None))])
     assert (bare["places"], bare["notes"], bare["rows"][0]["height"]) == ([], [], "–")
 
 
 def test_runs_without_an_infrared_horizon_have_no_such_section():
-    assert build.infrared_section([view_of(truth_at(THERMAL_CAMERA, roll_deg=66.0))]) is None
-    assert build._infrared_facts(truth_at(THERMAL_CAMERA), "lwir") == []
+    assert infrared.section_of_frames([view_of(truth_at(THERMAL_CAMERA, roll_deg=66.0))]) is None
+    assert infrared.facts_of(truth_at(THERMAL_CAMERA), "lwir") == []
 
 
 def test_notes_of_several_bands():
     told = {"b": ["Of b.", "Of all."], "a": ["Of a.", "Of all."]}
-    assert build._notes(told) == ["a: Of a.", "b: Of b.", "Of all."]
-    assert build._notes({}) == []
+    assert infrared._notes(told) == ["a: Of a.", "b: Of b.", "Of all."]
+    assert infrared._notes({}) == []

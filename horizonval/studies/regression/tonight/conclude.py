@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizonval.core.json_types import JsonObject
-from horizonval.core.machine.memory import peak_mebibytes
+from horizonval.core.memory import peak_mebibytes
 from horizonval.studies.regression.baseline.baseline import Baseline
 from horizonval.studies.regression.environment import environment
 from horizonval.studies.regression.row import ReplicateRow

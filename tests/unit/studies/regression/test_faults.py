@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.regression import UNITS, GateSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.regions import LIMB, regions_of
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of

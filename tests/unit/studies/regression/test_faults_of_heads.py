@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.frame import RadianceFrame
 from horizonval.sensor.observe import observe

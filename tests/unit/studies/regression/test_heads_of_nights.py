@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.jobs import engine
 from horizonval.jobs.stopwatch import Stopwatch
