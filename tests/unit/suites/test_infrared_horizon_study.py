@@ -15,7 +15,7 @@ from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, tangent_hei
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.geometry.horizon import rays_along_parallels
 from horizonval.report import infrared
-from horizonval.spec.stability import StabilityBand, StabilitySpec
+from horizonval.spec.suite import StabilityBand, StabilitySpec
 from horizonval.store.folder import write_json
 from horizonval.suites import stability
 from horizonval.truth.infrared_horizon.rays import directions
