@@ -16,7 +16,7 @@ from horizonval.jobs.engine import do
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.kept import Record
 from horizonval.spec.load import Case, Suite
-from horizonval.spec.regression import RegressionSpec
+from horizonval.spec.suite import RegressionSpec
 from horizonval.studies.regression.baseline.baseline import Baseline
 from horizonval.studies.regression.bench import NightWork, Task
 from horizonval.studies.regression.environment import environment
