@@ -14,7 +14,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.last_words import one_line, tail
+from horizonval.estimation.answer import one_line, tail
 from horizonval.estimation.observation import Fit
 
 MOST_POINTS = 1 << 20

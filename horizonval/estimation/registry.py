@@ -12,9 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.answer import checked
-from horizonval.estimation.digits import rounded
-from horizonval.estimation.last_words import crash, raised, traceback_of
+from horizonval.estimation.answer import checked, crash, raised, rounded, traceback_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 GROUP = "horizonval.estimators"
@@ -107,7 +105,7 @@ def load(name: str) -> Estimator:
 def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes.
 
-    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.digits`).
+    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.answer`).
     """
     try:
         # What a user's own method returns may be anything.

@@ -12,8 +12,7 @@ import numpy as np
 
 from horizonval.core.outcome import Refusal
 from horizonval.estimation import registry
-from horizonval.estimation.answer import checked
-from horizonval.estimation.last_words import crash, raised, traceback_of
+from horizonval.estimation.answer import checked, crash, raised, traceback_of
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.estimation.process.frames import ANSWER, DESCRIBED
 from horizonval.estimation.process.wire import pack_answer, unpack_observation

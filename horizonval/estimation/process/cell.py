@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import IO, Any, Literal
 
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.last_words import LONGEST_OUTPUT, crash, one_line
+from horizonval.estimation.answer import LONGEST_OUTPUT, crash, one_line
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.frames import ANSWER, DESCRIBED, READY, send_all
 from horizonval.estimation.process.limits import Limits

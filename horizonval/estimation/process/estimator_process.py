@@ -19,7 +19,7 @@ from typing import IO, Any
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Refusal
 from horizonval.estimation import registry
-from horizonval.estimation.last_words import crash
+from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process import asked, keeper
 from horizonval.estimation.process.containment import end_with_parent, hide, own_namespace, show_own_processes

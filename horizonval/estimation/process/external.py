@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.last_words import crash
+from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import FILE_KEYS, Prior
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate

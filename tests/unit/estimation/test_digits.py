@@ -10,7 +10,7 @@ import pytest
 from synthetic import fit_of, toy_image, truth_at
 
 from horizonval.estimation import registry
-from horizonval.estimation.digits import ANGLE_DECIMALS, rounded, significant
+from horizonval.estimation.answer import ANGLE_DECIMALS, rounded, significant
 from horizonval.estimation.observation import Estimator
 from horizonval.suites.observation import observation_of
 

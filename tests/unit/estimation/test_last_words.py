@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.last_words import LONGEST_OUTPUT, LONGEST_REASON, crash, one_line, raised, tail, traceback_of
+from horizonval.estimation.answer import LONGEST_OUTPUT, LONGEST_REASON, crash, one_line, raised, tail, traceback_of
 
 
 def _fail(depth: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.last_words import crash
+from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Fit
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.repeats import noise_nees
