@@ -12,7 +12,7 @@ import horizonval
 from horizonval.core import atomic
 
 PACKAGE = Path(horizonval.__file__).parent
-ALONE = ("atomic.py", "external.py")
+ALONE = ("atomic.py", "program.py")
 """The writer itself, and a program's input in a folder that is thrown away."""
 
 
