@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
 
     from horizonval.core.progress import Progress
-    from horizonval.jobs.remaining import ExpectedTime
+    from horizonval.jobs.engine import ExpectedTime
 
 
 class SuiteWarning(UserWarning):
@@ -89,7 +89,7 @@ class Run:
         """
         import duckdb
 
-        from horizonval.scoring.table import open_results
+        from horizonval.scoring.row import open_results
         from horizonval.store.folder import RunFolder
 
         path = RunFolder(self.out).results
@@ -168,7 +168,7 @@ def run(
     <Run orbit: 2 rows, 0 frames failed>
     """
     from horizonval.commands.run import run as run_suite
-    from horizonval.jobs.execution import Execution, parse_shard
+    from horizonval.jobs.pool import Execution, parse_shard
     from horizonval.precheck import check_before_run, expected_of
     from horizonval.suites.suite import load_suite, with_options
 

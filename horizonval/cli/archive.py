@@ -16,7 +16,7 @@ from horizonval.cli.printing import print_json, print_summary
 from horizonval.cli.work import resumable, watched
 from horizonval.core.errors import UserError, command_line, printable
 from horizonval.core.files import kind_at
-from horizonval.jobs.execution import MOST_WORKERS
+from horizonval.jobs.pool import MOST_WORKERS
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
 
@@ -258,7 +258,7 @@ def archive_rescore(
     damaged.
     """
     from horizonval.estimation.process.sandbox import Limits
-    from horizonval.jobs.execution import available_cpus
+    from horizonval.jobs.pool import available_cpus
     from horizonval.suites.rescore import rescore
 
     entry_filter = options.filter("image")

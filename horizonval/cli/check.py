@@ -15,7 +15,7 @@ from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_json
 
 if TYPE_CHECKING:
-    from horizonval.jobs.remaining import ExpectedTime
+    from horizonval.jobs.engine import ExpectedTime
     from horizonval.studies.trade.design import Study
 
 

@@ -94,7 +94,7 @@ def baseline_accept(
 
 
 def _published(workers: int | None, folder: Path, progress: Progress) -> list[JsonObject]:
-    from horizonval.jobs.execution import available_cpus
+    from horizonval.jobs.pool import available_cpus
     from horizonval.systems.key_figures import key_figures
     from horizonval.systems.task_cache import TaskCache
 

@@ -14,7 +14,7 @@ from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_dry_run, print_json, print_shard
 from horizonval.cli.work import execution_of, resumable
 from horizonval.core.errors import UserError, command_line
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 
 
 def study(

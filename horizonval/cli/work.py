@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from horizonval.jobs.execution import Execution
+    from horizonval.jobs.pool import Execution
     from horizonval.jobs.progress import Terminal
 
 
 def execution_of(workers: int | None, shard: str | None, dask: str | None, merge: list[Path] | None) -> Execution:
     """Return where the frames of a suite or study are made, as the options of these names say."""
-    from horizonval.jobs.execution import Execution, parse_shard
+    from horizonval.jobs.pool import Execution, parse_shard
 
     return Execution(workers, None if shard is None else parse_shard(shard), dask, tuple(merge or ()))
 

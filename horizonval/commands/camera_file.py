@@ -10,7 +10,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.formats.csv_table import CsvTable, read_csv
-from horizonval.formats.lens.cameras import read_camera
+from horizonval.formats.lens import read_camera
 from horizonval.geometry.camera import CameraModel, camera_from_spec, check_invertible, field_angles, unproject
 from horizonval.report.rerun import toml
 from horizonval.sensor.lens.optics import relative_illumination

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.jobs.engine import Work
-from horizonval.jobs.execution import Execution, available_cpus
+from horizonval.jobs.pool import Execution, available_cpus
 from horizonval.precheck.cost import Cost
 from horizonval.precheck.report import Report
 from horizonval.precheck.suite import check_suite

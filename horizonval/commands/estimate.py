@@ -25,8 +25,8 @@ from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.scoring.bound import bound_of, together
 from horizonval.scoring.errors import ARCSEC, score, sigma_nadir_rad
 from horizonval.scoring.row import rounded
+from horizonval.sensor.expected_image import stated_lens
 from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
-from horizonval.sensor.stated_lens import stated_lens
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.load import load_prior
 from horizonval.spec.prior import PriorSpec, is_limb_table

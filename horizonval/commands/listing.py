@@ -54,10 +54,10 @@ def _estimators() -> dict[str, str]:
 
 
 def _atmospheres() -> dict[str, str]:
-    from horizonval.earth.atmosphere import climate, columns, profiles
+    from horizonval.earth.atmosphere import climate, profiles
     from horizonval.earth.weather import real_states
 
-    known = (*profiles.names(), climate.BY_LATITUDE_MONTH, columns.WEATHER, "none")
+    known = (*profiles.names(), climate.BY_LATITUDE_MONTH, WEATHER, "none")
     states = {f"{real_states.PREFIX}{name}": real_states.description(name) for name in real_states.names()}
     return {name: ATMOSPHERES[name] for name in known} | states
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from horizonval.core.progress import Progress
 from horizonval.jobs.engine import OnStart
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Suite
 from horizonval.suites.run import RunResult, run_suite
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from horizonval.core.errors import UserError
-from horizonval.jobs.remaining import ExpectedTime
+from horizonval.jobs.engine import ExpectedTime
 from horizonval.precheck.cost import column_key, json_of_bands
 from horizonval.precheck.findings import Kind
 from horizonval.precheck.frames import Group, Watcher

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.earth.spectral.bands import width_um
-from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.earth.spectral.planck import brightness_temperature_k
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.report.angle_unit import DEG
 from horizonval.report.figures import overlay
@@ -25,7 +25,7 @@ from horizonval.report.load import CaseView
 from horizonval.report.sightline import sightline_of
 from horizonval.report.verdict import verdict_of
 from horizonval.scoring.expected import Expected
-from horizonval.sensor.calibrated import black_level_dn, radiance_per_dn
+from horizonval.sensor.expected_image import black_level_dn, radiance_per_dn
 
 BUDGET_PX = 12_000_000
 """Pixels whose numbers one page holds: about 20 MB of noisy 12-bit frames."""

@@ -18,8 +18,8 @@ from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.sandbox import Limits
 from horizonval.jobs.engine import Recorded, do
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.pool import Execution
+from horizonval.jobs.progress import Stopwatch
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 from horizonval.store.index import Filter

@@ -18,8 +18,7 @@ from horizonval import cli
 from horizonval.commands.run import run
 from horizonval.core import atomic
 from horizonval.jobs import engine
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.pool import get_ready
+from horizonval.jobs.pool import Execution, get_ready
 from horizonval.suites.suite import load_suite
 
 SUITE = """

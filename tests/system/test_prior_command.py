@@ -12,7 +12,7 @@ from conftest import MINI_CAMERA, assert_one_line
 
 from horizonval.estimation import registry
 from horizonval.estimation.process.external import prior_file
-from horizonval.scoring.table import read_results
+from horizonval.scoring.row import read_results
 from horizonval.store import exr
 from horizonval.store.store import Store
 from horizonval.suites.observation import observation_of

@@ -70,7 +70,7 @@ def bench_run(
     """Run submissions on the frames, each in a process of its own. The same command again finishes them."""
     from horizonval.estimation.process.containment import can_hide
     from horizonval.estimation.process.limits import Limits
-    from horizonval.jobs.execution import available_cpus
+    from horizonval.jobs.pool import available_cpus
     from horizonval.spec.suite import ProgramSpec
     from horizonval.studies.bench.submissions import run_submissions
 

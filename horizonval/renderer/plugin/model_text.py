@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.clouds.layer_gaps import LayerGaps
+from horizonval.earth.clouds.layers import LayerGaps
 from horizonval.earth.column import ColumnPlaces, OpticalModel, SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
-from horizonval.earth.weather.column_map import ColumnMap
+from horizonval.earth.weather.field import ColumnMap
 
 _ARRAYS = (
     "extinction_per_m",

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands, sunlight
-from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.earth.spectral.planck import brightness_temperature_k
 from horizonval.frame import Hit, RadianceFrame
-from horizonval.geometry.ephemeris import AU_M, sun_itrs
+from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 from horizonval.report.figures.infrared import ThermalPanel, infrared_picture
 from horizonval.report.figures.tone import tone_mapped
 from horizonval.spec.camera import Band

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.directions import perpendicular
 from horizonval.geometry.horizon import horizon_pixels
-from horizonval.truth.infrared_horizon.curve import curve_cam
+from horizonval.geometry.rotation import perpendicular
+from horizonval.truth.infrared_horizon import curve_cam
 
 _CONE_SAMPLES = 40_000
 _POINTS_PER_LINE = 160

@@ -21,10 +21,9 @@ from horizonval.report.load import ReportRun
 from horizonval.report.pages.confusion_section import matrices_of
 from horizonval.report.verdict import FALSE_VALID, MISSED, verdict_of
 from horizonval.scoring import limits
-from horizonval.scoring.exclusion import exclusion_angle_deg
-from horizonval.scoring.rates import rates
+from horizonval.scoring.expected import exclusion_angle_deg
 from horizonval.scoring.row import Row
-from horizonval.scoring.summary import summarise
+from horizonval.scoring.summary import rates, summarise
 
 PAGE = "campaign.html"
 FIGURES = "figures"
@@ -192,7 +191,7 @@ def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[Span]:
 
 
 def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> JsonObject:
-    """Return the words of a line of the table of rates; ``found`` as :func:`horizonval.scoring.rates.rates`."""
+    """Return the words of a line of the table of rates; ``found`` as :func:`horizonval.scoring.summary.rates`."""
     false = found["false_valid"]
     return {
         "estimator": name,

@@ -13,8 +13,8 @@ from horizonval.core.outcome import Outcome
 from horizonval.report import formatting
 from horizonval.report.verdict import BONUS, CRASHED, FALSE_VALID, MISSED, OTHER, REFUSED, VALID, VerdictMark
 from horizonval.scoring import limits
-from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE, in_order, strict_confusion
 from horizonval.scoring.row import Row
+from horizonval.scoring.summary import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE, in_order, strict_confusion
 
 COLUMN_WORDS = {
     BEYOND_LIMIT: "false: beyond the limit of the error",

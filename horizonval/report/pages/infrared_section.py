@@ -17,7 +17,7 @@ from horizonval.report.figures import plots
 from horizonval.report.formatting import count, number, percent
 from horizonval.report.load import CaseView
 from horizonval.spec.camera import Band
-from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
+from horizonval.truth.infrared_horizon import MAXIMUM_GRADIENT, visible_height_m
 
 TEXT = (
     "A thermal band does not see the hard horizon but the edge of what radiates. The truth of every thermal frame says "

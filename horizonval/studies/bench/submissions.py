@@ -19,7 +19,7 @@ from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress
 from horizonval.estimation import installed
 from horizonval.estimation.process.limits import Limits
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter

@@ -12,7 +12,7 @@ from horizonval.estimation.lens import Lens
 from horizonval.estimation.methods.limb_profile import ESTIMATOR
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.wire import pack_observation, unpack_observation
-from horizonval.sensor.stated_lens import stated_lens
+from horizonval.sensor.expected_image import stated_lens
 from horizonval.spec.load import load_camera
 from horizonval.suites.observation import observation_of
 

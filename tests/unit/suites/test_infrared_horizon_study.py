@@ -18,7 +18,7 @@ from horizonval.report.pages import stability_section
 from horizonval.spec.stability import StabilityBand, StabilitySpec
 from horizonval.store.folder import write_json
 from horizonval.suites import stability
-from horizonval.truth.infrared_horizon.rays import directions
+from horizonval.truth.infrared_radiance import directions
 
 SPEC = StabilitySpec(
     altitude_km=900.0,

@@ -11,7 +11,7 @@ import horizonval.renderer  # noqa: F401  (names the LLVM library before any tes
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.jobs import engine
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.progress import Stopwatch
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.studies.regression.accept import accept
 from horizonval.studies.regression.baseline.baseline import pack_path, read_baseline
