@@ -15,10 +15,10 @@ import pytest
 from conftest import MINI_CAMERA
 
 from horizonval import cli
-from horizonval.commands.run import run
 from horizonval.core import atomic
 from horizonval.jobs import engine
 from horizonval.jobs.pool import Execution, get_ready
+from horizonval.suites.run import run_suite as run
 from horizonval.suites.suite import load_suite
 
 SUITE = """
