@@ -22,7 +22,7 @@ from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.horizon import horizon_directions
 from horizonval.scoring import information
 from horizonval.scoring.bound import ARCSEC, NO_BOUND, bound_of
-from horizonval.scoring.information import SHAPES, LimbInformation, limb_information
+from horizonval.scoring.information import SHAPES, LimbInformation, limb_information, limb_motion
 from horizonval.sensor.expected_image import ExpectedImage
 
 SIGMA = 2.55
@@ -206,22 +206,22 @@ def test_the_limb_moves_as_the_exact_horizon_does():
         return uv[inside]
 
     uv = seen(r)
-    motion = information(camera, uv, cam_from_itrs, r, WGS84.axes_m)
+    motion = limb_motion(camera, uv, cam_from_itrs, r, WGS84.axes_m)
     assert np.abs(motion.distance_px).max() < 1e-7
     for k, move in enumerate(np.eye(3) * 1e3):
         moved = seen(r + move)
-        at = information(camera, moved, cam_from_itrs, r, WGS84.axes_m)
+        at = limb_motion(camera, moved, cam_from_itrs, r, WGS84.axes_m)
         # F of the old pose where the new limb is, and what the derivative takes it down by: a kilometre, second order.
         assert at.value + at.by_pose[3 + k] * 1e3 == pytest.approx(
             0.0, abs=2e-3 * np.abs(at.by_pose[3 + k] * 1e3).max() + 1e-9
         )
     risen = seen(r, WGS84.raised(1e3))
-    at = information(camera, risen, cam_from_itrs, r, WGS84.axes_m)
+    at = limb_motion(camera, risen, cam_from_itrs, r, WGS84.axes_m)
     assert at.height_m == pytest.approx(1e3, rel=5e-3)
     turn = np.array([2e-4, -1e-4, 3e-4])
-    at = information(camera, uv, cam_from_itrs, r, WGS84.axes_m)
+    at = limb_motion(camera, uv, cam_from_itrs, r, WGS84.axes_m)
     # The camera turns by theta in its own axes: itrs_from_cam' = itrs_from_cam exp(theta).
-    turned = information(camera, uv, Rotation.from_rotvec(turn).as_matrix().T @ cam_from_itrs, r, WGS84.axes_m)
+    turned = limb_motion(camera, uv, Rotation.from_rotvec(turn).as_matrix().T @ cam_from_itrs, r, WGS84.axes_m)
     assert turned.value - at.value == pytest.approx(
         turn @ at.by_pose[:3], abs=1e-3 * np.abs(turn @ at.by_pose[:3]).max()
     )
