@@ -54,7 +54,8 @@ def run(
     ] = None,
     dask: Dask = None,
     time_limit: Annotated[
-        float | None, typer.Option(min=0.1, metavar="S", help="Of one estimate; in place of the suite's time_limit_s.")
+        float | None,
+        typer.Option(min=0.1, metavar="S", help="Processor time of an estimate, in place of time_limit_s."),
     ] = None,
     keep: Annotated[
         str | None, typer.Option(metavar="WHAT", help="Frames in the archive: all, failures or none; see suite.keep.")
@@ -123,7 +124,7 @@ def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folde
         raise UserError("no such folder", where=str(run_folder), expected="the folder of a run")
     print(f"report: {build_report(run_folder)}")
     if (run_folder / "study.json").is_file():
-        from horizonval.report.pages.study_page import write_page
+        from horizonval.report.study import write_page
         from horizonval.store.manifest import amend_manifest
 
         page = write_page(run_folder)

@@ -49,8 +49,9 @@ from horizonval.jobs.progress import Stopwatch
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.earth import Atmosphere
 from horizonval.spec.load import Suite
-from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
-from horizonval.spec.stability import StabilitySpec
+from horizonval.spec.pose import CameraUse, Platform
+from horizonval.spec.scene import SceneName, SceneSpec
+from horizonval.spec.suite import StabilitySpec
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.truth import infrared_horizon
 from horizonval.truth.infrared_radiance import angle_of_height, directions

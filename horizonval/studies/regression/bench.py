@@ -28,7 +28,7 @@ from horizonval.suites.plan import CasePlan
 _UNITS = (
     "horizonval.studies.regression.units",
     "horizonval.studies.regression.heads",
-    "horizonval.estimation.process.estimator_process",
+    "horizonval.plugins.child",
 )
 CODE = {"replay": _UNITS, "render": _UNITS, "anchors": ("horizonval.studies.regression.anchors",)}
 """The modules that make a unit, by its kind; the estimators come to them by name."""

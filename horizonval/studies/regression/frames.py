@@ -6,7 +6,6 @@ true horizon would lie at the claimed attitude.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -19,11 +18,9 @@ from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
 from horizonval.geometry.horizon import horizon_cam
-from horizonval.report.figures import overlay
-from horizonval.report.frames_on_demand import one_frame
+from horizonval.report import viewer
 from horizonval.report.load import CaseView
-from horizonval.report.sentence import Record, opening
-from horizonval.report.verdict import VERDICTS, verdict_of
+from horizonval.report.words import VERDICTS, Record, opening, verdict_of
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
 from horizonval.studies.regression.baseline.baseline import Baseline
@@ -81,8 +78,8 @@ def shown_of(
     Returns
     -------
     dict
-        ``sentences``, one for each method or of many the best and the worst; ``frames``, JSON texts; ``kept``, of how
-        many scenes and bands; ``viewer_estimators``.
+        ``sentences``, one for each method or of many the best and the worst; ``frames``, as the viewer takes them;
+        ``kept``, of how many scenes and bands; ``estimators``.
     """
     estimators = tuple(dict.fromkeys(row.estimator for row in rows))
     known = {scene: FrameTruth.from_dict(dict(truths[scene])) for scene in {row.scene for row in rows} & set(truths)}
@@ -124,19 +121,19 @@ def shown_of(
         if pixels > MOST_PX and chosen:
             break
         chosen[key] = image
-    texts = []
+    shown = []
     for key in (key for key in worst_in_order(by_image, worst) if key in chosen):
         truth = known[key[0]]
         view = CaseView(key[0], key[1], by_method[key], {}, frozen_image(truth, chosen[key]), "", False, "")
-        found = one_frame(view, estimators, expected[key[:2]]) | {"name": f"{key[0]}, seed {key[2]}"}
+        found = viewer.one_frame(view, estimators, expected[key[:2]]) | {"name": f"{key[0]}, seed {key[2]}"}
         horizon = horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, truth.apparent_ellipsoid, _SAMPLES)
         found["layers"] = [_layer(truth, horizon, by_image[key], name) for name in estimators]
-        texts.append(json.dumps(found, sort_keys=True).replace("<", "\\u003c"))
+        shown.append(found)
     return {
         "sentences": opening([_record(name, rows) for name in estimators]),
-        "frames": texts,
+        "frames": shown,
         "kept": len(worst),
-        "viewer_estimators": estimators,
+        "estimators": estimators,
     }
 
 
@@ -161,7 +158,7 @@ def _layer(truth: FrameTruth, horizon: FloatArray, rows: Sequence[ReplicateRow],
         frames.nadir_of_roll_pitch(roll + row.roll_error_arcsec * _ARCSEC, pitch + row.pitch_error_arcsec * _ARCSEC),
     )
     turned = frames.rotate(_shortest_turn(true, claimed), np.concatenate([horizon, horizon[:1]]))
-    return {"points": "", "limb": overlay.visible_path(truth.camera_model, turned)}
+    return {"points": "", "limb": viewer.visible_path(truth.camera_model, turned)}
 
 
 def _shortest_turn(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from horizonval.report.figures.plots import Draw
+from horizonval.report.plots import Draw
 from horizonval.studies.regression.statistics.steps import pieces
 
 LOOKS = {

@@ -20,7 +20,6 @@ from horizonval.earth.limb_heights import Relief, systematic_covariance
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.horizon import horizon_directions
-from horizonval.scoring import information
 from horizonval.scoring.bound import ARCSEC, NO_BOUND, bound_of
 from horizonval.scoring.information import SHAPES, LimbInformation, limb_information, limb_motion
 from horizonval.sensor.expected_image import ExpectedImage

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from horizonval.spec.regression import IMAGE_METRICS, GateSpec
+from horizonval.spec.suite import IMAGE_METRICS, GateSpec
 from horizonval.studies.regression.row import ERRORS, ReplicateRow
 from horizonval.studies.regression.statistics.estimate import Estimate
 from horizonval.studies.regression.statistics.means import independent_difference, paired_difference

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from horizonval.spec.regression import TWO_SIDED
+from horizonval.spec.suite import TWO_SIDED
 from horizonval.studies.regression.statistics.decide import decide
 from horizonval.studies.regression.statistics.gates import Measured
 

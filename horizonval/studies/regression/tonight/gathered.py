@@ -15,7 +15,7 @@ from horizonval.core.progress import Progress
 from horizonval.jobs.engine import Record, do
 from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Case, Suite
-from horizonval.spec.regression import RegressionSpec
+from horizonval.spec.suite import RegressionSpec
 from horizonval.studies.regression.baseline.baseline import Baseline
 from horizonval.studies.regression.bench import NightWork, Task
 from horizonval.studies.regression.environment import environment

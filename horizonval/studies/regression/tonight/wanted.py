@@ -13,7 +13,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress
 from horizonval.spec.load import Suite
-from horizonval.spec.regression import Lane, RegressionSpec
+from horizonval.spec.suite import Lane, RegressionSpec
 from horizonval.store.folder import read_json
 from horizonval.studies.regression.baseline import history
 from horizonval.studies.regression.row import ReplicateRow

@@ -9,10 +9,10 @@ import pytest
 from scipy import ndimage
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
+from horizonval.plugins import registry
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
-from horizonval.spec.regression import UNITS, GateSpec
+from horizonval.spec.suite import UNITS, GateSpec
 from horizonval.studies.regression.regions import LIMB, regions_of
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from horizonval.spec.regression import UNITS, GateSpec
+from horizonval.spec.suite import UNITS, GateSpec
 from horizonval.studies.regression.accept import difference_table
 from horizonval.studies.regression.baseline.baseline import Baseline
 from horizonval.studies.regression.formatting import anchor_sentence, figure, gate_sentence, scenes
