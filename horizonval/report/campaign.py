@@ -216,7 +216,13 @@ def _consistency(found: Mapping[str, Any]) -> dict[str, str]:
     return {"mean": words, "interval": interval([value / dof for value in found["interval"]]), "glyph": glyph}
 
 
-FILTERS = {"share": share, "bound": _bound, "bias": _bias, "consistency": _consistency, "degrees": DEG.number}
+FILTERS: dict[str, Callable[..., Any]] = {
+    "share": share,
+    "bound": _bound,
+    "bias": _bias,
+    "consistency": _consistency,
+    "degrees": DEG.number,
+}
 """Filters of the page's template."""
 
 
