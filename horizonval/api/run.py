@@ -284,7 +284,7 @@ def study(
 
     execution, folder = execution_of(workers, shard, dask, merge), Path(out)
     if dry_run:
-        planned = study_in(study, folder, frames)
+        planned = study_in(study, frames)
         return _dry_run(planned.suite, folder, execution, check_suite(planned, infrared=False))
     with shown(progress, "study") as listener:
         return run_study(

@@ -19,10 +19,8 @@ from scipy.spatial.transform import Rotation
 from horizonval import cli
 from horizonval.core.errors import UserError
 from horizonval.spec.files import shipped_path
-from horizonval.studies.dataset.columns import COLUMNS, ShardContent
-from horizonval.studies.dataset.scenes import scenes_of, shards_of, turned_scenes
-from horizonval.studies.dataset.seeds import list_of, read_list
-from horizonval.studies.dataset.shard_files import write_shard
+from horizonval.studies.dataset.scenes import list_of, read_list, scenes_of, shards_of, turned_scenes
+from horizonval.studies.dataset.shards import COLUMNS, ShardContent, write_shard
 
 TINY = """
 [suite]

@@ -9,11 +9,9 @@ import pytest
 from scipy import stats
 
 from horizonval.spec.suite import Requirement
-from horizonval.studies.trade.compare import compare
-from horizonval.studies.trade.pareto import front
-from horizonval.studies.trade.proportion import proportion
-from horizonval.studies.trade.query import cheapest, frames_needed, verdict_of
-from horizonval.studies.trade.sample import cluster_draws
+from horizonval.studies.trade.conclude import cheapest, frames_needed, verdict_of
+from horizonval.studies.trade.effects import compare, front
+from horizonval.studies.trade.sample import cluster_draws, proportion
 
 
 def test_a_front_is_what_nobody_beats():
