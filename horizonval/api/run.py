@@ -363,9 +363,9 @@ def baseline_of(suite: str) -> Path:
 
 
 def _published(workers: int | None, folder: Path, progress: Progress) -> list[JsonObject]:
-    from horizonval.systems.key_figures import key_figures
+    from horizonval.systems.quick import quick_figures
 
-    return key_figures(TaskCache(folder, workers=workers or available_cpus(), progress=progress), PAGES)
+    return quick_figures(TaskCache(folder, workers=workers or available_cpus(), progress=progress), PAGES)
 
 
 def reproduce(
