@@ -14,9 +14,9 @@ from horizonval.api.check.cost import Cost, cost_lines
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress
-from horizonval.jobs.execution import Execution, available_cpus, parse_shard
+from horizonval.jobs.engine import ExpectedTime
+from horizonval.jobs.pool import Execution, available_cpus, parse_shard
 from horizonval.jobs.progress import shown
-from horizonval.jobs.remaining import ExpectedTime
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.studies.trade.design import Study
@@ -134,7 +134,7 @@ class Run:
         """
         import duckdb
 
-        from horizonval.scoring.table import open_results
+        from horizonval.scoring.row import open_results
 
         path = RunFolder(self.out).results
         if not path.exists():
@@ -189,7 +189,7 @@ def run(
     keep : {"all", "failures", "none"}, optional
         In place of ``suite.keep``: what stays in the archive.
     time_limit_s : float, optional
-        Of one estimate, in place of ``suite.time_limit_s``.
+        Processor time of one estimate, in place of ``suite.time_limit_s``.
     dask : str, optional
         Address of a Dask scheduler in place of own processes, or ``"local:N"``.
     merge : sequence of str or Path
@@ -284,7 +284,7 @@ def study(
 
     execution, folder = execution_of(workers, shard, dask, merge), Path(out)
     if dry_run:
-        planned = study_in(study, folder, frames)
+        planned = study_in(study, frames)
         return _dry_run(planned.suite, folder, execution, check_suite(planned, infrared=False))
     with shown(progress, "study") as listener:
         return run_study(
@@ -363,9 +363,9 @@ def baseline_of(suite: str) -> Path:
 
 
 def _published(workers: int | None, folder: Path, progress: Progress) -> list[JsonObject]:
-    from horizonval.systems.key_figures import key_figures
+    from horizonval.systems.quick import quick_figures
 
-    return key_figures(TaskCache(folder, workers=workers or available_cpus(), progress=progress), PAGES)
+    return quick_figures(TaskCache(folder, workers=workers or available_cpus(), progress=progress), PAGES)
 
 
 def reproduce(

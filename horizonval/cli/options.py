@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from horizonval.core.errors import UserError
-from horizonval.jobs.execution import MOST_WORKERS
+from horizonval.jobs.pool import MOST_WORKERS
 
 if TYPE_CHECKING:
     from horizonval.spec.files import Kind
@@ -103,6 +103,33 @@ def _paths(incomplete: str, suffix: str) -> Iterator[str]:
                 yield f"{name}/"
             elif entry.suffix == suffix:
                 yield name
+
+
+SuiteName = Annotated[
+    str, typer.Argument(help="A suite file, or the name of a shipped suite.", autocompletion=shipped("suite"))
+]
+SceneName = Annotated[
+    str, typer.Argument(help="A scene file, or the name of a shipped scene.", autocompletion=shipped("scene"))
+]
+CameraName = Annotated[
+    str | None,
+    typer.Option(
+        "--camera", help="Camera file or shipped name; files of ours carry theirs.", autocompletion=shipped("camera")
+    ),
+]
+PriorFile = Annotated[
+    str | None,
+    typer.Option(
+        "--prior",
+        metavar="FILE",
+        help="File of a table [prior]: what is known beside the image; see `horizonval schema prior`.",
+        autocompletion=files(".toml"),
+    ),
+]
+Merge = Annotated[
+    list[Path] | None,
+    typer.Option("--merge", metavar="DIR", help="Take over the results of another folder; repeatable."),
+]
 
 
 @dataclass(frozen=True)

@@ -43,10 +43,9 @@ from horizonval.report.words import (
     verdict_of,
 )
 from horizonval.scoring import limits
-from horizonval.scoring.exclusion import exclusion_angle_deg
-from horizonval.scoring.rates import rates
+from horizonval.scoring.expected import exclusion_angle_deg
 from horizonval.scoring.row import Row
-from horizonval.scoring.summary import summarise
+from horizonval.scoring.summary import rates, summarise
 
 PAGE = "campaign.html"
 FIGURES = "figures"

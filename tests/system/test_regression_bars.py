@@ -15,8 +15,8 @@ from scipy import ndimage
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
 from horizonval.frame import FrameTruth
+from horizonval.plugins import registry
 from horizonval.sensor.observe import observe
 from horizonval.studies.regression.baseline.baseline import frames_of, pack_path, read_baseline
 from horizonval.studies.regression.images import compare_images

@@ -14,7 +14,7 @@ from horizonval.api.check.limb import LimbView, Needs, group_line, limb_views
 from horizonval.api.check.rules import findings_of
 from horizonval.core.errors import UserError
 from horizonval.earth.optical import node_counts, optical_model
-from horizonval.jobs.remaining import ExpectedTime
+from horizonval.jobs.engine import ExpectedTime
 from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.scoring import limits
@@ -287,8 +287,8 @@ def look_at(group: Group, count: int, spectral: Spectral | None, *, infrared: bo
         except UserError as e:
             seen.errors.append(cannot_run(e, group.subject))
             continue
-        for view in limb_views(case.name, truth, case.camera, group.needs):
-            seen.views.setdefault(view.band, []).append(view)
+        for view in limb_views(truth, case.camera, group.needs):
+            seen.views.setdefault(view.band.name, []).append(view)
         if nodes is not None:
             seen.costs.append(frame_cost(truth, case.scene, case.camera, nodes, group.estimators))
     return seen

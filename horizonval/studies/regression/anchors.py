@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from scipy import constants, integrate
 
-from horizonval.geometry.directions import angle_between
+from horizonval.geometry.rotation import angle_between
 from horizonval.studies.regression.statistics.decide import Verdict
 
 Anchor = dict[str, Any]
@@ -162,10 +162,10 @@ def exact_limb() -> Anchor:
 
 def estimator_on_exact_limb() -> Anchor:
     """The altitude-free method on exact points of a sphere's limb: 0.01 arcsec, a ten-thousandth of a pixel."""
-    from horizonval.estimation import registry
     from horizonval.estimation.observation import Fit, Observation
     from horizonval.geometry.camera import CameraModel, project
     from horizonval.geometry.frames import rotate
+    from horizonval.plugins import registry
 
     camera = CameraModel(512, 512, 500.0, 500.0, 255.5, 255.5)
     found: list[float] = []

@@ -16,9 +16,8 @@ import numpy as np
 
 from horizonval.core.cache import is_intact, read_arrays, write_arrays
 from horizonval.core.code import code_digest
-from horizonval.jobs.engine import Recorded
-from horizonval.jobs.kept import Record
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.engine import Record, Recorded
+from horizonval.jobs.progress import Stopwatch
 from horizonval.spec.load import Case
 from horizonval.studies.regression.baseline.pack import read_pack
 from horizonval.studies.regression.heads import render_heads, replay_heads
@@ -29,7 +28,7 @@ from horizonval.suites.plan import CasePlan
 _UNITS = (
     "horizonval.studies.regression.units",
     "horizonval.studies.regression.heads",
-    "horizonval.estimation.process.estimator_process",
+    "horizonval.plugins.child",
 )
 CODE = {"replay": _UNITS, "render": _UNITS, "anchors": ("horizonval.studies.regression.anchors",)}
 """The modules that make a unit, by its kind; the estimators come to them by name."""

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, FrameTruth
+from horizonval.plugins.supervisor import supervisor_of
 from horizonval.scoring.bound import bound_of
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_of_heads, expected_outcome
 from horizonval.scoring.row import rounded
-from horizonval.sensor.calibrated import radiance_per_dn
+from horizonval.sensor.expected_image import radiance_per_dn
 from horizonval.sensor.observe import observe as observe_frame
 from horizonval.spec.load import Case
 from horizonval.studies.regression.baseline.pack import Pack, digest
@@ -178,7 +178,7 @@ def estimate_together(
     scene: str, replicate: int, heads: Mapping[str, DetectorImage], plan: CasePlan, run: Run | None = None
 ) -> list[ReplicateRow]:
     """Return one row for each method of a plan that sees all heads, without the stratum of its scene."""
-    ask = sandbox_of(plan.limits).run if run is None else run
+    ask = supervisor_of(plan.limits).run if run is None else run
     first = next(iter(heads.values()))
     sha = digest_of_heads(digest(image.dn) for image in heads.values())
     rows = []

@@ -15,15 +15,14 @@ import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.plugins.supervisor import supervisor_of
 from horizonval.scoring.bound import bound_of
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.information.information import LimbInformation
-from horizonval.scoring.information.of_frame import information_of
+from horizonval.scoring.information import LimbInformation, information_of
 from horizonval.scoring.row import rounded
-from horizonval.sensor.calibrated import radiance_per_dn
+from horizonval.sensor.expected_image import radiance_per_dn
 from horizonval.sensor.observe import observe as observe_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case
@@ -204,7 +203,7 @@ def estimate_image(
     scene: str, replicate: int, image: DetectorImage, plan: CasePlan, run: Run | None = None
 ) -> list[ReplicateRow]:
     """Return one row for each estimator that sees one image, without the stratum of its scene."""
-    ask = sandbox_of(plan.limits).run if run is None else run
+    ask = supervisor_of(plan.limits).run if run is None else run
     sha = digest(image.dn)
     rows = []
     for name in plan.estimators:

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
-from horizonval.estimation import registry
 from horizonval.frame import FrameTruth, RadianceFrame
+from horizonval.plugins import registry
 from horizonval.spec.load import Case, Suite
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage
 from horizonval.studies.regression.images import compare_images

@@ -14,7 +14,7 @@ import horizonval.geometry.horizon
 import horizonval.renderer.rays.radiance
 import horizonval.renderer.rays.thermal_radiance
 import horizonval.sensor.observe
-from horizonval.estimation import registry
+from horizonval.plugins import registry
 from horizonval.studies.regression import anchors
 
 DATA = Path(__file__).parents[3] / "data"

@@ -9,7 +9,7 @@ import pytest
 from scipy import ndimage
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
+from horizonval.plugins import registry
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.suite import UNITS, GateSpec

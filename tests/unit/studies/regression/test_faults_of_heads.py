@@ -14,8 +14,8 @@ import pytest
 from scipy import ndimage
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
 from horizonval.frame import RadianceFrame
+from horizonval.plugins import registry
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Suite
 from horizonval.studies.regression.baseline.pack import FrozenFrame

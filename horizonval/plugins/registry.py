@@ -1,0 +1,119 @@
+"""Estimators by name, from the package entry points ``horizonval.estimators``: ours and any user's, side by side.
+
+Names come from what packages declare; nothing of a user's package is imported for them. Only :func:`load` imports it,
+in the process that the estimator runs in (:mod:`horizonval.plugins.child`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+
+from horizonval.core.errors import UserError, nearest
+from horizonval.core.outcome import Refusal
+from horizonval.estimation.answer import checked, crash, raised, rounded, traceback_of
+from horizonval.estimation.observation import Estimator, Fit, Observation
+
+GROUP = "horizonval.estimators"
+PACKAGE = "horizonval"
+
+
+@dataclass(frozen=True)
+class _Declared:
+    """An entry point with the package that declares it, whose name takes a millisecond to read."""
+
+    point: EntryPoint
+    package: str
+
+    @property
+    def is_ours(self) -> bool:
+        return self.package == PACKAGE and self.point.value.startswith(f"{PACKAGE}.")
+
+
+@cache
+def _points() -> dict[str, _Declared]:
+    """Return entry points by name: ours keep their names; among others the first package in the alphabet counts."""
+    points = [
+        _Declared(point, "" if point.dist is None else str(point.dist.name).lower())
+        for point in entry_points(group=GROUP)
+        if point.name.isprintable() and _module(point)
+    ]
+    points.sort(key=lambda one: (one.is_ours, one.package), reverse=True)
+    ours = {one.point.name: one for one in points if one.is_ours}
+    return {one.point.name: one for one in points} | ours
+
+
+def _module(point: EntryPoint) -> str | None:
+    try:
+        return point.module
+    except (AttributeError, ValueError, AssertionError):
+        # What is declared names no object of a module: readers of entry points differ in how they say so.
+        return None
+
+
+def names() -> list[str]:
+    """Return the names of all estimators that are installed, sorted."""
+    return sorted(_points())
+
+
+def is_foreign(name: str) -> bool:
+    """Whether an estimator is installed that is another package's."""
+    declared = _points().get(name)
+    return declared is not None and not declared.is_ours
+
+
+def module_of(name: str) -> str | None:
+    """Return the module that an installed estimator is in, by its dotted name."""
+    declared = _points().get(name)
+    return None if declared is None else _module(declared.point)
+
+
+def get(name: str) -> Estimator:
+    """Return an estimator of ours; those of other packages come from :func:`horizonval.plugins.supervisor.get`.
+
+    Raises
+    ------
+    UserError
+        If there is none of that name.
+    """
+    if name not in _points():
+        known = ", ".join(nearest(name, names()))
+        raise UserError(f"unknown estimator {name!r}", expected=f"one of {known}")
+    if is_foreign(name):
+        raise UserError(f"the estimator {name!r} is another package's and runs in a process of its own")
+    return load(name)
+
+
+@cache
+def load(name: str) -> Estimator:
+    """Import an estimator's module and return it: of another package only in the process that is there for it.
+
+    Raises
+    ------
+    TypeError
+        What is declared is no estimator.
+    """
+    point = _points()[name].point
+    estimator = point.load()
+    if not isinstance(estimator, Estimator):
+        raise TypeError(f"{point.value} is a {type(estimator).__name__}, no horizonval.Estimator")
+    return estimator
+
+
+def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
+    """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes.
+
+    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.answer`).
+    """
+    try:
+        # What a user's own method returns may be anything.
+        result: object = estimator.run(observation)
+    except Exception as e:
+        return crash(f"the estimator raised {raised(e)}", traceback_of(e))
+    try:
+        answer = checked(result)
+    except Exception as e:
+        why = str(e) if isinstance(e, ValueError) else raised(e)
+        return crash(f"the estimator's answer cannot be used: {why}")
+    return answer if isinstance(answer, Refusal) else rounded(replace(answer, estimates=estimator.estimates))
