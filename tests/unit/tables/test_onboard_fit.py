@@ -72,28 +72,8 @@ def pose(rng):
 
 def told(program, numbers, r_itrs, cam_from_itrs):
     q = Rotation.from_matrix(cam_from_itrs).as_quat()
-    known = [
-        WIDTH,
-        HEIGHT,
-        FOCAL,
-        FOCAL,
-        CX,
-        CY,
-        *r_itrs,
-        SIGMA_M,
-        *q,
-        SIGMA_RAD,
-        MONTH,
-        0,
-        0,
-        1,
-        0,
-        0,
-        1,
-        BLUR_PX,
-        0.3,
-        300.0,
-    ]
+    known = [WIDTH, HEIGHT, FOCAL, FOCAL, CX, CY, *r_itrs, SIGMA_M, *q, SIGMA_RAD, MONTH]
+    known += [0, 0, 1, 0, 0, 1, BLUR_PX, 0.3, 300.0]
     return answer(program, [*known, 1.0, 0.0, 0.0], numbers)
 
 
