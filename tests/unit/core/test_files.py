@@ -131,7 +131,7 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
         "store/folder.py": "the lock, which is made",
         "api/info.py": "what the system says of its driver",
         "store/fits.py": "an open file",
-        "studies/dataset/shard_files.py": "the shard that is being written",
+        "studies/dataset/shards.py": "the shard that is being written",
         "cli/serving.py": "a page in a browser",
         "store/exr.py": "the null device",
         "store/picture.py": "the null device, and what read_picture has checked",
