@@ -310,7 +310,7 @@ def compare(name: str, folder: Path, out: Path) -> dict[str, Any]:
     figure.savefig(out / f"{name}-limb.png", dpi=110)
     plt.close(figure)
     stack = [images[band] for band in (("window",) * 3 if photograph.thermal else ("blue", "green", "red"))]
-    cv2.imwrite(str(out / f"{name}.png"), np.clip(np.stack(stack, axis=-1), 0, 255).astype(np.uint8))
+    cv2.imwrite(str(out / f"{name}.jpg"), np.clip(np.stack(stack, axis=-1), 0, 255).astype(np.uint8))
     return figures
 
 
