@@ -52,8 +52,7 @@ def regress(
     from datetime import UTC, datetime
     from functools import partial
 
-    from horizonval.studies.regression.night import run_night
-    from horizonval.studies.regression.tonight.wanted import LANES, Wanted
+    from horizonval.studies.regression.night import LANES, Wanted, run_night
 
     lanes = tuple(name for name in LANES if lane is None or name in lane)
     for name in lane or ():
@@ -102,12 +101,11 @@ def _published(workers: int | None, folder: Path, progress: Progress) -> list[Js
 
 
 def _print_verdict(verdict: dict[str, Any]) -> None:
-    from horizonval.studies.regression.formatting import anchor_sentence, gate_sentence, published_sentence
+    from horizonval.studies.regression.gates import gate_sentence
+    from horizonval.studies.regression.page import published_sentence
 
     for gate in verdict["gates"]:
         print(f"{gate['verdict']:12} {gate['name']} ({gate['against']}): {gate_sentence(gate)}")
-    for anchor in verdict["anchors"]:
-        print(f"{anchor['verdict']:12} anchor {anchor['name']}: {anchor_sentence(anchor)}")
     if verdict["published"]:
         same = sum(one["verdict"] == "PASS" for one in verdict["published"])
         print(

@@ -17,8 +17,7 @@ from horizonval.precheck.suite import check_suite
 from horizonval.precheck.text import cost_lines
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder
-from horizonval.studies.regression.night import planned
-from horizonval.studies.regression.tonight.wanted import Wanted
+from horizonval.studies.regression.night import Wanted, planned
 from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.units.work import UnitWork
 from horizonval.systems.systems import chosen, experiment

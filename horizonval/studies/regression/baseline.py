@@ -1,9 +1,14 @@
-"""Frozen images in one small file: detector images, and the frames they were made of.
+"""The accepted baseline: what a night is compared with, small enough to lie beside the code.
 
-A NumPy archive (``.npz``) with LZMA instead of deflate. Detector numbers are kept bit by bit, high and low bytes apart,
-because noise fills the low ones only: 6 kB for an image of 112 x 112 pixels. Frames are kept as the square root of
-their radiance in 12 bits, 0.05 % of the brightest pixel and finer below: enough to tell where and by how much a new
-frame differs, while their own digests tell whether it differs at all. Equal content gives equal bytes.
+``NAME.json`` holds rows, digests, what each scene is like, where it came from and why it was accepted; ``NAME.npz`` the
+frozen images; ``NAME.md`` the table of differences, for the one who reviews the change. ``NAME.release.json`` and
+``NAME.release.npz`` are the same of the last release, without detector images: drift of one percent a night passes
+every comparison with yesterday. A baseline is never changed but by ``horizonval baseline accept``, with a reason.
+
+The file of frozen images is a NumPy archive with LZMA instead of deflate. Detector numbers are stored bit by bit, high
+and low bytes apart, because noise fills the low ones only: 6 kB for an image of 112 x 112 pixels. Frames are stored as
+the square root of their radiance in 12 bits, 0.05 % of the brightest pixel and finer below: enough to say where and by
+how much a new frame differs, while their digests say whether it differs at all. Equal content gives equal bytes.
 """
 
 from __future__ import annotations
@@ -23,13 +28,13 @@ from numpy.typing import NDArray
 
 from horizonval.core import atomic, files
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.store.folder import read_json, write_json
+from horizonval.studies.regression.gates import GateInputs
+from horizonval.studies.regression.row import from_columns, to_columns
 
+BASELINE_SCHEMA = 1
 PACK_SCHEMA = 2
-UNCALIBRATED_SCHEMA = 1
-"""Of packs from before images carried the calibration of their detector; they are read without one."""
 CODES = 4095
-Key = tuple[str, str]
-"""Scene and band."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +76,6 @@ class Pack:
     images: tuple[FrozenImage, ...] = ()
     frames: tuple[FrozenFrame, ...] = ()
     truths: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-
-    def frame(self, key: Key) -> FrozenFrame | None:
-        """Return the frame of a scene and band."""
-        return next((f for f in self.frames if (f.scene, f.band) == key), None)
 
 
 def digest(values: NDArray[Any]) -> str:
@@ -142,13 +143,11 @@ def read_pack(path: Path) -> Pack:
         with files.open_file(path) as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         head = json.loads(arrays["head"].tobytes())
-        if head["schema"] not in (UNCALIBRATED_SCHEMA, PACK_SCHEMA):
+        if head["schema"] != PACK_SCHEMA:
             raise DamagedFileError(f"schema {head['schema']}", where=str(path), expected=f"schema {PACK_SCHEMA}")
-        calibrated = head["schema"] == PACK_SCHEMA
         images = []
-        for scene, band, replicate, full_scale, sha, name, k, *calibration in head["images"]:
+        for scene, band, replicate, full_scale, sha, name, k, radiance_per_dn in head["images"]:
             dn = _from_planes(arrays[f"{name}_high"][k], arrays[f"{name}_low"][k])
-            (radiance_per_dn,) = calibration if calibrated else (None,)
             image = FrozenImage(scene, band, replicate, full_scale, dn, radiance_per_dn)
             if image.sha256 != sha:
                 raise DamagedFileError(f"the image {scene} {band} {replicate} is not what was frozen", where=str(path))
@@ -188,3 +187,107 @@ def _encode(radiance: NDArray[np.floating], scale: float) -> NDArray[np.uint16]:
 
 def _decode(codes: NDArray[np.uint16], scale: float) -> NDArray[np.float64]:
     return (codes.astype(np.float64) / CODES) ** 2 * scale
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A baseline in memory; ``pack`` is the file of its images.
+
+    ``together`` describes scenes with rows of methods that see all heads, by the scene's name: ``heads`` (name and
+    scene of every head, in their order), ``table``, ``bands``.
+    """
+
+    path: Path
+    head: Mapping[str, Any]
+    results: GateInputs
+    scenes: Mapping[str, Any]
+    pack: Path
+    together: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """The night and version it was made by."""
+        return f"{self.head['night']} ({self.head['version']})"
+
+    @property
+    def images(self) -> Pack:
+        """The frozen images."""
+        return read_pack(self.pack)
+
+
+def pack_path(path: Path) -> Path:
+    """Return the file of images that belongs to a baseline's JSON file."""
+    return path.with_suffix(".npz")
+
+
+def release_path(path: Path) -> Path:
+    """Return the last release's file beside an accepted baseline's."""
+    return path.with_name(f"{path.stem}.release.json")
+
+
+def read_baseline(path: Path, suite: str) -> Baseline:
+    """Read a baseline and check that its images are the ones that were accepted with it.
+
+    Raises
+    ------
+    UserError
+        No such file, or one of another suite.
+    DamagedFileError
+        It is not what ``baseline accept`` wrote.
+    """
+    if not path.is_file():
+        raise UserError("no accepted baseline", where=str(path), fix="see `horizonval baseline accept --help`")
+    data = read_json(path, bound=False, fix="take it from version control again")
+    if data is None or data.get("schema") != BASELINE_SCHEMA:
+        raise DamagedFileError("not a baseline of this version", where=str(path))
+    if data["suite"] != suite:
+        raise UserError(f"is the baseline of suite {data['suite']!r}", where=str(path), expected=f"that of {suite!r}")
+    pack = pack_path(path)
+    if not pack.is_file():
+        raise UserError("no such file", where=str(pack), expected=f"the frozen images that belong to {path.name}")
+    if files.sha256_of(pack) != data["pack_sha256"]:
+        raise DamagedFileError("its bytes are not those that were accepted", where=str(pack))
+    try:
+        results = GateInputs(
+            rows=from_columns(data["rows"]), fresh=from_columns(data["fresh"]), fresh_night=data["fresh_night"]
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise DamagedFileError(f"its rows cannot be read ({error!r})", where=str(path)) from error
+    head = {key: value for key, value in data.items() if key not in ("rows", "fresh", "scenes", "together")}
+    return Baseline(path, head, results, data["scenes"], pack, data["together"])
+
+
+def write_baseline(
+    path: Path,
+    head: Mapping[str, Any],
+    results: GateInputs,
+    scenes: Mapping[str, Any],
+    pack: Pack,
+    together: Mapping[str, Any],
+) -> None:
+    """Write a baseline's two files, the one that names the other last."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    images = pack_path(path)
+    write_pack(images, pack)
+    content = {
+        **head,
+        "schema": BASELINE_SCHEMA,
+        "scenes": scenes,
+        "together": together,
+        "rows": to_columns(results.rows),
+        "fresh": to_columns(results.fresh),
+        "fresh_night": results.fresh_night,
+        "pack_sha256": files.sha256_of(images),
+    }
+    write_json(path, content, indent=None, bound=False)
+
+
+def copy_as_release(path: Path) -> Path:
+    """Write the last release's files from the accepted ones, without detector images; return the JSON's path."""
+    data = read_json(path, bound=False) or {}
+    accepted = read_pack(pack_path(path))
+    target = release_path(path)
+    write_pack(pack_path(target), Pack((), accepted.frames, {}))
+    data["pack_sha256"] = files.sha256_of(pack_path(target))
+    write_json(target, data, indent=None, bound=False)
+    return target

@@ -8,17 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
-from horizonval.spec.regression import IMAGE_METRICS, GateSpec
+from horizonval.spec.regression import IMAGE_METRICS, TWO_SIDED, GateSpec
 from horizonval.studies.regression.row import ERRORS, ReplicateRow
-from horizonval.studies.regression.statistics.estimate import Estimate
-from horizonval.studies.regression.statistics.means import independent_difference, paired_difference
-from horizonval.studies.regression.statistics.proportions import independent_loss, paired_loss
+from horizonval.studies.regression.statistics import (
+    Estimate,
+    decide,
+    independent_difference,
+    independent_loss,
+    paired_difference,
+    paired_loss,
+)
 
 PERCENT = 100.0
 ANGLE_LIMIT_ARCSEC = 1e-6 * 3600
 """Angles that differ by less than 1e-6 deg are the same: ten times the rounding of the stored ones."""
+MOST_NAMED = 12
+"""Scenes of a gate that are named; ``n_scenes`` counts all that changed."""
 
 
 @dataclass(frozen=True)
@@ -108,47 +116,36 @@ def _chosen(gate: GateSpec, rows: Iterable[ReplicateRow]) -> list[ReplicateRow]:
     ]
 
 
-def _is_claim(row: ReplicateRow) -> bool:
-    return row.is_claim
+ERROR_OF: dict[str, Callable[[ReplicateRow], float | None]] = {
+    "nadir_error": attrgetter("nadir_error_arcsec"),
+    "error_over_bound": attrgetter("error_over_bound"),
+}
+"""Metrics whose mean over claims is compared; the others are shares."""
+_is_claim: Callable[[ReplicateRow], bool] = attrgetter("is_claim")
 
 
 def _is_sound(row: ReplicateRow) -> bool:
     return not row.false_valid
 
 
-def _nadir_error(row: ReplicateRow) -> float | None:
-    return row.nadir_error_arcsec
-
-
-def _over_bound(row: ReplicateRow) -> float | None:
-    return row.error_over_bound
-
-
-ERROR_OF: dict[str, Callable[[ReplicateRow], float | None]] = {
-    "nadir_error": _nadir_error,
-    "error_over_bound": _over_bound,
-}
-"""Metrics whose mean over claims is compared; the others are shares."""
-
-
 def _paired(gate: GateSpec, pairs: Sequence[tuple[ReplicateRow, ReplicateRow]]) -> Measured:
     if gate.metric in ERROR_OF:
-        values = [(ERROR_OF[gate.metric](n), ERROR_OF[gate.metric](b), n.scene) for n, b in pairs]
+        values = [(ERROR_OF[gate.metric](n), ERROR_OF[gate.metric](b), n.case) for n, b in pairs]
         both = [(now - before, scene) for now, before, scene in values if now is not None and before is not None]
         estimate = paired_difference([d for d, _ in both], [scene for _, scene in both])
         return Measured(gate, estimate, _weightiest(both), paired=True)
     good: Callable[[ReplicateRow], bool] = _is_sound
     if gate.metric == "availability":
-        good, pairs = _is_claim, [(n, b) for n, b in pairs if b.due]
-    estimate = paired_loss([good(b) for _, b in pairs], [good(n) for n, _ in pairs], [n.scene for n, _ in pairs])
-    moved = [(PERCENT * (int(good(b)) - int(good(n))), n.scene) for n, b in pairs]
+        good, pairs = _is_claim, [(n, b) for n, b in pairs if b.is_due]
+    estimate = paired_loss([good(b) for _, b in pairs], [good(n) for n, _ in pairs], [n.case for n, _ in pairs])
+    moved = [(PERCENT * (int(good(b)) - int(good(n))), n.case) for n, b in pairs]
     return Measured(gate, _scaled(estimate), _weightiest(moved), paired=True)
 
 
 def _independent(gate: GateSpec, now: Sequence[ReplicateRow], base: Sequence[ReplicateRow]) -> Estimate | None:
     if gate.metric in ERROR_OF:
         mine, theirs = (
-            [(error, r.scene) for r in rows if (error := ERROR_OF[gate.metric](r)) is not None] for rows in (now, base)
+            [(error, r.case) for r in rows if (error := ERROR_OF[gate.metric](r)) is not None] for rows in (now, base)
         )
         return independent_difference(
             [error for error, _ in mine],
@@ -159,7 +156,7 @@ def _independent(gate: GateSpec, now: Sequence[ReplicateRow], base: Sequence[Rep
     good: Callable[[ReplicateRow], bool] = _is_sound
     if gate.metric == "availability":
         good = _is_claim
-        now, base = [r for r in now if r.due], [r for r in base if r.due]
+        now, base = [r for r in now if r.is_due], [r for r in base if r.is_due]
     # Several estimators on one frame are not several frames: a frame is good if all of them are.
     mine_by, theirs_by = _all_good(now, good), _all_good(base, good)
     return _scaled(independent_loss(sum(theirs_by), len(theirs_by), sum(mine_by), len(mine_by)))
@@ -168,7 +165,7 @@ def _independent(gate: GateSpec, now: Sequence[ReplicateRow], base: Sequence[Rep
 def _all_good(rows: Iterable[ReplicateRow], good: Callable[[ReplicateRow], bool]) -> list[bool]:
     frames: dict[tuple[str, str, int], bool] = {}
     for row in rows:
-        key = (row.scene, row.band, row.replicate)
+        key = (row.case, row.band, row.replicate)
         frames[key] = frames.get(key, True) and good(row)
     return list(frames.values())
 
@@ -200,3 +197,70 @@ def _scaled(estimate: Estimate | None) -> Estimate | None:
     e, p = estimate, PERCENT
     bounds = (e.lower95 * p, e.upper95 * p, e.lower99 * p, e.upper99 * p)
     return Estimate(e.value * p, *bounds, e.p_worse, e.p_better, e.n, e.clusters)
+
+
+def judge(measured: Sequence[tuple[str, Measured]], looks: int = 1) -> list[dict[str, Any]]:
+    """Return every gate with its verdict as plain data; p-values are adjusted over all of them together.
+
+    Parameters
+    ----------
+    measured : sequence of (str, Measured)
+        What each was compared with (``accepted``, ``release``), and what was found.
+    looks : int
+        See :func:`horizonval.studies.regression.statistics.decide`.
+    """
+    decided = decide(
+        [one.estimate for _, one in measured],
+        [one.gate.margin for _, one in measured],
+        [one.gate.metric in TWO_SIDED for _, one in measured],
+        looks,
+    )
+    return [
+        {
+            "against": name,
+            "name": one.gate.name,
+            "lane": one.gate.lane,
+            "metric": one.gate.metric,
+            "margin": one.gate.margin,
+            "unit": one.gate.unit,
+            "reason": one.gate.reason,
+            "two_sided": one.gate.metric in TWO_SIDED,
+            "paired": one.paired,
+            "verdict": str(verdict),
+            "p_adjusted": p,
+            "estimate": None if one.estimate is None else one.estimate.to_dict(),
+            "scenes": list(one.scenes[:MOST_NAMED]),
+            "n_scenes": len(one.scenes),
+        }
+        for (name, one), (verdict, p) in zip(measured, decided, strict=True)
+    ]
+
+
+def figure(value: float | None, digits: int = 3) -> str:
+    """Return a number with so many digits; an en dash for none."""
+    if value is None:
+        return "–"
+    return f"{value:.{digits}g}" if abs(value) < 999.5 else f"{value:.0f}"
+
+
+def gate_sentence(gate: Mapping[str, Any]) -> str:
+    """Return what a gate found and what it allows."""
+    estimate, unit = gate["estimate"], gate["unit"]
+    if estimate is None:
+        return f"too few scenes to say anything about {gate['metric']} (margin {figure(gate['margin'])} {unit})"
+    sign = "+" if estimate["value"] > 0 else ""
+    text = (
+        f"{gate['metric']} {sign}{figure(estimate['value'])} {unit} "
+        f"(95 % bounds {figure(estimate['lower95'])} to {figure(estimate['upper95'])}), "
+        f"margin {figure(gate['margin'])} {unit}, {'paired' if gate['paired'] else 'other scenes'}, "
+        f"n = {estimate['n']} in {estimate['clusters']} scenes, p = {figure(gate['p_adjusted'])}"
+    )
+    if gate["verdict"] in ("FAIL", "IMPROVED") and gate["scenes"]:
+        text += f"; scenes: {scenes(gate)}"
+    return text
+
+
+def scenes(gate: Mapping[str, Any]) -> str:
+    """Return the scenes that weigh most, and how many more there are."""
+    more = gate["n_scenes"] - len(gate["scenes"])
+    return ", ".join(gate["scenes"]) + (f" and {more} more" if more > 0 else "")
