@@ -14,8 +14,8 @@ import numpy as np
 
 from horizonval.earth.optical import optical_model
 from horizonval.renderer.plugin.backend import activate
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 PIXELS, WHITE = 300, 0.7
 BANDS = (("red", 0.67, 0.69), ("green", 0.541, 0.561), ("blue", 0.433, 0.453))

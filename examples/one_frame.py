@@ -19,7 +19,7 @@ def main(folder: Path) -> None:
         camera=camera,
         altitude_km=550,
         latitude_deg=10,
-        epoch="2026-03-20T12:00Z",
+        epoch_utc="2026-03-20T12:00Z",
         mount_roll_deg=65,
         surface={"kind": "earth"},
         render={"subsamples": 1, "nodes": 64},

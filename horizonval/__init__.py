@@ -5,7 +5,7 @@
     import horizonval as hv
 
     camera = hv.Camera.from_file("mycam.toml")  # or a shipped name
-    scene = hv.Scene(camera=camera, altitude_km=550, latitude_deg=10, epoch="2026-03-20T12:00Z")
+    scene = hv.Scene(camera=camera, altitude_km=550, latitude_deg=10, epoch_utc="2026-03-20T12:00Z")
     print(hv.check(scene))
     frame = hv.render(scene)
     image = frame.observe(seed=1)
@@ -20,7 +20,7 @@ comes with the first frame.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from horizonval.core.llvm import name_library
+from horizonval.core.environment import name_library
 
 if TYPE_CHECKING:
     from horizonval.api.camera import Camera
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from horizonval.api.scene import Scene
     from horizonval.api.session import Session
     from horizonval.core.errors import UserError
-    from horizonval.core.outcome import Outcome
-    from horizonval.core.refusal import Refusal
+    from horizonval.core.outcome import Outcome, Refusal
     from horizonval.estimation.observation import Estimator, Fit, Observation
     from horizonval.estimation.prior import Prior
     from horizonval.scoring.row import Score
@@ -91,8 +90,7 @@ _HOMES = {
     "api.scene": ("Scene",),
     "api.session": ("Session",),
     "core.errors": ("UserError",),
-    "core.outcome": ("Outcome",),
-    "core.refusal": ("Refusal",),
+    "core.outcome": ("Outcome", "Refusal"),
     "estimation.observation": ("Estimator", "Fit", "Observation"),
     "estimation.prior": ("Prior",),
     "scoring.row": ("Score",),

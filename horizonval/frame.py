@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.part.outline import Outline
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 FRAME_SCHEMA = 4
 """Of the truth's fields. 1: before there was a Moon; 2: before the infrared horizon; 3: before the refracted one.

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 CAMERA: dict[str, Any] = {
     "camera": {"name": "small", "width": 40, "height": 30, "fov_deg": 60.0},

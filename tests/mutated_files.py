@@ -142,14 +142,6 @@ months = [1, 7]
 name = "co2"
 lo_um = 14.0
 hi_um = 16.25
-[[stability.sensor]]
-name = "edge"
-kind = "edge"
-locator = "half"
-[[stability.sensor]]
-name = "field"
-kind = "field"
-field_deg = 2.0
 """
 
 REGRESSION = """\

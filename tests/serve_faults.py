@@ -7,11 +7,8 @@ import socket
 import time
 
 import horizonval as hv
-from horizonval.serve.conversation import MOST_REQUEST_BYTES
-from horizonval.wire import SCHEMA
-from horizonval.wire.address import Address
-from horizonval.wire.framing import HEADER, MAGIC, receive, send
-from horizonval.wire.packing import pack, unpack
+from horizonval.serve.server import MOST_REQUEST_BYTES
+from horizonval.wire import HEADER, MAGIC, SCHEMA, Address, pack, receive, send, unpack
 
 REQUEST = pack({"schema": SCHEMA, "kind": "image", "seed": 5})
 FRAME = HEADER.pack(MAGIC, len(REQUEST)) + REQUEST

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
@@ -30,7 +29,7 @@ from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row, make_row
 from horizonval.scoring.summary import summarise
 from horizonval.scoring.table import write_results
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.store.folder import write_json
 from horizonval.store.store import Store
 

@@ -17,7 +17,7 @@ import horizonval
 from horizonval.cli.app import app as command_line
 from horizonval.cli.app import run_command_line
 from horizonval.scoring.row import COLUMNS
-from horizonval.spec.reference.keys import MODELS, FileKind, Key, KeyTable, tables
+from horizonval.spec.schema import MODELS, FileKind, Key, KeyTable, tables
 
 GENERATED = Path(__file__).parents[1] / "reference" / "generated"
 """Not kept in the repository."""

@@ -36,15 +36,15 @@ from Basilisk.utilities import RigidBodyKinematics, SimulationBaseClass, macros,
 from scipy.spatial.transform import Rotation
 
 from horizonval import __version__
+from horizonval.bridges.attitudes import mrp_of_quaternion, quaternion_of_mrp
 from horizonval.bridges.basilisk import AttitudeModule, CameraModule
-from horizonval.bridges.inertial import mrp_of_quaternion, quaternion_of_mrp
 from horizonval.core import atomic
 from horizonval.geometry.camera import project
 from horizonval.geometry.eclipse import sun_visible_fraction
 from horizonval.geometry.ephemeris import sun_angular_radius, sun_gcrs
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.serve.local import LocalClient
-from horizonval.wire.packing import pack, unpack
+from horizonval.wire import pack, unpack
 
 HERE = Path(__file__).parent
 EPOCH = datetime(2026, 3, 20, 12, 0, tzinfo=UTC)

@@ -46,7 +46,7 @@ class HorizonCameraNode(Node):
         epoch = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=stamp.sec, microseconds=stamp.nanosec / 1e3)
         try:
             served = self._client.image(
-                epoch=epoch,
+                epoch_utc=epoch,
                 position_itrs_km=[place.x / 1e3, place.y / 1e3, place.z / 1e3],
                 q_body_from_itrs=inverse([turn.x, turn.y, turn.z, turn.w]),
                 seed=self._seed,

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import find
 from horizonval.spec.load import changed_camera, read_toml, validate
-from horizonval.spec.sensor.camera import CameraSpec
 
 
 class Camera:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,19 @@ from horizonval.api.image import Image
 from horizonval.api.scene import plain
 from horizonval.core.errors import UserError
 from horizonval.frame import FrameTruth
-from horizonval.wire import SCHEMA
-from horizonval.wire.address import Address
-from horizonval.wire.framing import LONGEST_BODY, receive, send
-from horizonval.wire.packing import array_of_map, check_installed, pack, unpack
-from horizonval.wire.problem import error_of_message
+from horizonval.spec.pose import PoseKeywords
+from horizonval.wire import (
+    LONGEST_BODY,
+    SCHEMA,
+    Address,
+    array_of_map,
+    check_installed,
+    error_of_message,
+    pack,
+    receive,
+    send,
+    unpack,
+)
 
 _RETRY_S = 0.05
 
@@ -78,6 +86,16 @@ class ServedImage:
         return f"<ServedImage {width} x {height} px, band {self.band}, seed {self.seed}>"
 
 
+class ImageKeywords(PoseKeywords, total=False):
+    """What :meth:`Client.image` asks for, for type checkers and editors."""
+
+    exposure_s: float
+    seed: int
+    band: str | None
+    truth: bool
+    radiance: bool
+
+
 class Client:
     """Asks a server for images, one after another; each call waits for its answer.
 
@@ -128,58 +146,15 @@ class Client:
                     ) from e
             time.sleep(_RETRY_S)
 
-    def image(
-        self,
-        *,
-        epoch: str | datetime | None = None,
-        latitude_deg: float | None = None,
-        longitude_deg: float | None = None,
-        altitude_km: float | None = None,
-        heading_deg: float | None = None,
-        position_itrs_km: Sequence[float] | NDArray[np.float64] | None = None,
-        velocity_itrs_km_s: Sequence[float] | NDArray[np.float64] | None = None,
-        yaw_deg: float | None = None,
-        pitch_deg: float | None = None,
-        roll_deg: float | None = None,
-        q_body_from_lvlh: Sequence[float] | NDArray[np.float64] | None = None,
-        q_body_from_itrs: Sequence[float] | NDArray[np.float64] | None = None,
-        rate_deg_s: Sequence[float] | NDArray[np.float64] | None = None,
-        hold: str | None = None,
-        exposure_s: float | None = None,
-        seed: int = 0,
-        band: str | None = None,
-        head: str | None = None,
-        truth: bool = False,
-        radiance: bool = False,
-    ) -> ServedImage:
+    def image(self, **keys: Unpack[ImageKeywords]) -> ServedImage:
         """Return the image of a pose; what is left out is as in the server's scene, whatever was asked before.
 
         Parameters
         ----------
-        epoch : str or datetime, optional
-            UTC.
-        latitude_deg, longitude_deg, altitude_km : float, optional
-            Geodetic position.
-        heading_deg : float, optional
-            Geocentric azimuth of the velocity among the stars, from north over east.
-        position_itrs_km : array_like, shape (3,), optional
-            Along Earth-fixed axes, in place of the geodetic position.
-        velocity_itrs_km_s : array_like, shape (3,), optional
-            How fast the Earth-fixed position changes, in place of the heading.
-        yaw_deg, pitch_deg, roll_deg : float, optional
-            Body against lvlh.
-        q_body_from_lvlh, q_body_from_itrs : array_like, shape (4,), optional
-            Scalar last; one of them in place of the angles.
-        rate_deg_s : array_like, shape (3,), optional
-            Angular velocity in body axes, which blurs the exposure.
-        hold : {"lvlh", "inertial"}, optional
-            What the rate is counted from.
-        exposure_s : float, optional
-        seed : int
-            Another one is another draw of all noise.
-        band, head : str, optional
-        truth, radiance : bool
-            Whether the answer holds them.
+        **keys
+            The keys of a pose are keywords of :class:`horizonval.Scene`, from ``epoch_utc`` to ``head``. With them go
+            ``exposure_s``; ``seed``, another of which gives other noise; ``band``; and ``truth`` and ``radiance``,
+            whether the answer holds them.
 
         Returns
         -------
@@ -188,11 +163,9 @@ class Client:
         Raises
         ------
         UserError
-            What the server refused, in its words; no answer in time, or a lost connection.
+            The server refused; its words. Or no answer in time, or a lost connection.
         """
-        given = {key: value for key, value in locals().items() if key not in ("self", "epoch") and value is not None}
-        if epoch is not None:
-            given["epoch_utc"] = epoch.isoformat() if isinstance(epoch, datetime) else epoch
+        given = {key: x.isoformat() if isinstance(x, datetime) else x for key, x in keys.items() if x is not None}
         answer = self._ask("image", plain(given))
         stated = answer.get("truth")
         packed = answer.get("radiance")

@@ -13,14 +13,14 @@ from horizonval.api.camera import Camera, camera_of
 from horizonval.commands.estimate import estimator_of, observation_from, observation_from_heads, prior_from
 from horizonval.commands.picture import GreyImage, picture_of_array, picture_of_source, read_picture
 from horizonval.core.errors import UserError
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.suites.observation import method_radius_m
 
 AnyImage: TypeAlias = DetectorImage | RadianceFrame | str | Path | NDArray[Any]

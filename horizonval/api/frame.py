@@ -110,8 +110,8 @@ class Frame(RadianceFrame):
 
         Notes
         -----
-        The six of pose come together, at about the cost of two frames from a table; each of the air's takes two frames
-        of other air. The scene is that of the frame's truth: :func:`horizonval.open_frame` serves as well.
+        Each parameter takes two frames: those of pose share the tables of the air, a parameter of the air has tables of
+        its own. The scene is that of the frame's truth: :func:`horizonval.open_frame` serves as well.
         """
         return derivatives_of(self.scene, parameters, progress)
 

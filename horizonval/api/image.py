@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from horizonval.api.camera import Camera, camera_of
 from horizonval.frame import DetectorImage, RadianceFrame
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 if TYPE_CHECKING:
     import xarray

@@ -3,88 +3,76 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from pathlib import Path
-from typing import Any, Never
+from typing import Any, Unpack
 
 import numpy as np
 
 from horizonval.api.camera import Camera, camera_of
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.json_types import JsonObject
-from horizonval.core.suggest import nearest
-from horizonval.spec.load import Shelf, load_frames, load_scene
-from horizonval.spec.merge import deep_merge
-from horizonval.spec.scene import SceneSpec
+from horizonval.geometry.pose import scene_keys
+from horizonval.spec.base import deep_merge
+from horizonval.spec.load import Shelf, load_frames, load_scene, validate
+from horizonval.spec.pose import TABLE_OF, VECTORS, PoseKeys, PoseKeywords
+from horizonval.spec.scene import SceneName, SceneSpec
 
-FLAT = {
-    "altitude_km": ("platform", "altitude_km"),
-    "latitude_deg": ("platform", "latitude_deg"),
-    "longitude_deg": ("platform", "longitude_deg"),
-    "heading_deg": ("platform", "heading_deg"),
-    "epoch": ("platform", "epoch_utc"),
-    "yaw_deg": ("attitude", "yaw_deg"),
-    "pitch_deg": ("attitude", "pitch_deg"),
-    "roll_deg": ("attitude", "roll_deg"),
-    "head": ("camera", "head"),
-    "mount_yaw_deg": ("camera", "mount_yaw_deg"),
-    "mount_pitch_deg": ("camera", "mount_pitch_deg"),
-    "mount_roll_deg": ("camera", "mount_roll_deg"),
-    "sun_zenith_deg": ("sun", "zenith_deg"),
-    "sun_azimuth_deg": ("sun", "azimuth_deg"),
-    "name": ("scene", "name"),
-    "seed": ("scene", "seed"),
-}
-"""Keywords of :class:`Scene`, and the table and key of a scene file that each of them is."""
-TABLES = (
-    "attitude",
-    "earth",
-    "atmosphere",
-    "surface",
-    "clouds",
-    "moon",
-    "night",
-    "part",
-    "render",
-    "prior",
-    "calibration",
-)
+FLAT = TABLE_OF | dict.fromkeys(SceneName.model_fields, "scene")
+"""Keys of a scene file that are keywords of :class:`Scene` as they are, and their tables."""
+TABLES = tuple(key for key in SceneSpec.model_fields if key != "camera")
 """Keywords that are a whole table of a scene file."""
+
+
+class SceneKeywords(PoseKeywords, total=False):
+    """Keywords of :class:`Scene` for type checkers and editors."""
+
+    name: str
+    seed: int
+    draw: str
+    scene: Mapping[str, Any]
+    platform: Mapping[str, Any]
+    attitude: Mapping[str, Any]
+    earth: Mapping[str, Any]
+    atmosphere: Mapping[str, Any]
+    surface: Mapping[str, Any]
+    clouds: Mapping[str, Any]
+    layer: Sequence[Mapping[str, Any]]
+    sun: Mapping[str, Any]
+    moon: Mapping[str, Any]
+    night: Mapping[str, Any]
+    part: Sequence[Mapping[str, Any]]
+    render: Mapping[str, Any]
+    prior: Mapping[str, Any]
+    calibration: Mapping[str, Any]
 
 
 class Scene:
     """What one frame is rendered of: a camera on a satellite, the Earth and its air, an instant.
 
-    The keywords are keys of a scene file; what is left out has the file's default. Angles in degrees.
+    The keywords are keys of a scene file; what is left out has the file's default.
 
     Parameters
     ----------
     camera : Camera, str, Path or mapping
         A camera, the file or shipped name of one, or its plain data.
-    altitude_km : float
-        Geodetic height.
-    latitude_deg, longitude_deg : float
-        Geodetic position of the satellite.
+    epoch_utc : str or datetime
+        Such as ``"2026-03-20T12:00Z"``.
+    latitude_deg, longitude_deg, altitude_km : float
+        Geodetic position of the satellite; or ``position_itrs_km``, three numbers along Earth-fixed axes.
     heading_deg : float
-        Azimuth of its velocity, from north over east, in the plane across the line to the Earth's centre.
-    epoch : str or datetime
-        UTC, such as ``"2026-03-20T12:00Z"``.
+        Azimuth of its velocity, from north over east, in the plane across the line to the Earth's centre; or
+        ``velocity_itrs_km_s``, the rate of change of the Earth-fixed position.
     yaw_deg, pitch_deg, roll_deg : float
-        Body against lvlh (x to the velocity, z to the nadir), in this order.
-    mount_yaw_deg, mount_pitch_deg, mount_roll_deg : float
-        Camera against body, in this order.
-    head : str
-        Which one of a camera's several heads.
-    sun_zenith_deg, sun_azimuth_deg : float
-        The Sun placed by hand, seen from the point below the satellite.
-    name : str
-        Identity of the scene: everything random is drawn from a hash of it.
-    seed : int
-        Other draws of clouds and noise.
-    attitude, earth, atmosphere, surface, clouds, moon, night, render, prior : mapping
-        Tables of a scene file, as ``surface={"kind": "earth"}``.
-    part : sequence of mapping
-        Parts of the spacecraft in view, each a table ``[[part]]`` of a scene file.
+        Body against lvlh (x to the velocity, z to the nadir), in this order; or a quaternion, scalar last:
+        ``q_body_from_lvlh`` or ``q_body_from_itrs``.
+    rate_deg_s, hold : array_like, shape (3,), and str
+        Angular velocity in body axes, and what it is counted from: ``"lvlh"`` or ``"inertial"``.
+    mount_yaw_deg, mount_pitch_deg, mount_roll_deg, head : float, and str
+        Camera against body, in this order, and which one of a camera's several heads.
+    name, seed, draw : str, int, and str
+        Identity of the scene, from which everything random is drawn; another seed gives other draws.
+    earth, atmosphere, surface, clouds, layer, sun, moon, night, part, render, prior, calibration : mapping
+        Tables of a scene file, as ``surface={"kind": "earth"}``; ``layer`` and ``part`` are lists of them.
 
     Attributes
     ----------
@@ -110,42 +98,11 @@ class Scene:
     def __init__(
         self,
         camera: Camera | str | Path | Mapping[str, Any] | None = None,
-        *,
-        altitude_km: float | None = None,
-        latitude_deg: float | None = None,
-        longitude_deg: float | None = None,
-        heading_deg: float | None = None,
-        epoch: str | datetime | None = None,
-        yaw_deg: float | None = None,
-        pitch_deg: float | None = None,
-        roll_deg: float | None = None,
-        mount_yaw_deg: float | None = None,
-        mount_pitch_deg: float | None = None,
-        mount_roll_deg: float | None = None,
-        head: str | None = None,
-        sun_zenith_deg: float | None = None,
-        sun_azimuth_deg: float | None = None,
-        name: str | None = None,
-        seed: int | None = None,
-        attitude: Mapping[str, Any] | None = None,
-        earth: Mapping[str, Any] | None = None,
-        atmosphere: Mapping[str, Any] | None = None,
-        surface: Mapping[str, Any] | None = None,
-        clouds: Mapping[str, Any] | None = None,
-        moon: Mapping[str, Any] | None = None,
-        night: Mapping[str, Any] | None = None,
-        part: Sequence[Mapping[str, Any]] | None = None,
-        render: Mapping[str, Any] | None = None,
-        prior: Mapping[str, Any] | None = None,
-        **unknown: Never,
+        **keywords: Unpack[SceneKeywords],
     ) -> None:
-        keywords = {key: value for key, value in locals().items() if key in FLAT or key in TABLES}
         if camera is None:
             raise UserError("missing", where="Scene: camera", expected="a camera, its file, or a shipped name")
-        camera_object = camera_of(camera)
-        data = _tables({**keywords, **unknown})
-        data["camera"] = {"file": camera_object.source, **data.get("camera", {})}
-        self._set(*_resolved(data, camera_object))
+        self._set(*_with_keywords({"platform": {}}, keywords, camera_of(camera)))
 
     def _set(self, spec: SceneSpec, camera: Camera) -> None:
         self.spec, self.camera = spec, camera
@@ -266,9 +223,7 @@ class Scene:
         [500.0, 700.0]
         """
         camera = camera_of(keywords.pop("camera", self.camera))
-        data = deep_merge(self.spec.model_dump(exclude_unset=True), _tables(keywords))
-        data["camera"]["file"] = camera.source
-        return self._of(*_resolved(data, camera))
+        return self._of(*_with_keywords(self.spec.model_dump(exclude_unset=True), keywords, camera))
 
     @property
     def name(self) -> str:
@@ -298,20 +253,26 @@ def scene_of(scene: Scene | str | Path) -> Scene:
     return scene if isinstance(scene, Scene) else Scene.from_file(scene)
 
 
-def _tables(keywords: Mapping[str, Any]) -> JsonObject:
-    """Return keywords as the tables of a scene file; those that are None are left out."""
-    data: JsonObject = {"platform": {}}
-    for key, value in keywords.items():
-        if key not in FLAT and key not in TABLES:
-            known = [*FLAT, *TABLES]
-            raise UserError(
-                "unknown keyword", where=f"Scene: {key}", expected=f"one of {', '.join(nearest(key, known))}"
-            )
-        if value is None:
-            continue
-        table = {key: plain(value)} if key in TABLES else {FLAT[key][0]: {FLAT[key][1]: plain(value)}}
-        data = deep_merge(data, table)
-    return data
+def _with_keywords(data: JsonObject, keywords: Mapping[str, Any], camera: Camera) -> tuple[SceneSpec, Camera]:
+    """Return the scene of plain data with keywords laid over it; those that are None are left out."""
+    given = {key: plain(value) for key, value in keywords.items() if value is not None}
+    known = (*FLAT, *VECTORS, *TABLES)
+    for key in keywords:
+        if key not in known:
+            expected = f"one of {', '.join(nearest(key, known))}"
+            raise UserError("unknown keyword", where=f"Scene: {key}", expected=expected)
+    pose = validate(PoseKeys, {key: x for key, x in given.items() if key in PoseKeys.model_fields}, "Scene")
+    data = deep_merge(data, {"camera": {"file": camera.source}})
+    for key, value in given.items():
+        if key not in VECTORS:
+            data = deep_merge(data, {key: value} if key in TABLES else {FLAT[key]: {key: value}})
+    if any(key in VECTORS for key in given):
+        if "position_itrs_km" in given:
+            # A scene needs an altitude before it is known which one.
+            data = deep_merge(data, {"platform": {"altitude_km": pose.altitude_km}})
+        for key, value in scene_keys(pose, _resolved(data, camera)[0], "Scene").items():
+            data = deep_merge(data, {TABLE_OF[key]: {key: value}})
+    return _resolved(data, camera)
 
 
 def _resolved(data: JsonObject, camera: Camera | None) -> tuple[SceneSpec, Camera]:

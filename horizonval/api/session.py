@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +13,12 @@ from horizonval.api.camera import Camera
 from horizonval.api.frame import Frame
 from horizonval.api.image import Image, observe
 from horizonval.api.progress import shown
-from horizonval.api.scene import Scene, plain, scene_of
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
-from horizonval.geometry.frames import to_yaw_pitch_roll
+from horizonval.api.scene import Scene, SceneKeywords, plain, scene_of
+from horizonval.core.errors import UserError, nearest
+from horizonval.geometry.pose import scene_keys
 from horizonval.spec.load import validate
-from horizonval.spec.scene import Attitude as AttitudeSpec
-from horizonval.spec.scene import CameraUse, SceneSpec
+from horizonval.spec.pose import ANGLES, QUATERNIONS, TABLE_OF, PoseKeys
+from horizonval.spec.scene import SceneSpec
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress
@@ -28,21 +26,18 @@ if TYPE_CHECKING:
     from horizonval.renderer.scene.viewpoint import Viewpoint
 
 Attitude: TypeAlias = "Sequence[float] | NDArray[np.float64] | Mapping[str, Any]"
-"""Yaw, pitch and roll [deg]; a quaternion; or keys of a scene's attitude and mounting."""
+"""Yaw, pitch and roll [deg]; a quaternion; or keys of a pose that turn the camera."""
 
-ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
-ATTITUDE_KEYS = (*ANGLES, "rate_deg_s", "hold")
-MOUNT_KEYS = ("mount_yaw_deg", "mount_pitch_deg", "mount_roll_deg")
-UNIT_LENGTH = 1e-6
-"""How far a quaternion's length may be from one."""
+TURNS = (*(key for key, table in TABLE_OF.items() if table != "platform" and key != "head"), *QUATERNIONS)
+"""Keys of a pose that turn the camera where it is."""
 
 
 class Session:
     """A camera at one place and instant that answers for any attitude: frames and detector images in real time.
 
-    What depends on place, instant and air alone is made once, by the first frame; what follows turns the camera.
-    After the first frame and image nothing is read from the disk or written to it, but for the kernel of something
-    that comes into view for the first time (the Sun's disc, say), which Dr.Jit compiles and keeps. Every frame has its
+    The first frame makes what depends on place, instant and air alone; the following ones turn the camera. After the
+    first frame and image a session neither reads from the disk nor writes to it, except for the kernel of something
+    that comes into view for the first time (the Sun's disc, say), which Dr.Jit compiles and caches. Every frame has its
     exact truth, and the same bytes as :func:`horizonval.render` gives of ``frame.scene``.
 
     Parameters
@@ -50,9 +45,9 @@ class Session:
     camera : Camera, str, Path or mapping
         As of :class:`horizonval.Scene`.
     progress : bool or Progress
-        Whether long steps of the first frame are told on standard error, or who is told of them.
+        Whether standard error shows the long steps of the first frame, or the receiver of their progress.
     **keywords
-        Those of :class:`horizonval.Scene`; the attitude and mounting among them hold for frames that do not say theirs.
+        Those of :class:`horizonval.Scene`; their attitude and mounting hold for frames that do not give their own.
 
     Attributes
     ----------
@@ -80,7 +75,7 @@ class Session:
         camera: Camera | str | Path | Mapping[str, Any] | None = None,
         *,
         progress: bool | Progress = False,
-        **keywords: Any,
+        **keywords: Unpack[SceneKeywords],
     ) -> None:
         self._set(Scene(camera, **keywords), progress)
 
@@ -129,9 +124,8 @@ class Session:
         ----------
         attitude : sequence or mapping, optional
             Of the body against lvlh: three angles ``yaw, pitch, roll`` [deg]; or a quaternion ``q_body_from_lvlh``,
-            scalar last, of length 1; or a mapping with any of the keys ``yaw_deg``, ``pitch_deg``, ``roll_deg``,
-            ``rate_deg_s``, ``hold``, ``mount_yaw_deg``, ``mount_pitch_deg`` and ``mount_roll_deg`` of a scene. What is
-            not said is as in ``scene``; left out, all of it.
+            scalar last, of length 1; or a mapping with keywords of :class:`horizonval.Scene` that turn the camera:
+            attitude, rate and mounting. Missing values come from ``scene``.
         maps : bool
             False leaves out the truth maps, which a detector does not need: quicker.
 
@@ -218,7 +212,7 @@ class Session:
         --------
         >>> import horizonval as hv
         >>> session = hv.Session("vis-cmos-512-60deg", altitude_km=550)
-        >>> session.move(latitude_deg=20, epoch="2026-03-20T12:01Z")
+        >>> session.move(latitude_deg=20, epoch_utc="2026-03-20T12:01Z")
         >>> session.scene.spec.platform.latitude_deg
         20.0
         """
@@ -239,45 +233,30 @@ class Session:
 
 def _with_attitude(spec: SceneSpec, attitude: Attitude) -> SceneSpec:
     """Return a scene with another attitude; what is not named stays."""
-    where, expected = "Session: attitude", "3 angles [deg], a quaternion of 4 numbers, or keys of a scene"
-    if isinstance(attitude, Mapping):
-        values = {str(key): plain(value) for key, value in attitude.items()}
-    else:
-        values = dict(zip(ANGLES, _angles_deg(attitude, where, expected), strict=True))
-    for key in values:
-        if key not in ATTITUDE_KEYS and key not in MOUNT_KEYS:
-            raise UserError(
-                "unknown key",
-                where=f"{where}: {key}",
-                expected=f"one of {', '.join(nearest(key, [*ATTITUDE_KEYS, *MOUNT_KEYS]))}",
-            )
-    turn = {key: value for key, value in values.items() if key in ATTITUDE_KEYS}
-    mount = {key: value for key, value in values.items() if key in MOUNT_KEYS}
-    changed: dict[str, Any] = {}
-    if turn:
-        data = {**spec.attitude.model_dump(exclude_unset=True), **turn}
-        changed["attitude"] = validate(AttitudeSpec, data, where)
-    if mount:
-        data = {**spec.camera.model_dump(exclude_unset=True), **mount}
-        changed["camera"] = validate(CameraUse, data, where)
-    return spec.model_copy(update=changed)
+    where = "Session: attitude"
+    keys = attitude if isinstance(attitude, Mapping) else _keys_of_numbers(attitude, where)
+    for key in keys:
+        if key not in TURNS:
+            expected = f"one of {', '.join(nearest(str(key), TURNS))}"
+            raise UserError("unknown key", where=f"{where}: {key}", expected=expected)
+    pose = validate(PoseKeys, {key: plain(value) for key, value in keys.items()}, where)
+    changed: dict[str, dict[str, Any]] = {"attitude": {}, "camera": {}}
+    for key, value in scene_keys(pose, spec, where).items():
+        changed[TABLE_OF[key]][key] = value
+    tables = {table: getattr(spec, table).model_copy(update=values) for table, values in changed.items() if values}
+    return spec.model_copy(update=tables)
 
 
-def _angles_deg(attitude: Sequence[float] | NDArray[np.float64], where: str, expected: str) -> list[float]:
+def _keys_of_numbers(attitude: Sequence[float] | NDArray[np.float64], where: str) -> dict[str, Any]:
+    """Return three angles or a quaternion as keys of a pose."""
     try:
         values = np.asarray(attitude, dtype=np.float64)
     except (TypeError, ValueError):
-        raise UserError(f"found {attitude!r}", where=where, expected=expected) from None
-    if values.shape not in {(3,), (4,)} or not np.isfinite(values).all():
-        raise UserError(f"found {attitude!r}", where=where, expected=expected)
-    if values.shape == (3,):
-        return [float(v) for v in values]
-    length = float(np.linalg.norm(values))
-    if abs(length - 1.0) > UNIT_LENGTH:
-        raise UserError(
-            f"the quaternion's length is {length:.7g}",
-            where=where,
-            expected="1",
-            fix="divide it by its length",
-        )
-    return [math.degrees(angle) for angle in to_yaw_pitch_roll(values)]
+        values = np.empty(0)
+    match values.shape:
+        case (3,) if np.isfinite(values).all():
+            return dict(zip(ANGLES, values.tolist(), strict=True))
+        case (4,) if np.isfinite(values).all():
+            return {"q_body_from_lvlh": values.tolist()}
+    expected = "3 angles [deg], a quaternion of 4 numbers, or keys of a pose"
+    raise UserError(f"found {attitude!r}", where=where, expected=expected)

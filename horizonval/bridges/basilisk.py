@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.api.client import Client, ServedImage
-from horizonval.bridges.inertial import mrp_of_quaternion, quaternion_of_mrp, request_of_state
+from horizonval.bridges.attitudes import mrp_of_quaternion, quaternion_of_mrp, request_of_state
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.estimation.prior import Prior

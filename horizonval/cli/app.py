@@ -24,8 +24,8 @@ from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
 from horizonval.cli.serving import serve, view
 from horizonval.cli.study import study
+from horizonval.core.environment import settle_libraries
 from horizonval.core.errors import UserError, printable
-from horizonval.core.machine.caches import settle_libraries
 from horizonval.jobs.life import hush, sign_of_life
 
 COMPLETION = "_HORIZONVAL_COMPLETE"

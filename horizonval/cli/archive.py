@@ -151,7 +151,7 @@ def archive_export(
     options: EntryOptions = ALL,
 ) -> None:
     """Frames and images as files of other programs."""
-    from horizonval.bridges.claimed_attitudes import write_attitudes
+    from horizonval.bridges.attitudes import write_attitudes
     from horizonval.bridges.mcap import write_mcap
     from horizonval.store.export.export_files import Format, export_file, write_masks
     from horizonval.store.manifest import amend_index

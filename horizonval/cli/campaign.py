@@ -88,7 +88,7 @@ def run(
 
         names, loaded = ", ".join(result.failed), load_suite(suite, frames, seed)
         study = loaded.stability
-        total = len(loaded.cases) + (len(study.band) * len(study.months) if study else 0)
+        total = len(loaded.cases) + (len(study.months) if study else 0)
         what = "frames and months" if study else "frames"
         print(f"horizonval: {len(result.failed)} of {total} {what} failed: {names}", file=sys.stderr)
     # A run that ends without its summary has not done what was asked, whatever stopped it.

@@ -44,7 +44,7 @@ def list_names(
     The first word of a line is the name; with --json an object of names and descriptions.
     """
     from horizonval.commands.listing import LISTS
-    from horizonval.core.suggest import nearest
+    from horizonval.core.errors import nearest
 
     if what not in LISTS:
         raise UserError(
@@ -63,9 +63,8 @@ def schema(
     kind: Annotated[str, typer.Argument(help="scene, camera, suite, study or prior.", autocompletion=kinds_of_files)],
 ) -> None:
     """Print the JSON Schema (draft 2020-12) of a kind of file, for editors and other programs."""
-    from horizonval.core.suggest import nearest
-    from horizonval.spec.reference.keys import MODELS
-    from horizonval.spec.reference.schema import schema_text
+    from horizonval.core.errors import nearest
+    from horizonval.spec.schema import MODELS, schema_text
 
     known = next((name for name in MODELS if name == kind), None)
     if known is None:

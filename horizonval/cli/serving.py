@@ -11,7 +11,7 @@ from horizonval.cli.options.completion import shipped
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
-    from horizonval.wire.address import Address
+    from horizonval.wire import Address
 
 
 def serve(
@@ -42,7 +42,7 @@ def serve(
     """
     from horizonval.jobs.life import hush
     from horizonval.serve.service import serve as served
-    from horizonval.wire.address import Address
+    from horizonval.wire import Address
 
     if socket is not None and port is not None:
         raise UserError("used with --port", where="--socket", expected="one of the two")

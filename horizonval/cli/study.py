@@ -140,7 +140,7 @@ def _ask_study(
     cheapest_by: str | None,
     as_json: bool,
 ) -> int:
-    from horizonval.spec.option import with_option
+    from horizonval.spec.explain import with_option
     from horizonval.studies.trade.formatting import comparison_lines
     from horizonval.studies.trade.run import ask, conclude_again, open_study
 

@@ -11,15 +11,15 @@ from typing import Any
 from horizonval.commands.estimate import observation_from
 from horizonval.commands.picture import read_picture
 from horizonval.core.errors import UserError
+from horizonval.core.outcome import Refusal
 from horizonval.core.progress import Progress
-from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.calibration.shared import FOCAL, POINT, TURN
 from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
 from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.process.external import camera_file
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.prior import PriorSpec
 from horizonval.store.folder import RunFolder
 from horizonval.store.store import Store
 

@@ -14,9 +14,9 @@ from horizonval.formats.lens.cameras import read_camera
 from horizonval.geometry.camera import CameraModel, camera_from_spec, check_invertible, field_angles, unproject
 from horizonval.report.rerun import toml
 from horizonval.sensor.lens.optics import relative_illumination
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import find
 from horizonval.spec.load import read_toml, validate
-from horizonval.spec.sensor.camera import CameraSpec
 
 PLACES, SHARES = ("field_deg", "radius_px"), ("relative_illumination", "vignetting")
 BRIGHTER = 1.02

@@ -25,7 +25,7 @@ LLVM_HELP = {
 
 def examine() -> dict[str, Any]:
     """Return what is found, as plain data: ``facts`` (label, text), ``problems`` (text, fix), ``can_render``."""
-    from horizonval.core.machine.caches import configured_folder, is_usable
+    from horizonval.core.environment import configured_folder, is_usable
     from horizonval.jobs.execution import available_cpus
     from horizonval.renderer.plugin.backend import probe
 

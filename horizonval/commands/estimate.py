@@ -13,7 +13,7 @@ import numpy as np
 from horizonval.commands.picture import GreyImage, read_picture, refuse_other_size
 from horizonval.commands.program import program_of
 from horizonval.core.errors import UserError
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation import installed, registry
 from horizonval.estimation.likelihood.templates import templates_of
@@ -27,9 +27,9 @@ from horizonval.scoring.errors import ARCSEC, score, sigma_nadir_rad
 from horizonval.scoring.row import rounded
 from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
 from horizonval.sensor.stated_lens import stated_lens
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.load import load_prior
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec, is_limb_table
+from horizonval.spec.prior import PriorSpec, is_limb_table
 from horizonval.suites.observation import band_of, known_of, observation_of, observation_of_heads, with_altitude_of
 
 ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "altitude_error_km", "false_valid")

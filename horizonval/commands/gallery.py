@@ -8,18 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from horizonval.core import atomic
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.progress import Progress
-from horizonval.core.suggest import nearest
 from horizonval.frame import RadianceFrame
 from horizonval.report.figures.frame_picture import reflectance, thermal_panel
 from horizonval.report.figures.infrared import infrared_picture
 from horizonval.report.figures.tone import tone_mapped
 from horizonval.report.gallery import Exhibit, write_gallery
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import head_comment, shipped_names, shipped_path
 from horizonval.spec.load import load_frames
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraSpec
 
 LIMITS_UM = {"red": (0.61, 0.66), "green": (0.52, 0.57), "blue": (0.44, 0.49)}
 NODES = 2

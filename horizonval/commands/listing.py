@@ -63,7 +63,7 @@ def _atmospheres() -> dict[str, str]:
 
 
 def _detectors() -> dict[str, str]:
-    from horizonval.spec.sensor.detector import Cmos, LinearArray, Microbolometer, Thermopile
+    from horizonval.spec.detector import Cmos, LinearArray, Microbolometer, Thermopile
 
     return {
         get_args(model.model_fields["kind"].annotation)[0]: first_sentence(" ".join((model.__doc__ or "").split()))

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from horizonval.core.errors import UserError
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.cmos import LONGEST_EXPOSURE_S
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import LONGEST_EXPOSURE_S, Cmos
 
 MOST_IMAGES = 10_000
 FIELDS = ("band", "exposure", "seed")

@@ -18,7 +18,7 @@ from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.estimation.limb.grey import to_grey
 from horizonval.frame import DetectorImage, RadianceFrame
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 MAX_FILE_BYTES = 4 * 1024**3
 

@@ -9,8 +9,8 @@ import struct
 import warnings
 from pathlib import Path
 
+from horizonval.core import memory
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.core.machine import memory
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"
 FITS_MAGIC = b"SIMP"

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.limits import Limits
 from horizonval.spec.files import find
 from horizonval.spec.load import read_toml, validate
-from horizonval.spec.study import StudyHead, StudySpec
-from horizonval.spec.suite import SuiteHead, SuiteSpec
+from horizonval.spec.suite import StudyHead, StudySpec, SuiteHead, SuiteSpec
 
 
 def program_of(suite: str | Path, name: str) -> Estimator | None:

@@ -10,11 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic, files
+from horizonval.core import atomic, files, memory
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError, excerpt
-from horizonval.core.machine import memory
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, excerpt, nearest
 
 OBSERVER = ("obs_x_km", "obs_y_km", "obs_z_km")
 DIRECTION = ("dir_x", "dir_y", "dir_z")

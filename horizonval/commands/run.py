@@ -8,7 +8,6 @@ from horizonval.core.progress import Progress
 from horizonval.jobs.engine import OnStart
 from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
-from horizonval.studies.parts import PARTS
 from horizonval.suites.run import RunResult, run_suite
 
 
@@ -36,4 +35,4 @@ def run(
     UserError
         As :func:`horizonval.suites.run.run_suite`.
     """
-    return run_suite(suite, out_dir, progress=progress, execution=execution, parts=PARTS, on_start=on_start)
+    return run_suite(suite, out_dir, progress=progress, execution=execution, on_start=on_start)

@@ -20,13 +20,12 @@ from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import horizon_directions, tangency_points
 from horizonval.geometry.pose import pose_from_spec
 from horizonval.precheck.target import kind_of
+from horizonval.spec.camera import Band
 from horizonval.spec.load import Case, load_frames
-from horizonval.spec.sensor.camera import Band
-from horizonval.studies.templates.header import header_text
-from horizonval.studies.templates.onboard import CutTable, LimbPlaces, cut_down, months_around
-from horizonval.studies.templates.rays import MONTHS
-from horizonval.studies.templates.uniform_air import UniformAir, sunlit_in, thermal_in
 from horizonval.suites.suite import load_suite
+from horizonval.tables.modes import MONTHS
+from horizonval.tables.onboard import CutTable, LimbPlaces, cut_down, header_text, months_around
+from horizonval.tables.uniform_air import UniformAir, sunlit_in, thermal_in
 from horizonval.truth.frame_truth import truth_of
 
 AROUND = 180

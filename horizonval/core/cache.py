@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from horizonval.core import atomic, files, sealed
+from horizonval.core.environment import warn_once
 from horizonval.core.errors import DamagedFileError, UserError, printable
-from horizonval.core.machine.caches import warn_once
 
 LARGEST = 1 << 34
 """Size of a file that is kept [bytes]."""

@@ -10,7 +10,8 @@ import contextlib
 import shlex
 import traceback
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, Self
 
@@ -231,3 +232,9 @@ def one_line(error: BaseException) -> str:
     trace = traceback.extract_tb(error.__traceback__)
     place = f" at {Path(trace[-1].filename).name}:{trace[-1].lineno}" if trace else ""
     return printable(" ".join(f"{type(error).__name__}{place}: {error}".split()))
+
+
+def nearest(name: str, names: Iterable[str]) -> list[str]:
+    """Return all of ``names``, the most similar to ``name`` first (capitals do not count); ties in given order."""
+    name_lower = name.lower()
+    return sorted(names, key=lambda n: -SequenceMatcher(None, name_lower, n.lower()).ratio())

@@ -29,8 +29,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.earth import atmosphere_file
 from horizonval.earth.atmosphere import aerosol
 from horizonval.earth.atmosphere.air import NO_ATMOSPHERE, TOP_M, Air, air_of
@@ -46,8 +45,8 @@ from horizonval.earth.refracted_horizon import air_refractivity, file_refractivi
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.surface.emitting_ground import emitting_ground, lowest_air_k
 from horizonval.earth.surface.ground_map import air_begins_m
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraSpec
 
 __all__ = ["NO_ATMOSPHERE", "FloatArray", "OpticalModel", "SpectralNode", "node_counts", "optical_model"]
 

@@ -22,8 +22,8 @@ from horizonval.earth.atmosphere.air import NO_ATMOSPHERE, air_of
 from horizonval.earth.atmosphere_file import AtmosphereFile
 from horizonval.earth.gases import rayleigh
 from horizonval.earth.spectral import bands
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraSpec
 
 
 def air_refractivity(

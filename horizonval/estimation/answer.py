@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.last_words import one_line, tail
 from horizonval.estimation.observation import Fit
 

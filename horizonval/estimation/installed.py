@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.process.limits import Limits

@@ -16,8 +16,7 @@ import unicodedata
 from pathlib import PurePath
 from types import TracebackType
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 
 LONGEST_REASON = 500
 LONGEST_OUTPUT = 4096

@@ -25,8 +25,7 @@ from functools import partial
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.miscalibrated import miscalibrated
 from horizonval.estimation.observation import Fit, Observation

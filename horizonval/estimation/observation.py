@@ -1,7 +1,7 @@
 """What an estimator is given, and what it gives back.
 
 An estimator is a function of an :class:`Observation` that returns a :class:`Fit` or a
-:class:`horizonval.core.refusal.Refusal`. It never sees
+:class:`horizonval.core.outcome.Refusal`. It never sees
 the renderer or the truth, with one exception by definition: the ideal sensor module, whose input *is* the pose.
 """
 
@@ -14,8 +14,7 @@ from typing import Literal
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.lens import Lens
 from horizonval.estimation.prior import Prior

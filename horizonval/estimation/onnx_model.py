@@ -34,8 +34,7 @@ import numpy as np
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate

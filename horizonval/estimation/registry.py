@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
-from horizonval.core.errors import UserError
-from horizonval.core.refusal import Refusal
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.answer import checked
 from horizonval.estimation.digits import rounded
 from horizonval.estimation.last_words import crash, raised, traceback_of

@@ -7,7 +7,7 @@ coordinates, and these to ``u = fx x' + cx, v = fy y' + cy``:
 ``pinhole``: ``x = X/Z, y = Y/Z``, then Brown-Conrady distortion (:mod:`horizonval.geometry.brown`).
 
 ``fisheye``: ``x' = theta_d cos(phi), y' = theta_d sin(phi)`` with ``theta_d`` a polynomial of the angle ``theta`` from
-the boresight (:mod:`horizonval.spec.sensor.fisheye`) and ``phi = atan2(Y, X)``. Directions behind the camera have an
+the boresight (:mod:`horizonval.spec.camera`) and ``phi = atan2(Y, X)``. Directions behind the camera have an
 image too, as far as the polynomial grows.
 
 ``equal_angle`` is the geostationary fixed grid: the column is proportional to the scan angle ``atan2(X, Z)`` and the
@@ -29,8 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.geometry import brown, fisheye
-from horizonval.spec.sensor.camera_geometry import CameraGeometry
-from horizonval.spec.sensor.fisheye import image_radius, turning_angle
+from horizonval.spec.camera import CameraGeometry, image_radius, turning_angle
 
 Projection = Literal["pinhole", "fisheye", "equal_angle"]
 

@@ -1,11 +1,11 @@
-"""The fisheye lens in the plane: off-axis angles to image radii (:mod:`horizonval.spec.sensor.fisheye`) and back."""
+"""The fisheye lens in the plane: off-axis angles to image radii (:mod:`horizonval.spec.camera`) and back."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.spec.sensor.fisheye import image_radius, image_radius_slope
+from horizonval.spec.camera import image_radius, image_radius_slope
 
 Coefficients = tuple[float, float, float, float]
 

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geocentric_nadir
+from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geocentric_nadir, itrs_from_geodetic
 from horizonval.geometry.frames import north_east, rotate
 
 
@@ -110,6 +110,24 @@ def horizon_by_azimuth(r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: Arr
     root = np.sqrt(b**2 - a * c)
     cot = np.where(b > 0.0, -c / np.where(b > 0.0, b + root, 1.0), (root - b) / a)
     return np.arctan2(1.0, cot)
+
+
+_VANTAGE_M = 4e6
+"""Distance from the lowest points of :func:`rays_along_parallels` to their origins, far outside the air."""
+
+
+def rays_along_parallels(
+    latitude_rad: ArrayLike, height_m: ArrayLike, ellipsoid: Ellipsoid = WGS84
+) -> tuple[FloatArray, FloatArray]:
+    """Return origins [m] and directions, shapes (m, n, 3), of rays to the east with given lowest points.
+
+    The lowest point lies at latitude (m,) and geodetic height (n,). Within 500 km on either side the ray leaves the
+    parallel by less than 0.4 deg up to 60 deg of latitude.
+    """
+    latitude, height = np.meshgrid(np.asarray(latitude_rad, float), np.asarray(height_m, float), indexing="ij")
+    lowest = itrs_from_geodetic(latitude, 0.0, height, ellipsoid)
+    east = np.array([0.0, 1.0, 0.0])
+    return lowest - _VANTAGE_M * east, np.broadcast_to(east, lowest.shape)
 
 
 def angular_radius(r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84) -> float:

@@ -1,19 +1,53 @@
-"""Where the camera is and how it is turned, from the fields of a scene."""
+"""Where the camera is and how it is turned, from the fields of a scene.
+
+A scene places its camera by geodetic latitude, longitude and altitude and the heading of its velocity, and turns the
+body against lvlh. What a program gives along Earth-fixed axes is taken there (:func:`scene_keys`)::
+
+    v_stars           = v_itrs + (0, 0, w) x r_itrs          w: the Earth's rate
+    heading           = azimuth of v_stars about r_itrs
+    q_body_from_lvlh  = q_body_from_itrs q_itrs_from_lvlh
+
+The round trip costs the rounding of float64: some 1e-9 m and 1e-16 rad.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_height, itrs_from_geodetic, sphere, surface_normal
-from horizonval.geometry.frames import body_from_lvlh, cam_from_body, compose, lvlh_from_itrs
-from horizonval.spec.earth.ground import Earth
-from horizonval.spec.scene import CameraUse, SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec, Head
+from horizonval.geometry import orbit
+from horizonval.geometry.ellipsoid import (
+    WGS84,
+    Ellipsoid,
+    geodetic_from_itrs,
+    geodetic_height,
+    itrs_from_geodetic,
+    sphere,
+    surface_normal,
+)
+from horizonval.geometry.frames import (
+    body_from_lvlh,
+    cam_from_body,
+    compose,
+    inverse,
+    lvlh_from_itrs,
+    to_yaw_pitch_roll,
+)
+from horizonval.geometry.tle import EARTH_RATE_RAD_S
+from horizonval.spec.camera import CameraSpec, Head
+from horizonval.spec.earth import Earth
+from horizonval.spec.pose import ANGLES, GEODETIC, TABLE_OF, CameraUse, Platform, PoseKeys
+from horizonval.spec.scene import SceneSpec
+
+FARTHEST_M = 2.1e9
+"""From the Earth's centre; scenes end at a height of 2 000 000 km."""
+SLOWEST_KM_S = 1e-6
+"""Of a velocity across the vertical that still says where it goes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +101,11 @@ def canonical_attitude_deg(yaw: float, pitch: float, roll: float) -> tuple[float
     return _wrap_deg(yaw), pitch, _wrap_deg(roll)
 
 
+def _position(place: Platform, ellipsoid: Ellipsoid) -> FloatArray:
+    latitude, longitude = math.radians(place.latitude_deg), math.radians(place.longitude_deg)
+    return itrs_from_geodetic(latitude, longitude, place.altitude_km * 1e3, ellipsoid)
+
+
 def place_from_spec(scene: SceneSpec) -> tuple[Ellipsoid, FloatArray]:
     """Return the planet's shape and the camera's position [m], shape (3,).
 
@@ -79,9 +118,7 @@ def place_from_spec(scene: SceneSpec) -> tuple[Ellipsoid, FloatArray]:
     """
     ellipsoid = ellipsoid_from_spec(scene.earth)
     place = scene.platform
-    r_itrs = itrs_from_geodetic(
-        math.radians(place.latitude_deg), math.radians(place.longitude_deg), place.altitude_km * 1e3, ellipsoid
-    )
+    r_itrs = _position(place, ellipsoid)
     p = r_itrs / ellipsoid.axes_m
     # The floor on the scaled height, 1e-9 (6 mm), keeps the tangent cone meaningful in float64.
     if not (np.all(np.isfinite(p)) and float(p @ p) - 1.0 > 2e-9):
@@ -133,6 +170,76 @@ def pose_from_spec(scene: SceneSpec, camera: CameraSpec | None = None) -> Pose:
         pitch_rad=pitch,
         roll_rad=roll,
     )
+
+
+def scene_keys(pose: PoseKeys, scene: SceneSpec, where: str) -> dict[str, Any]:
+    """Return what a pose gives as keys of a scene file.
+
+    Parameters
+    ----------
+    pose : PoseKeys
+    scene : SceneSpec
+        For what the pose leaves out.
+    where : str
+        Who gave the pose, for errors.
+
+    Raises
+    ------
+    UserError
+        A position at the Earth's centre or below the ground, or a velocity that goes straight up or down.
+    """
+    found = pose.given
+    position, velocity = found.pop("position_itrs_km", None), found.pop("velocity_itrs_km_s", None)
+    body_from_lvlh, body_from_itrs = found.pop("q_body_from_lvlh", None), found.pop("q_body_from_itrs", None)
+    ellipsoid = ellipsoid_from_spec(scene.earth)
+    if position is not None:
+        found |= _geodetic_keys(position, ellipsoid, f"{where}: position_itrs_km")
+    place = scene.platform.model_copy(update={key: x for key, x in found.items() if TABLE_OF[key] == "platform"})
+    if velocity is not None:
+        heading_deg = _heading_deg(velocity, _position(place, ellipsoid), f"{where}: velocity_itrs_km_s")
+        found["heading_deg"] = heading_deg
+        place = place.model_copy(update={"heading_deg": heading_deg})
+    if body_from_itrs is not None:
+        r_itrs = place_from_spec(scene.model_copy(update={"platform": place}))[1]
+        q_lvlh_from_itrs = lvlh_from_itrs(r_itrs, math.radians(place.heading_deg))
+        body_from_lvlh = compose(body_from_itrs, inverse(q_lvlh_from_itrs))
+    if body_from_lvlh is not None:
+        angles = [_degrees(angle) for angle in to_yaw_pitch_roll(body_from_lvlh)]
+        found |= dict(zip(ANGLES, angles, strict=True))
+    return found
+
+
+def _geodetic_keys(position_itrs_km: tuple[float, ...], ellipsoid: Ellipsoid, where: str) -> dict[str, float]:
+    r_itrs = 1e3 * np.array(position_itrs_km)
+    if not 0.0 < math.hypot(*r_itrs) < FARTHEST_M:
+        expected = "a place above the ground, at most 2 000 000 km high"
+        raise UserError(f"found {list(position_itrs_km)}", where=where, expected=expected)
+    latitude, longitude, height = (float(x) for x in geodetic_from_itrs(r_itrs, ellipsoid))
+    if height <= 0.0:
+        raise UserError(
+            f"{height / 1e3:.6g} km above the ground",
+            where=where,
+            expected="a place above the ground, in kilometres along Earth-fixed axes",
+        )
+    return dict(zip(GEODETIC, (_degrees(latitude), _degrees(longitude), height / 1e3), strict=True))
+
+
+def _heading_deg(velocity_itrs_km_s: tuple[float, ...], r_itrs: FloatArray, where: str) -> float:
+    velocity = 1e3 * np.array(velocity_itrs_km_s) + np.cross([0.0, 0.0, EARTH_RATE_RAD_S], r_itrs)
+    across = np.linalg.norm(np.cross(r_itrs / np.linalg.norm(r_itrs), velocity))
+    if across < 1e3 * SLOWEST_KM_S:
+        raise UserError(
+            "points straight up or down among the stars",
+            where=where,
+            expected="a velocity that says where x of lvlh points",
+            fix="give heading_deg in its place",
+        )
+    return _degrees(float(orbit.heading(r_itrs, velocity)))
+
+
+def _degrees(angle_rad: float) -> float:
+    """Return an angle in degrees, and 0 for -0: the noise is drawn from a digest that tells them apart."""
+    return math.degrees(angle_rad) + 0.0
 
 
 def _mounting(mount: CameraUse | Head) -> FloatArray:

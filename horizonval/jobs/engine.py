@@ -19,9 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from horizonval.core import once
 from horizonval.core.errors import UserError, one_line
-from horizonval.core.progress import Progress
+from horizonval.core.progress import COMPILING, Progress, taken_s
 from horizonval.jobs.cluster import run_on_cluster
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.kept import Record, keep, kept
@@ -243,11 +242,11 @@ def _safely(work: Work[I, R], item: I) -> Done[R]:
     from horizonval.renderer.plugin.compiling import compiling_counted
 
     start = time.perf_counter()
-    once.taken_s()
+    taken_s()
     with compiling_counted() if work.renders else contextlib.nullcontext():
         done = _made(work, item)
-    counted = once.taken_s()
-    compiling_s = counted.pop(once.COMPILING, 0.0)
+    counted = taken_s()
+    compiling_s = counted.pop(COMPILING, 0.0)
     return replace(done, spent=SpentTime(time.perf_counter() - start, sum(counted.values()), compiling_s))
 
 

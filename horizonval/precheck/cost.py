@@ -34,8 +34,8 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.renderer.scene.frame_memory import frame_bytes
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 SOLAR_S_PER_EVALUATION, SOLAR_FRAME_S = 1.1e-8, 0.1
 CHUNK = 4

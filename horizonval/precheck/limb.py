@@ -31,8 +31,8 @@ from horizonval.scoring import limits
 from horizonval.scoring.expected import Examined, examine
 from horizonval.scoring.limb_signal import ground_and_air, limb_signal
 from horizonval.sensor.detector.thermal_noise import blackbody_radiance
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos
 
 Needs = Literal["image", "pose", "heads"]
 

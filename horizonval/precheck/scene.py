@@ -10,9 +10,9 @@ from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import joined, view_line
 from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.sensor.observe import check_camera
+from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.load import Case
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import ALL_HEADS, CameraSpec
 
 
 def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:

@@ -12,9 +12,7 @@ from horizonval.precheck.report import Report
 from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import group_line
 from horizonval.spec.load import Case, Suite
-from horizonval.studies.parts import PARTS
 from horizonval.suites.mistakes import refuse_mistakes
-from horizonval.suites.part import asked_for
 from horizonval.suites.plan import CasePlan, of_heads, plan_of
 from horizonval.suites.record import camera_name
 
@@ -54,7 +52,7 @@ def check_groups(
     facts: dict[str, str] = {}
     if mistakes:
         try:
-            refuse_mistakes(suite, plan_of(suite), asked_for(suite, PARTS))
+            refuse_mistakes(suite, plan_of(suite))
         except UserError as e:
             return Report(kind, name, tuple(map(cannot_run, e.mistakes)), facts, 0, len(suite.cases))
     watcher, looks = Watcher(), []

@@ -5,17 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.files import kind_at
-from horizonval.core.suggest import nearest
 from horizonval.precheck.report import Report
 from horizonval.precheck.scene import check_scene
 from horizonval.precheck.study import check_study
 from horizonval.precheck.suite import check_suite
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import Kind, find, shipped_names
 from horizonval.spec.load import Suite, load_frames, read_toml
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.trade.design import Study, expand, read_study
 from horizonval.suites.suite import load_suite
 

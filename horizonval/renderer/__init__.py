@@ -4,6 +4,6 @@ Dr.Jit picks its LLVM library when it is first imported, and some system librari
 So the library that came with this package is named before anything in this room imports Dr.Jit.
 """
 
-from horizonval.core.llvm import name_library
+from horizonval.core.environment import name_library
 
 name_library()

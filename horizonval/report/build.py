@@ -24,14 +24,14 @@ from horizonval.report.figures import overlay, picture, plots
 from horizonval.report.frames_on_demand import striking_frames
 from horizonval.report.headline import headline
 from horizonval.report.load import CaseView, ReportRun, load_run
-from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability
+from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability_section
 from horizonval.report.sentence import sentences
 from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.prior import PriorSpec
 from horizonval.store.manifest import amend_manifest
 
 STRIP_RATIO = 20
@@ -42,7 +42,7 @@ MOST_CASES_SHOWN = 300
 
 
 def build_report(run_dir: Path) -> Path:
-    """Write ``run_dir/report/index.html`` and return its path; beside it the pages of a study and a campaign, if any.
+    """Write ``run_dir/report/index.html`` and return its path; beside it the page of a campaign, if any.
 
     The figures that a suite asks for are there as files, too.
 
@@ -68,15 +68,12 @@ def write_report(run_dir: Path) -> list[Path]:
     """Write the pages of a report and return them, the first one first; otherwise as :func:`build_report`."""
     run = load_run(run_dir, MOST_CASES_SHOWN)
     environment, parts = template.environment(), template.shared_parts()
-    result = stability.load_result(run_dir)
-    study = None if result is None else {"page": stability.PAGE, "text": stability.headline(result)}
     campaign = campaign_page.headline(run) if campaign_page.is_due(run) else None
-    shown = environment.get_template("page.html").render(**page_of(run), study=study, campaign=campaign, **parts)
+    stability = stability_section.section_of(run_dir)
+    shown = environment.get_template("page.html").render(
+        **page_of(run), stability=stability, campaign=campaign, **parts
+    )
     texts = {"index.html": shown}
-    if result is not None:
-        texts[stability.PAGE] = environment.get_template("stability.html").render(
-            run=run, **stability.page_of(result), **parts
-        )
     if campaign is not None:
         page = campaign_page.page_of(run)
         opening = sentences(run, summarise(run.rows, run.given_pose, run.orbit)["groups"])
@@ -90,8 +87,7 @@ def write_report(run_dir: Path) -> list[Path]:
     shutil.rmtree(pages / campaign_page.FIGURES, ignore_errors=True)
     for place in {(pages / name).parent for name in texts}:
         place.mkdir(parents=True, exist_ok=True)
-    for name in (stability.PAGE, campaign_page.PAGE):
-        (pages / name).unlink(missing_ok=True)
+    (pages / campaign_page.PAGE).unlink(missing_ok=True)
     for name, text in texts.items():
         template.write(pages / name, text)
     return [pages / name for name in texts]

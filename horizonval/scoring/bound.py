@@ -39,8 +39,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.directions import tangent_basis
 from horizonval.scoring.information.information import UNKNOWNS, LimbInformation, carried
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.prior import PriorSpec
 
 ANY_LIMB_SIGMA_M = {"solar": 12e3, "thermal": 21e3}
 """Of the height of a limb of which nothing is said: from 2 km below the ground to 40 km above it, or to 70 km, every

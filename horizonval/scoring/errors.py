@@ -22,8 +22,7 @@ import math
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames

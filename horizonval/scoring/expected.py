@@ -71,7 +71,7 @@ from horizonval.scoring.horizon_view import (
 )
 from horizonval.scoring.limb_signal import LimbSignal, limb_signal
 from horizonval.scoring.limits import Thresholds
-from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.truth.infrared_horizon.curve import curve_cam
 
 BoolArray = NDArray[np.bool_]

@@ -33,8 +33,8 @@ from horizonval.scoring.horizon_view import HorizonView
 from horizonval.scoring.limb_radiance import brightest_reflectance, limb_reflectance
 from horizonval.sensor.detector import converter, exposure, thermal, thermal_noise
 from horizonval.sensor.lens import optics, scatter, stray_light
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos
 
 _RADIUS_KM = 6371.0
 

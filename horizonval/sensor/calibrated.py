@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from horizonval.frame import DetectorImage
 from horizonval.sensor.detector import cmos
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import Cmos
 
 
 def radiance_per_dn(image: DetectorImage) -> float | None:

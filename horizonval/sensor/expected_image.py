@@ -26,8 +26,8 @@ from horizonval.geometry.camera import camera_from_spec
 from horizonval.sensor.detector import bayer, cmos, converter, thermal, thermal_noise
 from horizonval.sensor.lens import optics
 from horizonval.sensor.observe import band_named, checked_radiance
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import Cmos, LinearArray, ThermalDetector
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos, LinearArray, ThermalDetector
 
 ROUNDING = 1.0 / 12.0
 """Variance of the error of rounding [DN^2]."""

@@ -27,8 +27,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.earth.atmosphere import profiles
 from horizonval.earth.weather import real_states
 from horizonval.earth.weather.real_states import PREFIX
@@ -37,7 +36,7 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
 from horizonval.geometry.frames import compose, inverse, rotate
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.prior import PAIRS, PriorSpec, is_climate_file
+from horizonval.spec.prior import PAIRS, PriorSpec, is_climate_file
 
 
 def stated_prior(spec: PriorSpec, where: str = "prior") -> Prior:

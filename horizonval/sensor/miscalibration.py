@@ -41,8 +41,7 @@ from horizonval.geometry.camera import CameraModel, check_invertible
 from horizonval.geometry.frames import compose
 from horizonval.sensor.motion import GM_M3_PER_S2, rate_cam_rad_s
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.calibration import CalibrationSpec
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.prior import CalibrationSpec, PriorSpec
 
 EARTH_RATE_RAD_S = 7.292115e-5
 """Of the Earth's rotation (IERS)."""

@@ -20,8 +20,8 @@ from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.sensor.detector import cmos, converter, thermal
 from horizonval.sensor.lens import lens_spread
 from horizonval.sensor.streams import noise_identity, stream
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import Cmos, ThermalDetector
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos, ThermalDetector
 
 
 def observe(

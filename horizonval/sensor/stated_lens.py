@@ -8,7 +8,7 @@ import numpy as np
 
 from horizonval.estimation.lens import Lens
 from horizonval.sensor.lens.diffraction import mean_wavelength_m
-from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.camera import Band, CameraSpec
 
 
 def stated_lens(camera: CameraSpec, band: Band | None) -> Lens | None:

@@ -1,14 +1,143 @@
-"""The image service without a socket, in the process of the one who asks: the same requests, the same bytes."""
+"""Requests to images: one session per place, and the contents of a reply.
+
+:class:`LocalClient` is the image service without a socket, in the caller's process: the same requests, the same bytes.
+"""
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from horizonval import __version__
+from horizonval.api.camera import Camera
 from horizonval.api.client import Client
-from horizonval.serve.images import ImageSource
-from horizonval.serve.request import image_request
+from horizonval.api.image import observe
+from horizonval.api.scene import Scene
+from horizonval.api.session import TURNS, Session
+from horizonval.core.errors import UserError, nearest
+from horizonval.geometry.pose import scene_keys
+from horizonval.serve.protocol import ImageRequest, image_request
+from horizonval.spec.detector import Cmos
+from horizonval.spec.pose import TABLE_OF
+from horizonval.wire import SCHEMA, array_to_map
+
+MOST_PLACES = 4
+"""Sessions that are kept: as many clients can fly at places of their own without making tables anew for each image."""
+
+
+class ImageSource:
+    """Makes the images of one scene at any place, instant and attitude.
+
+    The same request gives the same reply, whatever was asked before: what it leaves out is the scene's, and a
+    session's frames have the bytes of a scene rendered alone.
+
+    Parameters
+    ----------
+    scene : str or Path
+        A scene file or the name of a shipped one. Of a camera with several heads all can be asked for.
+
+    Raises
+    ------
+    UserError
+        No such scene, or a mistake in it.
+    """
+
+    def __init__(self, scene: str | Path) -> None:
+        self.name = str(scene)
+        first, *others = Scene.each_head(scene)
+        heads: tuple[str | None, ...] = first.camera.heads or (None,)
+        self._scenes = {head: Scene.each_head(scene, head)[0] for head in heads}
+        self._default = None if others else first.spec.camera.head
+        self._choice = bool(others)
+        self._sessions: OrderedDict[tuple[Any, ...], Session] = OrderedDict()
+
+    def first_image(self) -> None:
+        """Make an image of the scene as it is, so that what cannot be served is said at the start.
+
+        Raises
+        ------
+        UserError
+            As :meth:`answer`.
+        """
+        self.answer(ImageRequest(head=next(iter(self._scenes)) if self._choice else None))
+
+    def about(self) -> dict[str, Any]:
+        """Return what is served: version, scene, and the camera with its bands and heads."""
+        camera = next(iter(self._scenes.values())).camera
+        return {
+            "version": __version__,
+            "scene": self.name,
+            "camera": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "bands": list(camera.bands),
+            "heads": list(camera.heads),
+        }
+
+    def answer(self, request: ImageRequest) -> dict[str, Any]:
+        """Return the reply to a request.
+
+        Raises
+        ------
+        UserError
+            A place or exposure that cannot be, or a band or head that the camera lacks.
+        """
+        head, scene = self._scene(request.head)
+        camera = _camera(scene.camera, request)
+        keys = scene_keys(request, scene.spec, "request")
+        place = {key: value for key, value in keys.items() if TABLE_OF[key] == "platform"}
+        frame = self._session(head, scene, place).frame({key: keys[key] for key in TURNS if key in keys}, maps=False)
+        image = observe(frame, seed=request.seed, band=request.band, camera=camera)
+        reply: dict[str, Any] = {
+            "schema": SCHEMA,
+            "kind": "image",
+            "dn": array_to_map(image.dn),
+            "band": image.band,
+            "head": head,
+            "seed": request.seed,
+            "full_scale": image.full_scale,
+            "scene_id": image.truth.scene_id,
+        }
+        if request.truth:
+            reply |= {"truth": image.truth.to_dict(), "observation": image.observation}
+        if request.radiance:
+            reply["radiance"] = array_to_map(frame.radiance[image.band])
+        return reply
+
+    def _scene(self, head: str | None) -> tuple[str | None, Scene]:
+        chosen = self._default if head is None else head
+        if chosen in self._scenes:
+            return chosen, self._scenes[chosen]
+        names = [name for name in self._scenes if name is not None]
+        if not names:
+            raise UserError(f"found {head!r}", where="request: head", expected="none: the camera has no heads")
+        expected = f"one of {', '.join(nearest(str(head or ''), names))}"
+        raise UserError("missing" if head is None else f"no head {head!r}", where="request: head", expected=expected)
+
+    def _session(self, head: str | None, scene: Scene, place: dict[str, Any]) -> Session:
+        key = (head, scene.spec.platform.model_copy(update=place))
+        session = self._sessions.pop(key, None)
+        if session is None:
+            session = Session.of(scene.changed(**place))
+        # The oldest goes before the new one makes its tables: memory need not hold both.
+        while len(self._sessions) >= MOST_PLACES:
+            self._sessions.popitem(last=False)
+        self._sessions[key] = session
+        return session
+
+
+def _camera(camera: Camera, request: ImageRequest) -> Camera:
+    """Return the camera with the exposure asked for, after checking that it has the band."""
+    if request.band is not None and request.band not in camera.bands:
+        expected = f"one of {', '.join(nearest(request.band, camera.bands))}"
+        raise UserError(f"no band {request.band!r}", where="request: band", expected=expected)
+    if request.exposure_s is None:
+        return camera
+    if not isinstance(camera.spec.detector, Cmos):
+        raise UserError("set", where="request: exposure_s", expected="none: this camera's detector has no shutter")
+    return camera.changed(detector={"exposure_s": request.exposure_s})
 
 
 class LocalClient(Client):

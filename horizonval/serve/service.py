@@ -1,19 +1,177 @@
-"""A scene served at an address until a signal comes."""
+"""The socket that clients find: made so that only those may come who should, and gone when the server goes.
+
+A scene served at an address until a signal comes.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import signal
+import socket
+import stat
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from horizonval.serve.images import ImageSource
-from horizonval.serve.listener import check_reach, listening, read_token
+from horizonval.core.errors import UserError
+from horizonval.serve.local import ImageSource
 from horizonval.serve.server import Server
-from horizonval.wire.address import Address
-from horizonval.wire.packing import check_installed
+from horizonval.wire import Address, check_installed, make_private_folder, unix_socket
+
+WAITING = 16
+"""Clients that may knock while others are let in."""
+LEAST_TOKEN, MOST_TOKEN = 16, 256
+
+
+@contextlib.contextmanager
+def listening(address: Address) -> Iterator[tuple[socket.socket, Address]]:
+    """Listen at an address, and leave nothing there at the end.
+
+    Yields
+    ------
+    stream : socket
+    address : Address
+        With the port that the system chose, where 0 was asked for.
+
+    Raises
+    ------
+    UserError
+        Somebody listens there already, or nobody can.
+    """
+    stream = _tcp(address) if address.path is None else _unix(address.path)
+    made = None if address.path is None else os.lstat(address.path)
+    if address.path is None:
+        address = Address(None, address.host, stream.getsockname()[1])
+    try:
+        yield stream, address
+    finally:
+        stream.close()
+        if address.path is not None and made is not None:
+            with contextlib.suppress(OSError):
+                # Whoever took the name since then keeps it.
+                there = os.lstat(address.path)
+                if (there.st_dev, there.st_ino) == (made.st_dev, made.st_ino):
+                    os.unlink(address.path)
+
+
+def _tcp(address: Address) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    stream = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if os.name == "posix":
+            # There it lets a port be taken that a dead connection still holds, never one that somebody listens at.
+            stream.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        stream.bind((address.host, address.port))
+        stream.listen(WAITING)
+    except OSError as e:
+        stream.close()
+        if e.errno == errno.EADDRINUSE:
+            fix = "name another one with --port, or 0 for any that is free"
+            raise UserError("somebody listens there already", where=str(address), fix=fix) from None
+        raise UserError(str(e.strerror or e), where=str(address), fix="name another address") from None
+    return stream
+
+
+def _unix(path: Path) -> socket.socket:
+    from horizonval.wire import default_socket
+
+    stream = unix_socket(path)
+    try:
+        if path == default_socket():
+            make_private_folder(path.parent)
+        with _alone_in(path.parent):
+            _remove_stale(path)
+            before = os.umask(0o177)
+            try:
+                stream.bind(os.fspath(path))
+            finally:
+                os.umask(before)
+            stream.listen(WAITING)
+    except OSError as e:
+        stream.close()
+        what = "no such folder" if isinstance(e, FileNotFoundError) else str(e.strerror or e)
+        raise UserError(what, where=str(path.parent), fix="name another socket with --socket") from None
+    except BaseException:
+        stream.close()
+        raise
+    return stream
+
+
+@contextlib.contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Keep other servers from looking at the sockets of a folder meanwhile; nothing is left behind for it."""
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _remove_stale(path: Path) -> None:
+    """Remove a socket that a server left when it was killed; refuse one at which somebody listens, and other files."""
+    try:
+        about = path.lstat()
+    except FileNotFoundError:
+        return
+    if not stat.S_ISSOCK(about.st_mode):
+        raise UserError("is there already, and is no socket", where=str(path), fix="name another one with --socket")
+    with contextlib.closing(unix_socket(path)) as probe:
+        probe.settimeout(1.0)
+        try:
+            probe.connect(os.fspath(path))
+        except ConnectionRefusedError:
+            path.unlink()
+            return
+        except OSError:
+            # Somebody listens who has no time, or whom we may not ask.
+            pass
+    raise UserError("somebody listens there already", where=str(path), fix="name another one with --socket")
+
+
+def read_token(path: Path) -> str:
+    """Return the token in a file, which nobody else may read.
+
+    Raises
+    ------
+    UserError
+        No such file, one that others can read, or a token that is too short to be one.
+    """
+    try:
+        about = path.stat()
+        text = path.read_bytes()[: MOST_TOKEN + 2].decode("ascii").strip()
+    except OSError as e:
+        raise UserError(str(e.strerror or e), where=str(path), expected="a file that holds a token") from None
+    except UnicodeDecodeError:
+        text = ""
+    if os.name == "posix" and about.st_mode & 0o077:
+        raise UserError("can be read by others", where=str(path), fix=f"chmod 600 {path}")
+    if not LEAST_TOKEN <= len(text) <= MOST_TOKEN or not text.isprintable() or " " in text:
+        expected = f"one word of {LEAST_TOKEN} to {MOST_TOKEN} letters and digits"
+        raise UserError("holds no token", where=str(path), expected=expected)
+    return text
+
+
+def check_reach(address: Address, token: str | None) -> None:
+    """Refuse to be reached from outside of this machine by those who know no token.
+
+    Raises
+    ------
+    UserError
+        Such an address, and no token.
+    """
+    if token is None and not address.is_local:
+        raise UserError(
+            "can be reached from other machines",
+            where=str(address),
+            expected="a Unix socket or the loopback, or a token that clients must know",
+            fix="add --token-file FILE",
+        )
 
 
 def serve(

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.errors import UserError
+from horizonval.core.files import LONGEST_GENERATED_NAME, shortened
 from horizonval.core.json_types import JsonObject
-from horizonval.core.machine.file_names import LONGEST_GENERATED_NAME, shortened
+from horizonval.spec.base import deep_merge
 from horizonval.spec.explain import show
-from horizonval.spec.merge import deep_merge
 from horizonval.spec.suite import CasesSpec
 
 MOST_CASES = 1_000_000

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from horizonval.core.errors import UserError, excerpt, several
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, excerpt, nearest, several
+from horizonval.spec.base import Model
 
 Schema = Mapping[str, Any]
 
@@ -211,3 +211,34 @@ def _length(node: Schema) -> str:
 
 def _either(words: Any) -> str:
     return " or ".join(words)
+
+
+M = TypeVar("M", bound=Model)
+
+
+def with_option(model: M, key: str, value: Any, option: str) -> M:
+    """Return a table of a file with one key changed.
+
+    Parameters
+    ----------
+    model : Model
+    key : str
+    value
+        As the file would hold it.
+    option : str
+        What the error calls it, as ``"--frames"``.
+
+    Raises
+    ------
+    UserError
+        The file may not hold that value.
+    """
+    changed = {name: getattr(model, name) for name in model.model_fields_set} | {key: value}
+    try:
+        return type(model).model_validate(changed, strict=True)
+    except ValidationError as e:
+        problem = e.errors(include_url=False)[0]
+        if problem["loc"]:
+            expected = describe_key(type(model), key)
+            raise UserError(f"found {show(value)}", where=option, expected=expected or problem["msg"]) from None
+        raise UserError(str(problem["ctx"]["error"]), where=option) from None

@@ -6,9 +6,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.files import kind_at, read_text
-from horizonval.core.suggest import nearest
 
 _LARGEST_BYTES = 1024**2
 

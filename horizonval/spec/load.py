@@ -11,28 +11,23 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from horizonval.core import files
-from horizonval.core.errors import MistakeCollector, UserError, excerpt
+from horizonval.core.errors import MistakeCollector, UserError, excerpt, nearest
 from horizonval.core.json_types import JsonObject
-from horizonval.core.suggest import nearest
-from horizonval.spec.base import Model
+from horizonval.spec.base import Model, deep_merge
+from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.expand import variants
-from horizonval.spec.explain import explain, show
+from horizonval.spec.explain import explain, show, with_option
 from horizonval.spec.files import Kind, find
-from horizonval.spec.merge import deep_merge
-from horizonval.spec.option import with_option
 from horizonval.spec.orbit import OrbitSpec
+from horizonval.spec.prior import PriorFile, PriorSpec, is_climate_file
 from horizonval.spec.regression import RegressionSpec
-from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import ALL_HEADS, CameraSpec
-from horizonval.spec.sensor.prior import PriorFile, PriorSpec, is_climate_file
-from horizonval.spec.spacecraft.part import SpacecraftPart
+from horizonval.spec.scene import SceneSpec, SpacecraftPart
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import DatasetSpec, FigureSpec, Keep, ProgramSpec, SuiteSpec
 
@@ -359,7 +354,7 @@ class Shelf:
         changes = {key: use[key] for key in CAMERA_TABLES if key in use} if isinstance(use, Mapping) else {}
         if isinstance(use, Mapping) and changes:
             data = {**data, "camera": {key: value for key, value in use.items() if key not in changes}}
-        scene = validate(SceneSpec, _with_datetime(data), str(self._path), inside=inside)
+        scene = validate(SceneSpec, data, str(self._path), inside=inside)
         prefix = f"{self._path}: {inside}: " if inside else f"{self._path}: "
         if camera is None:
             camera = self._camera(scene.camera.file, changes, inside, prefix)
@@ -495,15 +490,3 @@ def validate(model: type[M], data: Mapping[str, Any], file: str, *, inside: str 
 
 def _with_atmosphere(scene: SceneSpec, **changes: str) -> SceneSpec:
     return scene.model_copy(update={"atmosphere": scene.atmosphere.model_copy(update=changes)})
-
-
-def _with_datetime(data: dict[str, Any]) -> dict[str, Any]:
-    """Turn a quoted epoch into a date and time; strict validation accepts only the unquoted TOML form."""
-    platform = data.get("platform")
-    if isinstance(platform, Mapping) and isinstance(platform.get("epoch_utc"), str):
-        try:
-            epoch = datetime.fromisoformat(platform["epoch_utc"])
-        except ValueError:
-            return data
-        return {**data, "platform": {**platform, "epoch_utc": epoch}}
-    return data

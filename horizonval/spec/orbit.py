@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from horizonval.spec.base import Model
-from horizonval.spec.numbers import Angle, Finite, Listed, NonNegative, Positive
-from horizonval.spec.units import unit
+from horizonval.spec.base import Angle, Epoch, Listed, Model, NonNegative, Positive, Vector, unit
 
 Angles = Annotated[tuple[Angle, Angle, Angle], Listed]
-Vector = Annotated[tuple[Finite, Finite, Finite], Listed]
 Hour = Annotated[float, Field(ge=0, le=24)]
 
 MOST_SAMPLES = 100_000
@@ -86,7 +82,7 @@ class OrbitSpec(Model):
     Or, in place of them all, `tle`, `ephemeris`, or `kernels` with `spacecraft`.
     """
 
-    epoch_utc: datetime | None = None
+    epoch_utc: Epoch | None = None
     """Time of the first sample, UTC. With `tle`, `ephemeris` or `kernels` it can be left out: the orbit then starts at
     the elements' own epoch, or with the first state.
     """
@@ -136,13 +132,6 @@ class OrbitSpec(Model):
     """Number of samples."""
     attitude: OrbitAttitude = OrbitAttitude()
     """What the body does along the orbit."""
-
-    @field_validator("epoch_utc")
-    @classmethod
-    def _utc(cls, value: datetime | None) -> datetime | None:
-        if value is None:
-            return None
-        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
     @model_validator(mode="after")
     def _one_duration(self) -> OrbitSpec:

@@ -9,9 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from horizonval.spec.base import Model
-from horizonval.spec.numbers import Name, Positive
-from horizonval.spec.units import unit
+from horizonval.spec.base import Model, Name, Positive, unit
 
 MOST_GATES = 12
 """More gates are more chances for a false alarm, paid for with power by all."""

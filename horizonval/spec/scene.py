@@ -1,23 +1,98 @@
-"""Scene files: one camera, one pose, one planet, one instant."""
+"""Scene files: one camera, one pose, one planet, one instant, and parts of the spacecraft in view."""
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from horizonval.spec.base import Model
-from horizonval.spec.earth.atmosphere import Atmosphere
-from horizonval.spec.earth.clouds import Clouds
-from horizonval.spec.earth.ground import Earth, Surface
-from horizonval.spec.earth.layer import CloudLayer
-from horizonval.spec.earth.lights import Moon, Night, SunOverride
-from horizonval.spec.numbers import Angle, Finite, FrameName, Listed, PlainName, Whole
-from horizonval.spec.sensor.calibration import CalibrationSpec
-from horizonval.spec.sensor.prior import PriorSpec
-from horizonval.spec.spacecraft.part import SpacecraftPart
-from horizonval.spec.units import unit
+from horizonval.spec.base import Angle, Fraction, FrameName, Listed, Model, PlainName, Positive, Vector, Whole, unit
+from horizonval.spec.earth import Atmosphere, CloudLayer, Clouds, Earth, Moon, Night, SunOverride, Surface
+from horizonval.spec.pose import Attitude, CameraUse, Platform
+from horizonval.spec.prior import CalibrationSpec, PriorSpec
+
+Material = Literal["white_paint", "black_paint", "solar_cell", "kapton_foil", "gold", "aluminium"]
+
+_KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "mesh": (("file",), ("scale",)),
+    "panel": (("width_m", "height_m"), ()),
+    "disc": (("radius_m",), ()),
+    "boom": (("radius_m", "from_m", "to_m"), ()),
+    "baffle": (("radius_m", "length_m"), ("end_radius_m",)),
+}
+"""Keys of their own that shapes need, and those that they may have."""
+_OWN_KEYS = sorted({key for needed, more in _KEYS.values() for key in needed + more})
+
+
+class SpacecraftPart(Model):
+    """Something of the spacecraft before the camera: a simple shape or a mesh, with a surface and a temperature.
+
+    Lengths are counted from the camera's pupil, in the axes of `frame`. `yaw_deg`, `pitch_deg` and `roll_deg` turn
+    these axes into the part's own, in this order, as a camera's mounting does; `position_m` is where the part's origin
+    stands. Both sides of every surface are seen.
+    """
+
+    name: PlainName = "part"
+    """Name of the part, for errors and the truth."""
+    shape: Literal["mesh", "panel", "disc", "boom", "baffle"]
+    """In the part's own axes: `panel`, a rectangle across z, `width_m` along x, `height_m` along y; `disc`, a circle
+    across z; `boom`, a closed cylinder of `radius_m` between `from_m` and `to_m`; `baffle`, an open tube or cone round
+    z, of `radius_m` at z = 0 and `end_radius_m` at z = `length_m`; `mesh`, what `file` holds.
+    """
+    frame: Literal["body", "cam"] = "body"
+    """Whose axes: of the body, or of the camera (x right, y down, z along the boresight)."""
+    position_m: Vector = (0.0, 0.0, 0.0)
+    """The part's origin, from the camera."""
+    yaw_deg: Angle = 0.0
+    """Yaw of the part, about z."""
+    pitch_deg: Angle = 0.0
+    """Pitch of the part, about y."""
+    roll_deg: Angle = 0.0
+    """Roll of the part, about x."""
+    width_m: Positive | None = None
+    """Of a panel, along its x."""
+    height_m: Positive | None = None
+    """Of a panel, along its y."""
+    radius_m: Positive | None = None
+    """Of a disc, a boom, or a baffle at z = 0."""
+    end_radius_m: Positive | None = None
+    """Of a baffle at its other end; without the key `radius_m`, a tube."""
+    length_m: Positive | None = None
+    """Of a baffle, along z."""
+    from_m: Vector | None = None
+    """Middle of a boom's first end, in the part's own axes."""
+    to_m: Vector | None = None
+    """Middle of a boom's other end."""
+    file: str | None = None
+    """A mesh: PLY, OBJ or glTF (`.gltf`, `.glb`); a relative path starts from the folder of this file. Its triangles
+    are taken as they are, without textures."""
+    scale: Annotated[Positive, unit("m")] | None = None
+    """Metres per unit of a mesh file; 1 without the key."""
+    material: Material = "white_paint"
+    """The surface by name: reflectance over wavelength, and emissivity."""
+    bsdf: dict[str, Any] | None = None
+    """A BSDF of Mitsuba in place of the material's, such as `{ type = "diffuse", reflectance = 0.5 }`: the same at all
+    wavelengths, and without files.
+    """
+    emissivity: Fraction | None = None
+    """In thermal bands, the same in all directions; without the key the material's."""
+    temperature_k: Annotated[float, Field(ge=0, le=2000)] = 293.15
+    """In thermal bands."""
+
+    @model_validator(mode="after")
+    def _keys_of_the_shape(self) -> SpacecraftPart:
+        needed, more = _KEYS[self.shape]
+        for key in _OWN_KEYS:
+            given = getattr(self, key) is not None
+            if key in needed and not given:
+                raise ValueError(f'shape = "{self.shape}" needs {key}')
+            if given and key not in needed + more:
+                raise ValueError(f'{key} does not go with shape = "{self.shape}"')
+        if self.shape == "boom" and self.from_m == self.to_m:
+            raise ValueError("from_m and to_m are the same point")
+        if self.bsdf is not None and not isinstance(self.bsdf.get("type"), str):
+            raise ValueError('bsdf needs type, the name of a BSDF of Mitsuba such as "diffuse"')
+        return self
 
 
 class SceneName(Model):
@@ -35,73 +110,6 @@ class SceneName(Model):
     """A name that stands in place of the scene's own identity wherever something is drawn. Scenes of the same draw and
     seed have the same clouds and, with the same camera name, the same noise: common random numbers, for comparing
     cameras and methods frame by frame.
-    """
-
-
-class CameraUse(Model):
-    """Which camera, and how it is mounted in the body.
-
-    The mounting turns body axes into camera axes: yaw about z, then pitch about y, then roll about x. Where the camera
-    has heads it turns body axes into those of the housing, and the head's own angles turn these into camera axes.
-    """
-
-    later_keys: ClassVar[frozenset[str]] = frozenset({"head"})
-
-    file: str
-    """Name of a shipped camera (`horizonval list cameras`), or the path of a camera file; a relative path starts from
-    the folder of this file.
-    """
-    head: PlainName | None = None
-    """Name of one of the camera file's `[[head]]` tables, or `"all"` for one frame per head, named `<scene>.<head>`.
-    Without the key a suite's frame does the same, and a scene file asks for a choice.
-    """
-    mount_yaw_deg: Angle = 0.0
-    """Yaw of the mounting, about z."""
-    mount_pitch_deg: Angle = 0.0
-    """Pitch of the mounting, about y."""
-    mount_roll_deg: Angle = 0.0
-    """Roll of the mounting, about x."""
-
-
-class Platform(Model):
-    """Where the satellite is, and when."""
-
-    epoch_utc: datetime = datetime(2026, 3, 20, 12, 0, 0, tzinfo=UTC)
-    """Date and time, UTC; years 1960 to 2099. It decides where Sun and Moon are, the season and the local time."""
-    latitude_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
-    """Geodetic latitude of the satellite."""
-    longitude_deg: Angle = 0.0
-    """Longitude of the satellite, positive to the east."""
-    altitude_km: Annotated[float, Field(gt=0, le=2_000_000)]
-    """Geodetic altitude: height above the ellipsoid, or above the sphere."""
-    heading_deg: Angle = 0.0
-    """Geocentric azimuth of the velocity, from north towards east, in the plane across the line to the Earth's centre
-    (the azimuth in the geodetic level plane differs by up to half an arcsecond). It says where x of lvlh points."""
-
-    @field_validator("epoch_utc")
-    @classmethod
-    def _utc(cls, value: datetime) -> datetime:
-        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
-
-
-class Attitude(Model):
-    """Body against lvlh (x to the velocity, z to the geocentric nadir): yaw about z, then pitch about y, then roll
-    about x.
-    """
-
-    later_keys: ClassVar[frozenset[str]] = frozenset({"rate_deg_s", "hold"})
-
-    yaw_deg: Angle = 0.0
-    """Yaw, about z."""
-    pitch_deg: Angle = 0.0
-    """Pitch, about y."""
-    roll_deg: Angle = 0.0
-    """Roll, about x."""
-    rate_deg_s: Annotated[tuple[Finite, Finite, Finite], Listed] = (0.0, 0.0, 0.0)
-    """Angular velocity of the body against lvlh, in body axes; it blurs exposures and slants rolling shutters."""
-    hold: Literal["lvlh", "inertial"] = "lvlh"
-    """What `rate_deg_s` is counted from: `lvlh`, or `inertial`, which adds the orbital rate (a body that is fixed among
-    the stars).
     """
 
 

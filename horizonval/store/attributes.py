@@ -24,8 +24,8 @@ from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sen
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.rotation import julian_utc
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos
 
 UNITS = {
     "altitude": "m",

@@ -50,12 +50,11 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from horizonval.core import atomic
+from horizonval.core import atomic, memory
 from horizonval.core.errors import DamagedFileError, UserError, excerpt
-from horizonval.core.machine import memory
 from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import MAP_UNITS, PART_MAP, PART_MAP_UNIT, DetectorImage, FrameTruth, RadianceFrame
-from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.store import seal
 from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
 from horizonval.store.masks import earth, saturated, sunlit

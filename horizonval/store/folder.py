@@ -6,7 +6,7 @@
     archive/           frames and detector images, content-addressed
     cases/<name>.json  results of one frame
     state/<name>.json  address of a frame that is rendered, whether or not it is scored yet
-    stability/, stability.csv   the study of the infrared horizon, where the suite asks for one
+    stability/         the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
     timings*.json      seconds; with the archive's index the only files that two equal runs do not share
     manifest.json      digest of every file, written last
@@ -72,10 +72,6 @@ class RunFolder:
     @property
     def stability(self) -> Path:
         return self.root / "stability"
-
-    @property
-    def stability_table(self) -> Path:
-        return self.root / "stability.csv"
 
     def stability_case(self, name: str) -> Path:
         return _record(self.stability, name)

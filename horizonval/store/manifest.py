@@ -35,7 +35,7 @@ _ROOMS = {*_RECORDS, "report", ".work"}
 _LOCK = re.compile(r"(\.work/)?\.lock(-\d+-of-\d+)?")
 _KNOWN = re.compile(
     r"(run|summary|timings(-\d+-of-\d+)?|study|study-plan|study-costs|study-information|night|verdict|stability/result)\.json"
-    r"|results\.parquet|(stability|designs)\.csv|junit\.xml|index\.html|history\.jsonl|(report|\.work)/.*"
+    r"|results\.parquet|designs\.csv|junit\.xml|index\.html|history\.jsonl|(report|\.work)/.*"
 )
 """What the folder of a run that was cut off may hold beside its records."""
 

@@ -2,8 +2,8 @@
 
 A case is a pure function of its scene, its camera, the atmosphere or profile file it may use, and the code. The code
 enters with its own digest (:mod:`horizonval.core.code`) and not only with the version number, so that a result made by
-older code is never mistaken for one of this code. Of every kind of result only the code that it flows through counts:
-an estimator that was changed leaves the frames as they are, and a page of the report leaves everything.
+older code is never mistaken for one of this code. Only the rooms that a result flows through count: an estimator that
+was changed leaves the frames as they are, and a page of the report leaves everything.
 """
 
 from __future__ import annotations
@@ -14,36 +14,28 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from horizonval.core import files
-from horizonval.core.code import code_digest, is_there
+from horizonval.core.code import FRAME_ROOMS, code_digest
 from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
-from horizonval.spec.sensor.prior import is_climate_file
+from horizonval.spec.prior import is_climate_file
 from horizonval.suites.plan import CasePlan, Unit, plan_of
-
-FRAME_CODE = ("horizonval.renderer.scene.frame", "horizonval.store.exr")
-"""The modules that make a frame and its file; those that they import are found."""
-ROW_CODE = ("horizonval.suites.units.case", "horizonval.estimation.process.estimator_process")
-"""The modules that make images and rows; the estimators come to them by name."""
-RESCORED_CODE = ("horizonval.suites.units.archived", "horizonval.estimation.process.estimator_process")
 
 
 def code_of(estimators: Iterable[str]) -> tuple[str, ...]:
     """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`CasePlan`."""
-    modules = {module for name in estimators if (module := registry.module_of(name)) is not None}
-    # One that is not there makes a crash of its estimator, not of the run.
-    return tuple(sorted(module for module in modules if is_there(module)))
+    return tuple(sorted({module for name in estimators if (module := registry.module_of(name)) is not None}))
 
 
 def frame_identity(case: Case) -> str:
     """Return the digest of what a frame depends on; detectors, estimators and scores do not change a frame."""
-    return _digest(_scene_content(case), code_digest(*FRAME_CODE))
+    return _digest(_scene_content(case), code_digest(rooms=FRAME_ROOMS))
 
 
 def unit_identity(unit: Unit, plan: CasePlan) -> str:
     """Return the digest of what the results of a unit depend on: all its cases, their estimators, what is kept."""
     estimators = plan.of(unit.cases[0])
-    code = code_digest(*ROW_CODE, *code_of(estimators))
+    code = code_digest(*code_of(estimators))
     return _digest(*(_scene_content(case) for case in unit.cases), plan.content(estimators), code)
 
 
@@ -64,9 +56,7 @@ def rescored_identity(addresses: Iterable[str], estimators: Iterable[str], clima
     """
     names = [*estimators]
     air = [files.sha256_of(path, expected="a climate's file") if path.exists() else "" for path in sorted(climates)]
-    return _digest(
-        json.dumps([*addresses]), json.dumps(names), json.dumps(air), code_digest(*RESCORED_CODE, *code_of(names))
-    )
+    return _digest(json.dumps([*addresses]), json.dumps(names), json.dumps(air), code_digest(*code_of(names)))
 
 
 def _scene_content(case: Case) -> str:

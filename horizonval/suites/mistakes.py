@@ -16,19 +16,18 @@ from horizonval.geometry.rotation import julian_utc
 from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.sensor.knowledge import refuse_unknown_climate
 from horizonval.sensor.miscalibration import drawn_errors
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case, Suite
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec, is_limb_table
-from horizonval.suites.part import Part
+from horizonval.spec.prior import PriorSpec, is_limb_table
+from horizonval.suites import stability
 from horizonval.suites.plan import CasePlan, of_heads
 from horizonval.suites.worker_memory import largest_frame
 
 
-def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) -> None:
+def refuse_mistakes(suite: Suite, plan: CasePlan) -> None:
     """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
 
-    Thousands of cases share few cameras and atmospheres, and each of those is looked at once. What the suite asks for
-    beside its frames is looked at by its ``parts``.
+    Thousands of cases share few cameras and atmospheres, and each of those is looked at once.
 
     Raises
     ------
@@ -68,8 +67,7 @@ def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) ->
             refuse_too_large(largest.scene, largest.camera)
         except UserError as e:
             raise e.inside(f"{suite.source}: {largest.name}") from e
-    for part in parts:
-        part.check(suite)
+    stability.check(suite)
 
 
 def check_heads(suite: Suite, plan: CasePlan) -> None:

@@ -19,8 +19,8 @@ from horizonval.sensor import knowledge
 from horizonval.sensor.calibrated import radiance_per_dn
 from horizonval.sensor.miscalibration import believed_prior, calibration_of, errors_of, stated_sigmas
 from horizonval.sensor.stated_lens import stated_lens
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.prior import PriorSpec
 
 
 def observation_of(

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.code import code_version
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit
 from horizonval.frame import FrameTruth
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
 from horizonval.spec.load import Case
-from horizonval.suites.identity import ROW_CODE
 from horizonval.suites.plan import CasePlan
 
 CASE_SCHEMA = 1
@@ -44,7 +42,7 @@ def record_of(
         "schema": CASE_SCHEMA,
         "case": name,
         "scene_id": truth.scene_id,
-        "version": code_version(*ROW_CODE),
+        "version": code_version(),
         "truth_frame": addresses.get(""),
         "image": next(iter(images.values()), None),
         "images": images,
@@ -78,7 +76,7 @@ def failed_record(name: str, case: Case, estimators: Sequence[str], plan: CasePl
         "schema": CASE_SCHEMA,
         "case": name,
         "scene_id": truth.scene_id if truth else None,
-        "version": code_version(*ROW_CODE),
+        "version": code_version(),
         "truth_frame": None,
         "image": None,
         "images": {},

@@ -15,9 +15,11 @@ from typing import Any
 
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.engine import OnStart, stream
+from horizonval.jobs.engine import Done, OnStart, stream
 from horizonval.jobs.execution import Execution
+from horizonval.jobs.kept import Record
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index
@@ -27,9 +29,9 @@ from horizonval.suites.axes import figure_plans
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import suite_identity
 from horizonval.suites.mistakes import refuse_mistakes
-from horizonval.suites.part import Part, PartOutcome, asked_for
 from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.shards import adopt
+from horizonval.suites.stability import run_stability
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.work import Brief, UnitWork
 from horizonval.suites.worker_memory import within_memory
@@ -46,7 +48,7 @@ class RunResult:
     summary : dict
         The content of ``summary.json``; empty as long as other shards are missing.
     failed : dict
-        Cases without a result, by name, and why; those of a study as ``stability/<name>``.
+        Cases without a result, by name, and why; months of the infrared horizon as ``stability/<month>``.
     report : Path or None
         The report's first page.
     missing : int
@@ -65,7 +67,6 @@ def run_suite(
     workers: int | None = None,
     progress: Progress | None = None,
     execution: Execution | None = None,
-    parts: Sequence[Part] = (),
     on_start: OnStart | None = None,
     also: Callable[[], Iterable[Path]] | None = None,
 ) -> RunResult:
@@ -80,8 +81,6 @@ def run_suite(
         Short for ``Execution(workers)``.
     progress : Progress, optional
     execution : Execution, optional
-    parts : sequence of Part, optional
-        Those that there are; the suite may ask for some of them.
     on_start : callable, optional
         Called once before the first frame, when nothing is refused any more; never if all frames are finished. It may
         return what the frames are expected to take, by the cases' names.
@@ -93,14 +92,11 @@ def run_suite(
     UserError
         A mistake in the suite (told before anything is rendered), frames or workers that memory does not hold, no
         back-end to render with, a folder that holds another suite's run or in which another run is working.
-    ValueError
-        The suite asks for a part that is not among ``parts``: a defect of the caller.
     """
     progress = progress or Silent()
     execution = execution or Execution(workers)
     plan = plan_of(suite)
-    chosen = asked_for(suite, parts)
-    refuse_mistakes(suite, plan, chosen)
+    refuse_mistakes(suite, plan)
     execution = within_memory(execution, suite)
     units = units_of(suite.cases, plan)
     folder = RunFolder(out_dir)
@@ -124,9 +120,11 @@ def run_suite(
             missing = sum(not folder.case(name).is_file() for unit in units for name in unit.names)
             failed = {name: brief.error for name, brief in briefs.items() if brief.error is not None}
             return RunResult({}, failed, None, missing)
-        outcomes = {part.name: part.run(suite, folder, execution, progress) for part in chosen}
+        study: tuple[JsonObject | None, Mapping[str, Done[Record]]] = (None, {})
+        if suite.stability is not None:
+            study = run_stability(suite.stability, folder, execution, progress)
         folder.remove_temporary_files()
-        return _conclude(suite, units, folder, briefs, seconds, outcomes, also)
+        return _conclude(suite, units, folder, briefs, seconds, study, also)
 
 
 def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit]) -> None:
@@ -216,7 +214,7 @@ def _conclude(
     folder: RunFolder,
     briefs: Mapping[str, Brief],
     seconds: Mapping[str, Mapping[str, float]],
-    parts: Mapping[str, PartOutcome],
+    study: tuple[JsonObject | None, Mapping[str, Done[Record]]],
     also: Callable[[], Iterable[Path]] | None,
 ) -> RunResult:
     start = time.perf_counter()
@@ -225,14 +223,16 @@ def _conclude(
     rows = [row for brief in ordered.values() for row in brief.rows]
     with contextlib.suppress(UserError):  # An index that cannot be written is made by whoever asks for it.
         Index(folder.archive).update()
-    digests = {name: part.digest for name, part in parts.items()}
-    summary, pages = conclude(folder, suite.name, rows, failed, digests)
-    for name, part in parts.items():
-        failed |= {f"{name}/{item}": why for item, why in part.failed.items()}
-        seconds = {**seconds, **{f"{name}/{item}": spent for item, spent in part.seconds.items()}}
+    stability, months = study
+    summary, pages = conclude(folder, suite.name, rows, failed, {"stability": stability} if months else {})
+    failed |= {f"stability/{month}": one.error for month, one in months.items() if one.error is not None}
+    seconds = {**seconds, **{f"stability/{month}": one.seconds for month, one in months.items() if one.seconds}}
     _add_timings(folder, seconds, conclude=round(time.perf_counter() - start, 4))
     records = [place(name) for name in ordered for place in (folder.case, folder.frame_pointer)]
-    made = [path for part in parts.values() for path in part.files] + list(also() if also else ())
+    made = [folder.stability_case(month) for month in months] + (
+        [folder.stability / "result.json"] if stability else []
+    )
+    made += list(also() if also else ())
     write_manifest(folder.root, [*files_of_run(folder), *records, *made, *pages])
     return RunResult(summary, failed, pages[0])
 

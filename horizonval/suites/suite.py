@@ -13,7 +13,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.geometry.pose import ellipsoid_from_spec
 from horizonval.spec import load
-from horizonval.spec.earth.ground import Earth
+from horizonval.spec.earth import Earth
 from horizonval.spec.load import Suite
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.suite import Keep

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from horizonval.core import memory
 from horizonval.core.errors import UserError
-from horizonval.core.machine import memory
 from horizonval.jobs.execution import Execution
 from horizonval.renderer.scene.frame_memory import frame_bytes
 from horizonval.spec.load import Case, Suite

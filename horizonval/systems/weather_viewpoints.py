@@ -23,8 +23,8 @@ from horizonval.core.json_types import JsonObject
 from horizonval.earth.clouds.relief import CloudField, cloud_field
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import lvlh_from_itrs
+from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraGeometry, CameraSpec
 from horizonval.systems.circular_orbit import place_on_orbit
 
 if TYPE_CHECKING:

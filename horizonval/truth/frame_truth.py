@@ -31,8 +31,8 @@ from horizonval.geometry.ephemeris import (
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.pose import Pose, direction_from_horizontal, place_from_spec, pose_from_spec
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.truth.infrared_horizon.around import infrared_horizon
 from horizonval.truth.parts_in_view import parts_truth
 

@@ -21,9 +21,8 @@ from horizonval.geometry.horizon import horizon_cam
 from horizonval.geometry.part.outline import Outline, outline_of
 from horizonval.geometry.part.placed import all_triangles_cam, blocked
 from horizonval.geometry.pose import Pose
-from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.spacecraft.part import SpacecraftPart
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec, SpacecraftPart
 
 LIMB_SAMPLES = 3600
 _RINGS, _TURNS = 4, 16

@@ -9,8 +9,8 @@ from peak_memory import run_apart
 
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 MOST_RATIO = 1.4
 MOST_BYTES = 2.0e9

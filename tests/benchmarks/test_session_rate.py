@@ -11,7 +11,7 @@ import pytest
 import horizonval as hv
 
 CORES = 2
-PLACE: dict[str, Any] = {"altitude_km": 550, "latitude_deg": 10, "epoch": "2026-03-20T12:00Z", "mount_roll_deg": 65}
+PLACE: dict[str, Any] = {"altitude_km": 550, "latitude_deg": 10, "epoch_utc": "2026-03-20T12:00Z", "mount_roll_deg": 65}
 IMAGES = 24
 
 

@@ -16,8 +16,8 @@ from peak_memory import run_apart
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.renderer.table_store import TABLES
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 MOST_RATIO = 0.5
 MOST_SHARED = 0.4

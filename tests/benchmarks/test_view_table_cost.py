@@ -16,8 +16,8 @@ from peak_memory import run_apart
 
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 LEAST_AT_A_NEW_POSITION, LEAST_AT_A_NEW_ATTITUDE = 15.0, 40.0
 MOST_BYTES = 2.0e9

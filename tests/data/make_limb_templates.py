@@ -15,11 +15,11 @@ import numpy as np
 from horizonval.core.progress import Silent
 from horizonval.estimation.likelihood import templates
 from horizonval.renderer.plugin.backend import activate
+from horizonval.spec.camera import Band
 from horizonval.spec.load import load_camera
-from horizonval.spec.sensor.camera import Band
-from horizonval.studies.templates.rays import MONTHS
-from horizonval.studies.templates.sunlit_table import sunlit_table
-from horizonval.studies.templates.thermal_table import thermal_table
+from horizonval.tables.modes import MONTHS
+from horizonval.tables.sunlit import sunlit_table
+from horizonval.tables.thermal import thermal_table
 
 RGB = "rgb-rolling-648-53deg"
 SOLAR = {"vis": "vis-cmos-512-60deg", "red": RGB, "green": RGB, "blue": RGB}

@@ -14,8 +14,8 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.studies.stability.locate import highest_crossing
+from horizonval.spec.camera import CameraSpec
+from horizonval.suites.stability import highest_crossing
 from horizonval.truth.infrared_horizon.radiance import BandMedium, limb_radiance
 from horizonval.truth.infrared_horizon.rays import RayPath, ray_paths
 

@@ -13,8 +13,8 @@ from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.renderer.rays.thermal_radiance import NODES, thermal_radiance
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 BANDS: dict[str, dict[str, Any]] = {
     "co2": {"lo_um": 14.0, "hi_um": 16.3},

@@ -17,8 +17,8 @@ from horizonval.earth.clouds import layer_optics
 from horizonval.earth.clouds.layers import layers_of
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 TABLE = DATA / "limb_thin_cloud_montecarlo.csv"
 BASE_KM, TOP_KM = 9.0, 11.0

@@ -16,8 +16,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 GREEN = {"name": "green", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 1}
 RED = {"name": "red", "kind": "solar", "lo_um": 0.62, "hi_um": 0.72, "nodes": 1}

@@ -20,8 +20,8 @@ from horizonval.geometry.camera import camera_from_spec, field_angles
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic
 from horizonval.sensor.lens.stray_light import band_irradiance
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
-from horizonval.spec.sensor.camera import CameraSpec
 
 SIDE = 129
 MIDDLE = SIDE // 2

@@ -19,8 +19,8 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 RESPONSES: dict[str, tuple[list[float], list[float]]] = {
     "co2": ([14.0, 16.3], [1.0, 1.0]),

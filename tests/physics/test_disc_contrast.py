@@ -17,8 +17,8 @@ import pytest
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 PIXELS, DISC_RADIUS = 180, 437.08 / 1080.0
 CHANNELS = {"red": 0.680, "green": 0.551, "blue": 0.443}

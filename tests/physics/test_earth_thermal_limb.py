@@ -12,8 +12,8 @@ from horizonval.earth import atmosphere_file
 from horizonval.earth.atmosphere.profiles import us76
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 DATA = Path(__file__).parents[1] / "data"
 BANDS = {"14.0-16.3um": (14.0, 16.3), "8-14um": (8.0, 14.0)}

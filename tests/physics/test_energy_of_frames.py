@@ -11,8 +11,8 @@ import pytest
 from horizonval.earth.spectral import sunlight
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 BANDS = [
     {"name": "vis", "kind": "solar", "lo_um": 0.45, "hi_um": 0.75},

@@ -30,8 +30,8 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 from table_and_march import GREEN, camera_of, compare, rendered, scene_of  # noqa: E402
 
 from horizonval.renderer.plugin.model_text import dump_model, load_model  # noqa: E402
+from horizonval.spec.camera import CameraSpec  # noqa: E402
 from horizonval.spec.scene import SceneSpec  # noqa: E402
-from horizonval.spec.sensor.camera import CameraSpec  # noqa: E402
 
 CLEAN = {"aerosol": "none", "refraction": False}
 WINDOW = {"name": "window", "kind": "thermal", "lo_um": 10.5, "hi_um": 12.5}

@@ -20,8 +20,8 @@ from horizonval.earth.optical import optical_model
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
 from horizonval.frame import FrameTruth
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import truth_of
 from horizonval.truth.infrared_horizon.around import infrared_horizon
 from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance, limb_radiances

@@ -13,11 +13,11 @@ from horizonval.earth.spectral import bands
 from horizonval.earth.weather import real_states
 from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_geodetic
-from horizonval.spec.earth.atmosphere import Atmosphere
-from horizonval.spec.earth.ground import Surface
+from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
+from horizonval.spec.earth import Atmosphere, Surface
 from horizonval.spec.load import load_camera
-from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraGeometry, CameraSpec
+from horizonval.spec.pose import CameraUse, Platform
+from horizonval.spec.scene import SceneName, SceneSpec
 
 LOWEST_M = -30e3
 FLOOR = 2e-3

@@ -7,8 +7,8 @@ import pytest
 
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.pair.applicability import OVERHEAD
 from horizonval.systems.b.pair.frames import attitude, glare_optics, pair, scene, view
 from horizonval.systems.b.pair.sun_light import without_sunlight

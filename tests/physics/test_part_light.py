@@ -49,7 +49,7 @@ def _sphere_from_plate(tilt_rad: float) -> float:
 def test_a_lambert_panel_in_sunlight(zenith_deg: float) -> None:
     """Seen from above, it sees no Earth: E cos(theta) rho / pi. The Sun's disc is the only noise."""
     panel = {"shape": "panel", "frame": "cam", "width_m": 3.0, "height_m": 3.0, "position_m": [0.0, 0.0, 1.0]}
-    frame = _frame(SOLAR, [panel | {"bsdf": {"type": "diffuse", "reflectance": 0.5}}], sun_zenith_deg=zenith_deg)
+    frame = _frame(SOLAR, [panel | {"bsdf": {"type": "diffuse", "reflectance": 0.5}}], sun={"zenith_deg": zenith_deg})
     band, truth = frame.truth.camera_spec.band[0], frame.truth
     expected = band_irradiance(band, truth.sun_angular_radius_rad) * math.cos(math.radians(zenith_deg)) * 0.5 / math.pi
     assert (frame.maps["part"] == 1.0).all()
@@ -88,7 +88,7 @@ def test_a_panel_in_earthshine_by_sunlight() -> None:
     """A Lambert Earth under the Sun in the zenith, of radiance E A cos(theta) / pi, by a sum over its cap."""
     panel = {"shape": "panel", "frame": "cam", "width_m": 3.0, "height_m": 3.0, "position_m": [0.0, 0.0, 1.0]}
     part = [panel | {"bsdf": {"type": "diffuse", "reflectance": 0.5}}]
-    frame = _frame(SOLAR, part, sun_zenith_deg=0.0, attitude={"roll_deg": 180.0}, size=16)
+    frame = _frame(SOLAR, part, sun={"zenith_deg": 0.0}, attitude={"roll_deg": 180.0}, size=16)
     irradiance = band_irradiance(frame.truth.camera_spec.band[0], frame.truth.sun_angular_radius_rad)
     h = 1.0 + ALTITUDE_KM / RADIUS_KM
     cosine = np.linspace(1.0 / h, 1.0, 200_001)
@@ -110,7 +110,7 @@ def test_parts_throw_shadows_on_each_other() -> None:
         "frame": "cam",
         "material": "black_paint",
     }
-    frame = _frame(SOLAR, [panel, disc], sun_zenith_deg=0.0, size=200)
+    frame = _frame(SOLAR, [panel, disc], sun={"zenith_deg": 0.0}, size=200)
     light, focal = frame.radiance["vis"], frame.truth.camera_model.fx
     x = (np.arange(200) - 99.5) / focal
     row = light[99:101].mean(axis=0)
@@ -129,7 +129,7 @@ def test_a_hot_part_emits_and_reflects_nothing_where_it_is_black() -> None:
 
 def test_eclipse_puts_the_sun_out() -> None:
     panel = {"shape": "panel", "frame": "cam", "width_m": 3.0, "height_m": 3.0, "position_m": [0.0, 0.0, 1.0]}
-    frame = _frame(SOLAR, [panel], sun_zenith_deg=150.0, night={"sky_background": False, "airglow": False}, size=8)
+    frame = _frame(SOLAR, [panel], sun={"zenith_deg": 150.0}, night={"sky_background": False, "airglow": False}, size=8)
     assert frame.truth.sun_visible_fraction == 0.0
     assert frame.radiance["vis"].max() == 0.0
 
@@ -143,7 +143,7 @@ def test_a_mirror_shows_the_sun_as_it_is() -> None:
         camera,
         altitude_km=ALTITUDE_KM,
         atmosphere={"profile": "none"},
-        sun_zenith_deg=0.0,
+        sun={"zenith_deg": 0.0},
         moon={"enabled": False},
         part=[mirror | {"bsdf": metal}],
     )

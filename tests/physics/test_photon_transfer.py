@@ -14,8 +14,8 @@ import pytest
 from scipy import constants, integrate
 
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import shipped_path
-from horizonval.spec.sensor.camera import CameraSpec
 
 SIZE = 512
 

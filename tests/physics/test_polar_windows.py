@@ -12,8 +12,8 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.infrared_horizon.rays import angle_of_height
 
 # Monthly means, K, of air or ice at the ground: South Pole (READER), Arctic Ocean (Rigor and others 2000), Greenland's

@@ -21,8 +21,8 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.reference.reference import placement, render_reference
 from horizonval.renderer.scene.frame import describe, render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 DATA = Path(__file__).parents[1] / "data"
 VIEWS = {"limb": (68.0, 6.0), "ground": (20.0, 50.0), "wide": (60.0, 70.0)}

@@ -8,8 +8,8 @@ from bent_rays import Air, shoot
 
 from horizonval.earth.column import OpticalModel
 from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import truth_of
 from horizonval.truth.infrared_horizon.bent_rays import straight_heights
 

@@ -25,8 +25,8 @@ from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.refraction.bending import BendingField, true_direction
 from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 DATA = Path(__file__).parents[1] / "data"
 RADIUS_M = 6_371_000.0

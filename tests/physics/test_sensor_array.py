@@ -22,7 +22,7 @@ from scipy import constants, ndimage, stats
 
 from horizonval.sensor.detector import bayer, charge, protons
 from horizonval.sensor.observe import observe
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 SIZE = 256
 GAIN, BLACK, READ_E, DARK_E_PER_S = 4.0, 200.0, 12.0, 2000.0
@@ -152,7 +152,7 @@ def test_same_bytes_in_another_process(make_frame, tmp_path):
     code = (
         "import pickle, sys, hashlib\n"
         "from horizonval.sensor.observe import observe\n"
-        "from horizonval.spec.sensor.camera import CameraSpec\n"
+        "from horizonval.spec.camera import CameraSpec\n"
         f"frame, tables = pickle.load(open({str(path)!r}, 'rb'))\n"
         "dn = observe(frame, CameraSpec.model_validate(tables), seed=5).dn\n"
         "print(hashlib.sha256(dn.tobytes()).hexdigest())\n"

@@ -15,8 +15,8 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.sensor.lens import core_spread, lens_spread
 from horizonval.sensor.lens.stray_light import band_irradiance
 from horizonval.sensor.observe import observe
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.optics import Optics
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.optics import Optics
 
 NARROW = Band(name="line", kind="thermal", lo_um=0.5499, hi_um=0.5501)
 SIGMA, TIS, L_RAD, S = 0.8, 0.03, 0.004, -1.7

@@ -18,7 +18,7 @@ from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.sensor import motion
 from horizonval.sensor.detector import thermal
 from horizonval.sensor.observe import observe
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 PINHOLE = CameraModel(96, 72, 90.0, 90.0, 47.5, 35.5, distortion=(-0.12, 0.02, 0.001, -0.001, 0.0))
 FISHEYE = CameraModel(96, 96, 30.0, 30.0, 47.5, 47.5, projection="fisheye")

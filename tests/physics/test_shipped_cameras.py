@@ -16,10 +16,10 @@ from scipy import constants, integrate
 
 from horizonval.sensor.detector import bayer
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos, LinearArray, Microbolometer, Thermopile
 from horizonval.spec.files import shipped_names
 from horizonval.spec.load import load_camera
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import Cmos, LinearArray, Microbolometer, Thermopile
 
 H_C = constants.h * constants.c
 SOLAR = [

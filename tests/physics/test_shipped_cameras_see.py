@@ -10,10 +10,10 @@ import pytest
 from horizonval.frame import Hit
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import shipped_names
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 MOST_PX = 32
 

@@ -19,8 +19,8 @@ import horizonval as hv
 from horizonval.frame import Hit, RadianceFrame
 from horizonval.renderer.reference.reference import MOST_SUBSAMPLES, render_reference, resized
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 KNOWN = 1e-3
 

@@ -10,8 +10,8 @@ import pytest
 from horizonval.earth.spectral import bands
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, pixel_solid_angle, unproject
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 # CIE 1924 photopic efficiency, every 20 nm from 420 nm, and the lumens of a watt at its peak.
 WAVELENGTH_UM = np.arange(0.42, 0.71, 0.02)

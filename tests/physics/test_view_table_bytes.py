@@ -15,8 +15,8 @@ from table_and_march import GREEN, NIR, angle_of_limb_deg, camera_of, scene_of
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.renderer.table_store import TABLES
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 LIMB = angle_of_limb_deg(500.0)
 CAMERA = camera_of(GREEN, NIR, width=48, height=40)

@@ -9,8 +9,8 @@ import pytest
 from table_and_march import BLUE, FINER, GREEN, NIR, RED, angle_of_limb_deg, camera_of, scene_of, table_errors
 
 from horizonval.renderer.plugin.backend import activate
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 DRAWS = 200
 DAY_FLOOR, DAY_WORST, DAY_MEDIAN = 1e-3, 1e-3, 2e-5

@@ -18,8 +18,8 @@ from horizonval.earth.optical import optical_model
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 DATA = Path(__file__).parents[1] / "data"
 SUN_AZIMUTH_DEG = 40.0

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 VISIBLE = {"blue": (0.43, 0.48), "green": (0.53, 0.57), "red": (0.64, 0.68)}
 THERMAL = {"window": (11.9, 12.9)}

@@ -1,12 +1,11 @@
-"""What a process loads while it makes a result is what the result's identity counts."""
+"""The digest of the code counts every room that a result flows through, and the packages of users' estimators."""
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,110 +13,116 @@ from conftest import MINI_CAMERA, MINI_SUITE
 
 import horizonval
 from horizonval.core import code
-from horizonval.suites.identity import FRAME_CODE, ROW_CODE, code_of
 
 PACKAGE = Path(horizonval.__file__).parent
 FRAME = """
-import sys
 from pathlib import Path
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.store.exr import write_frame
-from horizonval.spec.load import load_scene
-write_frame(Path("frame.exr"), render_frame(*load_scene("glint-mini.toml")))
+write_frame(Path("frame.exr"), render_frame(suite.cases[0].scene, suite.cases[0].camera))
 """
 ROW = """
-import sys
 from pathlib import Path
-from horizonval.spec.load import load_suite
 from horizonval.store.folder import RunFolder
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.suites.units.case import records_of
 from horizonval.suites.plan import plan_of, units_of
-suite = load_suite("mini.toml")
 plan, folder = plan_of(suite), RunFolder(Path("out"))
 folder.create()
 made = records_of(units_of(suite.cases[:1], plan)[0], plan, folder, Stopwatch())
 assert all(record["error"] is None for record in made.values())
 """
-METHODS = code_of(["altitude-free", "ideal"])
-TELL = "print(*sorted(name for name in sys.modules if name.startswith('horizonval.')))"
-SCENE = """
-[scene]
-name = "mini"
-[platform]
-altitude_km = 500.0
-[camera]
-file = "mini-camera.toml"
+LOAD = """
+import sys
+from horizonval.spec.load import load_suite
+suite = load_suite("mini.toml")
+before = {*sys.modules}
 """
-LOADS = {"horizonval.spec.load", "horizonval.spec.files", "horizonval.spec.suite"}
-"""What reads the files of a scene or suite: that is before, and their content counts by itself."""
+TELL = "print(*sorted(name for name in sys.modules if name.startswith('horizonval.') and name not in before))"
 
 
-def _loaded(script: str, folder: Path) -> set[str]:
-    (folder / "mini-camera.toml").write_text(MINI_CAMERA)
-    (folder / "glint-mini.toml").write_text(SCENE)
-    (folder / "mini.toml").write_text(MINI_SUITE)
-    done = subprocess.run([sys.executable, "-c", script + TELL], cwd=folder, capture_output=True, text=True, check=True)
-    return set(done.stdout.split())
+@pytest.fixture(autouse=True)
+def fresh() -> Iterator[None]:
+    def clear() -> None:
+        for cached in (code.code_version, code.code_digest, code._of_path):
+            cached.cache_clear()
+
+    clear()
+    yield
+    clear()
+
+
+@pytest.mark.parametrize("script", [FRAME, ROW], ids=["frame", "row"])
+def test_no_room_is_missed(script: str, tmp_path: Path) -> None:
+    (tmp_path / "mini-camera.toml").write_text(MINI_CAMERA)
+    (tmp_path / "mini.toml").write_text(MINI_SUITE)
+    command = [sys.executable, "-c", LOAD + script + TELL]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[1] for name in done.stdout.split()}
+    assert loaded > {"renderer", "truth"}
+    if script == FRAME:
+        assert loaded - {"estimation"} <= {*code.FRAME_ROOMS}, "estimation: the header's ideal sensor, see FRAME_ROOMS"
+    else:
+        assert loaded & code._WITHOUT_RESULTS <= {"jobs"}, "jobs carries results and has no part in them"
+
+
+@pytest.fixture
+def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the package's sources, to change."""
+    root = tmp_path / "horizonval"
+    shutil.copytree(PACKAGE, root, ignore=shutil.ignore_patterns("__pycache__", "scenes"))
+    monkeypatch.setattr(horizonval, "__file__", str(root / "__init__.py"))
+    return root
 
 
 @pytest.mark.parametrize(
-    ("script", "modules"), [(FRAME, FRAME_CODE), (ROW, (*ROW_CODE, *METHODS))], ids=["frame", "row"]
+    ("name", "changed"),
+    [
+        ("renderer/scene/frame.py", {"version", "frame", "row"}),
+        ("earth/data/solar_spectrum.csv", {"version", "frame", "row"}),
+        ("frame.py", {"version", "frame", "row"}),
+        ("sensor/observe.py", {"version", "row"}),
+        ("cli/campaign.py", {"version"}),
+    ],
 )
-def test_no_module_is_missed(script: str, modules: tuple[str, ...], tmp_path: Path) -> None:
-    loaded = _loaded(script, tmp_path)
-    counted = set(code.modules_of({"horizonval": code._root_of("horizonval")}, *modules))
-    reading = set(code.modules_of({"horizonval": code._root_of("horizonval")}, *LOADS))
-    assert loaded > {"horizonval.renderer.kernel.march", "horizonval.truth.frame_truth"}
-    assert {name for name in loaded - counted if not code.MACHINERY.fullmatch(name)} <= reading
+def test_a_changed_file_makes_again_what_flows_through_its_room(copy: Path, name: str, changed: set[str]) -> None:
+    def digests() -> dict[str, str]:
+        return {
+            "version": code.code_version(),
+            "frame": code.code_digest(rooms=code.FRAME_ROOMS),
+            "row": code.code_digest(),
+        }
+
+    before = digests()
+    with (copy / name).open("a") as file:
+        file.write("# one word more\n")
+    for cached in (code.code_version, code.code_digest, code._of_path):
+        cached.cache_clear()
+    assert {kind for kind, digest in digests().items() if digest != before[kind]} == changed
 
 
-def _added(path: Path, old: str, new: str) -> None:
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
+def test_the_digest_is_the_same_in_every_process_and_the_version_begins_with_the_release() -> None:
+    text = "from horizonval.core.code import code_digest as d; print(d('horizonval.studies'))"
+    made = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    assert made.stdout.strip() == code.code_digest("horizonval.studies") != code.code_digest()
+    release, _, digest = code.code_version().partition("+")
+    assert (release, len(digest)) == (horizonval.__version__, 12)
 
 
-def _add_constant(path: Path) -> None:
-    with path.open("a") as file:
-        file.write("\nADDED = 1\n")
-
-
-@pytest.mark.slow
-def test_only_what_flows_through_a_change_is_made_again(tmp_path: Path) -> None:
-    """A run of a copy of the package that is changed between its calls."""
-    package = tmp_path / "copy" / "horizonval"
-    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-    if not (package / "scenes").exists() and (PACKAGE.parent / "scenes").exists():
-        (package.parent / "scenes").symlink_to(PACKAGE.parent / "scenes")
-    (tmp_path / "mini-camera.toml").write_text(MINI_CAMERA)
-    (tmp_path / "mini.toml").write_text(MINI_SUITE.partition('[[frame]]\nscene.name = "frame-1"')[0])
-    start = "import sys; from horizonval.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", start, "run", "mini.toml", "--out", "out", "--workers", "1"]
-
-    def run() -> tuple[str, set[str]]:
-        """Return what the run said, and its stages of the only frame."""
-        (tmp_path / "out" / "timings.json").unlink(missing_ok=True)
-        changed = os.environ | {"PYTHONPATH": str(package.parent)}
-        done = subprocess.run(command, cwd=tmp_path, env=changed, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        cases = json.loads((tmp_path / "out" / "timings.json").read_text())["cases"]
-        return done.stderr, set(cases.get("frame-0", {}))
-
-    said, stages = run()
-    assert "render" in stages
-    record = tmp_path / "out" / "cases" / "frame-0.json"
-    before = record.read_bytes()
-    for path in ("sensor/observe.py", "renderer/scene/frame.py", "scoring/errors.py"):
-        _added(package / path, '"""', '"""Better said: ')
-    _added(package / "cli" / "campaign.py", 'help="', 'help="Better said: ')
-    _add_constant(package / "report" / "wording.py")
-    said, stages = run()
-    assert "1 of 1 frames are finished already" in said
-    assert stages == set()
-    _add_constant(package / "sensor" / "observe.py")
-    said, stages = run()
-    assert "finished already" not in said
-    assert {"read", "observe", "score"} <= stages
-    assert "render" not in stages, "the frame is not rendered again"
-    assert record.read_bytes() != before, "it says the identity of the new code"
+@pytest.mark.parametrize(
+    "name", ["own_package/fast.cpython-311-x86_64-linux-gnu.so", "own_package/limits.csv", "own.py"]
+)
+def test_packages_of_users_count_as_files_and_are_not_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (tmp_path / "own_package").mkdir()
+    (tmp_path / "own_package" / "__init__.py").write_text("raise SystemExit(0)")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    module = "own" if name == "own.py" else "own_package.fast"
+    digests = {code.code_digest(), code.code_digest("no_such_package.method"), code.code_digest("_bisect")}
+    for content in (b"LIMIT = 1", b"LIMIT = 2"):
+        (tmp_path / name).write_bytes(content)
+        code.code_digest.cache_clear()
+        code._of_path.cache_clear()
+        digests.add(code.code_digest(module))
+    assert len(digests) == 5

@@ -14,7 +14,7 @@ import typer
 import horizonval
 from horizonval.cli.app import app
 from horizonval.scoring.row import COLUMNS
-from horizonval.spec.reference.keys import MODELS, tables
+from horizonval.spec.schema import MODELS, tables
 
 ROOT = Path(__file__).parents[2]
 pytest.importorskip("sphinx", reason="needs the extra `docs`")

@@ -13,7 +13,7 @@ import pytest
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.methods import altitude_free_published, linear_heads
 from horizonval.jobs import engine
 from horizonval.systems.b.rig.frames import tilt

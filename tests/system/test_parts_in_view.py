@@ -19,7 +19,7 @@ PLATE = {"shape": "panel", "frame": "cam", "width_m": 0.3, "height_m": 3.0, "pos
 def _scene(part: list[dict] | None = None, **keywords: object) -> hv.Scene:
     camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 64, "height": 64, "fov_deg": 90.0})
     keywords = {"atmosphere": {"profile": "none"}, "render": {"part_samples": 16}} | keywords
-    scene = {"altitude_km": 500.0, "mount_roll_deg": 68.0, "sun_zenith_deg": 30.0, "sun_azimuth_deg": 200.0}
+    scene = {"altitude_km": 500.0, "mount_roll_deg": 68.0, "sun": {"zenith_deg": 30.0, "azimuth_deg": 200.0}}
     return hv.Scene(camera, part=part, **scene, **keywords)
 
 
@@ -68,7 +68,7 @@ def test_a_limb_behind_a_part_is_no_limb() -> None:
 
 
 def test_the_sun_behind_a_part_is_not_in_the_frame() -> None:
-    sun = {"sun_zenith_deg": 60.0, "sun_azimuth_deg": 270.0, "mount_roll_deg": 110.0}
+    sun = {"sun": {"zenith_deg": 60.0, "azimuth_deg": 270.0}, "mount_roll_deg": 110.0}
     plain = _scene(heading_deg=0.0).changed(**sun)
     hidden = plain.changed(part=[PLATE | {"width_m": 9.0, "height_m": 9.0}])
     assert expected_outcome(hv.render(plain).truth).sun_in_frame

@@ -14,8 +14,7 @@ import pytest
 from nights import estimating_with, plainly
 from scipy import ndimage
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.sensor.observe import observe
 from horizonval.studies.regression import units
 from horizonval.studies.regression.baseline import pack_path, read_baseline

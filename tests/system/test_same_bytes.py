@@ -16,12 +16,11 @@ import numpy as np
 import pytest
 
 import horizonval as hv
-from horizonval.bridges.inertial import request_of_state
-from horizonval.serve.images import ImageSource
-from horizonval.serve.listener import listening
-from horizonval.serve.local import LocalClient
+from horizonval.bridges.attitudes import request_of_state
+from horizonval.serve.local import ImageSource, LocalClient
 from horizonval.serve.server import Server
-from horizonval.wire.address import Address
+from horizonval.serve.service import listening
+from horizonval.wire import Address
 
 EPOCH = datetime(2026, 3, 20, 12, 0, tzinfo=UTC)
 SCENE = """

@@ -23,8 +23,7 @@ from serve_faults import after_faults
 
 import horizonval as hv
 from horizonval.geometry.frames import compose, inverse
-from horizonval.wire.address import Address
-from horizonval.wire.framing import HEADER, MAGIC
+from horizonval.wire import HEADER, MAGIC, Address
 
 CLIENT_C = Path(__file__).parents[2] / "examples" / "serve" / "client.c"
 SCENE = """
@@ -182,7 +181,7 @@ def test_mistakes_are_lines_and_the_server_lives(served):
         ({"band": "ir"}, "request: band: no band 'ir'; expected one of vis"),
         ({"head": "a"}, "request: head"),
         ({"exposure_s": 1e9}, "exposure_s"),
-        ({"epoch": "1900-01-01"}, "1960"),
+        ({"epoch_utc": "1900-01-01"}, "1960"),
         ({"altitude_km": 1e-9}, "altitude_km"),
     ]
     with served.client() as client:

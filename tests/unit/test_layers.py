@@ -14,9 +14,9 @@ import horizonval
 PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
-    "cli", "bridges", "serve", "api", "commands", "systems", "precheck", "studies", "suites", "report", "jobs",
-    "scoring", "store", "sensor", "renderer", "estimation", "truth", "frame", "earth", "formats", "geometry", "spec",
-    "wire", "core",
+    "cli", "bridges", "serve", "api", "commands", "systems", "precheck", "studies", "suites", "tables", "report",
+    "jobs", "scoring", "store", "sensor", "renderer", "estimation", "truth", "frame", "earth", "formats", "geometry",
+    "spec", "wire", "core",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 

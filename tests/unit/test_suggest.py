@@ -1,4 +1,4 @@
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import nearest
 
 
 def test_most_similar_first_and_none_lost() -> None:

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.earth.atmosphere import climate, climate_rows, columns, profile_file
 from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange

@@ -46,8 +46,8 @@ from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands, sunlight, thermal_absorption
 from horizonval.earth.weather.cold_poles import with_cold_poles
 from horizonval.earth.weather.column_map import ColumnMap, latitude_longitude_deg
+from horizonval.spec.camera import Band
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band
 
 MAP_STEP_DEG = 3.0
 """Between columns of weather. In the middle of four, where that is worst, the error against the weather drawn there is

@@ -41,8 +41,7 @@ import numpy as np
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError, excerpt
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, excerpt, nearest
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile
 from horizonval.earth.gases import afgl
 

@@ -12,7 +12,7 @@ from horizonval.core.errors import UserError
 from horizonval.earth.gases import ozone, sunlight_absorption
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.spectral.quadrature import Orthonormal
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 
 @dataclass(frozen=True)

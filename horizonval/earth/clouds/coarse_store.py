@@ -11,9 +11,9 @@ from functools import lru_cache
 import numpy as np
 
 from horizonval.core.cache import cached_arrays, keep_arrays, keep_newest
-from horizonval.core.code import code_digest
+from horizonval.core.code import FRAME_ROOMS, code_digest
 from horizonval.core.digests import content_digest
-from horizonval.core.machine.caches import cache_folder
+from horizonval.core.environment import cache_folder
 from horizonval.earth.clouds.earth_pattern import Coarse, coarse_map
 
 KEPT = 64
@@ -22,7 +22,7 @@ KEPT = 64
 @lru_cache(maxsize=4)
 def kept_coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
     """Return :func:`horizonval.earth.clouds.earth_pattern.coarse_map` from memory, from disk, or made now."""
-    method = code_digest("horizonval.earth.clouds.earth_pattern")
+    method = code_digest(rooms=FRAME_ROOMS)
     path = cache_folder() / "clouds" / f"{content_digest(method, seed, month, cover)[:32]}.npz"
     kept = cached_arrays(path)
     if kept is None:

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.earth.clouds.relief import tropopause_m
-from horizonval.spec.earth.layer import CloudLayer
+from horizonval.spec.earth import CloudLayer
 
 SHIFT_DEG, NORTHMOST_MONTH = 8.0, 8.0
 _CIRRUS_DEG = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0)

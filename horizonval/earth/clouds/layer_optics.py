@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.tables import json_object
-from horizonval.spec.earth.layer import FINE_ICE_UM
+from horizonval.spec.earth import FINE_ICE_UM
 
 _TABLE = "cloud_optics.json"
 LONGEST_UM = 1.05

@@ -38,7 +38,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.light.moonlight import V_SUN, V_UM
 from horizonval.earth.spectral import bands, sunlight
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 TOP_M = 120_000.0
 STEP_M = 100.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.light import limb_darkening, moonlight
 from horizonval.earth.light.airglow import with_night
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 NIGHT_ZENITH_RAD = math.radians(99.0)
 """Solar zenith angle beyond which the lights of the night count.

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral.quadrature import composite_gauss
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 
 def knots_um(band: Band) -> FloatArray:

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands, planck
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 COLDEST_K, HOTTEST_K = 30.0, 8000.0
 """Range of the inverse: below it is as good as no light at all, above it there is nothing in the sky of a scene."""

@@ -33,7 +33,7 @@ from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.spectral.quadrature import composite_gauss
 from horizonval.earth.tables import npz
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 _TABLE = "gpoint_map.npz"
 MIN_PER_CM, MAX_PER_CM = 500.0, 1390.0

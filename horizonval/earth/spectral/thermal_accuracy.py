@@ -31,7 +31,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.earth.spectral.limb_shares import limb_radiances
 from horizonval.earth.spectral.thermal_absorption import GPoints
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 RANGES_KM = (
     (-math.inf, 0.0), (0.0, 7.0), (7.0, 26.0), (26.0, 33.0), (33.0, 42.0), (42.0, 52.0), (52.0, 60.0),

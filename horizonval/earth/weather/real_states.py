@@ -19,8 +19,7 @@ from datetime import date
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
-from horizonval.core.suggest import nearest
+from horizonval.core.errors import UserError, nearest
 from horizonval.earth.tables import npz
 from horizonval.earth.weather.hydrostatic import GAS_CONSTANT, LIGHTER_WATER, MOLAR_MASS_KG, gravity_m_s2
 

@@ -26,8 +26,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import systematic_covariance
 from horizonval.earth.limb_relief import limb_height_m, reliefs
 from horizonval.estimation.guard import guard_limits as limits

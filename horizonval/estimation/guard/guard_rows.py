@@ -25,8 +25,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import chi2
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import oblate_limbs, relief_covariance
 from horizonval.earth.limb_relief import reliefs
 from horizonval.estimation.guard import guard_limits as limits

@@ -30,8 +30,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_relief import limb_height_m
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.limb_pieces import LimbPieces, limb_pieces

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_prior
 from horizonval.estimation.likelihood.closed_form import position_from_limb
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, placed_knowledge, turned_to

@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.checks import DARK_LEVEL, check_image
 from horizonval.estimation.limb.edges import find_edges
 from horizonval.estimation.limb.picture import Picture

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 
 SMALLEST_SIDE_PX = 8
 """A profile across an edge has five pixels at least, and one to either side to be moved by."""

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.checks import DARK_LEVEL, check_image
 from horizonval.estimation.limb.edges import Edges, find_edges
 from horizonval.estimation.limb.picture import Picture

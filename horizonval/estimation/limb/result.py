@@ -1,4 +1,4 @@
-"""What a search for the limb gives back where it does not refuse (:mod:`horizonval.core.refusal`)."""
+"""What a search for the limb gives back where it does not refuse (:mod:`horizonval.core.outcome`)."""
 
 from __future__ import annotations
 

@@ -31,8 +31,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.limb_model import model_covariance
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.finder import find_limb

@@ -24,8 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.finder import find_canny_pixels
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty
 from horizonval.estimation.methods.altitude_free import fit_of_cone, newton

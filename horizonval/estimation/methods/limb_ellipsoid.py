@@ -13,7 +13,7 @@ Where it starts: :mod:`horizonval.estimation.likelihood.ellipsoid_start`.
 
 from __future__ import annotations
 
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import claim
 from horizonval.estimation.likelihood.ellipsoid_start import ellipsoid_start

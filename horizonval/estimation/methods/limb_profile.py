@@ -22,8 +22,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.profile.fit import fit_profile

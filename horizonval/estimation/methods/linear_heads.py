@@ -28,8 +28,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
 from horizonval.estimation.observation import Estimator, Fit, Observation

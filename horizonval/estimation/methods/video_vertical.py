@@ -37,8 +37,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.limb.arc import Arc, find_arc

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.answer import checked
 from horizonval.estimation.last_words import crash, raised, traceback_of

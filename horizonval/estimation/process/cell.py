@@ -18,7 +18,7 @@ import time
 from dataclasses import dataclass
 from typing import IO, Any, Literal
 
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.last_words import LONGEST_OUTPUT, crash, one_line
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.frames import ANSWER, DESCRIBED, READY, send_all

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from horizonval.core.errors import UserError
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Estimator

@@ -28,8 +28,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import FILE_KEYS, Prior

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import atexit
 
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.cell import Cell, Description

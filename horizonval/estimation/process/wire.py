@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.answer import MOST_POINTS, checked
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.lens import Lens

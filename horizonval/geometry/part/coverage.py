@@ -16,7 +16,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.geometry import brown
 from horizonval.geometry.camera import CameraModel, in_image_circle, project
 from horizonval.geometry.part.outline import Outline
-from horizonval.spec.sensor.fisheye import turning_angle
+from horizonval.spec.camera import turning_angle
 
 CHORD_PX = 1e-3
 ROUNDING = 1e-12

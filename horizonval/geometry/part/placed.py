@@ -13,7 +13,7 @@ from horizonval.core.errors import UserError
 from horizonval.geometry.frames import from_yaw_pitch_roll, inverse, rotate
 from horizonval.geometry.part.mesh_file import mesh_triangles
 from horizonval.geometry.part.shapes import shape_triangles
-from horizonval.spec.spacecraft.part import SpacecraftPart
+from horizonval.spec.scene import SpacecraftPart
 
 NEAREST_M = 1e-3
 """A surface nearer than this is taken to lie on the lens: the camera is a point."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.directions import tangent_basis
-from horizonval.spec.spacecraft.part import SpacecraftPart
+from horizonval.spec.scene import SpacecraftPart
 
 CORNERS = 512
 

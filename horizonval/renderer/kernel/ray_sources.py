@@ -346,10 +346,9 @@ def repeated(
 ) -> tuple[Any, ...]:
     """Return what ``count`` rounds of a kernel's loop carry, whose counter is first; one round needs no loop.
 
-    Nor do derivatives: a loop within a loop knows none by what it does not carry itself. ``first``: whether the counter
-    begins at 0, and not at 1; None: always.
+    ``first``: whether the counter begins at 0, and not at 1; None: always.
     """
-    if count == 1 or dr.grad_enabled(start):
+    if count == 1:
         for k in range(count):
             following = body(*start)
             start = following if k or first is None else dr.select(first, following, start)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -95,9 +94,7 @@ class LocalLight:
 
     def _rays(self, batch: SolarNodes, coordinates: RayCoordinates, light: Vec, to_ground: bool) -> RayFactors:
         def make() -> RayFactors:
-            with dr.suspend_grad():
-                ground = self._ground(batch)
-                return ray_factors(batch, coordinates, ground, light, self.view.top_m, to_ground)
+            return ray_factors(batch, coordinates, self._ground(batch), light, self.view.top_m, to_ground)
 
         assert batch.bounce is not None
         sun = tuple(float(c[0]) for c in light)

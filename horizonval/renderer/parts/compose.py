@@ -15,8 +15,8 @@ from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.part.coverage import coverage
 from horizonval.renderer.parts.part_light import PartScene
 from horizonval.renderer.parts.sky_light import SkyLight
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.parts_in_view import part_triangles
 
 

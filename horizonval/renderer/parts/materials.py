@@ -17,7 +17,7 @@ import numpy as np
 
 from horizonval.core.errors import UserError
 from horizonval.renderer.types import PluginDict
-from horizonval.spec.spacecraft.part import Material, SpacecraftPart
+from horizonval.spec.scene import Material, SpacecraftPart
 
 _UM = (0.4, 0.5, 0.6, 0.7, 0.9, 1.6)
 

@@ -37,8 +37,8 @@ from horizonval.renderer.parts.materials import emissivity_of, solar_bsdf, therm
 from horizonval.renderer.parts.sky_light import SkyLight
 from horizonval.renderer.parts.sun_emitter import sun_emitter
 from horizonval.renderer.tables import table_of
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.spacecraft.part import SpacecraftPart
+from horizonval.spec.camera import Band
+from horizonval.spec.scene import SpacecraftPart
 
 MOST_BOUNCES = 5
 LANES = 2**19

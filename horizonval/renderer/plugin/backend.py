@@ -16,10 +16,16 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
-from horizonval.core import llvm
 from horizonval.core.cache import cached_json, keep_json
+from horizonval.core.environment import (
+    DRJIT_CAME_FIRST,
+    LLVM_VARIABLE,
+    OLDEST_LLVM,
+    USERS_LIBRARY,
+    cache_folder,
+    llvm_candidates,
+)
 from horizonval.core.errors import UserError
-from horizonval.core.machine.caches import cache_folder
 
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
@@ -75,7 +81,7 @@ def probe(refresh: bool = False) -> BackendReport:
     attempts: list[Attempt] = []
     named = os.environ.get(VARIANT_VARIABLE)
     for variant in [named] if named else VARIANTS:
-        for library in llvm.candidates() if variant.startswith("llvm") else [""]:
+        for library in llvm_candidates() if variant.startswith("llvm") else [""]:
             attempts.append(_try(variant, library))
             if attempts[-1].works:
                 break
@@ -107,7 +113,7 @@ def activate(threads: int | None = None) -> str:
             fix="run `horizonval doctor` for what was tried and how to mend it",
         )
     if chosen.library and "drjit" not in sys.modules:
-        os.environ[llvm.LLVM_VARIABLE] = chosen.library
+        os.environ[LLVM_VARIABLE] = chosen.library
     import drjit as dr
     import mitsuba as mi
 
@@ -131,13 +137,13 @@ def _refuse_early_drjit(version: tuple[int, int, int], library: str) -> None:
 
     Dr.Jit loads LLVM while it is imported and never again, so that nothing can be mended in this process.
     """
-    if not llvm.DRJIT_CAME_FIRST or llvm.USERS_LIBRARY or version[0] >= llvm.OLDEST:
+    if not DRJIT_CAME_FIRST or USERS_LIBRARY or version[0] >= OLDEST_LLVM:
         return
     number = ".".join(map(str, version))
     loaded = "found no LLVM" if version[0] < 0 else f"loaded LLVM {number}, with which kernels abort the process"
     raise UserError(
         f"drjit was imported before horizonval and {loaded}",
-        fix=f"import horizonval before drjit and mitsuba, or set {llvm.LLVM_VARIABLE}={library}",
+        fix=f"import horizonval before drjit and mitsuba, or set {LLVM_VARIABLE}={library}",
     )
 
 
@@ -147,9 +153,9 @@ def _versions() -> tuple[str, ...]:
 
 
 def _fingerprint() -> str:
-    parts = [sys.executable, sys.version, llvm.USERS_LIBRARY, os.environ.get(VARIANT_VARIABLE, "")]
+    parts = [sys.executable, sys.version, USERS_LIBRARY, os.environ.get(VARIANT_VARIABLE, "")]
     parts += _versions()
-    for library in llvm.candidates():
+    for library in llvm_candidates():
         if library and Path(library).exists():
             stat = Path(library).stat()
             parts.append(f"{library} {stat.st_size} {int(stat.st_mtime)}")
@@ -159,9 +165,9 @@ def _fingerprint() -> str:
 
 def _try(variant: str, library: str) -> Attempt:
     environment = dict(os.environ)
-    environment.pop(llvm.LLVM_VARIABLE, None)
+    environment.pop(LLVM_VARIABLE, None)
     if library:
-        environment[llvm.LLVM_VARIABLE] = library
+        environment[LLVM_VARIABLE] = library
     label = library or ("system search" if variant.startswith("llvm") else "")
     try:
         run = subprocess.run(

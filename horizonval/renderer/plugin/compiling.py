@@ -6,12 +6,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from horizonval.core import once
+from horizonval.core import progress
 
 
 @contextmanager
 def compiling_counted() -> Iterator[None]:
-    """Count the compilation of the kernels inside (:mod:`horizonval.core.once`).
+    """Count the compilation of the kernels inside (:mod:`horizonval.core.progress`).
 
     Dr.Jit keeps a record of every kernel for it, some hundred for a frame, and is not slower.
     """
@@ -27,4 +27,6 @@ def compiling_counted() -> Iterator[None]:
     finally:
         kernels = drjit.kernel_history()
         drjit.set_flag(drjit.JitFlag.KernelHistory, before)
-        once.count(once.COMPILING, sum(k.get("backend_time", 0.0) + k.get("codegen_time", 0.0) for k in kernels) * 1e-3)
+        progress.count(
+            progress.COMPILING, sum(k.get("backend_time", 0.0) + k.get("codegen_time", 0.0) for k in kernels) * 1e-3
+        )

@@ -7,8 +7,8 @@ from pathlib import Path
 from horizonval.core import atomic
 from horizonval.renderer.reference.reference import HOLDS, LEAVES_OUT, placement
 from horizonval.renderer.scene.description import Described, describe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 SCENE, REFERENCE, README = "scene.xml", "reference.xml", "README.txt"
 LOAD = (

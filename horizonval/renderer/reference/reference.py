@@ -24,8 +24,8 @@ from horizonval.geometry.camera import camera_from_spec
 from horizonval.renderer.scene.description import Described, describe
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.renderer.scene.frame_memory import refuse_too_large
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import with_infrared_horizon
 
 if TYPE_CHECKING:

@@ -17,10 +17,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.cache import cached_arrays, keep_arrays, log_damage
+from horizonval.core.environment import cache_folder
 from horizonval.core.errors import DamagedFileError
-from horizonval.core.machine.caches import cache_folder
-from horizonval.core.once import made_once
-from horizonval.core.progress import Progress
+from horizonval.core.progress import Progress, made_once
 from horizonval.earth.column import SpectralNode
 from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
 from horizonval.renderer.scattering.multiple_scattering import solve

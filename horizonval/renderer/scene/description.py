@@ -20,8 +20,8 @@ from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import surface_normal
 from horizonval.geometry.ephemeris import AU_M, phase_angle, sun_itrs
 from horizonval.renderer.plugin.backend import activate
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import moon_place, truth_of, truth_turned
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from horizonval.renderer.scene.description import describe
 from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.renderer.scene.shared_view import shared_view, viewpoint_key
 from horizonval.renderer.table_store import TABLES
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress

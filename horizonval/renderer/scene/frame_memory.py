@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 
-from horizonval.core.machine import memory
+from horizonval.core import memory
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 PROCESS_BYTES, BYTES_PER_VALUE, BYTES_PER_POINT = 250e6, 16.0, 3.2e6
 """Of a process that renders, of each pixel of a band, and of each g point of air that changes with latitude."""

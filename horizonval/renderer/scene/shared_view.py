@@ -6,8 +6,8 @@ import hashlib
 import json
 from typing import Any
 
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 
 def shared_view(scene: SceneSpec, camera: CameraSpec) -> str:

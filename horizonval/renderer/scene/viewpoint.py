@@ -17,8 +17,8 @@ from horizonval.renderer.plugin.integrator import prepare
 from horizonval.renderer.plugin.plugins import mitsuba_scene, mitsuba_sensor
 from horizonval.renderer.scene.description import Described, turned
 from horizonval.renderer.scene.truth_maps import truth_maps
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import with_infrared_horizon
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.once import made_once
+from horizonval.core.progress import made_once
 from horizonval.renderer.tables import gather_row, table_of_parts
 from horizonval.renderer.types import Values
 from horizonval.renderer.view_table.spline_patch import (
@@ -70,8 +70,8 @@ class Tabulated:
     quantities : int
         A multiple of :data:`PACKET`.
     single : bool
-        Whether coefficients are kept in single precision: for large tables. Derivatives over steps of a small part of a
-        pixel want double.
+        Whether coefficients are kept in single precision: for large tables. Differences of frames over a small part of
+        a pixel need double precision.
     """
 
     values: Callable[[FloatArray, FloatArray], FloatArray]

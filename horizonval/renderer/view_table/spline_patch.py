@@ -14,11 +14,10 @@ from __future__ import annotations
 import math
 from functools import cache
 
-import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.types import Number, Values
+from horizonval.renderer.types import Number
 
 INTERVALS = 8
 NODES = INTERVALS + 1
@@ -105,9 +104,3 @@ def spline_weights(w: Number) -> list[Number]:
         (-3.0 * w3 + 3.0 * w2 + 3.0 * w + 1.0) * (1.0 / 6.0),
         w3 * (1.0 / 6.0),
     ]
-
-
-def spline_slopes(w: mi.Float64) -> Values:
-    """Return the derivatives of :func:`spline_weights`."""
-    u = 1.0 - w
-    return [-0.5 * u * u, w * (1.5 * w - 2.0), (0.5 + w - 1.5 * w * w), 0.5 * w * w]

@@ -16,7 +16,7 @@ from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.report.figures.infrared import ThermalPanel, infrared_picture
 from horizonval.report.figures.tone import tone_mapped
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 LOW_LIMB_M = 15e3
 """Air seen up to here decides the colour scale of an infrared picture together with ground and clouds."""

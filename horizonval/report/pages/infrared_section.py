@@ -16,7 +16,7 @@ from horizonval.frame import FrameTruth
 from horizonval.report.figures import plots
 from horizonval.report.formatting import count, number, percent
 from horizonval.report.load import CaseView
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
 
 TEXT = (

@@ -12,7 +12,7 @@ from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.scoring.information.information import KEY, LimbInformation
 from horizonval.scoring.information.limb_information import limb_information
 from horizonval.sensor.expected_image import expected_image
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 
 def information_of(frame: RadianceFrame, camera: CameraSpec, band: str | None = None) -> LimbInformation | None:

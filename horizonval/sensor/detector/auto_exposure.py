@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.spec.sensor.cmos import AutoExposure
+from horizonval.spec.detector import AutoExposure
 
 
 def exposure_s(rate_e_per_s: FloatArray, full_well_e: float, rule: AutoExposure) -> float:

@@ -35,8 +35,8 @@ from horizonval.sensor.detector import (
 )
 from horizonval.sensor.lens import image_plane, optics
 from horizonval.sensor.lens.stray_light import sun_of
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos
 
 Streams = Callable[[str], np.random.Generator | None]
 """Gives the generator of a named stage; None for an observation without noise."""

@@ -30,8 +30,8 @@ from horizonval.sensor import motion
 from horizonval.sensor.detector import converter, fixed_pattern, thermal_noise
 from horizonval.sensor.lens import image_plane, point_spread
 from horizonval.sensor.lens.stray_light import sun_of
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import LinearArray, Microbolometer, ThermalDetector, Thermopile
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import LinearArray, Microbolometer, ThermalDetector, Thermopile
 
 SIGMA_PER_FWHM = 1.0 / np.sqrt(8.0 * np.log(2.0))
 LAGUERRE_POINTS = 16

@@ -23,7 +23,7 @@ from functools import lru_cache
 import numpy as np
 
 from horizonval.earth.spectral import bands, planck
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 NETD_SCENE_K = 300.0
 _STEP_K = 0.05

@@ -32,7 +32,7 @@ from scipy.special import j1
 
 from horizonval.core.arrays import FloatArray
 from horizonval.sensor.lens import diffraction
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 _PIXEL_VARIANCE = 1 / 12
 _CARRIED = 1e-3

@@ -25,7 +25,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 
 def wavelengths_m(band: Band) -> tuple[FloatArray, FloatArray]:

@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel
-from horizonval.spec.sensor.optics import Ghost
+from horizonval.spec.optics import Ghost
 
 _CUT_SIGMA = 5.0
 

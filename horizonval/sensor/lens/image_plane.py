@@ -26,8 +26,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.sensor.lens import ghosts, lens_spread, optics, stray_light
 from horizonval.sensor.lens.stray_light import Sun
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.optics import Optics
+from horizonval.spec.camera import Band
+from horizonval.spec.optics import Optics
 
 
 def radiance_on_axis(

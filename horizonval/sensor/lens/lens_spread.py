@@ -21,8 +21,8 @@ from horizonval.core.errors import UserError
 from horizonval.geometry.camera import CameraModel, field_angles
 from horizonval.sensor.lens import convolution, core_spread, diffraction, field_spread, point_spread, scatter
 from horizonval.sensor.lens.convolution import Border
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.optics import Optics, Scatter
+from horizonval.spec.camera import Band
+from horizonval.spec.optics import Optics, Scatter
 
 
 def spread(

@@ -27,7 +27,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel, field_angles, pixel_solid_angle
-from horizonval.spec.sensor.optics import Optics
+from horizonval.spec.optics import Optics
 
 
 def pupil_area_m2(focal_length_m: float, f_number: float) -> float:

@@ -32,7 +32,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral.quadrature import composite_gauss
-from horizonval.spec.sensor.optics import Scatter, scatter_integral
+from horizonval.spec.optics import Scatter, scatter_integral
 
 _NEAR_PX = 8
 

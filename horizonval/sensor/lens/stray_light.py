@@ -30,8 +30,8 @@ from horizonval.earth.spectral import bands, sunlight
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.directions import GOLDEN_ANGLE_RAD, perpendicular
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.optics import Stray
+from horizonval.spec.camera import Band
+from horizonval.spec.optics import Stray
 
 _DISC_POINTS = 2048
 

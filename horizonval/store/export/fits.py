@@ -34,8 +34,8 @@ from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
 from horizonval.geometry.rotation import itrs_from_gcrs, julian_utc
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import Cmos
 from horizonval.store import masks
 from horizonval.store.attributes import camera_of
 from horizonval.store.export.exported import of_fits, sealed, text_of

@@ -13,7 +13,8 @@ from horizonval.core.json_types import JsonObject
 from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.spec.expand import seed_of, variants
 from horizonval.spec.load import Case, Suite, validate
-from horizonval.spec.scene import Attitude, CameraUse, SceneSpec
+from horizonval.spec.pose import Attitude, CameraUse
+from horizonval.spec.scene import SceneSpec
 from horizonval.spec.suite import CasesSpec, DatasetSpec, SobolSpec
 
 Split = Literal["train", "validation", "test"]

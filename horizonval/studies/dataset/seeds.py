@@ -20,14 +20,14 @@ from horizonval.spec.files import find, shipped_names, shipped_path
 from horizonval.spec.load import MAX_FILE_BYTES, Suite
 from horizonval.spec.suite import DatasetSpec
 from horizonval.store.folder import read_json, write_json
-from horizonval.suites.identity import FRAME_CODE, suite_identity
+from horizonval.suites.identity import suite_identity
 from horizonval.suites.suite import load_suite
 
 LIST_SCHEMA = 1
 LIST_NAME = "seeds.json"
 FORMATS = ("webdataset", "hdf5", "zarr")
-CODE = (*FRAME_CODE, "horizonval.sensor.observe", "horizonval.studies.dataset.shards")
-"""The modules that make the bytes of a data set; those that they import are found."""
+CODE = ("horizonval.studies",)
+"""The room that makes the bytes of a data set, in addition to those that make rows."""
 MOST_FRAMES = 10_000_000
 
 

@@ -30,7 +30,7 @@ from horizonval.core import atomic
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
-from horizonval.core.machine.memory import peak_mebibytes
+from horizonval.core.memory import peak_mebibytes
 from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import do

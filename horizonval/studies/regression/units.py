@@ -32,9 +32,9 @@ from horizonval.scoring.information.of_frame import informed
 from horizonval.scoring.row import rounded
 from horizonval.sensor.calibrated import radiance_per_dn
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.baseline import FrozenImage, Pack, digest, read_pack
 from horizonval.studies.regression.images import noise_in_space, regions_of
 from horizonval.studies.regression.row import ReplicateRow
@@ -42,9 +42,6 @@ from horizonval.suites.identity import code_of, unit_identity
 from horizonval.suites.plan import CasePlan, Unit
 from horizonval.suites.record import camera_name
 from horizonval.suites.units.scored import Observed, score_alone, score_together
-
-CODE = ("horizonval.studies.regression.units", "horizonval.estimation.process.estimator_process")
-"""The modules that make a unit; the estimators come to them by name."""
 
 Shown = tuple[tuple[str, float | None], ...]
 """What an estimator is shown: of every head's image the digest, and the band radiance of a digital number, None if that
@@ -305,7 +302,7 @@ class NightWork(Recorded[Task]):
         content: list[Any] = [item.scene, item.heads, item.pack_sha256, item.replicates, sorted(item.known, key=str)]
         if item.unit is not None:
             content += [unit_identity(item.unit, self.plan), item.unit.cases[0].table]
-        content += [self.plan.content(item.estimators), code_digest(*CODE, *code_of(item.estimators))]
+        content += [self.plan.content(item.estimators), code_digest(__name__, *code_of(item.estimators))]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def finished(self, item: Task) -> Record | None:

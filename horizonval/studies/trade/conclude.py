@@ -20,7 +20,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.scoring.row import Row
 from horizonval.scoring.table import read_results
-from horizonval.spec.study import Requirement
+from horizonval.spec.suite import Requirement
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.studies.trade import cost
 from horizonval.studies.trade.compare import compare

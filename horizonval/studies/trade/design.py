@@ -20,18 +20,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, nearest
+from horizonval.core.files import LONGEST_FRAME_NAME, LONGEST_GENERATED_NAME, shortened
 from horizonval.core.json_types import JsonObject
-from horizonval.core.machine.file_names import LONGEST_FRAME_NAME, LONGEST_GENERATED_NAME, shortened
-from horizonval.core.suggest import nearest
+from horizonval.spec.base import deep_merge
 from horizonval.spec.expand import variants
-from horizonval.spec.explain import show
+from horizonval.spec.explain import show, with_option
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
-from horizonval.spec.merge import deep_merge
-from horizonval.spec.option import with_option
-from horizonval.spec.study import StudySpec
-from horizonval.spec.suite import CasesSpec, SuiteHead, SuiteSpec
+from horizonval.spec.suite import CasesSpec, StudySpec, SuiteHead, SuiteSpec
 from horizonval.studies.trade import cost
 from horizonval.suites.axes import value_at
 from horizonval.suites.suite import fly_scene

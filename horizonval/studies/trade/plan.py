@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
-from horizonval.spec.study import Requirement, StudyHead
+from horizonval.spec.suite import Requirement, StudyHead
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.trade.design import Design, Study
 
@@ -40,7 +40,7 @@ class StudyPlan:
         for number, design in enumerate(self.designs, start=1):
             if name in (design.name, str(number)):
                 return design
-        from horizonval.core.suggest import nearest
+        from horizonval.core.errors import nearest
 
         known = ", ".join(nearest(name, [design.name for design in self.designs])[:8])
         raise UserError(f"no design {name!r}", where=where, expected=f"a number up to {len(self.designs)}, or {known}")

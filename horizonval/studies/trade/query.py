@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from horizonval.core.json_types import JsonObject
-from horizonval.spec.study import Requirement
+from horizonval.spec.suite import Requirement
 from horizonval.studies.trade.cost import is_tie
 from horizonval.studies.trade.misses import words_of
 from horizonval.studies.trade.sample import CONFIDENCE

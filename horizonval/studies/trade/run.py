@@ -14,7 +14,7 @@ from horizonval.core.progress import Progress
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.remaining import ExpectedTime
 from horizonval.report.pages import study_page
-from horizonval.spec.study import Requirement
+from horizonval.spec.suite import Requirement
 from horizonval.store.folder import RunFolder, intact_json
 from horizonval.store.manifest import amend_manifest
 from horizonval.studies.trade.conclude import Data, conclude, files_of_study, query, read_data

@@ -16,7 +16,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.limb.finder import find_canny_pixels, find_edges_only, find_limb
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.result import LimbPoints
@@ -30,9 +30,9 @@ from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.published import published
 from horizonval.systems.task_cache import rng_of
 

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.limb.finder import find_canny_pixels
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.methods import altitude_free_closed_form, altitude_free_published

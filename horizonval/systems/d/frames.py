@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.json_types import JsonObject
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
 from horizonval.estimation.methods import linear_heads
 from horizonval.estimation.observation import Fit, Observation
@@ -26,9 +26,9 @@ from horizonval.geometry.directions import angle_between
 from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.horizon import horizon_columns
 from horizonval.scoring.errors import score
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.circular_orbit import place_on_orbit
 from horizonval.systems.d.settings import PUBLISHED

@@ -23,8 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import body_from_lvlh, inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
 from horizonval.geometry.horizon import limb_side

@@ -24,8 +24,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 
 ITERATIONS = 6
 """Edge and plateau move each other; the plateau is flat, and the third step is below 1e-4 deg already."""

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.systems.f.attitude import ScannerFit, attitude_over_ellipsoid
 from horizonval.systems.f.electronics import ScanEdges, ScanSignal, Threshold, find_edges

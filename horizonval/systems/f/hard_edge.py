@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import body_from_lvlh, inverse, rotate
 from horizonval.systems.f.attitude import attitude_over_ellipsoid

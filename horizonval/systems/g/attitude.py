@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 
 LEAST_QUADRANTS = 3
 RESIDUAL_RAD = math.radians(0.5)

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from horizonval.core.llvm import LLVM_VARIABLE, OLDEST, wheel_libraries
+from horizonval.core.environment import LLVM_VARIABLE, OLDEST_LLVM, wheel_libraries
 
 RENDER = """
 import horizonval as hv
@@ -35,7 +35,7 @@ def test_drjit_first_renders_or_is_one_line(first):
     done = run_script(f"{first}\n{RENDER}")
     assert done.returncode == 0, done.stderr
     version = run_script("import drjit; print(drjit.detail.llvm_version()[0])").stdout
-    if int(version) < OLDEST and wheel_libraries():
+    if int(version) < OLDEST_LLVM and wheel_libraries():
         assert done.stdout.startswith("refused drjit was imported before horizonval and ")
         assert "import horizonval before drjit" in done.stdout
         assert len(done.stdout.strip().splitlines()) == 1
@@ -47,7 +47,7 @@ def test_horizonval_first_names_the_library_that_came_with_it():
     done = run_script(f"import horizonval, drjit\n{RENDER}\nprint(drjit.detail.llvm_version()[0])")
     lines = done.stdout.splitlines()
     assert lines[0].startswith("rendered"), done.stderr
-    assert int(lines[1]) >= OLDEST
+    assert int(lines[1]) >= OLDEST_LLVM
 
 
 @pytest.mark.skipif(not wheel_libraries(), reason="no library came as a wheel")

@@ -57,10 +57,10 @@ def _assert_same(frame: hv.Frame, other: hv.Frame) -> None:
 @pytest.mark.parametrize(
     ("camera", "keywords"),
     [
-        (VISIBLE, {"epoch": "2026-06-20T09:00Z", "surface": {"kind": "earth"}, "clouds": {"cover": 0.4}}),
+        (VISIBLE, {"epoch_utc": "2026-06-20T09:00Z", "surface": {"kind": "earth"}, "clouds": {"cover": 0.4}}),
         pytest.param(
             VISIBLE,
-            {"sun_zenith_deg": 100.0, "moon": {"zenith_deg": 100.0}, "night": {"airglow": True}},
+            {"sun": {"zenith_deg": 100.0}, "moon": {"zenith_deg": 100.0}, "night": {"airglow": True}},
             marks=pytest.mark.slow,
         ),
         (INFRARED, {"attitude": {"rate_deg_s": [0.0, 0.5, 0.0]}}),

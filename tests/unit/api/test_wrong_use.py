@@ -55,11 +55,11 @@ def test_the_line_is_that_of_the_command(arguments, call, in_user_folder, capsys
     ("keywords", "parts"),
     [
         ({"altitude_k": 500}, ["Scene: altitude_k: unknown keyword; expected one of altitude_km,"]),
-        ({"altitude_km": -5}, ["Scene: platform.altitude_km: found -5; expected a number above 0"]),
+        ({"altitude_km": -5}, ["Scene: altitude_km: found -5; expected a number above 0"]),
         ({}, ["Scene: platform.altitude_km: missing; expected a number above 0"]),
-        ({"altitude_km": "high"}, ['Scene: platform.altitude_km: found "high"; expected a number']),
-        ({"altitude_km": 500, "latitude_deg": 91}, ["Scene: platform.latitude_deg: found 91"]),
-        ({"altitude_km": 500, "epoch": "noon"}, ["Scene: platform.epoch_utc", "a date and time such as"]),
+        ({"altitude_km": "high"}, ['Scene: altitude_km: found "high"; expected a number']),
+        ({"altitude_km": 500, "latitude_deg": 91}, ["Scene: latitude_deg: found 91"]),
+        ({"altitude_km": 500, "epoch_utc": "noon"}, ["Scene: epoch_utc", "a date and time such as"]),
         (
             {"altitude_km": 500, "surface": {"albdo": 0.1}},
             ["Scene: surface.albdo: unknown key; expected one of albedo"],
@@ -94,7 +94,7 @@ def test_a_scene_of_keywords_is_the_scene_of_a_file(in_user_folder):
         name="one",
         mount_roll_deg=65,
         altitude_km=550,
-        epoch="2026-03-20T12:00Z",
+        epoch_utc="2026-03-20T12:00Z",
         surface={"kind": "earth"},
     )
     assert by_keywords == by_file

@@ -21,8 +21,8 @@ from Basilisk.architecture import messaging
 from Basilisk.utilities import RigidBodyKinematics, SimulationBaseClass, macros
 
 import horizonval as hv
+from horizonval.bridges.attitudes import mrp_of_quaternion, quaternion_of_mrp, request_of_state
 from horizonval.bridges.basilisk import AttitudeModule, CameraModule
-from horizonval.bridges.inertial import mrp_of_quaternion, quaternion_of_mrp, request_of_state
 from horizonval.serve.local import LocalClient
 
 EPOCH = datetime(2026, 3, 20, 12, 0, tzinfo=UTC)

@@ -12,7 +12,7 @@ from astropy.time import Time
 from astropy.utils.iers import conf
 from scipy.spatial.transform import Rotation
 
-from horizonval.bridges.inertial import mrp_of_quaternion, quaternion_of_mrp, request_of_state
+from horizonval.bridges.attitudes import mrp_of_quaternion, quaternion_of_mrp, request_of_state
 
 conf.auto_download = False
 EPOCH = datetime(2026, 3, 20, 12, 0, tzinfo=UTC)

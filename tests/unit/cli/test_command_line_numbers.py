@@ -9,9 +9,8 @@ import pytest
 from horizonval import cli
 from horizonval.core.errors import UserError
 from horizonval.jobs.execution import Execution, parse_shard
-from horizonval.spec.option import with_option
-from horizonval.spec.study import Requirement
-from horizonval.spec.suite import SobolSpec, SuiteHead
+from horizonval.spec.explain import with_option
+from horizonval.spec.suite import Requirement, SobolSpec, SuiteHead
 
 LONG = "9" * 5000
 """More digits than Python turns into a number."""

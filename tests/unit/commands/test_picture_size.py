@@ -13,9 +13,9 @@ import pytest
 
 from horizonval.commands.picture import read_picture
 from horizonval.commands.picture_size import LARGEST_SIDE_PX, size_of
+from horizonval.core import memory
 from horizonval.core.errors import UserError
-from horizonval.core.machine import memory
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.store import exr
 
 SMALL = CameraSpec.model_validate({"camera": {"width": 64, "height": 64, "fov_deg": 60.0}})

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from horizonval.core import environment
 from horizonval.core.cache import cached_json, keep_json
-from horizonval.core.machine import caches
-from horizonval.core.machine.caches import cache_folder, configured_folder, is_usable
+from horizonval.core.environment import cache_folder, configured_folder, is_usable
 
 SCENE = """
 [camera]
@@ -39,14 +39,14 @@ nodes = 1
 
 WORK = """
 import logging, os, subprocess, sys
-from horizonval.core.machine.caches import cache_folder, settle_libraries
+from horizonval.core.environment import cache_folder, settle_libraries
 settle_libraries()
 from horizonval.core.cache import cached_json, keep_json
 path = cache_folder() / "a" / "b.json"
 keep_json(path, {"x": 1})
 assert cached_json(path) == {"x": 1}
 import matplotlib.font_manager, drjit
-child = "from horizonval.core.machine.caches import cache_folder as f; print(f())"
+child = "from horizonval.core.environment import cache_folder as f; print(f())"
 assert subprocess.check_output([sys.executable, "-c", child], text=True).strip() == str(cache_folder())
 print(cache_folder())
 """
@@ -107,7 +107,7 @@ def test_a_full_disk_is_told_once(tmp_path, monkeypatch, caplog):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("horizonval.core.atomic.write_bytes", full)
-    monkeypatch.setattr(caches, "_warned", set())
+    monkeypatch.setattr(environment, "_warned", set())
     for name in "ab":
         keep_json(tmp_path / name, {"x": 1})
         assert cached_json(tmp_path / name) is None

@@ -6,8 +6,7 @@ import pickle
 
 import numpy as np
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit
 
 

@@ -7,8 +7,8 @@ import pytest
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere import aerosol
 from horizonval.earth.optical import optical_model
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 Z = np.arange(0.0, 100_001.0, 100.0)
 MODELS = ("background", "volcanic_moderate", "volcanic_high", "polar", "dust")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from horizonval.earth.spectral import bands
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 
 def band(**values: Any) -> Band:

@@ -10,8 +10,8 @@ from scipy import constants
 
 from horizonval.earth.spectral.brightness import COLDEST_K, HOTTEST_K, black_body_radiance, brightness_temperature_k
 from horizonval.earth.spectral.planck import band_radiance
+from horizonval.spec.camera import Band
 from horizonval.spec.load import load_camera
-from horizonval.spec.sensor.camera import Band
 
 BANDS = load_camera("ir-four-band-320-24deg").band
 

@@ -11,8 +11,8 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.gases import afgl
 from horizonval.earth.optical import optical_model
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 DOBSON_PER_M2 = 2.6867e20
 CLIMATES = ("tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter")

@@ -8,8 +8,8 @@ from horizonval.earth.gases import afgl
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.earth.weather.cold_poles import with_cold_poles
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 CAMERA = CameraSpec.model_validate(
     {

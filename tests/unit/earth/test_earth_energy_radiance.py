@@ -8,7 +8,7 @@ import pytest
 from horizonval.earth.atmosphere.solar_rule import gauss, solar_measure
 from horizonval.earth.spectral import sunlight
 from horizonval.earth.spectral.bands import response
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 VISIBLE = Band.model_validate({"name": "vis", "kind": "solar", "lo_um": 0.45, "hi_um": 0.75})
 WIDE = Band.model_validate({"name": "wide", "kind": "solar", "lo_um": 0.40, "hi_um": 1.00})

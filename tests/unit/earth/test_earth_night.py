@@ -10,8 +10,8 @@ import pytest
 from horizonval.earth.light import airglow, moonlight, sky
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import bands, sunlight
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraSpec
 
 MEAN_MOON_AU = 384_400e3 / sunlight.ASTRONOMICAL_UNIT_M
 

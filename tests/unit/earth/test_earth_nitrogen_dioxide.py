@@ -6,8 +6,8 @@ import pytest
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.gases import nitrogen_dioxide
 from horizonval.earth.optical import optical_model
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ from horizonval.earth.atmosphere import air, node_count, solar_rule
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.optical import node_counts, optical_model
 from horizonval.earth.spectral import bands, sunlight
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import shipped_names
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraSpec
 
 RADIUS_M = 6_371_000.0
 

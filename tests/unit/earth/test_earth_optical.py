@@ -10,8 +10,8 @@ from horizonval.earth import atmosphere_file
 from horizonval.earth.gases import rayleigh
 from horizonval.earth.optical import OpticalModel, node_counts, optical_model
 from horizonval.earth.spectral import bands, planck, sunlight
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 VIS = {"name": "vis", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 4}
 TIR = {"name": "tir", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}

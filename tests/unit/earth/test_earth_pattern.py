@@ -16,7 +16,7 @@ from horizonval.earth.clouds.earth_pattern import BASE_M, Coarse
 from horizonval.earth.clouds.relief import CloudField
 from horizonval.earth.clouds.whirls import stirred
 from horizonval.earth.surface.ground_map import is_land
-from horizonval.spec.earth.clouds import Clouds
+from horizonval.spec.earth import Clouds
 from horizonval.spec.scene import SceneSpec
 
 

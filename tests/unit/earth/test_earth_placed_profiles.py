@@ -15,8 +15,8 @@ from horizonval.earth.atmosphere.placed_profiles import PlacedProfiles
 from horizonval.earth.atmosphere.profile_file import has_places, read_profiles
 from horizonval.earth.optical import optical_model
 from horizonval.earth.weather.column_map import latitude_longitude_deg
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 KM = [float(z) for z in (*range(0, 30, 2), *range(30, 101, 5))]
 Z = np.arange(0.0, 60e3, 1500.0)

@@ -11,8 +11,8 @@ from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.profile_file import read_profiles
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.optical import optical_model
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 KM = [*range(0, 30), *range(30, 101, 2)]
 

@@ -9,8 +9,8 @@ from scipy.special import expn
 
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.optical import optical_model
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 RADIUS_M = 6_371_000.0
 

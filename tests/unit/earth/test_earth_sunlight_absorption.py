@@ -10,8 +10,8 @@ from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.gases import sunlight_absorption as gases
 from horizonval.earth.optical import node_counts, optical_model
 from horizonval.earth.tables import csv
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 UM = np.arange(0.4, 1.2, 0.0005)
 

@@ -10,7 +10,7 @@ from horizonval.core.errors import UserError
 from horizonval.earth.gases import afgl
 from horizonval.earth.spectral import planck
 from horizonval.earth.spectral import thermal_absorption as ta
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 
 def published() -> dict[str, Any]:

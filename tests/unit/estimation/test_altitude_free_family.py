@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.shape.cone import noise_bias
 from horizonval.estimation.methods import altitude_free_closed_form as closed_form
 from horizonval.estimation.methods import altitude_free_published as published

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.answer import MOST_POINTS, checked
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.observation import Fit, Observation, OraclePose

@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.methods.altitude_free import ESTIMATOR as ALTITUDE_FREE
 from horizonval.estimation.methods.altitude_free import solve

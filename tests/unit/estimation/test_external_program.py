@@ -17,8 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic import truth_at
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.estimation.process.external import (

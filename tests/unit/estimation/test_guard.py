@@ -14,8 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.guard.guard import guarded, trusted_limb
 from horizonval.estimation.limb.model.sunlit import blur_rad, sunlit_limb

@@ -14,8 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.methods import linear_heads, video_vertical
 from horizonval.estimation.observation import Fit, Observation

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.observation import Fit, Observation

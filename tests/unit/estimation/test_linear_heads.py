@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.methods.guarded import LINEAR_HEADS_PUBLISHED
 from horizonval.estimation.methods.linear_heads import (
     ESTIMATOR,

@@ -12,8 +12,7 @@ import pytest
 from not_the_earth import ALTITUDE_M, FOCAL_PX, FULL_SCALE, HEIGHT, NADIR_OFF_DEG, WIDTH
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

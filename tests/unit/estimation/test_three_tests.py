@@ -10,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.guard.three_tests import doubted
 from horizonval.estimation.observation import Fit, Observation

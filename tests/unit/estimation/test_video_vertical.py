@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc, longest_chain
 from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.methods import video_vertical

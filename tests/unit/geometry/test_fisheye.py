@@ -23,7 +23,7 @@ from horizonval.geometry.camera import (
 )
 from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.horizon import horizon_fraction, horizon_pixels, horizon_rows, limb_side
-from horizonval.spec.sensor.fisheye import turning_angle
+from horizonval.spec.camera import turning_angle
 
 LENSES = {
     "f-theta": (0.0, 0.0, 0.0, 0.0),

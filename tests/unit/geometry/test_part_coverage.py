@@ -12,7 +12,7 @@ from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.part.coverage import coverage, polygon_coverage
 from horizonval.geometry.part.outline import Outline, outline_of
 from horizonval.geometry.part.placed import blocked, triangles_cam
-from horizonval.spec.spacecraft.part import SpacecraftPart as Part
+from horizonval.spec.scene import SpacecraftPart as Part
 
 AHEAD = (0.0, 0.0, 0.0, 1.0)
 PINHOLE = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from horizonval.core import once
+from horizonval.core import progress
 from horizonval.jobs.progress import about
 from horizonval.jobs.remaining import ExpectedTime, Remaining, SpentTime
 from horizonval.renderer.plugin.compiling import compiling_counted
@@ -94,12 +94,12 @@ def test_compiling_is_no_measure_of_the_rest():
 
 def test_what_is_made_once_is_counted(monkeypatch):
     times = iter([0.0, 5.0, 10.0, 12.0])
-    monkeypatch.setattr(once.time, "perf_counter", lambda: next(times))
-    once.taken_s()
+    monkeypatch.setattr(progress.time, "perf_counter", lambda: next(times))
+    progress.taken_s()
     for _ in range(2):
-        with once.made_once("tables"):
+        with progress.made_once("tables"):
             pass
-    assert (once.taken_s(), once.taken_s()) == ({"tables": 7.0}, {})
+    assert (progress.taken_s(), progress.taken_s()) == ({"tables": 7.0}, {})
 
 
 def test_compiling_of_a_kernel_is_counted():
@@ -107,11 +107,11 @@ def test_compiling_of_a_kernel_is_counted():
     import mitsuba
 
     mitsuba.set_variant("llvm_ad_mono")
-    once.taken_s()
+    progress.taken_s()
     with compiling_counted():
         # Numbers that no kernel on the disk knows.
         drjit.eval(mitsuba.Float64([1.0, 2.0]) * time.time())
-    assert once.taken_s()[once.COMPILING] > 0.0
+    assert progress.taken_s()[progress.COMPILING] > 0.0
     assert not drjit.flag(drjit.JitFlag.KernelHistory)
 
 

@@ -17,12 +17,11 @@ from horizonval.precheck.limb import LimbView, limb_views
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.scoring.horizon_view import inside_image
 from horizonval.sensor.observe import observe
-from horizonval.spec.earth.clouds import Clouds
-from horizonval.spec.earth.ground import Surface
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import Cmos
+from horizonval.spec.earth import Clouds, Surface
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.detector import Cmos
 from horizonval.truth.frame_truth import truth_of
 
 WIDTH = 128

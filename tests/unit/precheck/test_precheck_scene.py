@@ -15,8 +15,8 @@ from horizonval.precheck.frames import sample_sizes
 from horizonval.precheck.limb import limb_views
 from horizonval.precheck.rules import CODES, RULES
 from horizonval.scoring.expected import expected_outcome
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_scene
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.suite import load_suite
 from horizonval.truth.frame_truth import truth_of
 

@@ -11,8 +11,8 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.spectral.planck import radiance_per_wavenumber
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 RADIUS_M = 6_371_000.0
 WAVENUMBER_PER_CM = 1000.0

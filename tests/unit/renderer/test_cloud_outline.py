@@ -11,8 +11,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.cells import group_cells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.plugin.backend import activate
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 SOLAR = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 1}
 FINE = 16

@@ -11,8 +11,8 @@ import pytest
 from horizonval.core.digests import content_digest
 from horizonval.earth.optical import optical_model
 from horizonval.renderer.plugin.backend import activate
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 activate()
 from horizonval.renderer.plugin.model_text import dump_model, load_model  # noqa: E402

@@ -19,8 +19,8 @@ from horizonval.renderer.planet import Planet  # noqa: E402
 from horizonval.renderer.scene.frame import render_frame  # noqa: E402
 from horizonval.renderer.tables import AltitudeGrid, SunTable, table_of, vectors  # noqa: E402
 from horizonval.renderer.types import constant  # noqa: E402
+from horizonval.spec.camera import CameraSpec  # noqa: E402
 from horizonval.spec.scene import SceneSpec  # noqa: E402
-from horizonval.spec.sensor.camera import CameraSpec  # noqa: E402
 
 RADIUS_M, TOP_M, K = 6.4e6, 1e5, 1.2e-5
 PLANET = Planet(RADIUS_M, RADIUS_M)

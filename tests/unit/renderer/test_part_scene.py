@@ -15,7 +15,7 @@ def test_the_map_of_the_earth_holds_what_the_camera_sees() -> None:
     from horizonval.renderer.scene.frame import viewpoint_of
 
     camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 9, "height": 9, "fov_deg": 5.0})
-    scene = hv.Scene(camera, altitude_km=500.0, atmosphere={"profile": "none"}, sun_zenith_deg=20.0)
+    scene = hv.Scene(camera, altitude_km=500.0, atmosphere={"profile": "none"}, sun={"zenith_deg": 20.0})
     viewpoint = viewpoint_of(scene.spec, camera.spec)
     nadir = viewpoint.frame(scene.spec).radiance["vis"][4, 4]
     film = mi.load_dict({"type": "hdrfilm", "width": 8, "height": 8})

@@ -14,8 +14,8 @@ from horizonval.renderer.plugin import integrator, model_text, scene_text
 from horizonval.renderer.plugin.plugins import mitsuba_scene
 from horizonval.renderer.plugin.settings import LimbSettings
 from horizonval.renderer.scene.description import Described, describe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 CAMERA = CameraSpec.model_validate(
     {

@@ -13,7 +13,7 @@ from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, itrs_from_geodetic
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.reference import reference
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from horizonval.earth import tables
 from horizonval.earth.surface import city_lights
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 TOKYO = (35.69, 139.69)
 

@@ -23,8 +23,8 @@ from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.geometry.frames import rotate
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import truth_of
 
 SOLAR = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}

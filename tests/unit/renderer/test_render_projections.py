@@ -24,8 +24,8 @@ from horizonval.geometry.horizon import horizon_columns, signed_limb_angle
 from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 THERMAL = {"name": "lwir", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
 SOLAR = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}

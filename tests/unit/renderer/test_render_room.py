@@ -22,8 +22,8 @@ from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.plugin.model_text import dump_model, load_model
 from horizonval.renderer.rays.radiance import radiance_along_rays
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 RADIUS_M = 6_371_000.0
 

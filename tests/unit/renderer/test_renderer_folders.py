@@ -11,7 +11,6 @@ ROOM = Path(horizonval.__file__).parent / "renderer"
 LAYERS = [
     "reference",
     "rays",
-    "derivatives",
     "scene",
     "parts",
     "plugin",

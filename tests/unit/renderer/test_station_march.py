@@ -18,8 +18,8 @@ from horizonval.renderer.planet import Planet  # noqa: E402
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, way_through  # noqa: E402
 from horizonval.renderer.tables import vectors  # noqa: E402
 from horizonval.renderer.types import constant, constant_vector  # noqa: E402
+from horizonval.spec.camera import CameraSpec  # noqa: E402
 from horizonval.spec.scene import SceneSpec  # noqa: E402
-from horizonval.spec.sensor.camera import CameraSpec  # noqa: E402
 
 PLANET = Planet(6_378_137.0, 6_356_752.0)
 BAND = {"name": "green", "kind": "solar", "lo_um": 0.52, "hi_um": 0.58, "nodes": 2}

@@ -16,8 +16,7 @@ def _frame(profile: str, sun_zenith_deg: float, *, refraction: bool) -> np.ndarr
         camera=camera,
         altitude_km=500,
         mount_roll_deg=65,
-        sun_zenith_deg=sun_zenith_deg,
-        sun_azimuth_deg=90.0,
+        sun={"zenith_deg": sun_zenith_deg, "azimuth_deg": 90.0},
         atmosphere={"profile": profile, "refraction": refraction},
         render={"orders": "single", "subsamples": 1, "nodes": 48},
     )

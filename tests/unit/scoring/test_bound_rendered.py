@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import horizonval as hv
+from horizonval.api.derivatives import level_axes
 from horizonval.frame import RadianceFrame
-from horizonval.renderer.derivatives.parameters import level_axes
 from horizonval.scoring.bound import bound_of
 from horizonval.scoring.information.information import carried
 from horizonval.scoring.information.limb_motion import limb_motion

@@ -16,7 +16,7 @@ from horizonval.scoring.horizon_view import horizon_view
 from horizonval.scoring.limb_radiance import brightest_reflectance, limb_reflectance
 from horizonval.scoring.limb_signal import limb_signal
 from horizonval.sensor.lens import optics
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 LIMB_ROLL_DEG = 68.0
 

@@ -20,7 +20,7 @@ from horizonval.scoring.limb_signal import LimbSignal, ground_and_air, limb_sign
 from horizonval.sensor.detector import thermal_noise
 from horizonval.sensor.lens import stray_light
 from horizonval.sensor.observe import observe
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 ALBEDO = 0.4
 BLACK_DN = 60.0

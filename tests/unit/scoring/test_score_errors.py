@@ -10,8 +10,7 @@ import pytest
 from scipy import stats
 from synthetic import estimator, fit_of, truth_at
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.geometry.directions import angle_between
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.scoring import limits

@@ -14,8 +14,8 @@ from horizonval.sensor import motion
 from horizonval.sensor.detector import auto_exposure, bayer, charge, exposure, fixed_pattern, protons
 from horizonval.sensor.observe import observe
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.cmos import AutoExposure
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import AutoExposure
 
 BENCH: dict[str, Any] = {
     "camera": {"name": "bench", "width": 128, "height": 96, "fov_deg": 0.1},

@@ -23,7 +23,7 @@ from horizonval.sensor.knowledge import (
     stated_prior,
     sun_reading_cam,
 )
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.prior import PriorSpec
 
 ALL = PriorSpec(
     altitude_sigma_km=2.0,

@@ -13,8 +13,8 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.sensor.lens import image_plane, lens_spread, optics, scatter
 from horizonval.sensor.lens.stray_light import band_irradiance
 from horizonval.sensor.observe import observe
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.optics import Optics
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.optics import Optics
 
 CAMERA = CameraModel(width=200, height=160, fx=170.0, fy=175.0, cx=99.5, cy=79.5)
 BAND = Band(name="vis", kind="solar", lo_um=0.45, hi_um=0.75)

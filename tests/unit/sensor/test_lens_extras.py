@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.geometry.camera import CameraModel, field_angles
 from horizonval.sensor.lens import field_spread, ghosts, lens_spread, optics
-from horizonval.spec.sensor.optics import Ghost, Optics
+from horizonval.spec.optics import Ghost, Optics
 
 CAMERA = CameraModel(width=81, height=61, fx=60.0, fy=60.0, cx=40.0, cy=30.0)
 RNG = np.random.default_rng(3)

@@ -19,7 +19,7 @@ from horizonval.estimation.observation import Observation
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.sensor.miscalibration import along_orbit, errors_of, stated_sigmas
-from horizonval.spec.sensor.calibration import CalibrationSpec
+from horizonval.spec.prior import CalibrationSpec
 from horizonval.suites.observation import observation_of
 
 PINHOLE = CameraModel(width=640, height=480, fx=550.0, fy=551.0, cx=318.0, cy=240.5, distortion=(-0.1, 0.02, 0, 0, 0))

@@ -10,7 +10,7 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.sensor.observe import check_camera, observe
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 THERMAL: dict[str, Any] = {
     "camera": {"name": "ir", "width": 64, "height": 48, "fov_deg": 1.0},

@@ -10,8 +10,8 @@ import pytest
 from horizonval.geometry.camera import CameraModel
 from horizonval.sensor import motion
 from horizonval.sensor.lens import convolution, lens_spread, optics
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.optics import Optics, Scatter
+from horizonval.spec.camera import Band
+from horizonval.spec.optics import Optics, Scatter
 
 CAMERA = CameraModel(96, 64, 90.0, 90.0, 47.5, 31.5, (-0.1, 0.01, 0.0, 0.0, 0.0), "pinhole", None)
 BAND = Band(name="vis", kind="solar", lo_um=0.5, hi_um=0.6)

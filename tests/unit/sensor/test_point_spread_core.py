@@ -9,7 +9,7 @@ import pytest
 from scipy.special import j0, j1
 
 from horizonval.sensor.lens import core_spread, diffraction
-from horizonval.spec.sensor.camera import Band
+from horizonval.spec.camera import Band
 
 GREEN = Band(name="green", kind="solar", lo_um=0.5499, hi_um=0.5501)
 VISIBLE = Band(name="vis", kind="solar", lo_um=0.45, hi_um=0.75)

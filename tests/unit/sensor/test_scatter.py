@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import dblquad, quad
 
 from horizonval.sensor.lens import scatter
-from horizonval.spec.sensor.optics import Scatter
+from horizonval.spec.optics import Scatter
 
 SHAPES = [(0.3, -1.5), (0.01, -1.5), (0.01, -2.0), (0.004, -3.0), (1e-4, -2.0)]
 

@@ -11,8 +11,8 @@ from horizonval.geometry.camera import CameraModel, pixel_grid
 from horizonval.sensor.detector import converter, exposure, readout, thermal_noise
 from horizonval.sensor.lens import optics, point_spread
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.optics import Optics
+from horizonval.spec.camera import Band
+from horizonval.spec.optics import Optics
 
 
 def test_streams_are_the_same_everywhere():

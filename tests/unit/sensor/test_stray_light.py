@@ -12,8 +12,8 @@ from horizonval.earth.spectral import sunlight
 from horizonval.geometry.camera import CameraModel, pixel_grid, pixel_solid_angle, unproject
 from horizonval.sensor.lens import image_plane, scatter, stray_light
 from horizonval.sensor.lens.stray_light import Sun
-from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.optics import Optics, Scatter, Stray
+from horizonval.spec.camera import Band
+from horizonval.spec.optics import Optics, Scatter, Stray
 
 CAMERA = CameraModel(width=121, height=121, fx=104.8, fy=104.8, cx=60.0, cy=60.0)  # 60 deg
 BAND = Band(name="vis", kind="solar", lo_um=0.5, hi_um=0.6)

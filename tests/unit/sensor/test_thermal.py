@@ -14,8 +14,8 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.sensor.detector import thermal, thermal_noise
 from horizonval.sensor.observe import observe
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.spec.sensor.detector import Microbolometer
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Microbolometer
 
 BAND = Band(name="lwir", kind="thermal", lo_um=8.0, hi_um=14.0)
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.serve.request import ImageRequest, identity_of, image_request, kind_of
+from horizonval.serve.protocol import ImageRequest, identity_of, image_request, kind_of
 from horizonval.wire import SCHEMA
 
 HEAD: dict[str, Any] = {"schema": SCHEMA, "kind": "image"}
@@ -28,6 +28,9 @@ GOOD: dict[str, Any] = {
     "q_body_from_lvlh": [0, 0, 0, 1],
     "q_body_from_itrs": [0.6, 0.0, 0.0, 0.8],
     "rate_deg_s": [0.0, 0.1, 0.0],
+    "mount_yaw_deg": 1.0,
+    "mount_pitch_deg": 2.0,
+    "mount_roll_deg": 3.0,
     "hold": "inertial",
     "exposure_s": 1e-3,
     "seed": 7,
@@ -52,6 +55,9 @@ BAD: dict[str, list[Any]] = {
     "q_body_from_lvlh": [*VECTORS, [0, 0, 0, 0], [0, 0, 0, 1.1]],
     "q_body_from_itrs": [*VECTORS, [1, 1, 1, 1]],
     "rate_deg_s": VECTORS,
+    "mount_yaw_deg": [*NUMBERS, 400],
+    "mount_pitch_deg": [*NUMBERS, 400],
+    "mount_roll_deg": [*NUMBERS, 400],
     "hold": ["earth", 1],
     "exposure_s": [*NUMBERS, 0, -1e-3],
     "seed": ["7", True, 1.5, -1, 1 << 63],
@@ -105,8 +111,8 @@ def test_what_is_said_twice_is_refused(keys):
 def test_an_epoch_without_offset_is_utc():
     noon = datetime(2026, 3, 20, 12, tzinfo=UTC)
     for text in ("2026-03-20T12:00:00", "2026-03-20T12:00:00Z", "2026-03-20T14:00:00+02:00"):
-        assert image_request({**HEAD, "epoch_utc": text}).epoch == noon
-    assert image_request(HEAD).epoch is None
+        assert image_request({**HEAD, "epoch_utc": text}).given == {"epoch_utc": noon}
+    assert image_request(HEAD).given == {}
 
 
 @pytest.mark.parametrize(

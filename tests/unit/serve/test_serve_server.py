@@ -21,14 +21,10 @@ from serve_faults import REQUEST, after_faults
 
 import horizonval as hv
 from horizonval.serve import server as serving
-from horizonval.serve.conversation import MOST_REQUEST_BYTES
-from horizonval.serve.listener import check_reach, listening, read_token
-from horizonval.serve.request import ImageRequest
-from horizonval.serve.server import MOST_CLIENTS, Server
-from horizonval.wire import SCHEMA
-from horizonval.wire.address import Address
-from horizonval.wire.framing import receive, send
-from horizonval.wire.packing import array_to_map, pack, unpack
+from horizonval.serve.protocol import ImageRequest
+from horizonval.serve.server import MOST_CLIENTS, MOST_REQUEST_BYTES, Server
+from horizonval.serve.service import check_reach, listening, read_token
+from horizonval.wire import SCHEMA, Address, array_to_map, pack, receive, send, unpack
 
 TIME_LIMIT_S = 1.0
 

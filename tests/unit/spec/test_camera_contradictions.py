@@ -9,8 +9,8 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import camera_from_spec, unproject
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import validate
-from horizonval.spec.sensor.camera import CameraSpec
 
 CMOS = {
     "pixel_pitch_um": 5.5,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.core.machine.file_names import (
+from horizonval.core.files import (
     LONGEST_FRAME_NAME,
     LONGEST_GENERATED_NAME,
     LONGEST_NAME,

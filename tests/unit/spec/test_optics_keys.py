@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.optics import Optics
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.optics import Optics
 
 SCATTER = {"b0": 0.1, "l_rad": 0.01, "s": -2.0}
 REFUSED: list[tuple[dict[str, Any], str]] = [

@@ -11,11 +11,11 @@ import pytest
 from horizonval.commands.estimate import prior_from
 from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood import templates
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import shipped_path
 from horizonval.spec.load import Suite, load_prior, load_scene, load_suite
+from horizonval.spec.prior import PriorSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec
 from horizonval.suites.identity import frame_identity
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import plan_of

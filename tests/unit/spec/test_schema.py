@@ -13,8 +13,7 @@ from horizonval.cli.app import run_command_line
 from horizonval.core.errors import UserError
 from horizonval.spec.files import shipped_names, shipped_path, shipped_root
 from horizonval.spec.load import load_scene
-from horizonval.spec.reference.keys import MODELS, holds_numbers, tables, unit_of
-from horizonval.spec.reference.schema import json_schema
+from horizonval.spec.schema import MODELS, holds_numbers, json_schema, tables, unit_of
 
 FILES = [(kind, name) for kind in MODELS if kind != "prior" for name in shipped_names(kind)]
 """No prior is shipped: what is known is known of one picture."""

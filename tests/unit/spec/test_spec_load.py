@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.spec.earth.atmosphere import Atmosphere
+from horizonval.spec.earth import Atmosphere
 from horizonval.spec.files import shipped_names, shipped_root
 from horizonval.spec.load import deep_merge, load_camera, load_scene, load_suite
 from horizonval.suites.suite import load_suite as load_flown_suite

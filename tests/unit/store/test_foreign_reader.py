@@ -16,7 +16,7 @@ from synthetic import SOLAR_CAMERA, toy_image, truth_at
 
 from horizonval.frame import MAP_UNITS, DetectorImage
 from horizonval.geometry.camera import project
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.store import exr
 from horizonval.store.store import Store
 

@@ -8,7 +8,7 @@ import pytest
 from horizonval.earth.spectral.bands import width_um
 from horizonval.estimation.observation import Estimator, Observation
 from horizonval.sensor.observe import observe
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.suites.observation import observation_of
 
 NEVER = Estimator(name="never", title="", run=lambda observation: None, estimates="geocentric")  # type: ignore[arg-type,return-value]

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Fit
 from horizonval.jobs.stopwatch import Stopwatch

@@ -11,10 +11,10 @@ from horizonval.commands import gallery
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
 from horizonval.frame import RadianceFrame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import head_comment, shipped_path
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 
 
 def test_every_shipped_scene_has_a_caption() -> None:

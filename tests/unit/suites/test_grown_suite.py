@@ -12,9 +12,8 @@ import pytest
 
 import horizonval.report
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.core.progress import Silent
-from horizonval.core.refusal import Refusal
 from horizonval.jobs import engine
 from horizonval.scoring.table import read_results
 from horizonval.suites.run import run_suite

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from hostile import FEW, HOSTILE, STEADY, install
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Fit, Observation, OraclePose
 from horizonval.estimation.process import cell

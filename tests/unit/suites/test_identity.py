@@ -123,10 +123,6 @@ months = [1]
 name = "co2"
 lo_um = 14.0
 hi_um = 16.3
-[[stability.sensor]]
-name = "edge"
-kind = "edge"
-locator = "half"
 """
 
 

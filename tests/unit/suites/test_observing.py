@@ -10,7 +10,7 @@ import pytest
 
 from horizonval.commands.observing import plans
 from horizonval.core.errors import UserError
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 CAMERA: dict[str, Any] = {
     "camera": {"name": "small", "width": 40, "height": 30, "fov_deg": 60.0},

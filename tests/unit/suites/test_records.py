@@ -13,8 +13,7 @@ import pytest
 from synthetic import THERMAL_CAMERA, fit_of, result_row, toy_image, truth_at
 
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.frame import RadianceFrame

@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.external import camera_file, result_of
@@ -28,7 +27,7 @@ BAD = '''
 import ctypes, os, subprocess, sys, time
 from horizonval.estimation.observation import Estimator
 from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 
 def make(name, run):
     return Estimator(name, name, run)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import horizonval as hv
+from horizonval.core import memory
 from horizonval.core.errors import UserError
-from horizonval.core.machine import memory
 from horizonval.jobs.execution import Execution
 from horizonval.precheck.target import check
 from horizonval.renderer.scene.frame_memory import frame_bytes, refuse_too_large

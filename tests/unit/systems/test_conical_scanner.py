@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.clouds.relief import BASE_M, CloudField, top_m
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, sphere, surface_normal
 from horizonval.geometry.frames import body_from_lvlh, inverse, nadir_of_roll_pitch, rotate

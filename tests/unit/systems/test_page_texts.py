@@ -6,7 +6,6 @@ import ast
 import dataclasses
 import json
 import re
-import shutil
 import string
 from pathlib import Path
 
@@ -14,7 +13,6 @@ import pytest
 from pydantic import ValidationError
 
 import horizonval.systems
-from horizonval.core.code import digest_below
 from horizonval.systems import markdown
 from horizonval.systems.published import PrintedTable, Published, published
 from horizonval.systems.result import Claim, ComparisonRow, Reproduction, Status, Table
@@ -149,23 +147,3 @@ def test_a_figure_lost_in_print_is_none_and_a_misspelt_key_is_refused() -> None:
         Published.model_validate({"source": "x", "figure": {}})
     with pytest.raises(TypeError, match="exact"):
         published("C").number("exact")
-
-
-def test_a_better_word_makes_no_result_again_but_another_printed_figure_does(tmp_path: Path) -> None:
-    copy = tmp_path / "horizonval"
-    shutil.copytree(HERE.parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
-
-    def digest() -> str:
-        return digest_below({"horizonval": copy}, "horizonval.systems.d.frames")
-
-    before = digest()
-    for name in ("text.toml", "page.md.jinja"):
-        _say_something_else(copy / "systems" / "d" / "page" / name)
-    _say_something_else(copy / "systems" / "page" / "layout.md.jinja")
-    assert digest() == before
-    _say_something_else(copy / "systems" / "d" / "published.toml")
-    assert digest() != before
-
-
-def _say_something_else(path: Path) -> None:
-    path.write_text(f"{path.read_text()}# another word\n")

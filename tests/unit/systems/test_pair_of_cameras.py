@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.camera import project
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b import experiment as video_vertical
 from horizonval.systems.b.pair import figures
 from horizonval.systems.b.pair.applicability import Map, grid, rms

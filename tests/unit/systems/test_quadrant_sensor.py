@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.systems.g import profiles

@@ -10,7 +10,7 @@ from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, truth_at
 
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 
 
 def test_the_camera_is_validated_once():

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from horizonval.wire.framing import HEADER, MAGIC, BrokenStreamError, receive, send
+from horizonval.wire import HEADER, MAGIC, BrokenStreamError, receive, send
 
 
 @pytest.fixture

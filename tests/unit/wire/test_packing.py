@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from horizonval.core.errors import UserError
-from horizonval.wire.packing import array_of_map, array_to_map, pack, unpack
+from horizonval.wire import array_of_map, array_to_map, pack, unpack
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(1 << 63), (1 << 64) - 1) | st.floats(allow_nan=False) | st.text()

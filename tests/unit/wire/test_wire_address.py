@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.wire.address import LONGEST_PATH, Address, default_socket, make_private_folder, unix_socket
+from horizonval.wire import LONGEST_PATH, Address, default_socket, make_private_folder, unix_socket
 
 
 @pytest.mark.parametrize("text", ["ipc:///run/x.sock", "ipc://x.sock", "tcp://127.0.0.1:5000", "tcp://[::1]:5000"])

@@ -9,8 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.likelihood.air import limb_height_prior
 from horizonval.estimation.likelihood.calibration.edge_frame import EdgeFrame
 from horizonval.estimation.likelihood.calibration.profile_frame import ProfileFrame

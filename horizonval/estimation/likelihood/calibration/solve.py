@@ -33,9 +33,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.core.progress import Progress, Silent
-from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.calibration.frames import CalibrationFrame, frames_of
 from horizonval.estimation.likelihood.calibration.shared import (
     BEND,

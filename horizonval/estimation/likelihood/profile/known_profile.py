@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens import Lens
 from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD
 from horizonval.estimation.likelihood.knowledge import LimbPose, placed_knowledge

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.shape.circle import fit_circle
@@ -27,9 +26,9 @@ from horizonval.geometry.horizon import horizon_cam
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.scoring.errors import score
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.b.pair.sun_light import without_sunlight
 

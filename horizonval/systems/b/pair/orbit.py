@@ -18,9 +18,9 @@ from horizonval.estimation.registry import run_safely
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.scoring.errors import score
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.b.pair.frames import THERMAL, pair, scene, view
 from horizonval.systems.circular_orbit import place_on_orbit

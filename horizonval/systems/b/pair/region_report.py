@@ -8,7 +8,7 @@ import numpy as np
 
 from horizonval.estimation.methods.video_vertical import END_PIXELS, PIXEL_SIGMA_PX, ChordEnds
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.systems.b.pair.applicability import (
     PUBLISHED,
     REGION_DEG,

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.estimation.limb.arc import find_arc
 from horizonval.estimation.methods.video_vertical import chord
 from horizonval.geometry.camera import CameraModel

@@ -23,9 +23,9 @@ from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import Cmos
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.cmos import Cmos
 from horizonval.systems.b.rig.bench import BenchErrors
 from horizonval.truth.frame_truth import truth_of
 

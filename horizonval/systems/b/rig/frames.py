@@ -17,8 +17,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.frame import DetectorImage
 from horizonval.geometry.camera import camera_from_spec
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.pair import tilt
 from horizonval.systems.b.rig import bench, detector, panel, picture
 

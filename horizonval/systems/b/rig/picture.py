@@ -17,8 +17,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.rig.panel import Panel
 
 ALTITUDE_KM = 500.0

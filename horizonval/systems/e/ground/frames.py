@@ -19,7 +19,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.optical import OpticalModel, optical_model
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project, unproject
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.systems.e.ground import ground_camera as cam
 from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation, standard_air
 from horizonval.systems.e.ground.refraction import Correction, RefractingAir

@@ -19,8 +19,8 @@ from horizonval.geometry.camera import camera_from_spec
 from horizonval.sensor.detector import converter, exposure, fixed_pattern, readout
 from horizonval.sensor.lens import optics
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.detector import Cmos
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import Cmos
 
 TRACKER = {
     "camera": {"name": "ground-tracker", "width": 512, "height": 512, "focal_length_mm": 113.0},

@@ -20,8 +20,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.frames import rotate
 from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.systems.e.localisation.stations import Station
 
 FIELD_DEG = 124.0

@@ -10,8 +10,7 @@ from limb_image import RADIUS_M, Sphere, noisy, picture
 from scipy.ndimage import gaussian_filter
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M
 from horizonval.estimation.likelihood.edge_profile import edge_profile

@@ -9,8 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_relief import reliefs
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.likelihood.calibration.shared import seen_by_changed

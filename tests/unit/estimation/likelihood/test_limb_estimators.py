@@ -11,8 +11,7 @@ from limb_image import RADIUS_M, Sphere, noisy, picture
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.likelihood import claim as claims
 from horizonval.estimation.likelihood.fit import fit_limb

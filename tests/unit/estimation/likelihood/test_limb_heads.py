@@ -10,8 +10,7 @@ import pytest
 from limb_image import RADIUS_M, Sphere, noisy, picture
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_relief import SOLAR_RELIEF
 from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M
 from horizonval.estimation.likelihood.height.band_heights import band_heights

@@ -24,8 +24,7 @@ from drawn_limbs import (
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens import Lens
 from horizonval.estimation.likelihood.fit import nadir_derivative
 from horizonval.estimation.likelihood.height.alike import everywhere

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.likelihood.heads import profile_fit
 from horizonval.estimation.likelihood.heads.common_air import common_air
 from horizonval.estimation.likelihood.height.alike import correlations

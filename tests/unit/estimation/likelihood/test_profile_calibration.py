@@ -12,8 +12,7 @@ from drawn_limbs import CAMERA, RADIUS_M, picture, table, view
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.likelihood.calibration.frames import frames_of
 from horizonval.estimation.likelihood.calibration.profile_frame import ProfileFrame
 from horizonval.estimation.likelihood.calibration.shared import SHARED, SharedUnknowns

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.crossing import Crossing, published_crossing, sub_pixel_crossing
 
 PIXELS = np.arange(160.0)

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.geometry.camera import CameraModel, in_image_circle, pixel_grid, unproject

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.guard.wider_pixels import in_wider_pixels
 from horizonval.estimation.limb.finder import find_limb

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, longest_chain
 from horizonval.estimation.limb.checks import SMALLEST_SIDE_PX, check_image, saturated_pixels
 from horizonval.estimation.limb.edges import find_edges

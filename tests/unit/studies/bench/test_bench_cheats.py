@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
+from horizonval.core.outcome import Refusal
 from horizonval.core.progress import Silent
-from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.process.containment import can_hide
 from horizonval.estimation.process.limits import Limits

@@ -9,9 +9,9 @@ import pytest
 from nights import key_of, plainly
 from scipy import ndimage
 
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Refusal
 from horizonval.sensor.observe import observe
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.camera import CameraSpec
 from horizonval.studies.regression.gates import changed, pairs_of
 from horizonval.studies.regression.images import LIMB, regions_of
 

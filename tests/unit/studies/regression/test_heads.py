@@ -9,8 +9,7 @@ import pytest
 from nights import Night, estimating_with, key_of, plainly, rendered
 from scipy import ndimage
 
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.studies.regression.accept import accept

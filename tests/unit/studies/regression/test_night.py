@@ -13,8 +13,7 @@ from page_commands import cards_of, commands_of
 
 from horizonval import cli
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.core.outcome import Outcome
-from horizonval.core.refusal import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.jobs import engine
 from horizonval.store.folder import read_json, write_json
 from horizonval.store.manifest import verify_folder

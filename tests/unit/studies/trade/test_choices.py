@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from horizonval.spec.study import Requirement
+from horizonval.spec.suite import Requirement
 from horizonval.studies.trade.compare import compare
 from horizonval.studies.trade.pareto import front
 from horizonval.studies.trade.proportion import proportion

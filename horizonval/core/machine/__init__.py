@@ -1,1 +1,0 @@
-"""What the machine gives: memory, folders for caches, names of files."""

@@ -1,1 +1,0 @@
-"""Derivatives of frames: by attitude, position, and what the air is like."""

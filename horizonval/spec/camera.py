@@ -1,0 +1,372 @@
+"""Camera files: image size, projection and scale, bands, heads; what lens and detector have to agree with.
+
+A fisheye images the angle ``theta`` from the boresight, with coefficients ``k1 k2 k3 k4`` (OpenCV's model; J. Kannala
+and S. S. Brandt, IEEE Trans. Pattern Analysis and Machine Intelligence 28, 1335, 2006, equation 6), at the distance ::
+
+    theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)     in focal lengths
+
+from the principal point. The curve is followed up to where it turns back, and never beyond half a turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.spec.base import Angle, Finite, Fraction, Model, PlainName, Positive, unit
+from horizonval.spec.detector import Cmos, Detector, ThermalDetector
+from horizonval.spec.optics import Optics
+
+
+def image_radius(theta_rad: ArrayLike, k: Sequence[float]) -> FloatArray:
+    """Return ``theta_d``, in focal lengths, of off-axis angles."""
+    theta = np.asarray(theta_rad, float)
+    t2 = theta * theta
+    k1, k2, k3, k4 = k
+    return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
+
+
+def image_radius_slope(theta_rad: ArrayLike, k: Sequence[float]) -> FloatArray:
+    """Return ``d theta_d / d theta``."""
+    t2 = np.asarray(theta_rad, float) ** 2
+    k1, k2, k3, k4 = k
+    return np.asarray(1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4))))
+
+
+def turning_angle(k: Sequence[float]) -> float:
+    """Return the angle [rad], at most pi, up to which ``theta_d`` grows: every smaller one has an image of its own."""
+    k1, k2, k3, k4 = k
+    roots = np.roots([9 * k4, 7 * k3, 5 * k2, 3 * k1, 1.0])
+    # A double zero can hide as a slightly complex pair; there the curve stands still.
+    squares = roots.real[(np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0.0)]
+    return min(math.pi, math.sqrt(float(squares.min()))) if squares.size else math.pi
+
+
+Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""Of a distortion; those of real lenses are some thousand at most, where a long lens has the image's edge near 0.01."""
+
+
+class CameraGeometry(Model):
+    """Image size, projection and scale.
+
+    The scale is given by `fov_deg` or `fx`, or by neither where `focal_length_mm` and the detector's pixel pitch say
+    it.
+    """
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"focal_length_mm", "image_circle_deg"})
+
+    name: str = ""
+    """Name of the camera; noise and fixed patterns are drawn from it."""
+    source: str = ""
+    """Where the figures come from, in words."""
+    width: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    """Columns of the image."""
+    height: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    """Rows of the image."""
+    fov_deg: Annotated[float, Field(gt=0, lt=360)] | None = None
+    """Horizontal full angle between the outer edges of the first and last column of a centred image: below 180 for a
+    pinhole (its distortion left out), below 360 for the others.
+    """
+    fx: Annotated[Positive, unit("px")] | None = None
+    """Focal length along the rows, in pixels; per radian for `equal_angle`."""
+    fy: Annotated[Positive, unit("px")] | None = None
+    """Focal length along the columns; without the key as `fx`."""
+    cx: Annotated[Finite, unit("px")] | None = None
+    """Column of the principal point, 0 at the centre of the first column; without the key `(width - 1) / 2`."""
+    cy: Annotated[Finite, unit("px")] | None = None
+    """Row of the principal point, 0 at the centre of the first row; without the key `(height - 1) / 2`."""
+    distortion: Annotated[list[Coefficient], Field(max_length=5), unit("1")] = []
+    """Coefficients: `k1 k2 p1 p2 k3` of a pinhole (OpenCV's Brown-Conrady), `k1 k2 k3 k4` of a fisheye (OpenCV's; none
+    of them is an f-theta lens).
+    """
+    projection: Literal["pinhole", "fisheye", "equal_angle"] = "pinhole"
+    """How directions become pixels. `equal_angle` is the fixed grid of geostationary imagers."""
+    image_circle_deg: Annotated[float, Field(gt=0, lt=360)] | None = None
+    """Full angle of the field that the lens fills. Pixels whose centre lies beyond it see nothing; without the key
+    every pixel must see something.
+    """
+    focal_length_mm: Positive | None = None
+    """Focal length of the lens. With `detector.pixel_pitch_um` it gives `fx`, and may not contradict it."""
+
+    @model_validator(mode="after")
+    def _one_scale(self) -> CameraGeometry:
+        both = self.fov_deg is not None and self.fx is not None
+        neither = self.fov_deg is None and self.fx is None
+        if both or (neither and self.focal_length_mm is None):
+            raise ValueError(f"give exactly one of fov_deg and fx, got fov_deg = {self.fov_deg} and fx = {self.fx}")
+        return self
+
+    @model_validator(mode="after")
+    def _fits_the_projection(self) -> CameraGeometry:
+        if self.projection == "equal_angle" and any(self.distortion):
+            raise ValueError('distortion applies to projection = "pinhole" and "fisheye" only')
+        if self.projection == "fisheye" and len(self.distortion) > 4:
+            raise ValueError(
+                f'distortion has {len(self.distortion)} numbers, but projection = "fisheye" takes k1 k2 k3 k4'
+            )
+        if self.projection == "pinhole":
+            for key in ("fov_deg", "image_circle_deg"):
+                value = getattr(self, key)
+                if value is not None and value >= 180.0:
+                    raise ValueError(
+                        f'{key} = {value:g}, but projection = "pinhole" sees less than 180; wider is "fisheye"'
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _the_fisheye_turns_back_outside_its_field(self) -> CameraGeometry:
+        if self.projection != "fisheye":
+            return self
+        limit_deg = 2.0 * math.degrees(turning_angle(self.fisheye_coefficients))
+        for key in ("fov_deg", "image_circle_deg"):
+            value = getattr(self, key)
+            if value is not None and value > limit_deg:
+                raise ValueError(
+                    f"{key} = {value:g}, but the lens with distortion = {self.distortion} folds back at a full angle "
+                    f"of {limit_deg:.4g} deg; check the coefficients' order and sign"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _the_axis_is_near_the_image(self) -> CameraGeometry:
+        for key, size, side in (("cx", "width", self.width), ("cy", "height", self.height)):
+            value = getattr(self, key)
+            if value is not None and not -side <= value <= 2 * side:
+                raise ValueError(
+                    f"{key} = {value:g} lies more than a whole image away from the image, which has {size} = {side}"
+                )
+        return self
+
+    @property
+    def fisheye_coefficients(self) -> tuple[float, float, float, float]:
+        """``k1 k2 k3 k4`` with the missing ones 0."""
+        k = [*self.distortion, 0.0, 0.0, 0.0, 0.0]
+        return k[0], k[1], k[2], k[3]
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels (per radian on the axis): ``fx``, or what ``fov_deg`` makes it."""
+        if self.fx is not None:
+            return self.fx
+        if self.fov_deg is None:
+            raise ValueError("neither fx nor fov_deg: the focal length in mm needs the detector's pixel pitch")
+        half = math.radians(self.fov_deg) / 2
+        if self.projection == "pinhole":
+            return self.width / 2 / math.tan(half)
+        if self.projection == "fisheye":
+            return self.width / 2 / float(image_radius(half, self.fisheye_coefficients))
+        return self.width / 2 / half
+
+
+ALL_HEADS = "all"
+"""In place of a head's name: every head, one frame each."""
+FOCAL_LENGTH_TOLERANCE = 0.01
+"""Data sheets round focal lengths and fields of view to two digits and a half."""
+F_NUMBER_TOLERANCE = 0.03
+"""F-numbers are named after whole stops: f/5.6 is 5.66."""
+
+
+class PlatformPrior(Model):
+    """What is known of every platform that carries the camera; a prior, never the truth."""
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"altitude_sigma_km"})
+
+    altitude_km: Positive | None = None
+    """Height of the orbit above the ellipsoid. A prior that has an altitude stands in its place."""
+    altitude_sigma_km: Positive | None = None
+    """Standard deviation of its error."""
+
+    @model_validator(mode="after")
+    def _value_with_sigma(self) -> PlatformPrior:
+        if (self.altitude_km is None) != (self.altitude_sigma_km is None):
+            raise ValueError("give altitude_km and altitude_sigma_km, or neither")
+        return self
+
+
+class Band(Model):
+    """One spectral band: a top hat (`lo_um`, `hi_um`) or a table (`wavelength_um`, `response`)."""
+
+    name: PlainName
+    """Name of the band; the camera's bands have different names."""
+    kind: Literal["solar", "thermal"]
+    """`solar`: scattered sunlight, the response is a quantum efficiency (electrons per photon). `thermal`: emission,
+    the response is per unit power.
+    """
+    lo_um: Positive | None = None
+    """Lower end of a top hat."""
+    hi_um: Positive | None = None
+    """Upper end of a top hat."""
+    wavelength_um: list[Positive] = []
+    """Wavelengths of the table, rising."""
+    response: list[Fraction] = []
+    """Relative response at these wavelengths; linear between them, zero outside, scaled to a peak of 1."""
+    nodes: Annotated[int, Field(ge=1, le=64), unit("1")] | None = None
+    """Wavelengths at which a solar band is computed; without the key the fewest that keep the scene's
+    `render.band_error`.
+    """
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Band:
+        table = bool(self.wavelength_um or self.response)
+        hat = self.lo_um is not None or self.hi_um is not None
+        if table == hat:
+            raise ValueError("give either lo_um and hi_um, or wavelength_um and response")
+        if hat and (self.lo_um is None or self.hi_um is None or self.hi_um <= self.lo_um):
+            raise ValueError("lo_um must be below hi_um")
+        if table:
+            if len(self.wavelength_um) != len(self.response) or len(self.response) < 2:
+                raise ValueError("wavelength_um and response must have the same length, at least 2")
+            if any(b <= a for a, b in zip(self.wavelength_um, self.wavelength_um[1:], strict=False)):
+                raise ValueError("wavelength_um must rise")
+            if max(self.response) <= 0:
+                raise ValueError("response must be above 0 somewhere")
+        return self
+
+
+class Head(Model):
+    """One of several equal cameras in a housing, and how it is turned in it.
+
+    The angles turn the housing's axes into those of the head's camera: yaw about z, then pitch about y, then roll about
+    x. The scene's `camera.mount_*` angles turn the satellite's body axes into those of the housing; they come first.
+    """
+
+    name: PlainName
+    """Name of the head, anything but `all`."""
+    mount_yaw_deg: Angle = 0.0
+    """Yaw in the housing, about z."""
+    mount_pitch_deg: Angle = 0.0
+    """Pitch in the housing, about y."""
+    mount_roll_deg: Angle = 0.0
+    """Roll in the housing, about x."""
+
+    @model_validator(mode="after")
+    def _all_is_all_of_them(self) -> Head:
+        if self.name == ALL_HEADS:
+            raise ValueError(f'a head cannot be named "{ALL_HEADS}", which means every head')
+        return self
+
+
+class CameraSpec(Model):
+    """One camera file. `horizonval estimate` needs only `[camera]`; rendering also `[[band]]`; observing also
+    `[detector]`.
+
+    A detector sees either solar or thermal bands. Without one, a camera may have both.
+    """
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"head"})
+
+    camera: CameraGeometry
+    """Image size, projection and scale."""
+    platform: PlatformPrior = PlatformPrior()
+    """What is known of the platform."""
+    optics: Optics = Optics()
+    """The lens."""
+    band: list[Band] = []
+    """Spectral bands; rendering needs at least one."""
+    head: list[Head] = []
+    """Several cameras that differ in nothing but how they are turned; a scene chooses one with `camera.head`."""
+    detector: Detector | None = None
+    """What becomes of the light; its `kind` is `cmos`, `microbolometer`, `thermopile` or `linear`."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CameraSpec:
+        names = [b.name for b in self.band]
+        if len(set(names)) != len(names):
+            raise ValueError(f"band names must differ, got {names}")
+        if isinstance(self.detector, ThermalDetector) and self.detector.netd_band not in (None, *names):
+            raise ValueError(f"detector.netd_band = {self.detector.netd_band!r} is none of the bands {names}")
+        if self.detector is not None and len({b.kind for b in self.band}) > 1:
+            kinds = ", ".join(f"{b.name} ({b.kind})" for b in self.band)
+            raise ValueError(f"one [detector] cannot see solar and thermal bands, got {kinds}; make two camera files")
+        heads = [h.name for h in self.head]
+        if len(set(heads)) != len(heads):
+            raise ValueError(f"head names must differ, got {heads}")
+        return self
+
+    @model_validator(mode="after")
+    def _mosaic_of_three_colours(self) -> CameraSpec:
+        if not isinstance(self.detector, Cmos) or self.detector.bayer is None:
+            return self
+        names = [b.name for b in self.band]
+        if names and sorted(name[0].lower() for name in names) != ["b", "g", "r"]:
+            raise ValueError(
+                f'detector.bayer = "{self.detector.bayer}" takes three bands whose names begin with r, g and b, '
+                f"the camera has {names}"
+            )
+        size = self.camera.width, self.camera.height
+        if min(size) < 2:
+            raise ValueError(
+                f'detector.bayer = "{self.detector.bayer}" needs 2 x 2 pixels at least, '
+                f"the camera has width = {size[0]}, height = {size[1]}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_focal_length(self) -> CameraSpec:
+        geometry = self.camera
+        if geometry.focal_length_mm is None:
+            return self
+        if self.detector is None:
+            if geometry.fx is None and geometry.fov_deg is None:
+                raise ValueError(
+                    "camera.focal_length_mm alone gives no scale in pixels; add detector.pixel_pitch_um, or fov_deg"
+                )
+            return self
+        pitch_um = self.detector.pixel_pitch_um
+        from_lens = geometry.focal_length_mm * 1e3 / pitch_um
+        if geometry.fx is None and geometry.fov_deg is None:
+            # Frozen for everybody else: here the object is still being made.
+            object.__setattr__(self, "camera", geometry.model_copy(update={"fx": from_lens}))
+            return self
+        stated = geometry.focal_px
+        if abs(from_lens - stated) > FOCAL_LENGTH_TOLERANCE * stated:
+            key = f"fx = {geometry.fx:g}" if geometry.fx is not None else f"fov_deg = {geometry.fov_deg:g}"
+            raise ValueError(
+                f"camera.{key} is a focal length of {stated * pitch_um * 1e-3:.4g} mm with detector.pixel_pitch_um = "
+                f"{pitch_um:g}, but camera.focal_length_mm = {geometry.focal_length_mm:g}; mend one of the three"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_aperture(self) -> CameraSpec:
+        aperture = self.optics.aperture_mm
+        focal = self.camera.focal_length_mm
+        if focal is None and self.detector is not None:
+            focal = self.camera.focal_px * self.detector.pixel_pitch_um * 1e-3
+        if aperture is None or focal is None:
+            return self
+        if abs(focal / aperture / self.optics.f_number - 1) > F_NUMBER_TOLERANCE:
+            raise ValueError(
+                f"optics.aperture_mm = {aperture:g} and a focal length of {focal:.4g} mm make "
+                f"f/{focal / aperture:.4g}, but optics.f_number = {self.optics.f_number:g}"
+            )
+        return self
+
+    def chosen_head(self, name: str | None, where: str = "camera.head") -> Head | None:
+        """Return the head of a name; None where the file has no heads and none is asked for.
+
+        Raises
+        ------
+        UserError
+            If the file has heads and this is none of them, or has none and one is asked for.
+        """
+        if not self.head:
+            if name is None:
+                return None
+            raise UserError(f"found {name!r}, but the camera has no [[head]]", where=where, fix="leave the key out")
+        for head in self.head:
+            if head.name == name:
+                return head
+        raise UserError(
+            "missing" if name is None else f"found {name!r}",
+            where=where,
+            expected="the name of one of the camera's heads: " + ", ".join(head.name for head in self.head),
+            fix=f'set camera.head in the scene, or use --head ("{ALL_HEADS}" makes a frame of each)',
+        )

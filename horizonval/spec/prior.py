@@ -1,0 +1,156 @@
+"""What estimators are given beside the image: the tables ``[prior]`` and ``[calibration]``.
+
+A prior is what is known before the image is processed, in a scene, suite or study or in a file of its own. A
+calibration is the error of the camera and the time that estimators are given.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from horizonval.spec.base import Epoch, Finite, FrameName, Listed, Model, NonNegative, Positive, Quaternion, Vector
+
+BY_LATITUDE_MONTH = "by_latitude_month"
+
+
+SigmaAngle = Annotated[float, Field(gt=0, le=180)]
+UNIT_TOLERANCE = 1e-3
+"""Of a quaternion's length: that of four digits."""
+
+
+class PriorSpec(Model):
+    """What is known before the image is looked at, each value with the standard deviation of its error.
+
+    With a picture (`horizonval estimate --prior`) values and sigmas go together. In scenes, suites and studies a sigma
+    alone is enough: the value is then the truth with an error drawn from it, under the scene's `draw` or name and seed.
+    A value beside it stands as it is. Nothing is known of what has neither, but for the planet's shape.
+    """
+
+    shape: Literal["wgs84", "sphere"] | None = None
+    """Shape of the planet. Without the key a scene's own; with a picture a sphere whose flattening counts as an error.
+    """
+    radius_km: Positive | None = None
+    """Radius, for the sphere only; 6371.0088 without the key."""
+    altitude_km: Positive | None = None
+    """Height above the shape, of the ellipsoid the geodetic one."""
+    altitude_sigma_km: Positive | None = None
+    """Standard deviation of its error. A drawn altitude is above 0: one below is drawn again."""
+    position_itrs_km: Vector | None = None
+    """Position in Earth-fixed axes."""
+    position_sigma_km: Positive | None = None
+    """Standard deviation of the error of each component."""
+    q_cam_from_itrs: Quaternion | None = None
+    """Attitude of the camera against Earth-fixed axes, a unit quaternion, scalar last."""
+    attitude_sigma_deg: Annotated[tuple[SigmaAngle, SigmaAngle, SigmaAngle], Listed] | None = None
+    """Standard deviation of its error as a turn about the body's x (roll), y (pitch) and z (yaw)."""
+    epoch_utc: Epoch | None = None
+    """Date and time of the image, UTC. Where position or attitude are drawn, the scene's own without the key."""
+    limb_height_km: Finite | None = None
+    """By how much the limb in the image stands above the horizon of the shape, the mean all round."""
+    limb_height_sigma_km: Positive | None = None
+    """Standard deviation of its error. A height is drawn for thermal bands only, about the mean height of half the
+    plateau of the truth's infrared horizon.
+    """
+    climate: str | None = None
+    """What is known of the air: a name (`horizonval list atmospheres`), a profile file (.csv, .json) or a table of
+    `horizonval templates` (.npz) beside this one, or `by_latitude_month`, which needs position and time.
+    """
+    sun_sigma_deg: SigmaAngle | None = None
+    """Standard deviation of the Sun sensor's reading in each of two directions across it. Without the key the sensor
+    gives whole degrees.
+    """
+
+    @field_validator("q_cam_from_itrs")
+    @classmethod
+    def _unit_length(cls, value: tuple[float, float, float, float] | None) -> tuple[float, float, float, float] | None:
+        if value is not None and abs(sum(x * x for x in value) ** 0.5 - 1.0) > UNIT_TOLERANCE:
+            raise ValueError(f"its length is {sum(x * x for x in value) ** 0.5:.6g}, that of a rotation is 1")
+        return value
+
+    @model_validator(mode="after")
+    def _values_have_sigmas(self) -> PriorSpec:
+        for value, sigma in PAIRS.items():
+            if getattr(self, value) is not None and getattr(self, sigma) is None:
+                raise ValueError(f"{value} without {sigma}; say how well it is known")
+        if self.radius_km is not None and self.shape != "sphere":
+            raise ValueError('radius_km applies to shape = "sphere" only')
+        if self.climate == "":
+            raise ValueError("climate is empty; name one, or leave the key out")
+        if self.climate == BY_LATITUDE_MONTH and self.position_sigma_km is None:
+            raise ValueError(f'climate = "{BY_LATITUDE_MONTH}" needs a position: give position_sigma_km')
+        return self
+
+
+def is_climate_file(climate: str) -> bool:
+    """Whether a climate is a file, and no name: a profile of the air, or a table of profiles of the limb."""
+    return climate.lower().endswith((".csv", ".json")) or is_limb_table(climate)
+
+
+def is_limb_table(climate: str) -> bool:
+    """Whether a climate is a table of profiles of the limb."""
+    return climate.lower().endswith(".npz")
+
+
+PAIRS = {
+    "altitude_km": "altitude_sigma_km",
+    "position_itrs_km": "position_sigma_km",
+    "q_cam_from_itrs": "attitude_sigma_deg",
+    "limb_height_km": "limb_height_sigma_km",
+}
+"""A value, and the standard deviation that it cannot be without."""
+
+
+class PriorFile(Model):
+    """What is known of one picture: one table `[prior]`."""
+
+    prior: PriorSpec
+    """What is known before the image is looked at."""
+
+
+Percent = Annotated[float, Field(ge=-50, le=50)]
+SigmaPercent = Annotated[float, Field(ge=0, le=20)]
+Turn = Annotated[float, Field(ge=-180, le=180)]
+SigmaTurn = Annotated[float, Field(ge=0, le=60)]
+PerAxis = Annotated[tuple[SigmaTurn, SigmaTurn, SigmaTurn], Listed]
+Seconds = Annotated[float, Field(ge=-600, le=600)]
+SigmaSeconds = Annotated[float, Field(ge=0, le=100)]
+
+
+class CalibrationSpec(Model):
+    """By how much the camera and the time that estimators are told differ from those of the frame.
+
+    An `error` is what is told minus what is true, and stands as it is. A `sigma` adds an error that is drawn from it,
+    and is told to the estimator, which may count on it. Frame, noise and truth are what they are without the table.
+    """
+
+    draw: FrameName | None = None
+    """Name of the flight that errors are drawn for: frames of one name and seed share them, as those of one camera do.
+    Without the key every frame has its own (those of one `scene.draw` share them).
+    """
+    focal_length_error_percent: Percent = 0.0
+    """Of both focal lengths, of a fisheye of its scale."""
+    focal_length_sigma_percent: SigmaPercent = 0.0
+    """Standard deviation of a drawn error of it."""
+    principal_point_error_px: Annotated[tuple[Finite, Finite], Listed] = (0.0, 0.0)
+    """Of the principal point: column, row."""
+    principal_point_sigma_px: NonNegative = 0.0
+    """Standard deviation of a drawn error of each of the two."""
+    distortion_error_px: Finite = 0.0
+    """Of the radial distortion, as it moves the image's farthest corner outwards: a change of `k1`."""
+    distortion_sigma_px: NonNegative = 0.0
+    """Standard deviation of a drawn error of it."""
+    mounting_error_deg: Annotated[tuple[Turn, Turn, Turn], Listed] = (0.0, 0.0, 0.0)
+    """Of the mounting about the body's x, y and z: by as much roll and pitch of an answer are larger, of a level body.
+    """
+    mounting_sigma_deg: PerAxis = (0.0, 0.0, 0.0)
+    """Standard deviation of a drawn error of each of the three."""
+    exposure_offset_s: Seconds = 0.0
+    """By how much later than its stamp the image was taken: a drawn position and attitude are those of the stamp."""
+    exposure_offset_sigma_s: SigmaSeconds = 0.0
+    """Standard deviation of a drawn offset."""
+    clock_error_s: Seconds = 0.0
+    """By how much the clock is ahead: the drawn position is the orbit's at the wrong time, 7.5 km for each second."""
+    clock_sigma_s: SigmaSeconds = 0.0
+    """Standard deviation of a drawn error of it."""

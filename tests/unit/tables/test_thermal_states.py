@@ -1,0 +1,59 @@
+"""Days of the ensemble of thermal tables: pairs about the climate, warmings in their own share."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from horizonval.earth.weather import warming
+from horizonval.earth.weather.field import WeatherField
+from horizonval.tables import thermal as states
+
+LEVELS_M = np.array([0.0, 5e3, 12e3, 25e3, 35e3, 45e3, 60e3])
+
+
+@pytest.mark.parametrize("latitude_deg", [-60.0, 0.0, 45.0])
+def test_days_of_a_month_have_the_climate_for_their_mean(latitude_deg: float) -> None:
+    """October has no warmings: to the rounding, in temperature, at every height."""
+    days = [states.air_of_state(latitude_deg, 10.0, k, LEVELS_M).temperature_k[0] for k in range(states.WEATHERS)]
+    climate = states.calm_air(latitude_deg, 10.0, LEVELS_M).temperature_k[0]
+    np.testing.assert_allclose(np.mean(days, axis=0), climate, atol=1e-9)
+    assert np.std(days, axis=0).min() > 0.5  # K
+
+
+def test_the_opposite_of_a_day_keeps_its_warming_and_turns_the_rest() -> None:
+    height = np.array([5e3, 33e3])
+    place = np.array([75.0]), np.array([20.0])
+    day, other = (WeatherField(3, 1.5, 40.0, opposite).at(*place, height) for opposite in (False, True))
+    still = warming.warmer_k(*WeatherField(3, 1.5, 40.0).warming(), *place, height)
+    np.testing.assert_allclose(0.5 * (day.temperature_k + other.temperature_k), still, atol=1e-9)
+    np.testing.assert_allclose(day.sea_level_pa, -other.sea_level_pa)
+
+
+@pytest.mark.parametrize(("month", "fewest", "most"), [(1.0, 1, 2), (10.0, 0, 0), (7.0, 0, 1)])
+def test_warmings_have_their_share_of_the_days(month: float, fewest: int, most: int) -> None:
+    """One winter day in ten in the north is one or two of twelve; three of a thousand in the south none or one."""
+    warm = sum(states._warming_k(month, k) > 0.0 for k in range(states.WEATHERS))
+    assert fewest <= warm <= most
+
+
+@pytest.mark.parametrize(
+    "latitude_deg", [0.0, pytest.param(-70.0, marks=pytest.mark.slow), pytest.param(40.0, marks=pytest.mark.slow)]
+)
+def test_states_have_cirrus_where_their_cover_has_a_layer(latitude_deg: float) -> None:
+    """And over a year's states about as often as its kinds are seen: 36 draws of a third to two thirds, to 0.08."""
+    drawn = [(float(month), k) for month in range(1, 13, 2) for k in range(states.COVERS)]
+    found = [states.has_cirrus(latitude_deg, *state) for state in drawn]
+    assert found == [bool(states.cover_of(latitude_deg, *state).layers) for state in drawn]
+    expected = np.mean([states.cirrus_chance(latitude_deg, month) for month, _ in drawn])
+    assert abs(np.mean(found) - expected) < 0.2
+
+
+def test_states_aside_stand_fifteen_degrees_along_the_parallel() -> None:
+    """The chord of two places of one latitude; towards the poles a turn of 86 deg is the most."""
+    latitude = np.radians([0.0, 40.0, -60.0, 80.0, 90.0])
+    turn = states.aside_rad(latitude)
+    np.testing.assert_allclose((turn * np.cos(latitude))[:4], np.radians(15.0), rtol=1e-12)
+    assert np.degrees(turn.max()) == pytest.approx(86.4, abs=0.1)
+    at, aside = (states.air_of_state(40.0, 1.0, 2, LEVELS_M, aside=there).temperature_k for there in (False, True))
+    assert np.abs(at - aside).max() > 0.5  # K
