@@ -13,7 +13,7 @@ import matplotlib
 import numpy as np
 
 import horizonval as hv
-from horizonval.commands.gallery import LIMITS_UM
+from horizonval.api.gallery import LIMITS_UM
 from horizonval.earth.spectral.brightness import brightness_temperature_k
 
 WIDTH, HEIGHT, GAP = 480, 300, 6

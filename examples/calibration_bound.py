@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import horizonval as hv
-from horizonval.commands.calibrate import images_of
+from horizonval.api.calibrate import images_of
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.air import limb_height_prior
 from horizonval.estimation.likelihood.calibration.edge_frame import EdgeFrame

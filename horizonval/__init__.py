@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from horizonval.api.estimate import estimate, score
     from horizonval.api.frame import Frame, open_frame, render, render_reference
     from horizonval.api.image import Image, observe, open_image
-    from horizonval.api.names import list_cameras, list_estimators, list_scenes, list_suites
-    from horizonval.api.run import Run, SuiteWarning, open_run, run
+    from horizonval.api.info import list_cameras, list_estimators, list_scenes, list_suites
+    from horizonval.api.run import Run, open_run, run
     from horizonval.api.scene import Scene
     from horizonval.api.session import Session
     from horizonval.core.errors import UserError
@@ -58,7 +58,6 @@ __all__ = [
     "Scene",
     "Score",
     "Session",
-    "SuiteWarning",
     "UserError",
     "__version__",
     "check",
@@ -85,8 +84,8 @@ _HOMES = {
     "api.estimate": ("estimate", "score"),
     "api.frame": ("Frame", "open_frame", "render", "render_reference"),
     "api.image": ("Image", "observe", "open_image"),
-    "api.names": ("list_cameras", "list_estimators", "list_scenes", "list_suites"),
-    "api.run": ("Run", "SuiteWarning", "open_run", "run"),
+    "api.info": ("list_cameras", "list_estimators", "list_scenes", "list_suites"),
+    "api.run": ("Run", "open_run", "run"),
     "api.scene": ("Scene",),
     "api.session": ("Session",),
     "core.errors": ("UserError",),

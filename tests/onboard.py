@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from horizonval.commands.templates import mission_table, write_table
+from horizonval.api.templates import mission_table, write_table
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.likelihood.profile import known_profile
 from horizonval.estimation.methods import limb_profile

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from horizonval.api.progress import shown
 from horizonval.api.scene import Scene
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, nearest
 from horizonval.geometry.ellipsoid import Ellipsoid, surface_normal
 from horizonval.geometry.frames import north_east
+from horizonval.jobs.progress import shown
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress

@@ -1,38 +1,71 @@
-"""One estimator on any image, and how far its answer is from the truth."""
+"""One estimator on any image, how far its answer is from the truth, and what an ideal sensor reads there."""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.api.camera import Camera, camera_of
-from horizonval.commands.estimate import estimator_of, observation_from, observation_from_heads, prior_from
-from horizonval.commands.picture import GreyImage, picture_of_array, picture_of_source, read_picture
-from horizonval.core.errors import UserError
+from horizonval.api.picture import GreyImage, picture_of_array, picture_of_source, read_picture, refuse_other_size
+from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
-from horizonval.estimation import registry
+from horizonval.earth.spectral.bands import limits_um, width_um
+from horizonval.estimation import installed, registry
+from horizonval.estimation.likelihood.templates import templates_of
+from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.onnx_model import is_model, model_estimator
 from horizonval.estimation.prior import Prior
-from horizonval.frame import DetectorImage, RadianceFrame
+from horizonval.estimation.process.limits import Limits
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.scoring.bound import bound_of, together
+from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.scoring.errors import score as scored
-from horizonval.scoring.row import Score
+from horizonval.scoring.row import Score, rounded
+from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
+from horizonval.sensor.stated_lens import stated_lens
 from horizonval.spec.camera import CameraSpec
-from horizonval.suites.observation import method_radius_m
+from horizonval.spec.files import find
+from horizonval.spec.load import load_prior, read_toml, validate
+from horizonval.spec.prior import PriorSpec, is_limb_table
+from horizonval.spec.suite import StudyHead, StudySpec, SuiteHead, SuiteSpec
+from horizonval.store import exr
+from horizonval.suites.observation import (
+    band_of,
+    known_of,
+    method_radius_m,
+    observation_of,
+    observation_of_heads,
+    oracle_pose,
+    with_altitude_of,
+)
 
 AnyImage: TypeAlias = DetectorImage | RadianceFrame | str | Path | NDArray[Any]
 AnyEstimator: TypeAlias = str | Estimator | Callable[[Observation], Fit | Refusal]
+AnyCamera: TypeAlias = Camera | str | Path | Mapping[str, Any]
+AnyPrior: TypeAlias = Prior | PriorSpec | str | Path
+Source: TypeAlias = DetectorImage | RadianceFrame
+
+ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "altitude_error_km", "false_valid")
+"""What is said of an answer whose image carries the truth, named as the columns of the results."""
+
+BOUNDS = ("bound_noise_arcsec", "bound_arcsec")
+"""What the limb allows at best, of an image that carries its information; named alike."""
 
 
 def estimate(
-    image: AnyImage | Sequence[DetectorImage | RadianceFrame | str | Path],
+    image: AnyImage | Sequence[Source | str | Path],
     estimator: AnyEstimator,
     *,
-    camera: Camera | str | Path | Mapping[str, Any] | None = None,
-    prior: Prior | str | Path | None = None,
+    camera: AnyCamera | None = None,
+    prior: AnyPrior | None = None,
 ) -> Fit | Refusal:
     """Run one estimator on an image: an attitude, or a refusal that says why.
 
@@ -75,16 +108,27 @@ def estimate(
     >>> str(refusal.status), bool(refusal)
     ('dark', False)
     """
-    method = _estimator_of(estimator)
-    known = prior_from(prior) if isinstance(prior, str | Path) else prior
-    if isinstance(image, Sequence) and not isinstance(image, str):
-        if camera is not None:
-            raise UserError("used with several images", where="camera", expected="our own images, which carry theirs")
-        return registry.run_safely(method, observation_from_heads(_named(image), method, known))
-    camera_object = None if camera is None else camera_of(camera)
-    spec, source = (None, "") if camera_object is None else (camera_object.spec, camera_object.source)
-    observation = observation_from(_picture_of(image, spec, source), method, _name(image), spec, source, known)
-    return registry.run_safely(method, observation)
+    method = estimator_of(estimator)
+    return registry.run_safely(method, _observed(image, method, camera, prior)[0])
+
+
+def estimate_report(
+    image: AnyImage | Sequence[Source | str | Path],
+    estimator: AnyEstimator,
+    *,
+    camera: AnyCamera | None = None,
+    prior: AnyPrior | None = None,
+) -> dict[str, Any]:
+    """Run one estimator on an image and return what ``horizonval estimate --json`` prints.
+
+    Parameters as for :func:`estimate`. An image that carries its truth has the errors against it as well
+    (:data:`ERRORS`, :data:`BOUNDS`); the estimator is not given the truth. None stands where a key does not apply.
+    """
+    method = estimator_of(estimator)
+    observation, sources = _observed(image, method, camera, prior)
+    start = time.perf_counter()
+    result = registry.run_safely(method, observation)
+    return _report(method, result, time.perf_counter() - start, sources, observation.prior)
 
 
 def score(fit: Fit | Refusal, frame: RadianceFrame | DetectorImage) -> Score:
@@ -112,11 +156,69 @@ def score(fit: Fit | Refusal, frame: RadianceFrame | DetectorImage) -> Score:
     return scored(frame.truth, None, fit, earth_radius_m=method_radius_m(frame.truth))
 
 
-def _estimator_of(estimator: AnyEstimator) -> Estimator:
+def horizon_sensor(image: Source | FrameTruth | str | Path) -> dict[str, Any]:
+    """Return what an ideal horizon sensor reads where an image was taken, from its pose; pixels are not looked at.
+
+    Parameters
+    ----------
+    image : Frame, Image, FrameTruth, str or Path
+        One of ours, its truth, or its file.
+
+    Returns
+    -------
+    dict
+        Both readings of the published module's documentation [deg]; None where the sensor reads nothing.
+        ``roll_error_deg``, ``pitch_error_deg``: between the axes of the sensor and those of the nearest horizon point;
+        ``roll_elevation_deg``, ``pitch_elevation_deg``: of the axes of the sensor over the tangent plane there. The
+        Earth is the sphere whose angular radius is the mean over the horizon; ``horizon_cam`` leads to the point.
+    """
+    if isinstance(image, str | Path):
+        truth = FrameTruth.from_dict(exr.read_header(Path(image))["truth"])
+    else:
+        truth = image if isinstance(image, FrameTruth) else image.truth
+    pose = oracle_pose(truth)
+    found = ideal_horizon_sensor(pose.r_itrs, pose.q_cam_from_itrs, pose.radius_m)
+    defined = found.status is ReadingStatus.DEFINED
+
+    def degrees(angle_rad: float) -> float | None:
+        return math.degrees(angle_rad) if defined else None
+
+    return {
+        "status": str(found.status),
+        "roll_error_deg": degrees(found.roll_error_rad),
+        "pitch_error_deg": degrees(found.pitch_error_rad),
+        "roll_elevation_deg": degrees(found.roll_elevation_rad),
+        "pitch_elevation_deg": degrees(found.pitch_elevation_rad),
+        "horizon_cam": np.asarray(found.horizon_cam).tolist() if defined else None,
+        "nadir_cam": list(truth.nadir_geocentric_cam),
+        "angular_radius_deg": math.degrees(truth.angular_radius_rad),
+        "roll_deg": math.degrees(truth.roll_rad),
+        "pitch_deg": math.degrees(truth.pitch_rad),
+        "altitude_km": truth.altitude_m / 1e3,
+    }
+
+
+def estimator_of(estimator: AnyEstimator, suite: str | Path | None = None) -> Estimator:
+    """Return what was given as an estimator.
+
+    Parameters
+    ----------
+    estimator : str, Estimator or callable
+        As for :func:`estimate`.
+    suite : str or Path, optional
+        A suite or study whose ``[[estimator]]`` table a name may be: a program.
+
+    Raises
+    ------
+    UserError
+        There is none of that name, or the file is wrong.
+    """
     if isinstance(estimator, Estimator):
         return estimator
     if isinstance(estimator, str):
-        return estimator_of(estimator)
+        if suite is not None:
+            return _program_of(suite, estimator)
+        return model_estimator(estimator) if is_model(estimator) else installed.get(estimator)
     if callable(estimator):
         name = getattr(estimator, "__name__", type(estimator).__name__)
         return Estimator(name=name, title=name, run=estimator)
@@ -125,20 +227,165 @@ def _estimator_of(estimator: AnyEstimator) -> Estimator:
     )
 
 
-def _named(images: Sequence[Any]) -> list[tuple[str, GreyImage]]:
-    return [
-        (str(image) if isinstance(image, str | Path) else f"image {number}", _picture_of(image))
-        for number, image in enumerate(images, 1)
+def _program_of(suite: str | Path, name: str) -> Estimator:
+    """Return the estimator that a suite or study calls by a name: one of its programs, or an installed one."""
+    path = find("suite", suite)
+    data = read_toml(path)
+    head: StudyHead | SuiteHead
+    if "study" in data:
+        study = validate(StudySpec, data, str(path))
+        head, programs = study.study, study.estimator
+    else:
+        spec = validate(SuiteSpec, data, str(path))
+        head, programs = spec.suite, spec.estimator
+    for program in programs:
+        if program.name == name:
+            return installed.get(
+                name, Limits(head.time_limit_s, head.memory_limit_mb, (program,), path.resolve().parent)
+            )
+    if name in head.estimators:
+        return installed.get(name)
+    known = nearest(name, [*(program.name for program in programs), *head.estimators])
+    raise UserError(f"no estimator {name!r}", where=str(path), expected=f"one of {', '.join(known)}")
+
+
+def prior_from(path: str | Path) -> PriorSpec:
+    """Return what a file of a table ``[prior]`` says."""
+    spec = load_prior(path)
+    try:
+        refuse_unknown_climate(spec)
+        if spec.climate is not None and is_limb_table(spec.climate):
+            templates_of(Path(spec.climate))
+    except UserError as e:
+        raise e.inside(str(path)) from e
+    return spec
+
+
+def _observed(
+    image: AnyImage | Sequence[Source | str | Path],
+    estimator: Estimator,
+    camera: AnyCamera | None,
+    prior: AnyPrior | None,
+) -> tuple[Observation, list[Source]]:
+    """Return what an estimator is given, and the images of ours among what it is made of."""
+    known = prior_from(prior) if isinstance(prior, str | Path) else prior
+    if not isinstance(image, Sequence) or isinstance(image, str):
+        return observation_from(image, estimator, None if camera is None else camera_of(camera), known)
+    if camera is not None:
+        raise UserError("used with several images", where="camera", expected="our own images, which carry theirs")
+    pictures = [
+        (str(one) if isinstance(one, str | Path) else f"image {number}", _picture_of(one))
+        for number, one in enumerate(image, 1)
     ]
+    sources = sources_of_heads(pictures, estimator)
+    return observation_of_heads(sources, estimator, known), list(sources.values())
 
 
-def _name(image: AnyImage) -> str:
-    return str(image) if isinstance(image, str | Path) else "image"
+def sources_of_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estimator) -> dict[str, Source]:
+    """Return the images of all heads of one housing, by head, in the order of the heads in the camera file.
+
+    The first decides in whose camera frame the answer is. Each picture comes after the name that errors call it.
+
+    Raises
+    ------
+    UserError
+        An estimator that takes a single image; a picture that is none of ours, two of one head, or images of different
+        housings or instants.
+    """
+    if estimator.needs != "heads":
+        names = ", ".join(name for name, _ in pictures)
+        raise UserError(f"estimator {estimator.name!r} takes one image, not {len(pictures)}", where=names)
+    sources: dict[str, Source] = {}
+    housing = None
+    for where, picture in pictures:
+        source = picture.source
+        head = None if source is None else source.truth.head
+        if source is None or head is None:
+            raise UserError(
+                "this image does not say which head took it", where=where, expected="an EXR file written by horizonval"
+            )
+        if head in sources:
+            raise UserError(f"a second image of the head {head!r}", where=where, expected="one image for each head")
+        angles = (source.truth.roll_rad, source.truth.pitch_rad, source.truth.yaw_rad)
+        identity = (source.truth.camera, source.truth.r_itrs, source.truth.epoch_utc, angles)
+        housing = identity if housing is None else housing
+        if identity != housing:
+            raise UserError(
+                "another camera, place, time or attitude than the first image's",
+                where=where,
+                expected="one housing's heads",
+            )
+        sources[head] = source
+    heads = [head.name for head in next(iter(sources.values())).truth.camera_spec.head]
+    return {name: sources[name] for name in sorted(sources, key=heads.index)}
 
 
-def _picture_of(image: AnyImage, camera: CameraSpec | None = None, camera_file: str = "") -> GreyImage:
+def observation_from(
+    image: AnyImage, estimator: Estimator, camera: Camera | None = None, known: PriorSpec | Prior | None = None
+) -> tuple[Observation, list[Source]]:
+    """Return what an estimator is given of one image, and the image if it is one of ours.
+
+    Parameters
+    ----------
+    image : Image, Frame, str, Path or ndarray
+    estimator : Estimator
+    camera : Camera, optional
+        May be left out for our own frames and images, which carry theirs.
+    known : PriorSpec or Prior, optional
+        What is known beside the image, in place of what a file of ours says.
+
+    Raises
+    ------
+    UserError
+        No camera, or one of another size; a prior that states a sigma alone for a picture without truth; an estimator
+        that needs the true pose of such a picture.
+    """
+    where = str(image) if isinstance(image, str | Path) else "image"
+    picture = _picture_of(image, camera)
+    source = picture.source
+    if source is None and estimator.needs == "pose":
+        raise UserError(
+            f"estimator {estimator.name!r} needs the true pose, which this image does not carry",
+            where=where,
+            expected="an EXR file written by horizonval",
+        )
+    recorded = None if source is None else observation_of(source, estimator, known=known)
+    if camera is None:
+        if source is None or recorded is None:
+            raise UserError(
+                "this image does not say which camera took it", where=where, fix="give --camera CAMERA.toml"
+            )
+        return recorded, [source]
+    spec = camera.spec
+    height, width = picture.grey.shape
+    refuse_other_size(width, height, spec, where, camera.source)
+    intrinsics = camera_from_spec(spec.camera)
+    check_invertible(intrinsics, where=camera.source)
+    if source is not None:
+        prior = known_of(source.truth, band_of(source), known)
+    elif isinstance(known, Prior):
+        prior = known
+    else:
+        prior = Prior() if known is None else stated_prior(known, where)
+    band = spec.band[0] if len(spec.band) == 1 else None
+    return Observation(
+        image=picture.grey,
+        camera=intrinsics,
+        q_cam_from_body=np.array([0.0, 0.0, 0.0, 1.0]) if recorded is None else recorded.q_cam_from_body,
+        full_scale=_full_scale(picture, spec),
+        prior=with_altitude_of(spec, prior),
+        band_kind=_band_kind(spec) if recorded is None else recorded.band_kind,
+        band_um=(None if band is None else limits_um(band)) if recorded is None else recorded.band_um,
+        band_width_um=(None if band is None else width_um(band)) if recorded is None else recorded.band_width_um,
+        lens=None if isinstance(source, RadianceFrame) else stated_lens(spec, band),
+        radiance_per_dn=None if recorded is None else recorded.radiance_per_dn,
+        oracle=None if recorded is None else recorded.oracle,
+    ), [] if source is None else [source]
+
+
+def _picture_of(image: AnyImage, camera: Camera | None = None) -> GreyImage:
     if isinstance(image, str | Path):
-        return read_picture(Path(image), camera, camera_file)
+        return read_picture(Path(image)) if camera is None else read_picture(Path(image), camera.spec, camera.source)
     if isinstance(image, DetectorImage | RadianceFrame):
         return picture_of_source(image)
     if isinstance(image, np.ndarray) and image.ndim in (2, 3) and image.size and image.dtype.kind in "uif":
@@ -147,3 +394,65 @@ def _picture_of(image: AnyImage, camera: CameraSpec | None = None, camera_file: 
     raise UserError(
         f"found a {type(image).__name__}{shape}", where="image", expected="an image, its file, or an array (H, W)"
     )
+
+
+def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
+    kinds = {band.kind for band in camera.band}
+    return kinds.pop() if len(kinds) == 1 else None
+
+
+def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:
+    """A 12 bit converter saturates at 4095, also in a 16 bit file; the detector knows, the file does not."""
+    if picture.full_scale is None or picture.source is not None or camera.detector is None:
+        return picture.full_scale
+    return min(picture.full_scale, float(2**camera.detector.bits - 1))
+
+
+def _report(
+    estimator: Estimator,
+    result: Fit | Refusal,
+    seconds: float,
+    sources: Sequence[Source],
+    prior: Prior,
+) -> dict[str, Any]:
+    """Return the keys of the command contract; the truth is used here alone, after the estimator has answered."""
+    report: dict[str, Any] = {
+        "estimator": estimator.name,
+        "status": str(result.status),
+        "reason": None,
+        "nadir_cam": None,
+        "roll_deg": None,
+        "pitch_deg": None,
+        "altitude_km": None,
+        "angular_radius_deg": None,
+        "sigma_nadir_arcsec": None,
+        "n_points": len(result.points),
+        "seconds": round(seconds, 6),
+        "assumed": prior.in_words,
+        **dict.fromkeys((*ERRORS, *BOUNDS)),
+    }
+    if sources:
+        truth = sources[0].truth
+        report |= _bounds(sources)
+        errors = scored(truth, estimator, result, earth_radius_m=prior.sphere_radius_m)
+        report |= {name: getattr(errors, name) for name in ERRORS}
+    if isinstance(result, Refusal):
+        return report | {"reason": result.reason} | ({"output": result.output} if result.output else {})
+    sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
+    return report | {
+        "nadir_cam": [float(x) for x in result.nadir_cam],
+        "roll_deg": math.degrees(result.roll_rad),
+        "pitch_deg": math.degrees(result.pitch_rad),
+        "altitude_km": None if result.altitude_m is None else float(result.altitude_m) / 1e3,
+        "angular_radius_deg": None if result.angular_radius_rad is None else math.degrees(result.angular_radius_rad),
+        "sigma_nadir_arcsec": sigma if math.isfinite(sigma) else None,
+    }
+
+
+def _bounds(sources: Sequence[Source]) -> dict[str, Any]:
+    images = [source for source in sources if isinstance(source, DetectorImage)]
+    if not images:
+        return {}
+    bound = bound_of(together(images), images[0].truth, images[0].band)
+    values = zip(BOUNDS, (bound.noise_arcsec, bound.known_arcsec), strict=True)
+    return {name: rounded(name, value) for name, value in values}

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from horizonval.api.camera import Camera
 from horizonval.api.derivatives import FrameDerivatives, derivatives_of
 from horizonval.api.image import Image, observe
-from horizonval.api.progress import shown
 from horizonval.api.scene import Scene, scene_of
 from horizonval.core.errors import UserError
 from horizonval.frame import RadianceFrame
+from horizonval.jobs.progress import shown
 
 if TYPE_CHECKING:
     import xarray

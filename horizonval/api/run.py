@@ -1,35 +1,74 @@
-"""Suites: run into a folder, taken up again, and their results as a table."""
+"""Runs of suites, studies, nights and published systems: made, taken up again, or only counted; results as a table."""
 
 from __future__ import annotations
 
-import sys
-import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from horizonval.api.progress import shown
+from horizonval.api.check import Finding, Report, check_before_run, check_suite, expected_of
+from horizonval.api.check.cost import Cost, cost_lines
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
+from horizonval.core.progress import Progress
+from horizonval.jobs.execution import Execution, available_cpus, parse_shard
+from horizonval.jobs.progress import shown
+from horizonval.jobs.remaining import ExpectedTime
+from horizonval.spec.load import Suite
+from horizonval.store.folder import RunFolder, read_json
+from horizonval.studies.trade.design import Study
+from horizonval.suites.plan import plan_of, units_of
+from horizonval.suites.run import run_suite
+from horizonval.suites.suite import load_suite, with_options
+from horizonval.suites.units.work import UnitWork
+from horizonval.systems.task_cache import NamedItem, TaskCache, TaskWork
 
 if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
 
-    from horizonval.core.progress import Progress
-    from horizonval.jobs.remaining import ExpectedTime
+    from horizonval.studies.trade.run import StudyResult
+
+BASELINES, PAGES = Path("results/baseline"), Path("results/published")
 
 
-class SuiteWarning(UserWarning):
-    """What a check of a sample of a suite's frames found before they are rendered, as a saturated limb.
+@dataclass(frozen=True)
+class DryRun:
+    """What a run would make, counted without making it: nothing is rendered, and nothing is written.
 
-    Examples
-    --------
-    >>> import warnings
-    >>> import horizonval as hv
-    >>> with warnings.catch_warnings():
-    ...     warnings.simplefilter("ignore", hv.SuiteWarning)
-    ...     run = hv.run("orbit.toml", out="out", progress=False)
+    Attributes
+    ----------
+    what : str
+    out : str
+        Folder that it would go into.
+    total, finished : dict of str to int
+        How many of what, and how many of them are finished there already.
+    cost : Cost or None
+        Of all, finished or not; None where it is not known.
+    notes : tuple of str
     """
+
+    what: str
+    out: str
+    total: dict[str, int]
+    finished: dict[str, int]
+    cost: Cost | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self) | {"cost": None if self.cost is None else self.cost.to_dict()}
+
+    def __str__(self) -> str:
+        """Return a line for each kind of thing, and the cost."""
+        lines = [self.what]
+        for name, count in self.total.items():
+            lines.append(f"  {name}: {count}, of which {self.finished.get(name, 0)} are finished in {self.out}")
+        if self.cost is not None:
+            lines += cost_lines(self.cost)
+        return "\n".join([*lines, *self.notes, "nothing was rendered or written"])
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,7 +88,11 @@ class Run:
     failed : dict
         Frames without a result, by name, and why.
     missing : int
-        Frames that other shards have yet to make.
+        Frames that are yet to be made: by other shards, or after a dry run.
+    warnings : tuple of Finding
+        What the check of a sample of the frames found before they were rendered, as a saturated limb.
+    dry_run : DryRun or None
+        What a run with ``dry_run=True`` would make.
 
     Examples
     --------
@@ -66,6 +109,8 @@ class Run:
     summary: dict[str, Any] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
     missing: int = 0
+    warnings: tuple[Finding, ...] = ()
+    dry_run: DryRun | None = None
 
     @property
     def report(self) -> Path | None:
@@ -90,7 +135,6 @@ class Run:
         import duckdb
 
         from horizonval.scoring.table import open_results
-        from horizonval.store.folder import RunFolder
 
         path = RunFolder(self.out).results
         if not path.exists():
@@ -122,12 +166,13 @@ def run(
     keep: str | None = None,
     time_limit_s: float | None = None,
     dask: str | None = None,
-    merge: Sequence[str | Path] = (),
+    merge: Iterable[str | Path] = (),
+    dry_run: bool = False,
     progress: bool | Progress = True,
 ) -> Run:
     """Run a suite: render, observe, estimate, score, report. The same call again finishes what is missing.
 
-    What :func:`horizonval.check` has against a sample of the frames is a warning before they are rendered.
+    What :func:`horizonval.check` has against a sample of the frames is told before they are rendered, and returned.
 
     Parameters
     ----------
@@ -149,8 +194,10 @@ def run(
         Address of a Dask scheduler in place of own processes, or ``"local:N"``.
     merge : sequence of str or Path
         Folders of other runs of this suite, whose results are taken over.
+    dry_run : bool
+        Count what would be made and what it takes; render and write nothing.
     progress : bool or Progress
-        Whether progress is shown on standard error, or who is told of it.
+        Whether progress and warnings are shown on standard error, or who is told of them.
 
     Returns
     -------
@@ -167,24 +214,18 @@ def run(
     >>> hv.run("orbit.toml", out="out", progress=False)
     <Run orbit: 2 rows, 0 frames failed>
     """
-    from horizonval.commands.run import run as run_suite
-    from horizonval.jobs.execution import Execution, parse_shard
-    from horizonval.precheck import check_before_run, expected_of
-    from horizonval.suites.suite import load_suite, with_options
-
-    part = parse_shard(f"{shard[0]}/{shard[1]}" if isinstance(shard, tuple) else shard) if shard is not None else None
-    execution = Execution(workers, part, dask, tuple(Path(folder) for folder in merge))
+    execution = execution_of(workers, shard, dask, merge)
     loaded = with_options(load_suite(suite, frames, seed), time_limit_s, keep)
-
-    def warn() -> dict[str, ExpectedTime]:
-        report = check_before_run(loaded)
-        for line in [] if report is None else report.summary_lines():
-            warnings.warn(line, SuiteWarning, stacklevel=_frames_inside())
-        return expected_of(loaded)
-
+    if dry_run:
+        report = check_suite(loaded, infrared=False)
+        plan = _dry_run(loaded, Path(out), execution, report)
+        missing = plan.total["frames"] - plan.finished["frames"]
+        return Run(Path(out), loaded.name, missing=missing, warnings=report.warnings, dry_run=plan)
+    found: list[Finding] = []
     with shown(progress, f"suite {loaded.name}") as listener:
-        result = run_suite(loaded, Path(out), progress=listener, execution=execution, on_start=warn)
-    return Run(Path(out), loaded.name, result.summary, result.failed, result.missing)
+        start = partial(_before, loaded, listener, found)
+        done = run_suite(loaded, Path(out), progress=listener, execution=execution, on_start=start)
+    return Run(Path(out), loaded.name, done.summary, done.failed, done.missing, tuple(found))
 
 
 def open_run(folder: str | Path) -> Run:
@@ -209,8 +250,6 @@ def open_run(folder: str | Path) -> Run:
     >>> hv.open_run("out").suite
     'orbit'
     """
-    from horizonval.store.folder import RunFolder, read_json
-
     paths = RunFolder(Path(folder))
     about = read_json(paths.suite)
     if about is None:
@@ -220,9 +259,206 @@ def open_run(folder: str | Path) -> Run:
     return Run(Path(folder), about["suite"], summary, dict(summary.get("failed", {})), missing)
 
 
-def _frames_inside() -> int:
-    """Return how many frames above its caller the user's own code stands, whose line a warning is about."""
-    frame, count = sys._getframe(1), 1
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "horizonval":
-        frame, count = frame.f_back, count + 1
-    return count
+def study(
+    study: str | Path,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    shard: str | tuple[int, int] | None = None,
+    frames: int | None = None,
+    dask: str | None = None,
+    merge: Iterable[str | Path] = (),
+    dry_run: bool = False,
+    progress: bool | Progress = True,
+) -> StudyResult | DryRun:
+    """Run a trade study into a folder, or finish or extend what is there: only frames that are new are made.
+
+    Parameters as for :func:`run`; ``frames``: conditions in place of the number in the file.
+
+    Raises
+    ------
+    UserError
+        As :func:`run`.
+    """
+    from horizonval.studies.trade.run import run_study, study_in
+
+    execution, folder = execution_of(workers, shard, dask, merge), Path(out)
+    if dry_run:
+        planned = study_in(study, folder, frames)
+        return _dry_run(planned.suite, folder, execution, check_suite(planned, infrared=False))
+    with shown(progress, "study") as listener:
+        return run_study(
+            study,
+            folder,
+            execution=execution,
+            progress=listener,
+            frames=frames,
+            on_start=lambda expanded: _before(expanded, listener, []),
+        )
+
+
+def regress(
+    suite: str,
+    out: Path,
+    *,
+    baseline: Path | None = None,
+    lanes: Iterable[str] | None = None,
+    night: str | None = None,
+    reference: Path | None = None,
+    workers: int | None = None,
+    dry_run: bool = False,
+    progress: bool | Progress = True,
+) -> JsonObject | DryRun:
+    """Do a night of the regression and return its verdict.
+
+    Parameters
+    ----------
+    suite : str
+        A suite with a table ``[regression]``: a file or a shipped name.
+    out : Path
+        Folder of the nights.
+    baseline : Path, optional
+        By default ``results/baseline/SUITE.json``.
+    lanes : iterable of str, optional
+        Some of ``replay``, ``rerender``, ``fresh`` and ``published``; all by default.
+    night : str, optional
+        Label and seed; today (UTC) by default.
+    reference : Path, optional
+        Folder of this night by another version: pairs for fresh scenes.
+    workers, dry_run, progress
+        As for :func:`run`. Of fresh scenes a dry run counts the first batch, as more are made only if gates need them.
+
+    Raises
+    ------
+    UserError
+        As :func:`horizonval.studies.regression.night.run_night`; no such lane.
+    """
+    from horizonval.studies.regression.night import LANES, Wanted, planned, run_night
+
+    chosen = set(LANES if lanes is None else lanes)
+    if unknown := sorted(chosen - {*LANES}):
+        raise UserError(f"found {unknown[0]!r}", where="--lane", expected=" or ".join(LANES))
+    label, file = night or datetime.now(UTC).date().isoformat(), baseline or baseline_of(Path(suite).stem)
+    wanted = Wanted(suite, out, file, label, tuple(name for name in LANES if name in chosen), workers, reference)
+    if not dry_run:
+        with shown(progress, f"night {label}", "units") as listener:
+            return run_night(wanted, listener, partial(_published, workers))
+    loaded, work, tasks = planned(wanted)
+    total: dict[str, int] = {}
+    finished: dict[str, int] = {}
+    for task in tasks:
+        lane = task.name.partition("/")[0]
+        total[lane] = total.get(lane, 0) + 1
+        finished[lane] = finished.get(lane, 0) + (work.finished(task) is not None)
+    rendered = total.get("rerender", 0) + total.get("fresh", 0)
+    cost = check_suite(loaded, infrared=False).cost if rendered else None
+    notes = ("the cost is that of one lane: rerender and fresh render as many frames each",) if rendered else ()
+    return DryRun(f"night {label} of suite {loaded.name}", str(out), total, finished, cost, notes)
+
+
+def baseline_of(suite: str) -> Path:
+    """Return where the accepted baseline of a suite is kept."""
+    return BASELINES / f"{suite}.json"
+
+
+def _published(workers: int | None, folder: Path, progress: Progress) -> list[JsonObject]:
+    from horizonval.systems.key_figures import key_figures
+
+    return key_figures(TaskCache(folder, workers=workers or available_cpus(), progress=progress), PAGES)
+
+
+def reproduce(
+    systems: Sequence[str],
+    out: Path,
+    *,
+    seed: int = 0,
+    workers: int | None = None,
+    dry_run: bool = False,
+    progress: bool | Progress = True,
+) -> Iterator[JsonObject | DryRun]:
+    """Do the published experiments again: yield the content of each page as it is written, or what would be made.
+
+    Parameters
+    ----------
+    systems : sequence of str
+        Letters of published systems; none, or ``all``, are all of them.
+    out : Path
+        Folder of the pages.
+    seed : int
+        Of all noise in the experiments.
+    workers, dry_run, progress
+        As for :func:`run`. A dry run counts what does not depend on results that are yet to be made.
+    """
+    from horizonval.systems.run import WORK, reproduce_systems
+    from horizonval.systems.systems import chosen, experiment
+
+    if not dry_run:
+        with shown(progress, "reproduce", "items") as listener:
+            yield from reproduce_systems(list(systems), out, seed=seed, workers=workers, progress=listener)
+        return
+    counted = DryRun("published systems", str(out), {}, {})
+    notes = []
+    for letter in chosen(list(systems)):
+        try:
+            experiment(letter)(_Counting(out / WORK, seed, letter=letter, counted=counted))
+        except _NotYetError as stop:
+            notes.append(f"{letter}: what follows {stop} depends on its results")
+    yield DryRun(counted.what, counted.out, counted.total, counted.finished, None, tuple(notes))
+
+
+class _NotYetError(Exception):
+    """Something is not made that the next step needs."""
+
+
+@dataclass(frozen=True)
+class _Counting(TaskCache):
+    """Counts items in place of making them."""
+
+    letter: str = ""
+    counted: DryRun = field(default_factory=lambda: DryRun("", "", {}, {}))
+
+    def each(self, title: str, work: Any, items: Mapping[str, JsonObject]) -> dict[str, JsonObject]:
+        """Count items, and return their results if all of them are there."""
+        task = TaskWork(work, self.folder)
+        records = {name: task.finished(NamedItem(name, dict(item))) for name, item in items.items()}
+        values = {name: record["value"] for name, record in records.items() if record is not None}
+        name, (total, finished) = f"{self.letter}: {title}", (self.counted.total, self.counted.finished)
+        total[name] = total.get(name, 0) + len(records)
+        finished[name] = finished.get(name, 0) + len(values)
+        if len(values) < len(records):
+            raise _NotYetError(title)
+        return values
+
+
+def execution_of(
+    workers: int | None = None,
+    shard: str | tuple[int, int] | None = None,
+    dask: str | None = None,
+    merge: Iterable[str | Path] = (),
+) -> Execution:
+    """Return where frames are made; parameters as for :func:`run`."""
+    text = f"{shard[0]}/{shard[1]}" if isinstance(shard, tuple) else shard
+    return Execution(workers, None if text is None else parse_shard(text), dask, tuple(map(Path, merge)))
+
+
+def _before(target: Suite | Study, listener: Progress, found: list[Finding]) -> dict[str, ExpectedTime]:
+    """Tell what a sample of the frames is likely to show before they are rendered, and return what they take."""
+    report = check_before_run(target)
+    if report is not None:
+        found += report.warnings
+        for line in report.summary_lines():
+            listener.note(line)
+    return expected_of(target)
+
+
+def _dry_run(suite: Suite, out: Path, execution: Execution, report: Report) -> DryRun:
+    """Return what a run of a suite, or of the suite of a study, would make; raises what the run would refuse."""
+    if report.cost is None:
+        error = next(finding for finding in report.findings if finding.code == "cannot-run")
+        raise UserError(error.text, fix=error.fix)
+    plan = plan_of(suite)
+    units, work = execution.share(units_of(suite.cases, plan)), UnitWork(plan, RunFolder(out))
+    total = {"frames": sum(len(unit.cases) for unit in units)}
+    finished = {"frames": sum(len(unit.cases) for unit in units if work.finished(unit) is not None)}
+    notes = () if execution.shard is None else ("the cost is that of all shards together",)
+    return DryRun(f"{report.kind} {report.name}", str(out), total, finished, report.cost, notes)

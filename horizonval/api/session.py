@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from horizonval.api.camera import Camera
 from horizonval.api.frame import Frame
 from horizonval.api.image import Image, observe
-from horizonval.api.progress import shown
 from horizonval.api.scene import Scene, SceneKeywords, plain, scene_of
 from horizonval.core.errors import UserError, nearest
 from horizonval.geometry.pose import scene_keys
+from horizonval.jobs.progress import shown
 from horizonval.spec.load import validate
 from horizonval.spec.pose import ANGLES, QUATERNIONS, TABLE_OF, PoseKeys
 from horizonval.spec.scene import SceneSpec

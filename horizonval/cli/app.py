@@ -12,18 +12,13 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.archive import archive_app
-from horizonval.cli.bench.commands import bench_app
-from horizonval.cli.calibration import calibrate, camera
-from horizonval.cli.campaign import report, run
-from horizonval.cli.check import check
-from horizonval.cli.dataset.commands import dataset
-from horizonval.cli.images import estimate, observe, oracle, sheet
+from horizonval.cli.bench import bench_app, dataset
+from horizonval.cli.images import calibrate, camera, estimate, observe, oracle, sheet
 from horizonval.cli.info import doctor, list_names, schema, templates
-from horizonval.cli.regression import baseline_app, regress
+from horizonval.cli.nightly import baseline_app, regress, reproduce
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
-from horizonval.cli.reproduce import reproduce
+from horizonval.cli.run import check, report, run, study
 from horizonval.cli.serving import serve, view
-from horizonval.cli.study import study
 from horizonval.core.environment import settle_libraries
 from horizonval.core.errors import UserError, printable
 from horizonval.jobs.life import hush, sign_of_life
@@ -39,29 +34,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: tuple[Callable[..., int | None], ...] = (
-    run,
-    check,
-    render,
-    mitsuba,
-    observe,
-    serve,
-    sheet,
-    estimate,
-    oracle,
-    calibrate,
-    camera,
-    radiance,
-    report,
-    view,
-    study,
-    dataset,
-    reproduce,
-    regress,
-    gallery,
-    templates,
-    schema,
-    doctor,
-)
+    run, check, render, mitsuba, observe, serve, sheet, estimate, oracle, calibrate, camera, radiance, report, view,
+    study, dataset, reproduce, regress, gallery, templates, schema, doctor,
+)  # fmt: skip
 for _command in COMMANDS:
     app.command()(_command)
 app.command("list")(list_names)

@@ -9,11 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from horizonval.cli.options import Json
-from horizonval.cli.options.completion import estimators
-from horizonval.cli.options.selection import ALL, EntryOptions, selects
-from horizonval.cli.printing import print_json, print_summary
-from horizonval.cli.work import resumable, watched
+from horizonval.cli.options import ALL, EntryOptions, Json, estimators, selects
+from horizonval.cli.output import print_json, print_summary, resumable, watched
 from horizonval.core.errors import UserError, command_line, printable
 from horizonval.core.files import kind_at
 from horizonval.jobs.execution import MOST_WORKERS

@@ -1,20 +1,28 @@
-"""Detector images: made of a frame, looked at, estimated from."""
+"""Images and cameras: detector images made of a frame, looked at, estimated from; cameras calibrated."""
 
 from __future__ import annotations
 
+import itertools
+import re
+import string
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from horizonval.cli.checks import check_target
-from horizonval.cli.options import Json
-from horizonval.cli.options.completion import estimators, files, shipped
-from horizonval.cli.printing import print_json
+from horizonval.cli.options import Json, estimators, files, shipped
+from horizonval.cli.output import check_target, print_json, watched
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
+
+if TYPE_CHECKING:
+    from horizonval.spec.camera import CameraSpec
+
+MOST_IMAGES = 10_000
+FIELDS = ("band", "exposure", "seed")
 
 
 def observe(
@@ -40,7 +48,6 @@ def observe(
 ) -> None:
     """Detector images of a stored frame, without rendering again: one for every seed, exposure and band."""
     import horizonval as hv
-    from horizonval.commands.observing import plans
     from horizonval.scoring.information.of_frame import informed
     from horizonval.store.exr import write_image
 
@@ -89,9 +96,9 @@ def oracle(
     Roll and pitch errors against the nearest point of the horizon, and the elevations of the sensor's axes over the
     tangent plane there: both readings of the published module's documentation. With --json a list, one object an image.
     """
-    from horizonval.commands.oracle import oracle_of_file
+    from horizonval.api.estimate import horizon_sensor
 
-    readings = [oracle_of_file(path) for path in image]
+    readings = [{"file": str(path), **horizon_sensor(path)} for path in image]
     if as_json:
         print_json(readings)
         return
@@ -136,24 +143,18 @@ def estimate(
     """One estimator on any image, also a real photograph; of our own files also how far off the answer is.
 
     The truth in a file of ours is compared with the answer, and never given to the estimator; `assumed` says what was.
-    A refusal (any status
-    other than `valid`) is a result like any other: exit status 0. Of several images one that cannot be read is said,
-    the others are done, and the exit status is 1.
+    A refusal (any status other than `valid`) is a result like any other: exit status 0. Of several images one that
+    cannot be read is said, the others are done, and the exit status is 1.
     """
-    from horizonval.commands.estimate import estimate_file, estimate_heads, estimator_of, prior_from
-    from horizonval.spec.load import load_camera
+    import horizonval as hv
+    from horizonval.api.estimate import estimate_report, estimator_of, prior_from
 
     method = estimator_of(estimator, suite)
-    spec = load_camera(camera) if camera is not None else None
+    taken_by = hv.Camera.from_file(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
     if len(image) > 1 and method.needs != "heads":
-        return _each(image, lambda path: estimate_file(path, method, spec, camera or "", known), as_json)
-    if len(image) == 1:
-        report = estimate_file(image[0], method, spec, camera or "", known)
-    elif spec is not None:
-        raise UserError("used with several images", where="--camera", expected="our own EXR, which carry theirs")
-    else:
-        report = estimate_heads(image, method, known)
+        return _each(image, lambda path: estimate_report(path, method, camera=taken_by, prior=known), as_json)
+    report = estimate_report(image[0] if len(image) == 1 else image, method, camera=taken_by, prior=known)
     if as_json:
         print_json(report)
         return 0
@@ -205,3 +206,212 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         return " ".join(_text(v) for v in value)
     return f"{value:.6f}" if isinstance(value, float) else str(value)
+
+
+def calibrate(
+    images: Annotated[
+        list[Path],
+        typer.Argument(help="Images of one camera, or folders of runs with an archive."),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Camera file to write; the --camera of estimates."),
+    ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(help="Camera as it is believed; our own files carry theirs.", autocompletion=shipped("camera")),
+    ] = None,
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="File of a table [prior] with sigmas of position and attitude, in place of what the files say.",
+            autocompletion=files(".toml"),
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Focal length, principal point and mounting from the limbs in the images of a pass.
+
+    Needs position and attitude beside every image, as the platform states them. Where the images do not determine the
+    focal length, it is a refusal with its reason: no file is written, and the exit status is 1.
+    """
+    import horizonval as hv
+    from horizonval.api.calibrate import calibrate as calibrated
+    from horizonval.api.estimate import prior_from
+
+    if out is not None:
+        check_target(out)
+    believed = hv.Camera.from_file(camera) if camera is not None else None
+    known = prior_from(prior) if prior is not None else None
+    with watched("calibrate", "images") as progress:
+        report, text = calibrated(images, believed, known, progress=progress)
+    if out is not None and text is not None:
+        atomic.write_text(out, text)
+    if as_json:
+        print_json(report)
+    else:
+        for key, value in report.items():
+            print(f"{key:28} {value}")
+    return 0 if text is not None else 1
+
+
+def camera(
+    file: Annotated[Path, typer.Argument(help="ROS camera_info, Kalibr camchain, OpenCV or MATLAB (JSON) file.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Camera file to write; without, it is printed.")
+    ] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            help="Camera of ours whose bands, optics and detector it takes.", autocompletion=shipped("camera")
+        ),
+    ] = None,
+    vignetting: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Table of field_deg or radius_px, and relative_illumination or vignetting."),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option("--camera", help="Of several cameras in one file of Kalibr, as cam0.")
+    ] = None,
+) -> None:
+    """A camera file from that of a calibration program: the lens, exactly, or why ours cannot be that lens.
+
+    Without --base the file says the lens alone, which is what `horizonval estimate --camera` needs.
+    """
+    from horizonval.api.calibrate import camera_text
+
+    if out is not None:
+        check_target(out, file)
+    text = camera_text(file, name, base, vignetting)
+    if out is None:
+        print(text, end="")
+    else:
+        atomic.write_text(out, text)
+
+
+@dataclass(frozen=True)
+class ImagePlan:
+    """One image to make. ``exposure_s`` is None where the camera file decides, ``band`` where it is the first one."""
+
+    path: Path
+    seed: int
+    exposure_s: float | None
+    band: str | None
+
+    def camera(self, camera: CameraSpec) -> CameraSpec:
+        """Return the camera with this exposure, automatic exposure off."""
+        if self.exposure_s is None or camera.detector is None:
+            return camera
+        changes = {"exposure_s": self.exposure_s, "auto_exposure": None}
+        return camera.model_copy(update={"detector": camera.detector.model_copy(update=changes)})
+
+
+def plans(
+    out: str, seeds: Sequence[str], exposures: Sequence[str], bands: Sequence[str], camera: CameraSpec
+) -> list[ImagePlan]:
+    """Return the images that options ask for, one for every combination.
+
+    Parameters
+    ----------
+    out : str
+        Path, pattern or folder.
+    seeds, exposures, bands : sequence of str
+        As given, each one a list; empty for seed 0, the camera's own exposure, its first band.
+    camera : CameraSpec
+
+    Raises
+    ------
+    UserError
+        Text that is no number, an exposure for a detector without one, a pattern that does not tell the images apart.
+    """
+    chosen_seeds = _seeds(seeds) or [0]
+    chosen_exposures: Sequence[float | None] = _exposures(exposures, camera) or [None]
+    chosen_bands: Sequence[str | None] = list(dict.fromkeys(_split(bands))) or [None]
+    count = len(chosen_seeds) * len(chosen_exposures) * len(chosen_bands)
+    if count > MOST_IMAGES:
+        raise UserError(f"{count} images", where="--seed", expected=f"at most {MOST_IMAGES} in one command")
+    several = {"band": len(chosen_bands) > 1, "exposure": len(chosen_exposures) > 1, "seed": len(chosen_seeds) > 1}
+    pattern = _pattern(out, [name for name in FIELDS if several[name]], count)
+    images = [
+        ImagePlan(Path(_filled(pattern, camera, band, exposure, seed)), seed, exposure, band)
+        for band, exposure, seed in itertools.product(chosen_bands, chosen_exposures, chosen_seeds)
+    ]
+    paths: set[Path] = set()
+    for plan in images:
+        if plan.path in paths:
+            raise UserError(f"two images would be called {str(plan.path)!r}", where="--out")
+        paths.add(plan.path)
+    return images
+
+
+def _split(texts: Sequence[str]) -> list[str]:
+    return [part.strip() for text in texts for part in text.split(",")]
+
+
+def _seeds(texts: Sequence[str]) -> list[int]:
+    seeds: dict[int, None] = {}
+    for part in _split(texts):
+        match = re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+        if last < first:
+            raise UserError(f"found {part!r}", where="--seed", expected="numbers from 0 up, or ranges such as 0-9")
+        if last - first >= MOST_IMAGES:
+            raise UserError(f"{part} are too many", where="--seed", expected=f"at most {MOST_IMAGES} in one command")
+        seeds |= dict.fromkeys(range(first, last + 1))
+    return list(seeds)
+
+
+def _exposures(texts: Sequence[str], camera: CameraSpec) -> list[float]:
+    from horizonval.spec.detector import LONGEST_EXPOSURE_S
+
+    exposures: dict[float, None] = {}
+    for part in _split(texts):
+        try:
+            seconds = float(part)
+        except ValueError:
+            seconds = -1.0
+        if not 0 < seconds <= LONGEST_EXPOSURE_S:
+            raise UserError(
+                f"found {part!r}",
+                where="--exposure",
+                expected=f"seconds above 0 and of at most {LONGEST_EXPOSURE_S:g}, such as 1e-3",
+            )
+        exposures[seconds] = None
+    if exposures and getattr(camera.detector, "exposure_s", None) is None:
+        kind = "no detector" if camera.detector is None else f"a detector of kind {camera.detector.kind!r}"
+        raise UserError(f"the camera has {kind}, which has no exposure", where="--exposure", fix="leave it out")
+    return list(exposures)
+
+
+def _pattern(out: str, differ: Sequence[str], count: int) -> str:
+    """Return the pattern of the files' names; a folder gets one after what differs."""
+    try:
+        fields = [name for _, name, _, _ in string.Formatter().parse(out) if name is not None]
+    except ValueError as e:
+        raise UserError(f"found {out!r}", where="--out", expected="{seed}, {exposure}, {band} or none") from e
+    unknown = [name for name in fields if name not in FIELDS]
+    if unknown:
+        raise UserError(
+            f"found {{{unknown[0]}}}", where="--out", expected=" or ".join(f"{{{name}}}" for name in FIELDS)
+        )
+    if differ and not fields and (Path(out).is_dir() or not Path(out).suffix):
+        return str(Path(out) / ("-".join(f"{{{name}}}" for name in differ) + ".exr"))
+    missing = [name for name in differ if name not in fields]
+    if missing:
+        fix = " and ".join(f"{{{name}}}" for name in missing)
+        raise UserError(
+            f"{count} images would overwrite each other in {out!r}",
+            where="--out",
+            fix=f"put {fix} into the name, or name a folder",
+        )
+    return out
+
+
+def _filled(pattern: str, camera: CameraSpec, band: str | None, exposure_s: float | None, seed: int) -> str:
+    seconds = exposure_s or getattr(camera.detector, "exposure_s", 0.0)
+    name = band or (camera.band[0].name if camera.band else "")
+    try:
+        return pattern.format(band=name, exposure=f"{seconds:.9g}", seed=seed)
+    except ValueError as e:
+        raise UserError(f"found {pattern!r}: {e}", where="--out", expected="{seed}, {exposure}, {band}") from e

@@ -7,16 +7,14 @@ from typing import Annotated
 
 import typer
 
-from horizonval.cli.options import Json
-from horizonval.cli.options.completion import kinds_of_files, lists, shipped
-from horizonval.cli.printing import print_json
-from horizonval.cli.work import watched
+from horizonval.cli.options import Json, kinds_of_files, lists, shipped
+from horizonval.cli.output import print_json, watched
 from horizonval.core.errors import UserError
 
 
 def doctor(as_json: Json = False) -> int:
     """Say what works on this machine, and how to mend what does not. Exit status 1 if rendering is impossible."""
-    from horizonval.commands.doctor import examine
+    from horizonval.api.info import examine
 
     examination = examine()
     if as_json:
@@ -43,7 +41,7 @@ def list_names(
 
     The first word of a line is the name; with --json an object of names and descriptions.
     """
-    from horizonval.commands.listing import LISTS
+    from horizonval.api.info import LISTS
     from horizonval.core.errors import nearest
 
     if what not in LISTS:
@@ -104,7 +102,7 @@ def templates(
     and modes than the error asks for. Prints the size in memory and the error. As `.npz` it is what the key `climate`
     of a prior takes.
     """
-    from horizonval.commands.templates import mission_table, write_table
+    from horizonval.api.templates import mission_table, write_table
 
     with watched("marching the air" if air else "cutting") as progress:
         made = mission_table(target, band, error, air, clear, progress)

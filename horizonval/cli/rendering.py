@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from horizonval.cli.checks import check_folder, check_target
-from horizonval.cli.options.completion import shipped
+from horizonval.cli.options import shipped
+from horizonval.cli.output import check_folder, check_target
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -112,38 +112,11 @@ def radiance(
 
     1/sr for unit solar irradiance; with --thermal W m-2 sr-1 um-1 at each band's wavelength.
     """
-    if orders not in ("single", "all"):
-        raise UserError(f"found {orders!r}", where="--orders", expected="single or all")
-    from horizonval.commands.rays import check_above_ground, read_rays, write_radiance
-    from horizonval.earth.atmosphere_file import file_model, read_atmosphere
-    from horizonval.spec.files import find
+    from horizonval.api.radiance import radiance as along_rays
+    from horizonval.api.radiance import write_radiance
 
-    table = read_rays(rays)
-    path = find("atmosphere", atmosphere)
-    file = read_atmosphere(path)
-    check_above_ground(table, file.planet_radius_m, rays)
     check_target(out)
-    model = file_model(file, thermal=thermal, refracted=str(path) if refraction else "")
-    values: dict[str, Any] = {band.name: [] for band in file.bands}
-    if table.rows:
-        from horizonval.renderer.plugin.backend import activate
-
-        activate()
-        from horizonval.jobs.progress import Terminal
-        from horizonval.renderer.rays.radiance import radiance_along_rays
-        from horizonval.renderer.scattering.quality import FINE
-
-        scattering = FINE if orders == "all" else None
-        with Terminal() as progress:
-            values = radiance_along_rays(
-                model,
-                file.planet_radius_m,
-                table.observer_m,
-                table.direction,
-                table.sun,
-                scattering=scattering,
-                progress=progress,
-            )
+    table, values = along_rays(rays, atmosphere, orders=orders, thermal=thermal, refraction=refraction)
     write_radiance(out, table, values)
     print(f"{out}: {len(table.rows)} rays, bands {', '.join(values)}")
 
@@ -156,12 +129,9 @@ def gallery(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the page; made if need be.")] = Path("gallery"),
 ) -> None:
     """Pictures of the shipped scenes on one page: in colour, or as brightness temperatures in the infrared."""
-    from horizonval.commands.gallery import make_gallery
-    from horizonval.jobs.progress import Terminal
+    from horizonval.api.gallery import make_gallery
 
-    with Terminal("gallery", "scenes") as progress:
-        page = make_gallery(out, scenes or [], progress)
-    print(f"gallery: {page}")
+    print(f"gallery: {make_gallery(out, scenes or [])}")
 
 
 def _write_frame(out: Path, frame: Frame, start: float) -> None:

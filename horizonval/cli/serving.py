@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from horizonval.cli.options.completion import shipped
+from horizonval.cli.options import shipped
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ FRAME_ROOMS = ("core", "earth", "frame", "geometry", "renderer", "spec", "store"
 """Rooms that a frame and its file are made with. The header's reading of an ideal sensor, which `estimation` computes,
 is for other programs and is never read back, so that work on an estimator does not render frames again."""
 _WITHOUT_RESULTS = {
-    "__init__", "__main__", "api", "bridges", "cli", "commands", "jobs", "precheck", "report", "scenes", "serve",
+    "__init__", "__main__", "api", "bridges", "cli", "jobs", "report", "scenes", "serve",
     "studies", "systems", "tables", "wire",
 }  # fmt: skip
 """Rooms that no row of results flows through: they ask for results, or show them."""

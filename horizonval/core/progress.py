@@ -30,6 +30,9 @@ class Progress(Protocol):
     def step(self, what: str, state: str = "") -> None:
         """Something that takes a while is under way: ``what`` it is, and how it stands."""
 
+    def note(self, text: str) -> None:
+        """Something that the user ought to know, such as a warning about the frames that are about to be rendered."""
+
 
 class Silent:
     """A listener that shows nothing."""
@@ -44,6 +47,9 @@ class Silent:
         """Ignore."""
 
     def step(self, what: str, state: str = "") -> None:
+        """Ignore."""
+
+    def note(self, text: str) -> None:
         """Ignore."""
 
 

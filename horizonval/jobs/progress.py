@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from types import TracebackType
 from typing import Self
 
+from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.life import hush
 
 FEWEST_ALIKE = 3
@@ -23,6 +26,16 @@ def about(seconds: float | None) -> str:
     if seconds < 5400:
         return f"about {round(seconds / 60)} min left"
     return f"about {seconds / 3600:.1f} h left"
+
+
+@contextmanager
+def shown(progress: bool | Progress, what: str = "", unit: str = "frames") -> Iterator[Progress]:
+    """Give a listener of ``what``: the terminal for True, none for False, else the one that was given."""
+    if isinstance(progress, bool):
+        with Terminal(what, unit) if progress else nullcontext(Silent()) as listener:
+            yield listener
+    else:
+        yield progress
 
 
 class Terminal:
@@ -117,6 +130,12 @@ class Terminal:
             self._status.start()
             self._status.update(f"{what}: {state}" if state else what)
         self._step = what
+
+    def note(self, text: str) -> None:
+        """Print a line that stays."""
+        self._end_step()
+        hush()
+        self._line(f"horizonval: {text}")
 
     def _end_step(self) -> None:
         if self._status is not None:

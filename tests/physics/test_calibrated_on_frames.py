@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import horizonval as hv
-from horizonval.commands.calibrate import observations_of
+from horizonval.api.calibrate import observations_of
 from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
 
 SUITE = """

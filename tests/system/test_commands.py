@@ -13,7 +13,7 @@ import OpenEXR
 import pytest
 from conftest import MINI_CAMERA, assert_one_line
 
-from horizonval.commands.listing import LISTS
+from horizonval.api.info import LISTS
 from horizonval.scoring.table import read_results
 from horizonval.spec.files import shipped_names
 from horizonval.store import exr

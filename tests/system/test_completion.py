@@ -60,11 +60,11 @@ def test_names_are_offered(tmp_path, words, expected):
 
 
 def test_every_name_that_a_command_takes_is_offered(monkeypatch, tmp_path):
-    from horizonval.cli.options import completion
+    from horizonval.cli.options import shipped
 
     monkeypatch.chdir(tmp_path)
     for kind in ("scene", "camera", "suite", "study"):
-        words = completion.shipped(kind)("")
+        words = shipped(kind)("")
         assert [name for name, _ in words] == shipped_names(kind)
         assert all(description for _, description in words)
 

@@ -14,7 +14,7 @@ import horizonval
 PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
-    "cli", "bridges", "serve", "api", "commands", "systems", "precheck", "studies", "suites", "tables", "report",
+    "__main__", "cli", "bridges", "serve", "api", "systems", "studies", "suites", "tables", "report",
     "jobs", "scoring", "store", "sensor", "renderer", "estimation", "truth", "frame", "earth", "formats", "geometry",
     "spec", "wire", "core",
 ]  # fmt: skip

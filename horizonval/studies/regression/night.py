@@ -569,7 +569,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         or no back-end to render with.
     """
     from horizonval.renderer.plugin.backend import probe
-    from horizonval.studies.regression.page import of_night, write_junit, write_page
+    from horizonval.studies.regression.page import of_baseline, of_night, write_junit, write_page
 
     suite = load_suite(wanted.suite)
     spec, plan = checked(suite)
@@ -598,7 +598,12 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         verdict["trend"] = history.steps_of(history.read(wanted.out / history.FILE))
         write_json(wanted.out / "verdict.json", verdict)
         write_junit(wanted.out / "junit.xml", verdict)
-        write_page(wanted.out / "index.html", verdict, history.read(wanted.out / history.FILE), of_night(night))
+        seen = None
+        if night.scenes:
+            seen = of_night(night.all_rows(), night.scenes, night.arrays)
+        elif accepted is not None:
+            seen = of_baseline(accepted, night.replayed)
+        write_page(wanted.out / "index.html", verdict, history.read(wanted.out / history.FILE), seen)
         pages = [wanted.out / name for name in ("night.json", "verdict.json", "junit.xml", "index.html", history.FILE)]
         units = [wanted.out / WORK / f"{name}{end}" for name in night.identities for end in (".json", ".npz")]
         write_manifest(wanted.out, [*pages, *units])

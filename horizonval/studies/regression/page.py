@@ -39,7 +39,6 @@ from horizonval.scoring.row import Row
 from horizonval.studies.regression import history
 from horizonval.studies.regression.baseline import Baseline, FrozenImage
 from horizonval.studies.regression.gates import figure, gate_sentence, scenes
-from horizonval.studies.regression.night import Night
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics import Verdict
 from horizonval.studies.regression.units import arrays_of, frozen_image
@@ -72,7 +71,7 @@ def write_page(
 ) -> None:
     """Write ``index.html``, whole or not at all.
 
-    ``shown``: sentences and images that it opens with (:mod:`horizonval.studies.regression.frames`).
+    ``shown``: sentences and images that it opens with (:func:`of_night`, :func:`of_baseline`).
     """
     environment = template.environment(Path(__file__).parent)
     environment.filters |= {"figure": figure, "scenes": scenes, "short": _short}
@@ -233,21 +232,16 @@ def _label_nights(axes: Axes, nights: Sequence[str]) -> None:
     axes.set_xticks(places, [nights[i] for i in places], rotation=35, ha="right", fontsize=8)
 
 
-def of_night(night: Night) -> dict[str, Any]:
-    """Return what the page of a night opens with: :func:`shown_of` tonight's images, else of the frozen ones."""
-    if not night.scenes:
-        if night.accepted is None:
-            return shown_of([], {}, lambda _: None)
-        return of_baseline(night.accepted, night.replayed)
+def of_night(rows: Sequence[ReplicateRow], scenes: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
+    """Return :func:`shown_of` tonight's images; ``units``: by scene the file of its unit's arrays."""
 
     def load(key: Key) -> FrozenImage:
         scene, band, replicate = key
-        about = night.scenes[scene]["bands"][band]
-        dn = arrays_of(Path(night.arrays[scene]), scene)[f"dn.{band}.{replicate}"]
+        about = scenes[scene]["bands"][band]
+        dn = arrays_of(Path(units[scene]), scene)[f"dn.{band}.{replicate}"]
         return FrozenImage(scene, band, replicate, about["full_scale"], dn, about["radiance_per_dn"][replicate])
 
-    truths = {scene: record["truth"] for scene, record in night.scenes.items()}
-    return shown_of(night.all_rows(), truths, load)
+    return shown_of(rows, {scene: record["truth"] for scene, record in scenes.items()}, load)
 
 
 def of_baseline(accepted: Baseline, rows: Sequence[ReplicateRow]) -> dict[str, Any]:

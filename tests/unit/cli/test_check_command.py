@@ -82,7 +82,7 @@ def test_a_study_says_so_too(tmp_path, capsys, monkeypatch):
 
 def test_the_renderer_is_not_loaded():
     code = (
-        "import sys; from horizonval.precheck import check; assert check('limb-noon-vis').ok; check('quick');"
+        "import sys; from horizonval.api.check import check; assert check('limb-noon-vis').ok; check('quick');"
         "print(*{name.partition('.')[0] for name in sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

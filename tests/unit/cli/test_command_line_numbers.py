@@ -57,25 +57,6 @@ def test_a_number_out_of_range_is_one_line_at_once(arguments, option, expected, 
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("seeds", "exposures", "expected"),
-    [
-        (["0-999999999"], [], "at most 10000"),
-        (["0-9999", "10000-19999"], [], "20000 images"),
-        ([LONG], [], "numbers from 0 up"),
-        ([], ["1e9"], "at most"),
-        ([], ["nan"], "above 0"),
-        ([], [LONG], "at most"),
-    ],
-)
-def test_lists_of_images_are_bounded(seeds, exposures, expected):
-    from horizonval.commands.observing import plans
-    from horizonval.spec.load import load_camera
-
-    with pytest.raises(UserError, match=expected):
-        plans("out", seeds, exposures, [], load_camera("vis-cmos-512-60deg"))
-
-
 def test_an_option_is_checked_as_the_key_it_stands_for():
     head = SuiteHead(name="a", estimators=["ideal"], frames=5, title="kept")
     changed = with_option(head, "frames", 7, "--frames")

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from horizonval.commands.camera_file import camera_text
+from horizonval.api.calibrate import camera_text
 from horizonval.core.errors import UserError
 from horizonval.formats.lens.cameras import read_camera
 from horizonval.geometry.camera import camera_from_spec, project

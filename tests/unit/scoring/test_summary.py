@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from synthetic import result_row
 
-from horizonval.cli.printing import print_summary
+from horizonval.cli.output import print_summary
 from horizonval.scoring.rates import proportion
 from horizonval.scoring.row import Row
 from horizonval.scoring.summary import summarise

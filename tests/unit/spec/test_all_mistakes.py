@@ -12,9 +12,9 @@ import pytest
 
 import horizonval as hv
 from horizonval import cli
+from horizonval.api.check import check
 from horizonval.core.errors import MOST_MISTAKES, MistakeCollector, SeveralMistakesError, UserError, several
 from horizonval.earth.atmosphere_file import read_atmosphere
-from horizonval.precheck.target import check
 from horizonval.spec.load import load_camera
 from horizonval.suites.suite import load_suite
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from horizonval.commands.rays import read_rays
+from horizonval.api.radiance import read_rays
 from horizonval.core.errors import UserError
 from horizonval.spec.load import load_camera, read_toml
 

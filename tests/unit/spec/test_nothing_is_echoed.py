@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from horizonval.commands.picture import read_picture
-from horizonval.commands.rays import read_rays
+from horizonval.api.check import kind_of
+from horizonval.api.picture import read_picture
+from horizonval.api.radiance import read_rays
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.profile_file import read_profiles
 from horizonval.earth.atmosphere_file import read_atmosphere
-from horizonval.precheck.target import kind_of
 from horizonval.spec.files import find
 from horizonval.spec.load import load_camera, load_scene, read_toml
 from horizonval.spec.orbit import OrbitSpec

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from horizonval.commands.estimate import prior_from
+from horizonval.api.estimate import prior_from
 from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood import templates
 from horizonval.spec.camera import CameraSpec

@@ -12,8 +12,8 @@ import pytest
 from astropy.io import fits
 from synthetic import toy_image, truth_at
 
-from horizonval.commands.estimate import estimate_file, estimator_of
-from horizonval.commands.picture import read_picture
+from horizonval.api.estimate import estimate_report
+from horizonval.api.picture import read_picture
 from horizonval.core.errors import UserError
 from horizonval.store import exr
 from horizonval.store.export.export_files import export_file
@@ -34,9 +34,7 @@ def exported(image_path, tmp_path) -> Path:
 
 @pytest.mark.parametrize("method", ["altitude-free", "ideal"])
 def test_every_format_gives_the_same_fit_to_the_last_digit(image_path, exported, method):
-    reports = [
-        estimate_file(path, estimator_of(method), None) for path in (image_path, *sorted(exported.glob("image.[efp]*")))
-    ]
+    reports = [estimate_report(path, method) for path in (image_path, *sorted(exported.glob("image.[efp]*")))]
     assert len(reports) == 4
     for report in reports:
         assert report.pop("seconds") > 0

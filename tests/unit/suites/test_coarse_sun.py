@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic import truth_at
 
-from horizonval.precheck.limb import sun_outside_deg
+from horizonval.api.check.limb import sun_outside_deg
 from horizonval.scoring.horizon_view import sun_in_frame
 from horizonval.suites.observation import coarse_sun_cam
 from horizonval.suites.suite import load_suite

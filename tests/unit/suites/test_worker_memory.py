@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import horizonval as hv
+from horizonval.api.check import check
 from horizonval.core import memory
 from horizonval.core.errors import UserError
 from horizonval.jobs.execution import Execution
-from horizonval.precheck.target import check
 from horizonval.renderer.scene.frame_memory import frame_bytes, refuse_too_large
 from horizonval.spec.load import load_scene
 from horizonval.suites.suite import load_suite

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.commands.templates import mission_table, sun_angles, write_table
+from horizonval.api.templates import mission_table, sun_angles, write_table
 from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import load_templates, shipped_templates

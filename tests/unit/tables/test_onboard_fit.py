@@ -13,7 +13,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from horizonval.commands.templates import mission_table, write_table
+from horizonval.api.templates import mission_table, write_table
 from horizonval.estimation.likelihood.templates import shipped_templates
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")

@@ -1,0 +1,282 @@
+"""What a run will cost in processor time, memory and disk, counted before anything is rendered.
+
+**Basis.** Solar bands come from view tables, which are made once for every place, Sun and air, and looked up by every
+cell, a pixel's share that sees ground or air; or they are marched cell by cell: then time goes with ``cells x nodes
+along the ray x spectral nodes``. Multiple scattering needs a table for every spectral node of every column of air, kept
+in the cache of the machine: whether it is there is not looked up, so its time stands by itself. Thermal bands come from
+tables whose time goes with the g points, a little with the nodes, and hardly with the pixels. The constants are seconds
+of processor time, which other work on the machine changes little, of the LLVM back-end on two x86-64 processors: eight
+shipped scenes of 80 to 1024 pixels, second frame of a process.
+
+**How far off.** With view tables ``limb-noon-vis`` takes 0.3 s from a new place and 0.1 s from the same, 0.35 s and
+0.12 s are predicted; ``terminator``, with clouds, 8 s and 2.0 s, 6.8 s and 1.4 s are predicted. Marched frames are
+predicted at 0.8 to 1.3 of their time. Of memory :mod:`horizonval.renderer.scene.frame_memory` says it. On other
+machines, and for scenes unlike these, take a factor of three. Disk is within 1.5 on seven shipped scenes: by day and
+night, with clouds and Moon, in the infrared. What an estimator takes is known for ours only, to a factor of three.
+
+Left out: the first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
+airglow (each more tables, or a march of its own).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from horizonval.earth.atmosphere.air import TOP_M
+from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
+from horizonval.earth.atmosphere.columns import WEATHER
+from horizonval.earth.atmosphere.profile_file import has_places
+from horizonval.frame import FrameTruth
+from horizonval.geometry.camera import camera_from_spec, unproject
+from horizonval.geometry.frames import inverse, rotate
+from horizonval.jobs.pool import available_cpus
+from horizonval.renderer.scene.frame_memory import frame_bytes
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec
+
+SOLAR_S_PER_EVALUATION, SOLAR_FRAME_S = 1.1e-8, 0.1
+CHUNK = 4
+"""Spectral nodes that are worked on together."""
+TABLE_S_PER_LOOK, TABLE_S_PER_NODE, TWILIGHT_TABLES = 3e-8, 1.8e-3, 11.0
+"""Of view tables: of a cell, and of each node along the rays of a table, both for a chunk of spectral nodes; and how
+much longer the tables take where the edge of the Earth's shadow is in view."""
+CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
+"""Of a cell that ends on a cloud, for a chunk of spectral nodes; and how much longer tables take with those of the air
+before clouds."""
+TWILIGHT_RAD = math.radians(18.0)
+"""How low the Sun still lights air."""
+SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 6.0
+"""Of air without and with particles, whose phase function has more moments."""
+THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.009, 4e-5
+"""Of a g point, and of each node along its rays."""
+BY_LATITUDE = 2.5
+"""How much longer thermal bands take through air that changes with latitude."""
+OBSERVE_S_PER_PIXEL = 1.2e-7
+ESTIMATE_S, ESTIMATE_S_PER_PIXEL = 0.1, 5e-7
+FRAME_BYTES, FRAME_BYTES_PER_VALUE, FRAME_BYTES_PER_THERMAL_VALUE = 2e4, 0.65, 3.4
+"""Of radiance and truth maps, and of thermal radiance; under clouds, which have edges, twice as much."""
+IMAGE_BYTES, IMAGE_BYTES_PER_PIXEL, IMAGE_BYTES_PER_FINE_PIXEL = 1.5e4, 0.7, 2.3
+"""Of up to 11 bits, and of more."""
+RECORD_BYTES = 1e4
+TRUTH_MAPS = 4
+
+_GRID = 48
+
+
+@dataclass(frozen=True)
+class FrameCost:
+    """What one frame takes; see :class:`Cost`."""
+
+    cells: float
+    evaluations: float
+    tables: int
+    tables_s: float
+    render_s: float
+    view_tables_s: float
+    observe_s: float
+    estimate_s: float
+    memory_mb: float
+    frame_bytes: float
+    image_bytes: float
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a run takes.
+
+    Attributes
+    ----------
+    frames : int
+    cells : float
+        Cells of all frames that see ground or air.
+    evaluations : float
+        Of the march along every cell, were there no view tables: cells x nodes along the ray x spectral nodes.
+    render_s, observe_s, estimate_s : float
+        Processor time of all frames. View tables are counted once for every place, Sun and air.
+    tables : int
+        Tables of multiple scattering that must exist.
+    tables_s : float
+        Processor time if none of them is kept from an earlier run.
+    memory_mb : float
+        Of one process with the largest frame.
+    disk_mb : float
+        Of the archive and records.
+    """
+
+    frames: int
+    cells: float
+    evaluations: float
+    render_s: float
+    observe_s: float
+    estimate_s: float
+    tables: int
+    tables_s: float
+    memory_mb: float
+    disk_mb: float
+
+    @property
+    def processor_s(self) -> float:
+        """Processor time without the tables."""
+        return self.render_s + self.observe_s + self.estimate_s
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self) | {"processor_s": self.processor_s}
+
+
+def cost_lines(cost: Cost) -> list[str]:
+    """Return what a run takes on all processors of this machine, a line or two."""
+    processors = available_cpus()
+    frames = f"{cost.frames} frame{'s' if cost.frames != 1 else ''}"
+    lines = [
+        f"cost: {frames}, about {_time(cost.processor_s / processors)} on {processors} processors "
+        f"(to a factor of three), {_size(cost.memory_mb)} a process, {_size(cost.disk_mb)} on disk"
+    ]
+    if cost.tables:
+        lines.append(
+            f"      and up to {_time(cost.tables_s / processors)} for {cost.tables} tables of multiple scattering that "
+            "no earlier run has left in the cache"
+        )
+    return lines
+
+
+def _time(seconds: float) -> str:
+    """Return a time as text, to two digits."""
+    if seconds < 90:
+        return f"{float(f'{seconds:.2g}'):g} s"
+    return f"{float(f'{seconds / 60:.2g}'):g} min" if seconds < 5400 else f"{float(f'{seconds / 3600:.2g}'):g} h"
+
+
+def _size(megabytes: float) -> str:
+    """Return a size as text, to two digits."""
+    return f"{float(f'{megabytes:.2g}'):g} MB" if megabytes < 950 else f"{float(f'{megabytes / 1000:.2g}'):g} GB"
+
+
+def marched_cells(truth: FrameTruth, camera: CameraSpec, subsamples: int) -> float:
+    """Return how many cells of a frame see ground or air.
+
+    Counted on a grid of 48 x 48 pixels at most, to one part in fifty of the image.
+    """
+    geometry = camera_from_spec(camera.camera)
+    columns = np.linspace(0, geometry.width - 1, min(geometry.width, _GRID))
+    rows = np.linspace(0, geometry.height - 1, min(geometry.height, _GRID))
+    uv = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    d_cam = unproject(geometry, uv)
+    seen = np.isfinite(d_cam).all(axis=-1)
+    itrs = np.array(truth.r_itrs)
+    d = rotate(inverse(truth.q_cam_from_itrs), d_cam[seen])
+    ellipsoid = truth.ellipsoid
+    # The ellipsoid raised by the air's height differs from equal heights by metres.
+    axes = ellipsoid.axes_m + TOP_M
+    o, d = itrs / axes, d / axes
+    nearest = -(d @ o) / (d * d).sum(axis=-1)
+    miss = np.linalg.norm(o + nearest[:, None] * d, axis=-1)
+    inside = bool(o @ o < 1.0)
+    share = float(((miss < 1.0) & ((nearest > 0.0) | inside)).sum()) / len(uv)
+    return share * geometry.width * geometry.height * subsamples**2
+
+
+def frame_cost(
+    truth: FrameTruth, scene: SceneSpec, camera: CameraSpec, spectral: dict[str, int], estimators: int
+) -> FrameCost:
+    """Return what one frame takes.
+
+    Parameters
+    ----------
+    truth : FrameTruth
+    scene, camera
+        Resolved specifications.
+    spectral : dict of str to int
+        Spectral nodes or g points of every band (:func:`horizonval.earth.optical.node_counts`).
+    estimators : int
+        How many see each image.
+    """
+    geometry = camera.camera
+    pixels, cells = geometry.width * geometry.height, marched_cells(truth, camera, scene.render.subsamples)
+    kinds = {band.name: band.kind for band in camera.band}
+    solar = sum(count for band, count in spectral.items() if kinds[band] == "solar")
+    thermal = sum(count for band, count in spectral.items() if kinds[band] == "thermal")
+    evaluations = cells * scene.render.nodes * solar
+    by_latitude = thermal and _by_place(scene)
+    per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
+    chunks = -(-solar // CHUNK)
+    tabulated = scene.render.method == "table"
+    cover = 0.0 if scene.clouds is None else scene.clouds.expected_cover
+    looks_s = (TABLE_S_PER_LOOK + CLOUD_S_PER_LOOK * cover) * cells * chunks
+    render_s = looks_s if tabulated else SOLAR_S_PER_EVALUATION * evaluations
+    render_s += SOLAR_FRAME_S if solar else 0.0
+    render_s += per_point * thermal * (BY_LATITUDE if by_latitude else 1.0) if cells else 0.0
+    tables = solar if scene.render.orders == "all" and not _airless(scene) else 0
+    particles = scene.atmosphere.aerosol != "none" or scene.atmosphere.file is not None or bool(scene.layer)
+    images = 0 if camera.detector is None else len(camera.band)
+    return FrameCost(
+        cells=cells,
+        evaluations=evaluations,
+        tables=tables,
+        tables_s=tables
+        * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S)
+        * (LAYERED_TABLES if scene.layer or scene.atmosphere.aerosol.startswith("volcanic") else 1.0),
+        render_s=render_s,
+        view_tables_s=_view_tables_s(truth, scene.render.nodes * chunks, cover > 0.0) if tabulated and cells else 0.0,
+        observe_s=OBSERVE_S_PER_PIXEL * pixels * images,
+        estimate_s=(ESTIMATE_S + ESTIMATE_S_PER_PIXEL * pixels) * images * estimators,
+        memory_mb=frame_bytes(scene, camera, thermal if by_latitude else 0) / 1e6,
+        frame_bytes=FRAME_BYTES + pixels * _bytes_per_pixel(scene, camera),
+        image_bytes=(IMAGE_BYTES + _image_bytes_per_pixel(camera) * pixels) * images,
+    )
+
+
+LAYERED_TABLES = 5.0
+"""How much longer light scattered more than once takes with layers of thin cloud than with haze."""
+
+
+def _view_tables_s(truth: FrameTruth, nodes: int, clouds: bool) -> float:
+    """Return the processor time of tables of so many nodes, all chunks together, with those of air before clouds."""
+    distance_m = math.hypot(*truth.r_itrs)
+    zenith = math.acos(np.clip(np.dot(truth.r_itrs, truth.sun_itrs) / distance_m, -1.0, 1.0))
+    horizon = math.acos(min(truth.ellipsoid_b_m / distance_m, 1.0))
+    shadow = zenith + horizon > math.pi / 2 and zenith - horizon < math.pi / 2 + TWILIGHT_RAD
+    return TABLE_S_PER_NODE * nodes * (TWILIGHT_TABLES if shadow else 1.0) * (CLOUD_TABLES if clouds else 1.0)
+
+
+def _bytes_per_pixel(scene: SceneSpec, camera: CameraSpec) -> float:
+    thermal = sum(band.kind == "thermal" for band in camera.band)
+    smooth = FRAME_BYTES_PER_VALUE * (len(camera.band) - thermal + TRUTH_MAPS)
+    clouds = 2.0 if scene.clouds is not None else 1.0
+    return smooth * clouds + FRAME_BYTES_PER_THERMAL_VALUE * thermal
+
+
+def _image_bytes_per_pixel(camera: CameraSpec) -> float:
+    fine = camera.detector is not None and camera.detector.bits > 11
+    return IMAGE_BYTES_PER_FINE_PIXEL if fine else IMAGE_BYTES_PER_PIXEL
+
+
+def _airless(scene: SceneSpec) -> bool:
+    atmosphere = scene.atmosphere
+    return atmosphere.file is None and atmosphere.profile_file is None and atmosphere.profile == "none"
+
+
+def _by_place(scene: SceneSpec) -> bool:
+    """Return whether the air differs from place to place: profiles of many places cost as much as weather."""
+    atmosphere = scene.atmosphere
+    if atmosphere.profile_file is not None:
+        return has_places(atmosphere.profile_file)
+    return atmosphere.file is None and atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER)
+
+
+def column_key(scene: SceneSpec, camera: CameraSpec) -> tuple[Any, ...]:
+    """Return what the tables of multiple scattering depend on: equal keys share theirs."""
+    place: tuple[Any, ...] = ()
+    if _by_place(scene) and scene.atmosphere.latitude_deg is None:
+        place = (scene.scene.name,)
+    radius = scene.earth.model_dump_json()
+    return scene.atmosphere.model_dump_json(), radius, json_of_bands(camera), scene.render.band_error, place
+
+
+def json_of_bands(camera: CameraSpec) -> str:
+    """Return a camera's bands as text."""
+    return "".join(band.model_dump_json() for band in camera.band)

@@ -1,0 +1,339 @@
+"""Check the frames of a scene, a suite or a study: all of them or an even sample; and add up what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from horizonval.api.check.cost import RECORD_BYTES, Cost, FrameCost, column_key, frame_cost, json_of_bands
+from horizonval.api.check.findings import Finding, Kind, Report, cannot_run
+from horizonval.api.check.limb import LimbView, Needs, group_line, limb_views
+from horizonval.api.check.rules import findings_of
+from horizonval.core.errors import UserError
+from horizonval.earth.optical import node_counts, optical_model
+from horizonval.jobs.remaining import ExpectedTime
+from horizonval.renderer.scene.frame_memory import refuse_too_large
+from horizonval.renderer.scene.shared_view import shared_view
+from horizonval.scoring import limits
+from horizonval.sensor.observe import check_camera
+from horizonval.spec.camera import ALL_HEADS, CameraSpec
+from horizonval.spec.load import Case, Suite
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.suite import Keep
+from horizonval.studies.trade.design import Study
+from horizonval.suites.mistakes import refuse_mistakes
+from horizonval.suites.plan import CasePlan, of_heads, plan_of
+from horizonval.suites.record import camera_name
+from horizonval.truth.frame_truth import truth_of
+
+MOST_FRAMES = 400
+"""Frames that a check looks at; some 0.05 s each."""
+FEW_FRAMES = 32
+"""Frames that are looked at before a run: it must not start more than some two seconds later."""
+FEW_LINEAR = 2
+"""Of each linear array before a run: its horizon is followed in steps of a thousandth of a pixel, for some 0.2 s."""
+FRAMES_FOR_COST = 3
+"""Frames of every camera from which the time that a run takes is told."""
+PER_PLACE_OR_FILE = ("view_tables_s", "frame_bytes", "image_bytes")
+
+Spectral: TypeAlias = dict[tuple[str, ...], dict[str, int]]
+"""Spectral nodes of every band, by air, ground and bands as text."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Frames that are judged together: a camera of a suite, a design of a study.
+
+    Attributes
+    ----------
+    subject : str
+    cases : tuple of Case
+    estimators : int
+        How many run on each image.
+    needs : {"image", "pose", "heads"}
+    """
+
+    subject: str
+    cases: tuple[Case, ...]
+    estimators: int = 1
+    needs: Needs = "image"
+
+
+@dataclass
+class Look:
+    """What was seen of a group: by band a view of every frame that was looked at, their costs, and frames that fail."""
+
+    views: dict[str, list[LimbView]] = field(default_factory=dict)
+    costs: list[FrameCost] = field(default_factory=list)
+    errors: list[Finding] = field(default_factory=list)
+    examined: int = 0
+
+
+def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:
+    """Say what a user ought to know of a scene before it is rendered.
+
+    Parameters
+    ----------
+    scene, camera
+        Resolved specifications, as :func:`horizonval.spec.load.load_scene` returns them. With several heads and none
+        chosen every head is checked.
+
+    Returns
+    -------
+    Report
+        Its facts are one line for every band: arc in view, level and signal-to-noise ratio of the limb.
+
+    Notes
+    -----
+    A second for a solar camera, up to two more for every thermal band. The renderer is not loaded.
+    """
+    findings: list[Finding] = []
+    facts: dict[str, str] = {}
+    try:
+        refuse_too_large(scene, camera)
+        if camera.detector is not None:
+            check_camera(camera)
+    except UserError as e:
+        findings.append(cannot_run(e))
+    groups = _groups_of_heads(scene, camera)
+    spectral: Spectral = {}
+    looks = [look_at(group, 1, spectral, infrared=True) for group in groups]
+    for group, look in zip(groups, looks, strict=True):
+        head = [group.subject] if len(groups) > 1 else []
+        findings += look.errors
+        for band, views in look.views.items():
+            facts[", ".join([*head, band])] = views[0].line()
+            subject = ", ".join([*head, band] if len(look.views) > 1 else head)
+            findings += findings_of(views, subject, single=True)
+    cost, count = total_cost(groups, looks, "all"), len(groups)
+    return Report("scene", scene.scene.name, tuple(findings), facts, count, count, cost)
+
+
+def _groups_of_heads(scene: SceneSpec, camera: CameraSpec) -> list[Group]:
+    """Return a group of one frame for every head that the scene has chosen, named after it."""
+    if not camera.head or scene.camera.head not in (None, ALL_HEADS):
+        return [Group(scene.scene.name, (Case(scene, camera),))]
+    groups = []
+    for head in camera.head:
+        chosen = scene.camera.model_copy(update={"head": head.name})
+        case = Case(scene.model_copy(update={"camera": chosen}), camera, head.name)
+        groups.append(Group(head.name, (case,), needs="heads" if len(camera.head) > 1 else "image"))
+    return groups
+
+
+def check_suite(target: Suite | Study, *, most: int = MOST_FRAMES, infrared: bool = True) -> Report:
+    """Say what a user ought to know of a suite or a study before it is run.
+
+    Designs of a study that differ in the estimator alone share their frames, and are one entry here.
+
+    Parameters
+    ----------
+    target : Suite or Study
+        As :func:`horizonval.suites.suite.load_suite` or :func:`horizonval.studies.trade.design.expand` returns it.
+    most : int
+        Frames to look at; of more an even sample, whose size the report states.
+    infrared : bool
+        Whether to work out the level of thermal limbs, of one frame of every camera: up to 2 s for each band.
+
+    Returns
+    -------
+    Report
+        Findings by camera or entry of ``[design]``, and by band of cameras that have several. What a run would refuse
+        (:func:`horizonval.suites.mistakes.refuse_mistakes`) is an error among them.
+    """
+    suite = _suite_of(target)
+    try:
+        refuse_mistakes(suite, plan_of(suite))
+    except UserError as e:
+        return Report(_kind_of(target), suite.name, tuple(map(cannot_run, e.mistakes)), {}, 0, len(suite.cases))
+    return _check_groups(target, most, infrared=infrared)
+
+
+def check_before_run(target: Suite | Study) -> Report | None:
+    """Return a report of an even sample of the frames, without thermal levels and cost.
+
+    None where the run itself is about to say what is wrong with the file.
+    """
+    try:
+        report = _check_groups(target, FEW_FRAMES, infrared=False, before_run=True)
+    except UserError:
+        return None
+    return None if any(finding.code == "cannot-run" for finding in report.findings) else report
+
+
+def _check_groups(target: Suite | Study, most: int, *, infrared: bool, before_run: bool = False) -> Report:
+    suite, groups = _suite_of(target), groups_of(target)
+    findings: list[Finding] = []
+    facts: dict[str, str] = {}
+    spectral: Spectral = {}
+    looks = []
+    counts = [min(len(g.cases), FEW_LINEAR) if before_run and _is_linear(g) else len(g.cases) for g in groups]
+    for group, count in zip(groups, sample_sizes(counts, most), strict=True):
+        look = look_at(group, count, None if before_run else spectral, infrared=infrared)
+        looks.append(look)
+        findings += look.errors[:1]
+        for band, views in look.views.items():
+            subject = f"{group.subject}, {band}" if len(look.views) > 1 else group.subject
+            findings += findings_of(views, subject, total=len(group.cases))
+            facts[subject] = group_line(views, len(group.cases))
+    examined = sum(look.examined for look in looks)
+    cost = None if before_run else total_cost(groups, looks, suite.keep, suite.draws)
+    name, frames = suite.name, len(suite.cases)
+    return Report(_kind_of(target), name, tuple(findings), facts, examined, frames, cost, suite.source)
+
+
+def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:
+    """Return what each frame is expected to take, by the names of the cases, from a few frames of every camera.
+
+    Empty where the run itself is about to say what is wrong with the file.
+    """
+    suite = _suite_of(target)
+    spectral: Spectral = {}
+    expected = {}
+    try:
+        for group in groups_of(suite):
+            bands: dict[str, list[Case]] = {}
+            for case in group.cases:
+                bands.setdefault(json_of_bands(case.camera), []).append(case)
+            for cases in bands.values():
+                same = replace(group, cases=tuple(cases))
+                costs = look_at(same, FRAMES_FOR_COST, spectral, infrared=False).costs
+                if not costs:
+                    return {}
+                seconds = sum(c.render_s + (c.observe_s + c.estimate_s) * suite.draws for c in costs) / len(costs)
+                once_s, place_s = costs[0].tables_s, sum(c.view_tables_s for c in costs) / len(costs)
+                for case in cases:
+                    once = {str(column_key(case.scene, case.camera)): once_s} if once_s else {}
+                    once |= {shared_view(case.scene, case.camera): place_s} if place_s else {}
+                    expected[case.name] = ExpectedTime(seconds, once)
+    except UserError:
+        return {}
+    return expected
+
+
+def groups_of(target: Suite | Study) -> list[Group]:
+    """Return the frames of a suite by camera, those of a study by entry of ``[design]``; and by what runs on them."""
+    plan = plan_of(_suite_of(target))
+    members: dict[tuple[str, int, Needs], list[Case]] = {}
+    for case in _suite_of(target).cases:
+        name = target.frames[case.name][0] if isinstance(target, Study) else camera_name(case)
+        try:
+            key = (name, *_what_runs(case, plan))
+        except UserError:
+            # An estimator that does not exist is told by the check for mistakes.
+            key = (name, 0, "image")
+        members.setdefault(key, []).append(case)
+    return [Group(name, tuple(cases), count, needs) for (name, count, needs), cases in members.items()]
+
+
+def _what_runs(case: Case, plan: CasePlan) -> tuple[int, Needs]:
+    """Return how many estimators run on every image of a case, and whether all of them need all heads together."""
+    alone, together = plan.alone(case), plan.together(case) if of_heads(case) else ()
+    return len(alone) + len(together), "heads" if together and not alone else "image"
+
+
+def _suite_of(target: Suite | Study) -> Suite:
+    return target.suite if isinstance(target, Study) else target
+
+
+def _kind_of(target: Suite | Study) -> Kind:
+    return "study" if isinstance(target, Study) else "suite"
+
+
+def _is_linear(group: Group) -> bool:
+    geometry = group.cases[0].camera.camera
+    return min(geometry.width, geometry.height) <= limits.LINEAR_PX
+
+
+def sample_sizes(counts: Sequence[int], most: int) -> list[int]:
+    """Return how many frames of every group to look at: all, or an even share of ``most``, at least one of a group.
+
+    What a small group leaves of its share goes to the others. Of more groups than ``most`` the rest get none.
+    """
+    sizes = [0] * len(counts)
+    left = most
+    order = sorted(range(len(counts)), key=lambda i: counts[i])
+    for position, i in enumerate(order):
+        sizes[i] = min(counts[i], max(left // (len(order) - position), 1 if left > 0 else 0))
+        left -= sizes[i]
+    return sizes
+
+
+def look_at(group: Group, count: int, spectral: Spectral | None, *, infrared: bool) -> Look:
+    """Look at an even sample of a group, the first frame among it.
+
+    Parameters
+    ----------
+    group : Group
+    count : int
+        Frames of the sample.
+    spectral : dict or None
+        Spectral nodes by air, ground and bands, to which this adds; None leaves out what the frames cost, and whether
+        their air and bands are known.
+    infrared : bool
+        Whether to work out the infrared horizon of the first frame, hence the level of thermal limbs there.
+    """
+    seen = Look()
+    places = np.floor(np.arange(count) * len(group.cases) / max(count, 1)).astype(int)
+    cases = group.cases if count >= len(group.cases) else [group.cases[int(i)] for i in places]
+    for number, case in enumerate(cases):
+        seen.examined += 1
+        try:
+            nodes = None if spectral is None else _spectral_nodes(case, spectral)
+            truth = truth_of(case.scene, case.camera, infrared=infrared and number == 0)
+        except UserError as e:
+            seen.errors.append(cannot_run(e, group.subject))
+            continue
+        for view in limb_views(case.name, truth, case.camera, group.needs):
+            seen.views.setdefault(view.band, []).append(view)
+        if nodes is not None:
+            seen.costs.append(frame_cost(truth, case.scene, case.camera, nodes, group.estimators))
+    return seen
+
+
+def _spectral_nodes(case: Case, known: Spectral) -> dict[str, int]:
+    """Return the spectral nodes of the bands of a frame, worked out once for equal air, ground and bands."""
+    scene = case.scene
+    air, surface = scene.atmosphere.model_dump_json(), scene.surface.model_dump_json()
+    key = (air, surface, json_of_bands(case.camera), str(scene.render.band_error))
+    if key not in known:
+        known[key] = node_counts(optical_model(scene, case.camera))
+    return known[key]
+
+
+def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws: int = 1) -> Cost | None:
+    """Return the cost of all frames of groups from that of those that were looked at; None if none can be made.
+
+    Frames that are not looked at are taken to cost the mean of those of their group that are, those of groups without
+    any the mean of all.
+    """
+    known = [cost for look in looks for cost in look.costs]
+    if not known:
+        return None
+    totals = dict.fromkeys(("cells", "evaluations", "render_s", "observe_s", "estimate_s"), 0.0)
+    disk, frames = 0.0, 0
+    columns: dict[tuple[object, ...], FrameCost] = {}
+    for group, look in zip(groups, looks, strict=True):
+        costs, n = look.costs or known, len(group.cases)
+        mean = {key: float(np.mean([getattr(c, key) for c in costs])) for key in (*totals, *PER_PLACE_OR_FILE)}
+        for key in totals:
+            totals[key] += n * mean[key]
+        places = {shared_view(case.scene, case.camera) for case in group.cases}
+        totals["render_s"] += len(places) * mean["view_tables_s"]
+        disk += n * RECORD_BYTES + (0.0 if keep == "none" else n * (mean["frame_bytes"] + mean["image_bytes"]))
+        frames += n
+        # Columns of a group differ in what they hold, hardly in how many nodes they have.
+        columns |= {column_key(case.scene, case.camera): costs[0] for case in group.cases if costs[0].tables}
+    totals["observe_s"] *= draws
+    totals["estimate_s"] *= draws
+    return Cost(
+        frames=frames,
+        **totals,
+        tables=sum(cost.tables for cost in columns.values()),
+        tables_s=sum(cost.tables_s for cost in columns.values()),
+        memory_mb=max(cost.memory_mb for cost in known),
+        disk_mb=disk / 1e6,
+    )

@@ -1,0 +1,264 @@
+"""What a camera will see of the horizon and how bright it will be, from the truth of a frame alone.
+
+Nothing is rendered: the horizon comes from :mod:`horizonval.scoring.horizon_view`, its light from
+:mod:`horizonval.scoring.limb_signal`, the outcome from :mod:`horizonval.scoring.expected`, so that a check says before
+a run what its score would say after it.
+
+**Level** of a solar band: light at the limb or some ten kilometres below it, with the Sun's veil, over full scale above
+the black level. Where clouds or snow may be in view there are two: over ground of the Earth's albedo, and over the
+brightest thing there can be. Rendered and observed limbs by day are within 5 % in clear air and with the default haze,
+those before clouds and the brightest of them within 30 %, in twilight within a factor of two: what the table of
+:mod:`horizonval.scoring.limb_radiance` promises.
+
+**Level** of a thermal band: the plateau of the limb between the converter's ends, from the truth's infrared horizon.
+Rendered limbs are within 10 % in the clear: the warmer ground below adds, the blur of the edge takes. Without the
+infrared horizon there is none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from horizonval.api.check.findings import median, percent
+from horizonval.core.outcome import Outcome
+from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.frame import FrameTruth
+from horizonval.geometry.camera import CameraModel, project, unproject
+from horizonval.scoring import limits
+from horizonval.scoring.expected import Examined, examine
+from horizonval.scoring.limb_signal import ground_and_air, limb_signal
+from horizonval.sensor.detector.thermal_noise import blackbody_radiance
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos
+
+Needs = Literal["image", "pose", "heads"]
+
+
+@dataclass(frozen=True)
+class LimbView:
+    """One band of one frame before it is rendered.
+
+    Attributes
+    ----------
+    frame, band : str
+        Names.
+    kind : {"solar", "thermal"}
+    outcome : Outcome
+        What an estimator should report.
+    borderline : bool
+        The outcome depends on a threshold.
+    arc_deg : float
+        Azimuth about the nadir of the horizon in view, of 360.
+    arc_px, sagitta_px : float
+        Its length in the image, and how far it bends.
+    shortest_px : float
+        Arc that an estimator needs.
+    lit_fraction : float or None
+        Share of the arc over which the Sun stands.
+    level : float or None
+        Median along the limb in view, over full scale, without clouds and snow; None without a limb, a detector or an
+        infrared horizon.
+    highest : float or None
+        The largest along the limb in view, with clouds and snow where the scene can have them.
+    saturated_share : float
+        Of the limb in view, with clouds and snow.
+    patchy : bool
+        Whether there can be clouds or snow.
+    plateau_k : float or None
+        Brightness temperature of a thermal limb.
+    snr : float or None
+        Signal-to-noise ratio of a pixel's step at the limb, median; at most 1e6.
+    veil : float
+        Largest veil of the Sun over full scale.
+    determined_deg : float or None
+        To what the usable limb determines the nadir.
+    sun_in_frame, moon_in_frame : bool
+    sun_outside_deg : float or None
+        How far outside the image the Sun's centre is; None where the Sun is in the frame or behind the Earth.
+    sun_visible_fraction : float
+        0 in the Earth's shadow.
+    exposure_s : float or None
+        A fixed exposure; None for automatic and thermal ones.
+    ray_spacing_m : float
+        Between the rays of a pixel on the axis, at the distance of the limb.
+    """
+
+    frame: str
+    band: str
+    kind: str
+    outcome: Outcome
+    borderline: bool
+    arc_deg: float
+    arc_px: float
+    sagitta_px: float
+    shortest_px: float
+    lit_fraction: float | None
+    level: float | None
+    highest: float | None
+    saturated_share: float
+    patchy: bool
+    plateau_k: float | None
+    snr: float | None
+    veil: float
+    determined_deg: float | None
+    sun_in_frame: bool
+    moon_in_frame: bool
+    sun_outside_deg: float | None
+    sun_visible_fraction: float
+    exposure_s: float | None
+    ray_spacing_m: float
+
+    def line(self) -> str:
+        """Return what is in view of the frame, and how bright it will be."""
+        parts = [
+            f"{self.arc_deg:.0f} deg of horizon in view ({self.arc_px:.0f} px)" if self.arc_px else "no horizon in view"
+        ]
+        warmth = [] if self.plateau_k is None else [f"{self.plateau_k:.0f} K"]
+        level = [] if self.level is None else [f"{percent(self.level)} of full scale"]
+        if self.highest is not None and self.level is not None and self.highest > 1.05 * self.level:
+            level = [f"{level[0]} (at most {percent(self.highest)})"]
+        if warmth or level:
+            parts.append(f"limb at {', '.join(warmth + level)}")
+        if self.snr is not None:
+            parts.append(f"SNR {self.snr:.3g}" if self.snr < 1e6 else "no noise")
+        parts.append(f"expected: {self.outcome}" + (" (borderline)" if self.borderline else ""))
+        return ", ".join(parts)
+
+
+def group_line(views: Sequence[LimbView], frames: int) -> str:
+    """Return what is in view of the frames of a group: medians, and how many of each outcome."""
+    counts = Counter(str(view.outcome) for view in views)
+    found = ", ".join(f"{count} {outcome}" for outcome, count in counts.most_common())
+    looked = f"{frames} frames" if len(views) == frames else f"{len(views)} of {frames} frames"
+    parts = [f"{looked} ({found})"]
+    arc, level, snr = (median(getattr(view, key) for view in views) for key in ("arc_deg", "level", "snr"))
+    if arc:
+        parts.append(f"{arc:.0f} deg of horizon")
+    if level is not None:
+        parts.append(f"limb at {percent(level)} of full scale")
+    if snr is not None and snr < 1e6:
+        parts.append(f"SNR {snr:.3g}")
+    return ", ".join(parts) + (" (medians)" if len(parts) > 1 and len(views) > 1 else "")
+
+
+def limb_views(frame: str, truth: FrameTruth, camera: CameraSpec, needs: Needs = "image") -> list[LimbView]:
+    """Return what every band of a frame will see.
+
+    Parameters
+    ----------
+    frame : str
+        Its name.
+    truth : FrameTruth
+        Without the infrared horizon thermal bands have no level, and a linear array among several heads is taken to see
+        the ground's horizon.
+    camera : CameraSpec
+    needs : {"image", "pose", "heads"}
+        What the estimators look through; see :func:`horizonval.scoring.expected.examine`.
+    """
+    return [_limb_view(frame, truth, camera, band, needs) for band in camera.band]
+
+
+def _limb_view(frame: str, truth: FrameTruth, camera: CameraSpec, band: Band, needs: Needs) -> LimbView:
+    found = examine(truth, band.name, needs=needs)
+    expected, detector = found.expected, camera.detector
+    levels = _levels(found, truth, camera, band)
+    fixed = isinstance(detector, Cmos) and detector.auto_exposure is None
+    return LimbView(
+        frame=frame,
+        band=band.name,
+        kind=band.kind,
+        outcome=expected.outcome,
+        borderline=expected.borderline,
+        arc_deg=360.0 * expected.horizon_fraction_in_view,
+        arc_px=expected.horizon_arc_px,
+        sagitta_px=expected.horizon_sagitta_px,
+        shortest_px=limits.NOMINAL.arc_fraction * min(found.camera.width, found.camera.height),
+        lit_fraction=expected.lit_fraction,
+        level=levels.level,
+        highest=levels.highest,
+        saturated_share=levels.saturated_share,
+        patchy=levels.patchy,
+        plateau_k=levels.plateau_k,
+        snr=expected.limb_snr,
+        veil=expected.veil_fraction,
+        determined_deg=expected.determined_deg,
+        sun_in_frame=expected.sun_in_frame,
+        moon_in_frame=expected.moon_in_frame,
+        sun_outside_deg=None if expected.sun_in_frame else sun_outside_deg(found.camera, truth),
+        sun_visible_fraction=truth.sun_visible_fraction,
+        exposure_s=detector.exposure_s if isinstance(detector, Cmos) and fixed else None,
+        ray_spacing_m=_ray_spacing_m(found.camera, truth),
+    )
+
+
+def _ray_spacing_m(camera: CameraModel, truth: FrameTruth) -> float:
+    r_itrs = np.array(truth.r_itrs)
+    to_limb = math.sqrt(max(float(r_itrs @ r_itrs) - truth.ellipsoid.a_m**2, 0.0))
+    return to_limb / max(camera.fx, camera.fy) / int(truth.scene["render"]["subsamples"])
+
+
+@dataclass(frozen=True)
+class _Levels:
+    level: float | None = None
+    highest: float | None = None
+    saturated_share: float = 0.0
+    patchy: bool = False
+    plateau_k: float | None = None
+
+
+def _levels(found: Examined, truth: FrameTruth, camera: CameraSpec, band: Band) -> _Levels:
+    in_view, detector = found.view.in_view, camera.detector
+    if band.kind == "solar":
+        if not in_view.any() or not isinstance(detector, Cmos):
+            return _Levels()
+        brightest = found.signal.filling[in_view]
+        usual, plain = brightest, _plain_ground(truth.scene)
+        if plain is not None:
+            usual = limb_signal(replace(truth, scene=plain), camera, band, found.camera, found.view).filling[in_view]
+        saturated = float((brightest > 1.0).mean())
+        return _Levels(float(np.median(usual)), float(brightest.max()), saturated, plain is not None)
+    horizon = truth.infrared_horizon.get(band.name)
+    if horizon is None or not horizon["plateau_radiance"]:
+        return _Levels()
+    # Azimuths of the truth's plateau are about the nadir; it changes by a few per cent between them.
+    plateau = np.array(horizon["plateau_radiance"])
+    plateau_k = float(brightness_temperature_k(band, np.median(plateau)))
+    if detector is None or isinstance(detector, Cmos) or not in_view.any():
+        return _Levels(plateau_k=plateau_k)
+    low, high = (blackbody_radiance(band, end_k) for end_k in (detector.scene_min_k, detector.scene_max_k))
+    level = (plateau - low) / (high - low)
+    return _Levels(float(np.median(level)), float(level.max()), float((level > 1.0).mean()), plateau_k=plateau_k)
+
+
+def _plain_ground(scene: dict[str, Any]) -> dict[str, Any] | None:
+    """Return a scene with the Earth's mean albedo and no clouds; None where that is as bright as what it has."""
+    _, albedo, brightest = ground_and_air(scene)
+    if brightest <= albedo:
+        return None
+    return {**scene, "surface": {"kind": "uniform", "albedo": albedo}, "clouds": None}
+
+
+def sun_outside_deg(camera: CameraModel, truth: FrameTruth) -> float | None:
+    """Return the angle from the Sun's centre to the nearest point of the image's outline; None behind the Earth.
+
+    The outline is taken at 400 pixels, which leaves a hundredth of the field.
+    """
+    if truth.sun_visible_fraction <= 0.0:
+        return None
+    s = np.linspace(0.0, 1.0, 100, endpoint=False)
+    zero, one = np.zeros_like(s), np.ones_like(s)
+    u = np.concatenate([s, one, 1.0 - s, zero]) * camera.width - 0.5
+    v = np.concatenate([zero, s, one, 1.0 - s]) * camera.height - 0.5
+    outline = unproject(camera, np.stack([u, v], axis=-1))
+    cosine = outline @ np.array(truth.sun_cam)
+    # Pixels beyond a lens's image circle have no direction.
+    if not np.isfinite(cosine).any():
+        place, has_image = project(camera, np.array(truth.sun_cam))
+        return 0.0 if bool(has_image) and np.isfinite(place).all() else None
+    return math.degrees(math.acos(max(-1.0, min(1.0, float(np.nanmax(cosine))))))

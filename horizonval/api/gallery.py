@@ -1,0 +1,97 @@
+"""The gallery: the shipped scenes on one page, in three colours of visible light or in the infrared of their camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from horizonval.core import atomic
+from horizonval.core.errors import UserError, nearest
+from horizonval.core.progress import Progress
+from horizonval.frame import RadianceFrame
+from horizonval.jobs.progress import shown
+from horizonval.report.figures.frame_picture import reflectance, thermal_panel
+from horizonval.report.figures.infrared import infrared_picture
+from horizonval.report.figures.tone import tone_mapped
+from horizonval.report.gallery import Exhibit, write_gallery
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.files import head_comment, shipped_names, shipped_path
+from horizonval.spec.load import load_frames
+from horizonval.spec.scene import SceneSpec
+
+LIMITS_UM = {"red": (0.61, 0.66), "green": (0.52, 0.57), "blue": (0.44, 0.49)}
+NODES = 2
+"""Of each band: 50 nm are narrow."""
+
+
+def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Progress = True) -> Path:
+    """Render scenes, write their pictures and ``index.html``, and return its path.
+
+    A picture that lies there already is made again: the page is always that of the scenes as they are now.
+
+    Parameters
+    ----------
+    folder : Path
+    names : sequence of str
+        Shipped scenes; none for all.
+    progress : bool or Progress
+    """
+    known = shipped_names("scene")
+    for name in names:
+        if name not in known:
+            raise UserError(f"no scene {name!r}", where="SCENE", expected=", ".join(nearest(name, known)))
+    chosen = list(names) or known
+    halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with shown(progress, "gallery", "scenes") as listener:
+            listener.start(len(chosen), 0, unit="scenes")
+            for name in chosen:
+                for hall, exhibit in _exhibits(name):
+                    halls[hall].append(exhibit)
+                    atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)
+                listener.done(name)
+        return write_gallery(halls["visible"], halls["infrared"], folder)
+    except OSError as e:
+        raise UserError(e.strerror or "cannot be written", where=str(folder), expected="a folder to write to") from e
+
+
+def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:
+    first = load_frames(name)[0]
+    scene, camera = first.scene, first.camera
+    text = head_comment(shipped_path("scene", name))
+    if any(band.kind == "solar" for band in camera.band):
+        yield "visible", _visible(name, text, scene, camera)
+    if any(band.kind == "thermal" for band in camera.band):
+        yield "infrared", _infrared(name, text, scene, camera)
+
+
+def _visible(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exhibit:
+    coloured = in_colour(camera)
+    frame, when = _render(scene, coloured), scene.platform.epoch_utc
+    rgb = [reflectance(frame.radiance[band.name], band, when) for band in coloured.band]
+    picture = tone_mapped(np.stack(rgb, axis=-1))
+    return Exhibit(name, text, picture.rgb, f"white is {picture.white:.2g} of a white ground under the Sun")
+
+
+def _infrared(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exhibit:
+    thermal = [band for band in camera.band if band.kind == "thermal"]
+    if len(thermal) < len(camera.band):
+        name += "-infrared"
+    frame = _render(scene, camera.model_copy(update={"band": thermal}))
+    return Exhibit(name, text, infrared_picture([thermal_panel(band, frame) for band in thermal]))
+
+
+def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
+    # Only here: the list of scenes is asked for without a renderer.
+    from horizonval.renderer.scene.frame import render_frame
+
+    return render_frame(scene, camera)
+
+
+def in_colour(camera: CameraSpec) -> CameraSpec:
+    """Return the camera with the three bands of the gallery in place of its own."""
+    bands = [Band(name=name, kind="solar", lo_um=lo, hi_um=hi, nodes=NODES) for name, (lo, hi) in LIMITS_UM.items()]
+    return camera.model_copy(update={"band": bands})

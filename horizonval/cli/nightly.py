@@ -1,0 +1,146 @@
+"""The nightly verdict, the baseline it is measured against, and published systems reproduced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from horizonval.cli.options import DryRun, Json, Workers, shipped
+from horizonval.cli.options import systems as letters
+from horizonval.cli.output import interruptible, print_dry_run, print_json
+
+baseline_app = typer.Typer(help="The accepted baseline of the nightly regression.", rich_markup_mode=None)
+
+BaselineFile = Annotated[
+    Path | None, typer.Option("--baseline", metavar="FILE", help="By default results/baseline/SUITE.json.")
+]
+
+
+def regress(
+    suite: Annotated[
+        str,
+        typer.Argument(
+            help="A suite with a [regression] table: a file or a shipped name.", autocompletion=shipped("suite")
+        ),
+    ] = "nightly",
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the nights; made if need be.")] = Path("regress"),
+    baseline: BaselineFile = None,
+    lane: Annotated[
+        list[str] | None, typer.Option(help="replay, rerender, fresh or published; repeatable. All by default.")
+    ] = None,
+    night: Annotated[str | None, typer.Option(metavar="DATE", help="Label and seed; today (UTC) by default.")] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Another version's folder of this night: pairs for fresh scenes.")
+    ] = None,
+    workers: Workers = None,
+    dry_run: DryRun = False,
+    as_json: Json = False,
+) -> int:
+    """Nightly verdict: is anything worse than the accepted baseline or the last release?
+
+    Writes verdict.json, junit.xml and index.html. `--lane replay` alone is quick enough for every change. Exit status
+    0 pass (or improved), 1 regression, 2 incomplete (no baseline, failed frames, wrong use), 3 inconclusive.
+    """
+    from horizonval.api.run import DryRun as Counted
+    from horizonval.api.run import regress as run_night
+
+    with interruptible(kept="units"):
+        verdict = run_night(
+            suite,
+            out,
+            baseline=baseline,
+            lanes=lane,
+            night=night,
+            reference=reference,
+            workers=workers,
+            dry_run=dry_run,
+        )
+    if isinstance(verdict, Counted):
+        print_dry_run(verdict, as_json)
+        return 0
+    if as_json:
+        print_json(verdict)
+    else:
+        _print_verdict(verdict)
+        print(f"report: {out / 'index.html'}")
+    return int(verdict["exit_status"])
+
+
+@baseline_app.command("accept")
+def baseline_accept(
+    run: Annotated[Path, typer.Argument(help="Folder of a night, as `regress` writes it.")],
+    reason: Annotated[str, typer.Option(help="Why the results are right, for whoever reviews the change.")],
+    baseline: BaselineFile = None,
+    release: Annotated[bool, typer.Option("--release", help="Also as the last release's.")] = False,
+) -> None:
+    """Make a night the accepted baseline, and write the table of what differs from the one before."""
+    from horizonval.api.run import baseline_of
+    from horizonval.store.folder import read_json
+    from horizonval.studies.regression.accept import accept
+
+    name = (read_json(run / "night.json") or {}).get("suite", "nightly")
+    for path in accept(run, baseline or baseline_of(name), reason, release=release):
+        print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
+
+
+def _print_verdict(verdict: dict[str, Any]) -> None:
+    from horizonval.studies.regression.gates import gate_sentence
+    from horizonval.studies.regression.page import published_sentence
+
+    for gate in verdict["gates"]:
+        print(f"{gate['verdict']:12} {gate['name']} ({gate['against']}): {gate_sentence(gate)}")
+    if verdict["published"]:
+        same = sum(one["verdict"] == "PASS" for one in verdict["published"])
+        print(
+            f"{'PASS' if same == len(verdict['published']) else 'FAIL':12} published systems: {same} of "
+            f"{len(verdict['published'])} figures as accepted"
+        )
+    for one in verdict["published"]:
+        if one["verdict"] != "PASS":
+            print(f"{one['verdict']:12} system {one['system']}, {one['name']}: {published_sentence(one)}")
+    for problem in verdict["problems"]:
+        print(f"problem: {problem}")
+    for step in verdict["trend"]:
+        print(
+            f"step: {step['figure']} from {step['before']:.4g} to {step['after']:.4g} {step['unit']} on {step['night']}"
+        )
+    print(f"night {verdict['night']}: {verdict['verdict']}{'' if verdict['complete'] else ', incomplete'}")
+
+
+def reproduce(
+    systems: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[A|B|C|D|E|F|G|all]...", help="Published systems; all by default.", autocompletion=letters
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the pages; made if need be.")] = ...,  # type: ignore[assignment]
+    seed: Annotated[int, typer.Option(min=0, help="Of all noise in the experiments.")] = 0,
+    workers: Workers = None,
+    dry_run: DryRun = False,
+    as_json: Json = False,
+) -> int:
+    """Published experiments done again: OUT/<X>.json and a page for each, published figures beside measured ones.
+
+    The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a bar is missed.
+    """
+    from horizonval.api.run import DryRun as Counted
+    from horizonval.api.run import reproduce as reproduced
+    from horizonval.systems.pages import printed_rows
+
+    done = {}
+    with interruptible():
+        for content in reproduced(systems or [], out, seed=seed, workers=workers, dry_run=dry_run):
+            if isinstance(content, Counted):
+                print_dry_run(content, as_json)
+                return 0
+            done[content["system"]] = content
+            if not as_json:
+                print("\n".join(printed_rows(content)), flush=True)
+    if as_json:
+        print_json(done)
+    else:
+        print(f"pages: {out / 'README.md'}")
+    return int(any(row["holds"] is False for content in done.values() for row in content["rows"]))

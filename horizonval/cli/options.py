@@ -1,0 +1,157 @@
+"""Options that several commands share, what a shell offers for them, and those that choose entries of an archive.
+
+Nothing heavy is loaded for what a shell offers after <Tab>: a key press must not take a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, dataclass, fields
+from functools import wraps
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from horizonval.core.errors import UserError
+from horizonval.jobs.execution import MOST_WORKERS
+
+if TYPE_CHECKING:
+    from horizonval.spec.files import Kind
+    from horizonval.store.index import Filter
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+Workers = Annotated[
+    int | None, typer.Option(min=1, max=MOST_WORKERS, help="Processes; by default as many as processors.")
+]
+Shard = Annotated[
+    str | None, typer.Option(metavar="I/N", help="Only every N-th frame from the I-th on; then run without it.")
+]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Say what would be made and what it takes; render and write nothing.")
+]
+Dask = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler in place of own processes, or local:N.")
+]
+
+Offer = Callable[[str], list[tuple[str, str]]]
+"""What is offered for the beginning of a word: words, each with a description."""
+
+
+def shipped(*kinds: Kind) -> Offer:
+    """Return what offers the shipped files of some kinds, and TOML files and folders."""
+
+    def offer(incomplete: str) -> list[tuple[str, str]]:
+        from horizonval.api.info import first_sentence
+        from horizonval.spec.files import head_comment, shipped_names, shipped_path
+
+        names = [
+            (name, first_sentence(head_comment(shipped_path(kind, name))))
+            for kind in kinds
+            for name in shipped_names(kind)
+            if name.startswith(incomplete)
+        ]
+        return names + [(path, "") for path in _paths(incomplete, ".toml")]
+
+    return offer
+
+
+def files(suffix: str) -> Offer:
+    """Return what offers files of an ending and folders."""
+    return lambda incomplete: [(path, "") for path in _paths(incomplete, suffix)]
+
+
+def estimators(incomplete: str) -> list[tuple[str, str]]:
+    """Offer the installed estimators."""
+    from importlib.metadata import entry_points
+
+    names = {point.name for point in entry_points(group="horizonval.estimators")}
+    return [(name, "") for name in sorted(names) if name.startswith(incomplete)]
+
+
+def lists(incomplete: str) -> list[tuple[str, str]]:
+    """Offer what there are lists of."""
+    from horizonval.api.info import LISTS
+
+    return [(name, "") for name in LISTS if name.startswith(incomplete)]
+
+
+def systems(incomplete: str) -> list[tuple[str, str]]:
+    """Offer the letters of the published systems."""
+    return [
+        (name, "") for name in ("A", "B", "C", "D", "E", "F", "G", "all") if name.lower().startswith(incomplete.lower())
+    ]
+
+
+def kinds_of_files(incomplete: str) -> list[tuple[str, str]]:
+    """Offer the kinds of files that have a schema."""
+    return [(name, "") for name in ("scene", "camera", "suite", "study", "prior") if name.startswith(incomplete)]
+
+
+def _paths(incomplete: str, suffix: str) -> Iterator[str]:
+    """Yield files of an ending and folders that a path begins; hidden ones only if they are asked for."""
+    folder, _, begin = incomplete.rpartition("/")
+    try:
+        entries = sorted(Path(f"{folder}/" if folder or incomplete.startswith("/") else ".").iterdir())
+    except OSError:
+        return
+    for entry in entries:
+        if entry.name.startswith(begin) and entry.name.startswith(".") <= begin.startswith("."):
+            name = incomplete[: len(incomplete) - len(begin)] + entry.name
+            if entry.is_dir():
+                yield f"{name}/"
+            elif entry.suffix == suffix:
+                yield name
+
+
+@dataclass(frozen=True)
+class EntryOptions:
+    """Entries of an archive by what their headers say; what is None does not matter."""
+
+    scene: Annotated[str | None, typer.Option("--scene", help="Name of the scene; `*` and `?` stand for others.")] = (
+        None
+    )
+    camera: Annotated[str | None, typer.Option("--camera", help="Name of the camera; `*` and `?` likewise.")] = None
+    head: Annotated[str | None, typer.Option("--head", help="Name of the camera's head; `*` and `?` likewise.")] = None
+    band: Annotated[str | None, typer.Option("--band", help="Name of a spectral band.")] = None
+    seed: Annotated[str | None, typer.Option("--seed", help="Of an image's noise.")] = None
+    since: Annotated[str | None, typer.Option("--since", help="Not before: a date or time, UTC by default.")] = None
+    until: Annotated[str | None, typer.Option("--until", help="Not after.")] = None
+
+    def filter(self, kind: str | None) -> Filter:
+        """Return the filter of the archive's index for entries of one kind, or of any."""
+        from horizonval.store.index import Filter
+
+        if kind not in (None, "frame", "image"):
+            raise UserError(f"found {kind!r}", where="--kind", expected="frame or image")
+        return Filter(kind, *astuple(self))
+
+
+ALL = EntryOptions()
+
+
+def selects(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the fields of :class:`EntryOptions` as options, in the place of its argument ``options``.
+
+    The parser knows single options only.
+    """
+    hints = get_type_hints(EntryOptions, include_extras=True)
+    choices = [
+        Parameter(field.name, Parameter.POSITIONAL_OR_KEYWORD, default=field.default, annotation=hints[field.name])
+        for field in fields(EntryOptions)
+    ]
+    command_signature = signature(command, eval_str=True)
+    parameters = [
+        parameter
+        for own_parameter in command_signature.parameters.values()
+        for parameter in (choices if own_parameter.name == "options" else [own_parameter])
+    ]
+
+    @wraps(command)
+    def call(**values: Any) -> Any:
+        return command(options=EntryOptions(**{option.name: values.pop(option.name) for option in choices}), **values)
+
+    call.__signature__ = command_signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return call

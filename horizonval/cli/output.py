@@ -1,0 +1,155 @@
+"""What commands share while they work and when they are done: checked outputs, progress, interruptions, tables."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from horizonval.core.errors import UserError
+
+if TYPE_CHECKING:
+    from horizonval.api.run import DryRun
+    from horizonval.jobs.progress import Terminal
+
+
+def check_target(out: Path, source: Path | None = None) -> None:
+    """Refuse a file that cannot be written before the work is done, not after."""
+    if not out.parent.is_dir():
+        raise UserError("no such folder", where=str(out.parent), fix="create it first")
+    if out.is_dir():
+        raise UserError("is a folder", where=str(out), expected="the path of a file")
+    if source is not None and out.exists() and out.samefile(source):
+        raise UserError("input and output are the same file", where=str(out))
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that is not new or empty: what lies there is not ours to overwrite."""
+    if not out.parent.is_dir():
+        raise UserError("no such folder", where=str(out.parent), fix="create it first")
+    if out.exists() and not out.is_dir():
+        raise UserError("is a file", where=str(out), expected="a new or empty folder")
+    if out.is_dir() and any(out.iterdir()):
+        raise UserError("is not empty", where=str(out), expected="a new or empty folder")
+
+
+@contextmanager
+def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> Iterator[Terminal]:
+    """Show the progress of work that the same command takes up again; an interruption says so and ends with 130.
+
+    Parameters
+    ----------
+    what, unit : str
+        What is done, and what is counted of it.
+    kept : str, optional
+        What an interruption does not lose, where that is worth saying.
+    """
+    from horizonval.jobs.progress import Terminal
+
+    with interruptible(kept), Terminal(what, unit) as progress:
+        yield progress
+
+
+@contextmanager
+def interruptible(kept: str | None = None) -> Iterator[None]:
+    """Let an interruption say that the same command goes on, and end with 130; ``kept`` as for :func:`resumable`.
+
+    Nothing else that ends the work early is a success: not a plug-in's ``sys.exit(0)``, nor a reader who is gone.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        finished = f"finished {kept} are kept, " if kept else ""
+        print(f"horizonval: interrupted; {finished}the same command goes on from here", file=sys.stderr)
+        raise SystemExit(130) from None
+    except SystemExit as end:
+        # Work that comes to its end leaves the block: whoever ends the process inside it has not finished it.
+        if end.code not in (None, 0):
+            raise
+        print("horizonval: error: foreign code ended the process before the work was done", file=sys.stderr)
+        raise SystemExit(1) from None
+    except BrokenPipeError:
+        raise SystemExit(1) from None
+
+
+def watched(what: str, unit: str = "files") -> Terminal:
+    """Show on a terminal how far work has come that needs no log."""
+    from horizonval.jobs.progress import Terminal
+
+    return Terminal(what, unit, log=False)
+
+
+def print_json(data: object) -> None:
+    """Print one JSON object."""
+    print(json.dumps(data, indent=1, allow_nan=False))
+
+
+def print_dry_run(counted: DryRun, as_json: bool) -> None:
+    """Print what a command would make."""
+    if as_json:
+        print_json(counted.to_dict())
+    else:
+        print(counted)
+
+
+def print_summary(summary: dict[str, Any]) -> None:
+    """Print the table of a run, one line for every estimator and camera, and what that says in words.
+
+    Estimators that are told the true pose stand last: they test the scoring, and are counted in no other line.
+    """
+    from horizonval.report.angle_unit import unit_of
+    from horizonval.report.headline import headline
+
+    groups = sorted(summary["groups"], key=lambda group: bool(group["given_pose"]))
+    judged = [group for group in groups if not group["given_pose"]]
+    unit = unit_of(group["nadir_error_arcsec"]["max"] for group in judged)
+    unit = replace(unit, sign=f" {unit.name}")
+    head = (
+        "estimator",
+        "camera",
+        "frames",
+        "answered",
+        f"rms [{unit.name}]",
+        "median",
+        "95 %",
+        "worst",
+        "false claims",
+    )
+    several_draws = any(group["nees_noise"]["n"] for group in groups)
+    rows = [(*head, "noise NEES / 2") if several_draws else head]
+    for group in groups:
+        error, available, false = group["nadir_error_arcsec"], group["availability"], group["false_valid"]
+        rows.append(
+            (
+                group["estimator"] + (" (told the pose)" if group["given_pose"] else ""),
+                group["camera"],
+                str(group["n"]),
+                f"{available['n']} of {available['of']} due",
+                *("-" if error[key] is None else unit.number(error[key]) for key in ("rms", "median", "p95", "max")),
+                f"{false['n']} of {false['of']}",
+                *([_noise_nees(group["nees_noise"])] if several_draws else []),
+            )
+        )
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for row in rows:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    for group in judged:
+        print(f"{group['estimator']}, {group['camera']}: {headline(group, unit)}")
+
+
+def print_shard(shard: str | None, missing: int) -> None:
+    """Print that a shard is done, and what the whole still lacks."""
+    print(f"shard {shard} is done, {missing} results of others are missing; run without --shard to conclude")
+
+
+def _noise_nees(nees: dict[str, Any]) -> str:
+    """Return the mean per degree of freedom with its standard error, 1 if the claimed noise is honest."""
+    if not nees["n"]:
+        return "-"
+    error = nees["standard_error"]
+    spread = "" if error is None else f" +- {error / nees['expected']:.2f}"
+    return f"{nees['mean'] / nees['expected']:.2f}{spread} ({nees['n']} frames)"

@@ -1,0 +1,296 @@
+"""Suites and studies: checked, run from frames to report, and asked when they are finished."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers, shipped
+from horizonval.cli.output import interruptible, print_dry_run, print_json, print_shard, print_summary, resumable
+from horizonval.core.errors import UserError, command_line
+
+
+def check(
+    target: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE|SUITE|STUDY",
+            help="A file, or the name of a shipped scene, suite or study.",
+            autocompletion=shipped("scene", "suite", "study"),
+        ),
+    ],
+    frames: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Frames of a suite or study, in place of the file's number.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Say what would go wrong, before rendering: exposure, arc in view, Sun, determinability, time, memory and disk.
+
+    Exit status 1 if there is a warning or an error, 0 if there are notes at most.
+    """
+    import horizonval as hv
+
+    report = hv.check(target, frames=frames)
+    if as_json:
+        print_json(report.to_dict())
+    else:
+        print(report)
+    return 0 if report.ok else 1
+
+
+def run(
+    suite: Annotated[
+        str, typer.Argument(help="A suite file, or the name of a shipped suite.", autocompletion=shipped("suite"))
+    ] = "quick",
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; made if need be.")] = ...,  # type: ignore[assignment]
+    workers: Workers = None,
+    shard: Shard = None,
+    merge: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="Take over the results of another folder's run; repeatable."),
+    ] = None,
+    dask: Dask = None,
+    time_limit: Annotated[
+        float | None, typer.Option(min=0.1, metavar="S", help="Of one estimate; in place of the suite's time_limit_s.")
+    ] = None,
+    keep: Annotated[
+        str | None, typer.Option(metavar="WHAT", help="Frames in the archive: all, failures or none; see suite.keep.")
+    ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="In place of suite.frames, of a suite that draws shares of it."),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="In place of suite.seed: other Sobol points, other draws of the noise.")
+    ] = None,
+    dry_run: DryRun = False,
+    as_json: Json = False,
+) -> int:
+    """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
+
+    The same command again, after whatever interrupted it, finishes what is missing. Shards (`--shard 2/8`) may share a
+    folder, at the same time or not; the command without --shard then makes what is missing and the report. Another
+    --frames goes on in the same folder. Exit status 1 if a frame failed.
+    """
+    import horizonval as hv
+
+    with interruptible(kept="frames"):
+        result = hv.run(
+            suite,
+            out,
+            workers=workers,
+            shard=shard,
+            seed=seed,
+            frames=frames,
+            keep=keep,
+            time_limit_s=time_limit,
+            dask=dask,
+            merge=merge or (),
+            dry_run=dry_run,
+        )
+    if result.dry_run is not None:
+        print_dry_run(result.dry_run, as_json)
+        return 0
+    if as_json:
+        print_json(result.summary)
+    elif not result.summary:
+        print_shard(shard, result.missing)
+    else:
+        print_summary(result.summary)
+        if result.summary.get("stability"):
+            _print_study(result.summary["stability"])
+        print(f"report: {result.report}")
+    if result.failed:
+        from horizonval.suites.suite import load_suite
+
+        names, loaded = ", ".join(result.failed), load_suite(suite, frames, seed)
+        study = loaded.stability
+        total = len(loaded.cases) + (len(study.months) if study else 0)
+        what = "frames and months" if study else "frames"
+        print(f"horizonval: {len(result.failed)} of {total} {what} failed: {names}", file=sys.stderr)
+    # A run that ends without its summary has not done what was asked, whatever stopped it.
+    return 1 if result.failed or (shard is None and not result.summary) else 0
+
+
+def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+    """Make the report of a run again."""
+    from horizonval.report import build_report
+
+    if not run_folder.is_dir():
+        raise UserError("no such folder", where=str(run_folder), expected="the folder of a run")
+    print(f"report: {build_report(run_folder)}")
+    if (run_folder / "study.json").is_file():
+        from horizonval.report.pages.study_page import write_page
+        from horizonval.store.manifest import amend_manifest
+
+        page = write_page(run_folder)
+        amend_manifest(run_folder, [page])
+        print(f"designs: {page}")
+
+
+def _print_study(digest: dict[str, Any]) -> None:
+    for band in digest["bands"]:
+        half, errors = band["half_km"], [f"{s['name']} {s['max_pitch_deg']:.3f}" for s in band["sensors"]]
+        print(
+            f"infrared horizon, {band['name']}: half plateau {half['min']:.1f} to {half['max']:.1f} km; "
+            f"largest pitch error [deg]: {', '.join(errors)}"
+        )
+
+
+def study(
+    study: Annotated[
+        str,
+        typer.Argument(
+            help="A study file, the name of a shipped study, or a study's folder.", autocompletion=shipped("study")
+        ),
+    ],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the study; made if need be.")] = None,
+    workers: Workers = None,
+    shard: Shard = None,
+    merge: Annotated[
+        list[Path] | None, typer.Option(metavar="DIR", help="Take over the frames of another folder; repeatable.")
+    ] = None,
+    dask: Dask = None,
+    frames: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Frames of a design, in place of the study's number.")
+    ] = None,
+    compare: Annotated[
+        tuple[str, str] | None,
+        typer.Option(metavar="A B", help="Two designs, by name or number, frame by frame; with a study's folder."),
+    ] = None,
+    error_deg: Annotated[
+        float | None, typer.Option(min=1e-6, help="Ask for another error than the study's; with its folder.")
+    ] = None,
+    availability: Annotated[
+        float | None, typer.Option(min=1e-6, max=0.999999, help="The same for the availability, such as 0.95.")
+    ] = None,
+    cheapest_by: Annotated[
+        str | None,
+        typer.Option(metavar="EXPR", help="Another cost than the study's, such as pixels or mass_g + 20 * power_w."),
+    ] = None,
+    by_information: Annotated[
+        bool,
+        typer.Option(
+            "--by-information", help="What the limb of the frames allows any method: the bound, no estimator run."
+        ),
+    ] = False,
+    dry_run: DryRun = False,
+    as_json: Json = False,
+) -> int:
+    """Trade study: designs compared on the same frames; accuracy, availability, cost, and the cheapest that will do.
+
+    With a file and --out it runs, or goes on, or adds what is new in the file: finished frames are kept. With the
+    folder of a finished study it tells the cheapest design for an --error-deg, --availability and --cheapest-by, or
+    compares two.
+    Exit status 1 if a frame failed.
+    """
+    if out is None:
+        running = {
+            "--dry-run": dry_run,
+            "--workers": workers,
+            "--shard": shard,
+            "--merge": merge,
+            "--dask": dask,
+            "--frames": frames,
+            "--by-information": by_information,
+        }
+        used = [name for name, value in running.items() if value]
+        if used or not Path(study).is_dir():
+            raise UserError(
+                "missing", where="--out", expected="the folder of the study, or a folder in place of the file"
+            )
+        return _ask_study(Path(study), compare, error_deg, availability, cheapest_by, as_json)
+    asked = {"--compare": compare, "--error-deg": error_deg, "--availability": availability}
+    for name, value in {**asked, "--cheapest-by": cheapest_by}.items():
+        if value is not None:
+            words = value if isinstance(value, tuple) else (value,)
+            then = command_line("study", out, name, *words)
+            raise UserError(f"used with --out {out}", where=name, fix=f"run the study, then {then}")
+    if by_information:
+        if dry_run:
+            raise UserError("used with --by-information", where="--dry-run", fix="leave one of them out")
+        from horizonval.api.run import execution_of
+
+        return _by_information(study, out, execution_of(workers, shard, dask, merge or ()), frames, as_json)
+    from horizonval.api.run import DryRun as Counted
+    from horizonval.api.run import study as run_study
+
+    with interruptible(kept="frames"):
+        done = run_study(
+            study, out, workers=workers, shard=shard, dask=dask, merge=merge or (), frames=frames, dry_run=dry_run
+        )
+    if isinstance(done, Counted):
+        print_dry_run(done, as_json)
+        return 0
+    if as_json:
+        print_json(done.result)
+    elif done.page is None:
+        print_shard(shard, done.missing)
+    else:
+        from horizonval.studies.trade.formatting import design_lines
+
+        print("\n".join(design_lines(done.result, done.costs)))
+        _print_answer((done.costs if done.result["prices"] is None else done.result)["query"])
+        print(f"report: {done.page}")
+    if done.failed:
+        print(f"horizonval: {len(done.failed)} frames failed: {', '.join(done.failed)}", file=sys.stderr)
+    return 1 if done.failed else 0
+
+
+def _by_information(study: str, out: Path, execution: Any, frames: int | None, as_json: bool) -> int:
+    from horizonval.studies.information.study import information_lines, run_information
+
+    with resumable("study", kept="frames") as progress:
+        result = run_information(study, out, execution=execution, progress=progress, frames=frames)
+    if as_json:
+        print_json(result)
+    else:
+        print("\n".join(information_lines(result)))
+    for name, error in result["failed"].items():
+        print(f"horizonval: {name}: {error}", file=sys.stderr)
+    return 1 if result["failed"] else 0
+
+
+def _ask_study(
+    folder: Path,
+    compare: tuple[str, str] | None,
+    error_deg: float | None,
+    availability: float | None,
+    cheapest_by: str | None,
+    as_json: bool,
+) -> int:
+    from horizonval.spec.explain import with_option
+    from horizonval.studies.trade.formatting import comparison_lines
+    from horizonval.studies.trade.run import ask, conclude_again, open_study
+
+    data = open_study(folder)
+    requirement = data.plan.requirement
+    if error_deg is not None:
+        requirement = with_option(requirement, "error_deg", error_deg, "--error-deg")
+    if availability is not None:
+        requirement = with_option(requirement, "availability", availability, "--availability")
+    if compare is not None:
+        comparison = data.compare(*compare, requirement.error_deg)
+        if as_json:
+            print_json(comparison)
+        else:
+            print("\n".join(comparison_lines(comparison)))
+        return 0
+    answer = ask(data, conclude_again(folder), requirement, cheapest_by)
+    if as_json:
+        print_json(answer)
+    else:
+        _print_answer(answer)
+    return 0
+
+
+def _print_answer(answer: dict[str, Any]) -> None:
+    """Print the answer in words, and where no design meets what is asked for, why frames were missed."""
+    from horizonval.studies.trade.formatting import miss_lines
+
+    print(answer["text"])
+    if answer["cheapest"] is None and any(answer["misses"].values()):
+        print("\n".join(miss_lines(answer["misses"])))

@@ -1,0 +1,238 @@
+"""Every rule finds what it is for, says value and limit, and proposes what mends it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import pytest
+
+from horizonval.api.check import Level, check, check_scene, check_suite
+from horizonval.api.check.frames import sample_sizes
+from horizonval.api.check.limb import limb_views
+from horizonval.api.check.rules import CODES, RULES
+from horizonval.core.errors import UserError
+from horizonval.core.outcome import Outcome
+from horizonval.scoring.expected import expected_outcome
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.load import load_scene
+from horizonval.suites.suite import load_suite
+from horizonval.truth.frame_truth import truth_of
+
+
+def changed(name="limb-noon-vis", *, detector=None, sun=None, mount=None, band=None, air=None):
+    scene, camera = load_scene(name)
+    data = camera.model_dump(mode="json", exclude_unset=True)
+    data["detector"] |= detector or {}
+    if band is not None:
+        data["band"] = [band]
+    camera = CameraSpec.model_validate(data)
+    if mount is not None:
+        scene = scene.model_copy(update={"camera": scene.camera.model_copy(update=mount)})
+    if air is not None:
+        scene = type(scene).model_validate(scene.model_dump(exclude_unset=True) | {"atmosphere": air})
+    if sun is not None:
+        scene = type(scene).model_validate(scene.model_dump(exclude_unset=True) | {"sun": sun})
+    return scene, camera
+
+
+def codes(report):
+    assert {finding.code for finding in report.findings} <= set(CODES)
+    return [finding.code for finding in report.warnings]
+
+
+def one(report, code):
+    (finding,) = (finding for finding in report.findings if finding.code == code)
+    return finding
+
+
+def test_a_good_scene_has_facts_and_cost_and_nothing_wrong():
+    report = check_scene(*changed(detector={"exposure_s": 1e-4}))
+    assert report.ok
+    assert codes(report) == []
+    text = str(report)
+    assert "of horizon in view" in text
+    assert "limb at 48 % of full scale" in text
+    assert "expected: valid" in text
+    assert text.splitlines()[-1].startswith("nothing wrong")
+    assert report.cost.frames == 1
+
+
+def test_a_saturated_limb_and_the_exposure_that_mends_it():
+    scene, camera = changed(detector={"exposure_s": 4e-3})
+    finding = one(check_scene(scene, camera), "saturated")
+    assert finding.level is Level.WARNING
+    assert finding.value > finding.limit == 1.0
+    assert re.search(r"limb at \d+ % of full scale: saturated", finding.text)
+    number, unit = re.search(r"exposure 4 ms -> (\S+) (us|ms) puts it at (6[89]|7[0-2]) %", finding.fix).group(1, 2)
+    mended = check_scene(*changed(detector={"exposure_s": float(number) * {"us": 1e-6, "ms": 1e-3}[unit]}))
+    assert "saturated" not in codes(mended)
+    assert mended.ok
+
+
+def test_too_short_an_exposure_is_dark_and_a_longer_one_is_proposed():
+    finding = one(check_scene(*changed(detector={"exposure_s": 1e-7})), "dark")
+    assert finding.value < finding.limit == 5.0
+    assert "SNR" in finding.text
+    assert re.search(r"exposure 0.1 us -> 1\d\d us", finding.fix)
+
+
+def test_a_thermal_limb_beyond_the_converters_end():
+    report = check_scene(*changed("limb-night-ir", detector={"scene_max_k": 240.0}))
+    finding = one(report, "saturated")
+    assert finding.value > 1.0
+    kelvin = float(re.search(r"scene_max_k above (\d+) K", finding.fix).group(1))
+    mended = check_scene(*changed("limb-night-ir", detector={"scene_max_k": kelvin + 20.0}))
+    assert "saturated" not in codes(mended)
+
+
+def test_rays_that_miss_the_limbs_place_in_wide_thermal_pixels_are_noted():
+    """A pixel on the axis of 160 px in 60 deg at the horizon from 500 km, 2573 km away, is 18.6 km wide, to 1 %."""
+    scene, camera = changed("limb-night-ir")
+    camera = camera.model_copy(
+        update={"camera": camera.camera.model_copy(update={"width": 160, "height": 128, "fov_deg": 60.0})}
+    )
+
+    def noted(subsamples):
+        render = scene.render.model_copy(update={"subsamples": subsamples})
+        platform = scene.platform.model_copy(update={"altitude_km": 500.0})
+        found = check_scene(scene.model_copy(update={"render": render, "platform": platform}), camera).findings
+        return [finding for finding in found if finding.code == "coarse-rays"]
+
+    (coarse,) = noted(2)
+    assert coarse.level is Level.NOTE
+    assert coarse.value == pytest.approx(2573.0 * 2.0 * math.tan(math.radians(30.0)) / 160.0 / 2.0, rel=0.02)
+    assert "render.subsamples" in coarse.fix
+    assert noted(4) == []
+
+
+@pytest.mark.parametrize("zenith_deg", [120.0, 132.7, 145.5, 160.1, 171.3, 180.0])
+def test_everywhere_deep_behind_the_earth_is_eclipse(zenith_deg):
+    scene, camera = changed(sun={"zenith_deg": zenith_deg, "azimuth_deg": 40.0})
+    for latitude_deg in (-71.3, -20.0, 5.5, 33.3):
+        platform = scene.platform.model_copy(update={"latitude_deg": latitude_deg, "altitude_km": 550.0})
+        view = limb_views("frame", truth_of(scene.model_copy(update={"platform": platform}), camera), camera)[0]
+        assert view.sun_outside_deg is None
+        assert not view.sun_in_frame
+        assert [rule.code for rule in RULES if rule.find(view) is not None][:1] == ["eclipse"]
+
+
+def test_eclipse_no_limb_and_short_arc():
+    assert codes(check("night")) == ["eclipse"]
+    assert codes(check_scene(*changed(mount={"mount_roll_deg": 10.0}))) == ["no-limb"]
+    # clear air is brighter than hazy: saturated
+    nothing = one(check_scene(*changed("day-limb", air={"aerosol": "none"})), "short-arc")
+    assert re.search(r"\d\d deg, \d+ px of horizon in view do not determine the nadir", nothing.text)
+    bands = [finding for finding in check("ir-limb-tropical").warnings if finding.code == "short-arc"]
+    assert [finding.subject for finding in bands] == ["co2", "co2-narrow", "lwir", "window"]
+    assert all(finding.value > finding.limit for finding in bands)
+
+
+def test_the_sun_in_the_frame_and_near_it():
+    inside = near_ones = 0
+    for zenith in range(50, 110, 3):
+        report = check_scene(*changed(sun={"zenith_deg": float(zenith), "azimuth_deg": 280.0}))
+        found = {finding.code for finding in report.findings}
+        inside += "sun-in-frame" in found
+        if "sun-near" in found:
+            near_ones += 1
+            near = one(report, "sun-near")
+            assert 0.0 < near.value < near.limit
+            assert "sun-in-frame" not in found
+    assert inside
+    assert near_ones
+
+
+def test_a_band_outside_the_tables_is_an_error_not_a_traceback():
+    band = {"name": "uv", "kind": "solar", "lo_um": 0.2, "hi_um": 0.3}
+    report = check_scene(*changed(band=band))
+    assert not report.ok
+    finding = one(report, "cannot-run")
+    assert finding.level is Level.ERROR
+    assert "'uv'" in finding.text
+    assert "expected" in finding.fix
+    assert report.cost is None
+
+
+def test_all_heads_of_a_camera_are_checked():
+    suite = load_suite("cameras")
+    case = next(case for case in suite.cases if len(case.camera.head) > 1)
+    whole = case.scene.model_copy(update={"camera": case.scene.camera.model_copy(update={"head": "all"})})
+    report = check_scene(whole, case.camera)
+    assert report.frames == len(case.camera.head)
+    assert len(report.facts) == len(case.camera.head) * len(case.camera.band)
+
+
+def test_a_suite_says_what_its_score_will_say():
+    suite = load_suite("quick")
+    report = check_suite(suite, infrared=False)
+    outcomes = [expected_outcome(truth_of(c.scene, c.camera, infrared=False)).outcome for c in suite.cases]
+    for code, outcome in {"saturated": "saturated", "short-arc": "short_arc", "no-limb": "no_limb"}.items():
+        found = sum(finding.frames for finding in report.findings if finding.code == code)
+        assert found == sum(str(one) == outcome for one in outcomes) > 0
+    # A suite of 38 frames may have a few that are meant to be hopeless: notes, not warnings.
+    assert report.ok
+    assert report.examined == report.frames == 38
+
+
+def test_the_default_suite_shows_a_sensor_at_work():
+    """Most of its frames are due an answer, some must be refused, and few are borderline, where nothing counts."""
+    cases = load_suite("quick").cases
+    expected = [expected_outcome(truth_of(case.scene, case.camera, infrared=False)) for case in cases]
+    clear = [frame.outcome for frame in expected if not frame.borderline]
+    assert len(cases) - len(clear) <= 0.2 * len(cases)
+    assert clear.count(Outcome.VALID) >= 0.6 * len(cases)
+    assert {Outcome.DARK, Outcome.SATURATED, Outcome.SHORT_ARC, Outcome.NO_LIMB} <= set(clear)
+    assert any(frame.sun_in_frame for frame in expected)
+
+
+def test_of_many_frames_a_stated_sample_is_looked_at():
+    report = check_suite(load_suite("quick"), most=6, infrared=False)
+    assert (report.examined, report.frames) == (6, 38)
+    assert "looked at 6 of 38 frames" in str(report)
+    assert any(finding.total > finding.of and "looked at" in finding.line() for finding in report.findings)
+    # The cost is that of all frames, from those of the sample.
+    whole = check_suite(load_suite("quick"), infrared=False).cost
+    assert report.cost.frames == whole.frames
+    assert report.cost.processor_s == pytest.approx(whole.processor_s, rel=0.3)
+
+
+@pytest.mark.parametrize("counts", [[3, 100, 2], [1] * 50, [400], [10, 10]])
+def test_samples_are_shared_fairly(counts):
+    sizes = sample_sizes(counts, 32)
+    assert sum(sizes) == min(sum(counts), 32)
+    assert all(size <= count for size, count in zip(sizes, counts, strict=True))
+    if len(counts) <= 32:
+        assert min(sizes) >= 1
+
+
+def test_json_says_the_same():
+    report = check_scene(*changed(detector={"exposure_s": 4e-3}))
+    data = json.loads(report.to_json())
+    assert data["ok"] is False
+    assert data["findings"][0]["code"] == "saturated"
+    assert data["findings"][0]["level"] == "warning"
+    assert data["cost"]["cells"] > 0
+
+
+def test_a_suite_that_a_run_would_refuse(tmp_path):
+    path = tmp_path / "suite.toml"
+    path.write_text(
+        '[suite]\nname = "s"\nestimators = ["no-such"]\n[[frame]]\nscene.name = "a"\n'
+        'camera.file = "vis-cmos-512-60deg"\nplatform.altitude_km = 500.0\n'
+    )
+    report = check(path)
+    assert [finding.level for finding in report.findings] == [Level.ERROR]
+    assert "no-such" in str(report)
+
+
+def test_a_name_of_nothing_is_the_users_mistake():
+    with pytest.raises(UserError, match="no scene, suite or study named 'limb-noon'"):
+        check("limb-noon")
+
+
+def test_a_scene_has_no_number_of_frames():
+    for target in ("limb-noon-vis", load_scene("limb-noon-vis")):
+        with pytest.raises(UserError, match="a scene is one frame"):
+            check(target, frames=3)

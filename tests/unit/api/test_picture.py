@@ -1,0 +1,220 @@
+"""Pictures of every format and depth, and files that are none; the size is judged before a pixel is decoded."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+import time
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+
+from horizonval.api.picture import LARGEST_SIDE_PX, read_picture, size_of
+from horizonval.core import memory
+from horizonval.core.errors import UserError
+from horizonval.spec.camera import CameraSpec
+from horizonval.store import exr
+from horizonval.store.exr import write_frame, write_image
+
+SMALL = CameraSpec.model_validate({"camera": {"width": 64, "height": 64, "fov_deg": 60.0}})
+GREY8 = np.arange(30 * 40, dtype=np.uint16).reshape(30, 40).astype(np.uint8)
+GREY16 = (np.arange(30 * 40, dtype=np.uint32) * 50).reshape(30, 40).astype(np.uint16)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("pixels", [GREY8, GREY16], ids=["8 bit", "16 bit"])
+def test_integers_are_read_as_stored(tmp_path, suffix, pixels):
+    path = tmp_path / f"a.{suffix}"
+    cv2.imwrite(str(path), pixels)
+    picture = read_picture(path)
+    np.testing.assert_array_equal(picture.grey, pixels)
+    assert picture.grey.dtype == np.float64
+    assert picture.full_scale == np.iinfo(pixels.dtype).max
+    assert picture.source is None
+
+
+def test_float_tiff_has_no_full_scale(tmp_path):
+    pixels = GREY8.astype(np.float32)
+    pixels[3, 4] = np.nan
+    cv2.imwrite(str(tmp_path / "a.tif"), pixels)
+    picture = read_picture(tmp_path / "a.tif")
+    np.testing.assert_array_equal(picture.grey, pixels)
+    assert picture.full_scale is None
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_colour_becomes_grey(tmp_path, channels):
+    pixels = np.full((30, 40, channels), 77, np.uint8)
+    cv2.imwrite(str(tmp_path / "a.png"), pixels)
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.png").grey, np.full((30, 40), 77.0))
+
+
+def test_content_decides_not_the_name(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), GREY8)
+    (tmp_path / "a.png").rename(tmp_path / "a.exr")
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.exr").grey, GREY8)
+
+
+def test_our_own_files_bring_their_source(tmp_path, make_frame, make_image):
+    frame, image = make_frame(), make_image()
+    write_frame(tmp_path / "f.exr", frame)
+    write_image(tmp_path / "i.png", image)
+    read = read_picture(tmp_path / "f.exr")
+    np.testing.assert_array_equal(read.grey, frame.radiance["vis"])
+    assert (read.full_scale, read.source.truth) == (None, frame.truth)
+    read = read_picture(tmp_path / "i.png")
+    np.testing.assert_array_equal(read.grey, image.dn)
+    assert (read.full_scale, read.source.truth) == (1023.0, image.truth)
+
+
+def test_foreign_exr(tmp_path):
+    pixels = np.linspace(0, 1, 1200, dtype=np.float32).reshape(30, 40)
+    OpenEXR.File({}, {"Y": pixels}).write(str(tmp_path / "y.exr"))
+    picture = read_picture(tmp_path / "y.exr")
+    np.testing.assert_array_equal(picture.grey, pixels)
+    assert (picture.full_scale, picture.source) == (None, None)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"x",
+        b"text\n" * 9,
+        b"\x89PNG\r\n\x1a\n",
+        b"\x76\x2f\x31\x01",
+        b"II*\0",
+        b"II*\0\x08\0\0\0",
+        b"\xff\xd8\xff",
+    ],
+)
+def test_no_picture(tmp_path, content, capfd):
+    path = tmp_path / "a.png"
+    path.write_bytes(content)
+    with pytest.raises(UserError) as caught:
+        read_picture(path)
+    assert str(path) in str(caught.value)
+    assert capfd.readouterr().err == "", "decoders must not talk to the user"
+
+
+def test_truncated_picture_is_one_line_or_a_picture(tmp_path, capfd):
+    rng = np.random.default_rng(1)
+    for suffix in ("png", "jpg", "tif"):
+        whole = tmp_path / f"whole.{suffix}"
+        cv2.imwrite(str(whole), rng.integers(0, 255, (200, 200), np.uint8))
+        path = tmp_path / f"cut.{suffix}"
+        path.write_bytes(whole.read_bytes()[:9000])
+        # Decoders differ in what they make of half a picture; either answer is one a user can live with.
+        with contextlib.suppress(UserError):
+            assert read_picture(path).grey.shape == (200, 200)
+    assert capfd.readouterr().err == ""
+
+
+def test_missing_and_folder(tmp_path):
+    for path in (tmp_path / "none.png", tmp_path):
+        with pytest.raises(UserError, match=str(path)):
+            read_picture(path)
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def empty_png(width: int, height: int) -> bytes:
+    """Return a PNG image whose zeros take some 1000 times less than its pixels."""
+    packer = zlib.compressobj(9)
+    rows = b"".join(packer.compress(b"\0" * (width + 1)) for _ in range(height)) + packer.flush()
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", head) + _chunk(b"IDAT", rows) + _chunk(b"IEND", b"")
+
+
+def empty_exr(width: int, height: int) -> bytes:
+    """Return the header of an EXR image of one channel, and nothing after it."""
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    channel = b"Y\0" + struct.pack("<iB3xii", 1, 0, 1, 1) + b"\0"
+    attributes = (
+        (b"channels", b"chlist", channel),
+        (b"compression", b"compression", b"\3"),
+        (b"dataWindow", b"box2i", window),
+        (b"displayWindow", b"box2i", window),
+        (b"lineOrder", b"lineOrder", b"\0"),
+        (b"pixelAspectRatio", b"float", struct.pack("<f", 1.0)),
+        (b"screenWindowCenter", b"v2f", struct.pack("<2f", 0.0, 0.0)),
+        (b"screenWindowWidth", b"float", struct.pack("<f", 1.0)),
+    )
+    text = b"".join(name + b"\0" + kind + b"\0" + struct.pack("<i", len(v)) + v for name, kind, v in attributes)
+    return b"\x76\x2f\x31\x01" + struct.pack("<i", 2) + text + b"\0"
+
+
+@pytest.fixture
+def undecoded(monkeypatch):
+    """No decoder may be called."""
+
+    def decode(*arguments: object) -> None:
+        raise AssertionError("pixels were decoded")
+
+    monkeypatch.setattr(cv2, "imdecode", decode)
+    monkeypatch.setattr("horizonval.store.exr._decode_pixels", decode)
+
+
+@pytest.mark.parametrize("make", [empty_png, empty_exr])
+def test_an_image_of_another_size_than_the_camera_is_not_decoded(tmp_path, undecoded, make):
+    path = tmp_path / "a.png"
+    path.write_bytes(make(3000, 2000))
+    with pytest.raises(UserError, match=r"3000 x 2000 pixels, the camera 64 x 64; expected equal sizes"):
+        read_picture(path, SMALL, "cam.toml")
+
+
+@pytest.mark.parametrize("make", [empty_png, empty_exr])
+def test_an_image_larger_than_any_camera_is_not_decoded(tmp_path, undecoded, make):
+    path = tmp_path / "a.png"
+    path.write_bytes(make(LARGEST_SIDE_PX + 1, 2))
+    with pytest.raises(UserError, match=r"16385 x 2 pixels; expected at most 16384 x 16384"):
+        read_picture(path)
+
+
+def test_an_image_larger_than_memory_is_not_decoded(tmp_path, undecoded, monkeypatch):
+    path = tmp_path / "a.png"
+    path.write_bytes(empty_png(2000, 1000))
+    monkeypatch.setattr(memory, "available_bytes", lambda: 90e6)
+    with pytest.raises(UserError, match=r"2000 x 1000 pixels takes about 96 MB of memory; expected at most 90 MB"):
+        read_picture(path)
+
+
+PIXELS = {
+    "png": (np.uint8, np.uint16),
+    "tiff": (np.uint8, np.uint16, np.float32, np.float64),
+    "jpg": (np.uint8,),
+    "bmp": (np.uint8,),
+    "webp": (np.uint8,),
+}
+
+
+@pytest.mark.parametrize(("suffix", "kind"), [(suffix, kind) for suffix, kinds in PIXELS.items() for kind in kinds])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_the_header_says_what_the_decoder_gives(tmp_path, suffix, kind, channels):
+    path = tmp_path / f"a.{suffix}"
+    pixels = (np.random.default_rng(0).random((37, 53, channels)) * 200).astype(kind)
+    assert cv2.imwrite(str(path), pixels)
+    assert size_of(path) == (53, 37)
+    assert read_picture(path).grey.shape == (37, 53)
+
+
+@pytest.mark.parametrize("reader", ["read_frame", "read_foreign_grey", "read_image"])
+def test_an_exr_file_larger_than_memory_is_not_decoded(tmp_path, undecoded, monkeypatch, reader):
+    path = tmp_path / "a.exr"
+    path.write_bytes(empty_exr(2**31 - 1, 2**31 - 1))
+    with pytest.raises(UserError, match=r"2147483647 x 2147483647 pixels|not written by horizonval"):
+        getattr(exr, reader)(path)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")
+def test_a_device_is_no_picture():
+    start = time.monotonic()
+    with pytest.raises(UserError, match="is a device"):
+        read_picture(Path("/dev/zero"))
+    assert time.monotonic() - start < 2.0
