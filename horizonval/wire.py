@@ -1,26 +1,15 @@
-"""Messages between the image service and those who ask it: addresses, framing on a stream, packing of values.
+"""Messages between the image service and its clients: framing on a stream, packing of values, addresses.
 
-Nothing here knows what the messages say. A message is one packed map (:mod:`horizonval.wire`) behind a header
-of eight bytes (:mod:`horizonval.wire`), on a Unix socket or TCP (:mod:`horizonval.wire`).
-
-Whole messages on a stream of bytes: a header of eight bytes, then the body.
-
-::
+A message is a header of eight bytes and one map in MessagePack::
 
     "HVS1"  length of the body, 4 bytes, most significant first  body
 
-The four letters say at once that a peer speaks something else; the length bounds what is read before any of it is
-looked at. After anything but a whole message nobody knows where the next one begins, so the stream is given up
+The four letters show at once that a peer speaks another protocol; the length bounds what is read before any of it is
+parsed. After anything but a whole message nobody knows where the next one begins, so the stream is given up
 (:class:`BrokenStreamError`).
-
-Values as bytes and back: MessagePack, with arrays as maps of type, shape and data.
 
 An array is ``{"dtype": "<u2", "shape": [H, W], "data": bytes}``: little-endian, row by row, in the words of numpy's
 ``dtype.str``, which a reader in any language can take apart. Numbers of 64 bits are kept bit by bit.
-
-A mistake as a message: what is wrong, where, what was expected, what to do, and all of it as one line.
-
-Where the image service listens: a Unix socket (``ipc://PATH``) or TCP (``tcp://HOST:PORT``).
 """
 
 from __future__ import annotations
@@ -42,8 +31,7 @@ from numpy.typing import NDArray
 from horizonval.core.errors import UserError
 
 SCHEMA = "horizonval/1"
-"""Of what the messages say; every message carries it. Another number is another meaning of the same keys."""
-
+"""Of the messages' contents; every message carries it. Another number is another meaning of the same keys."""
 
 MAGIC = b"HVS1"
 HEADER = struct.Struct(">4sI")

@@ -142,12 +142,12 @@ class Frame(RadianceFrame):
         Sunlight over that of a white ground, compressed so that bright and dark parts show together; frames of thermal
         bands alone as brightness temperatures with their scale.
         """
-        from horizonval.report.figures.frame_picture import frame_picture
+        from horizonval.report.pictures import frame_picture
 
         return frame_picture(self)
 
     def _repr_html_(self) -> str:
-        from horizonval.report.figures.frame_picture import png_uri
+        from horizonval.report.pictures import png_uri
 
         title = repr(self).strip("<>")
         return f'<img src="{png_uri(self.picture())}" alt="{title}" title="{title}">'

@@ -12,10 +12,7 @@ from horizonval.core.errors import UserError, nearest
 from horizonval.core.progress import Progress
 from horizonval.frame import RadianceFrame
 from horizonval.jobs.progress import shown
-from horizonval.report.figures.frame_picture import reflectance, thermal_panel
-from horizonval.report.figures.infrared import infrared_picture
-from horizonval.report.figures.tone import tone_mapped
-from horizonval.report.gallery import Exhibit, write_gallery
+from horizonval.report.pictures import Exhibit, infrared_picture, reflectance, thermal_panel, tone_mapped, write_gallery
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import head_comment, shipped_names, shipped_path
 from horizonval.spec.load import load_frames

@@ -75,11 +75,11 @@ class Image(DetectorImage):
         return Path(path)
 
     def _repr_html_(self) -> str:
-        from horizonval.report.figures.picture import picture_of
+        from horizonval.report.pictures import grey_levels, png_uri
 
-        return f'<img src="{picture_of(self).uri}" alt="{self!r}" title="{self!r}">'.replace('"<', '"').replace(
-            '>"', '"'
-        )
+        return f'<img src="{png_uri(grey_levels(self)[0])}" alt="{self!r}" title="{self!r}">'.replace(
+            '"<', '"'
+        ).replace('>"', '"')
 
     def __repr__(self) -> str:
         height, width = self.dn.shape

@@ -98,19 +98,16 @@ def radiance(
     from horizonval.renderer.plugin.backend import activate
 
     activate()
-    from horizonval.renderer.rays.radiance import radiance_along_rays
+    from horizonval.renderer.rays.radiance import RAY_NODES, radiance_along_rays
+    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
     from horizonval.renderer.scattering.quality import FINE
 
+    rays_in = file.planet_radius_m, table.observer_m, table.direction
+    if thermal:
+        return table, thermal_radiance(model, *rays_in, nodes=RAY_NODES, round_sky=True)
+    scattering = FINE if orders == "all" else None
     with shown(progress) as listener:
-        return table, radiance_along_rays(
-            model,
-            file.planet_radius_m,
-            table.observer_m,
-            table.direction,
-            table.sun,
-            scattering=FINE if orders == "all" else None,
-            progress=listener,
-        )
+        return table, radiance_along_rays(model, *rays_in, table.sun, scattering=scattering, progress=listener)
 
 
 def read_rays(path: Path) -> RayFile:

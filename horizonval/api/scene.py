@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from horizonval.api.camera import Camera, camera_of
-from horizonval.core.errors import UserError, nearest
+from horizonval.core.errors import UserError, one_of
 from horizonval.core.json_types import JsonObject
 from horizonval.geometry.pose import scene_keys
 from horizonval.spec.base import deep_merge
@@ -259,8 +259,7 @@ def _with_keywords(data: JsonObject, keywords: Mapping[str, Any], camera: Camera
     known = (*FLAT, *VECTORS, *TABLES)
     for key in keywords:
         if key not in known:
-            expected = f"one of {', '.join(nearest(key, known))}"
-            raise UserError("unknown keyword", where=f"Scene: {key}", expected=expected)
+            raise UserError("unknown keyword", where=f"Scene: {key}", expected=one_of(key, known))
     pose = validate(PoseKeys, {key: x for key, x in given.items() if key in PoseKeys.model_fields}, "Scene")
     data = deep_merge(data, {"camera": {"file": camera.source}})
     for key, value in given.items():

@@ -13,7 +13,7 @@ from horizonval.api.camera import Camera
 from horizonval.api.frame import Frame
 from horizonval.api.image import Image, observe
 from horizonval.api.scene import Scene, SceneKeywords, plain, scene_of
-from horizonval.core.errors import UserError, nearest
+from horizonval.core.errors import UserError, one_of
 from horizonval.geometry.pose import scene_keys
 from horizonval.jobs.progress import shown
 from horizonval.spec.load import validate
@@ -237,8 +237,7 @@ def _with_attitude(spec: SceneSpec, attitude: Attitude) -> SceneSpec:
     keys = attitude if isinstance(attitude, Mapping) else _keys_of_numbers(attitude, where)
     for key in keys:
         if key not in TURNS:
-            expected = f"one of {', '.join(nearest(str(key), TURNS))}"
-            raise UserError("unknown key", where=f"{where}: {key}", expected=expected)
+            raise UserError("unknown key", where=f"{where}: {key}", expected=one_of(key, TURNS))
     pose = validate(PoseKeys, {key: plain(value) for key, value in keys.items()}, where)
     changed: dict[str, dict[str, Any]] = {"attitude": {}, "camera": {}}
     for key, value in scene_keys(pose, spec, where).items():

@@ -1,16 +1,13 @@
-"""States among the stars as requests for images.
+"""Attitudes among the stars: states of simulators as requests for images, and claims of a run as messages of CCSDS.
 
 Simulators count position, velocity and attitude from the axes of the stars, with the attitude as modified Rodrigues
 parameters ``sigma_BN = e tan(phi / 4)``, which turn the frame ``N`` about the axis ``e`` by ``phi`` into ``B``. The
 matrix ``[BN]`` takes components in ``N`` to components in ``B``: it is our ``q_body_from_gcrs``, and the inverse of the
-rotation of vectors that scipy makes of the same parameters.
+rotation of vectors that scipy makes of the same parameters. ``N`` is taken for ``gcrs``; a simulator's J2000 axes
+differ from it by 23 milliarcseconds.
 
-``N`` is taken for ``gcrs``. A simulator's J2000 axes differ from it by 23 milliarcseconds.
-
-The attitudes that the estimators of a run claimed, as messages of CCSDS, one for each estimator.
-
-A horizon sensor sees roll and pitch against the local vertical. The turn about the vertical is the truth's, which the
-message says in a remark; refusals leave a gap.
+A horizon sensor sees roll and pitch against the local vertical. In a message of claimed attitudes the turn about the
+vertical is the true one, as a remark in it says; a refusal leaves a gap.
 """
 
 from __future__ import annotations
@@ -18,7 +15,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +32,7 @@ from horizonval.formats.motion.aem import aem_text
 from horizonval.frame import FrameTruth
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.geometry.tle import EARTH_RATE_RAD_S
+from horizonval.spec.base import in_utc
 from horizonval.store import exr
 from horizonval.store.store import Store
 
@@ -126,8 +124,7 @@ def write_attitudes(run_folder: Path, store: Store, out: Path) -> list[Path]:
         times: list[datetime] = []
         quaternions = []
         for _, epoch, roll, pitch, yaw, roll_error, pitch_error, address in (row for row in rows if row[0] == name):
-            time = datetime.fromisoformat(str(epoch))
-            time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+            time = in_utc(datetime.fromisoformat(str(epoch)))
             if times and time <= times[-1]:
                 # Several heads or draws of one instant: a message has one attitude for each.
                 continue

@@ -16,7 +16,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any
 
 import cv2
@@ -34,6 +34,7 @@ from horizonval.estimation.observation import Estimator, Fit
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.rotation import itrs_from_gcrs
+from horizonval.spec.base import in_utc
 from horizonval.suites.observation import observation_of
 
 try:
@@ -54,9 +55,9 @@ class CameraModule(sysModel.SysModel):
     Parameters
     ----------
     images : Client or LocalClient
-        Whom to ask.
+        The server, or its form in this process.
     epoch_utc : datetime
-        Of the simulation's start; without a time zone it is UTC.
+        Start of the simulation; without a time zone it is UTC. Also an attribute.
     heads : sequence of str, optional
         Of a camera with several, those to ask for.
     seed : int
@@ -100,7 +101,7 @@ class CameraModule(sysModel.SysModel):
         if bits not in (8, 16):
             raise UserError(f"found {bits!r}", where="CameraModule: bits", expected="8 or 16")
         self._images, self._seed, self._bits = images, seed, bits
-        self._epoch = epoch_utc.replace(tzinfo=UTC) if epoch_utc.tzinfo is None else epoch_utc.astimezone(UTC)
+        self.epoch_utc = in_utc(epoch_utc)
         self._heads: tuple[str | None, ...] = tuple(heads) or (None,)
         self.scStateInMsg = messaging.SCStatesMsgReader()
         self.planetInMsg = messaging.SpicePlanetStateMsgReader()
@@ -109,11 +110,6 @@ class CameraModule(sysModel.SysModel):
         self._buffers: list[Any] = [None] * len(self._heads)
         self.served: list[ServedImage] = []
         self.time_ns, self.taken = -1, 0
-
-    @property
-    def epoch_utc(self) -> datetime:
-        """Of the simulation's start."""
-        return self._epoch
 
     def Reset(self, CurrentSimNanos: int) -> None:
         """Start again; the first image has the first seed."""
@@ -140,7 +136,7 @@ class CameraModule(sysModel.SysModel):
 
     def instant(self, nanoseconds: int) -> datetime:
         """Return the instant of a simulation's time, to the microsecond."""
-        return self._epoch + timedelta(microseconds=nanoseconds / 1e3)
+        return self.epoch_utc + timedelta(microseconds=nanoseconds / 1e3)
 
     def _publish(self, number: int, image: ServedImage, nanoseconds: int) -> None:
         png = png_of(image.dn, image.full_scale, self._bits)
@@ -172,10 +168,10 @@ class AttitudeModule(sysModel.SysModel):
     estimator : str or Estimator
         One that claims the geocentric nadir. Of a camera with several heads one that takes all of them.
     position_sigma_m : float
-        Of each component of what ``transInMsg`` says.
+        Standard deviation of each component of ``transInMsg``.
     attitude_sigma_deg : float
-        Of what ``attitudeInMsg`` says, about each axis, as the estimator is told. Wide, so that the answer is that of
-        the image; the nadir is searched for about it.
+        Standard deviation of ``attitudeInMsg`` about each axis, as the estimator gets it: large, so that the image
+        decides the answer; the estimator searches for the nadir around it.
 
     Attributes
     ----------
@@ -191,7 +187,7 @@ class AttitudeModule(sysModel.SysModel):
     covariance_nadir_body : ndarray, shape (3, 3), or None
         As the estimator claims it, noise and model [rad^2].
     time_ns : int
-        Of the image that was last looked at.
+        Of the image that was last estimated.
 
     Raises
     ------

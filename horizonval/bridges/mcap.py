@@ -37,6 +37,7 @@ from horizonval.core.errors import UserError
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.frames import inverse
+from horizonval.spec.base import in_utc
 from horizonval.store import exr
 from horizonval.store.attributes import camera_of
 
@@ -219,9 +220,7 @@ def _nanoseconds(truth: FrameTruth) -> int:
 
 
 def _stamp(epoch_utc: str) -> dict[str, int]:
-    epoch = datetime.fromisoformat(epoch_utc)
-    epoch = epoch.replace(tzinfo=UTC) if epoch.tzinfo is None else epoch
-    since = epoch - datetime(1970, 1, 1, tzinfo=UTC)
+    since = in_utc(datetime.fromisoformat(epoch_utc)) - datetime(1970, 1, 1, tzinfo=UTC)
     seconds = since.days * 86400 + since.seconds
     if not 0 <= seconds < 2**31:
         raise UserError(f"epoch {epoch_utc}", where="mcap", expected="1970 to 2038, which the stamps of ROS can hold")

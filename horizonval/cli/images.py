@@ -73,7 +73,7 @@ def sheet(
     columns: Annotated[int, typer.Option(min=1, max=40, help="Images in a row.")] = 5,
 ) -> None:
     """Contact sheet: detector images side by side in one picture, to look at."""
-    from horizonval.report.pages.contact_sheet import contact_sheet, tiles_of
+    from horizonval.report.pictures import contact_sheet, tiles_of
 
     tiles = tiles_of(images)
     check_target(out)

@@ -42,12 +42,10 @@ def list_names(
     The first word of a line is the name; with --json an object of names and descriptions.
     """
     from horizonval.api.info import LISTS
-    from horizonval.core.errors import nearest
+    from horizonval.core.errors import one_of
 
     if what not in LISTS:
-        raise UserError(
-            f"nothing is called {what!r}", where="list", expected=f"one of {', '.join(nearest(what, LISTS))}"
-        )
+        raise UserError(f"nothing is called {what!r}", where="list", expected=one_of(what, LISTS))
     names = LISTS[what]()
     if as_json:
         print_json(names)
@@ -61,12 +59,12 @@ def schema(
     kind: Annotated[str, typer.Argument(help="scene, camera, suite, study or prior.", autocompletion=kinds_of_files)],
 ) -> None:
     """Print the JSON Schema (draft 2020-12) of a kind of file, for editors and other programs."""
-    from horizonval.core.errors import nearest
+    from horizonval.core.errors import one_of
     from horizonval.spec.schema import MODELS, schema_text
 
     known = next((name for name in MODELS if name == kind), None)
     if known is None:
-        expected = f"one of {', '.join(nearest(kind, list(MODELS)))}"
+        expected = one_of(kind, MODELS)
         raise UserError(f"there is no schema of {kind!r}", where="schema", expected=expected)
     print(schema_text(known), end="")
 

@@ -101,8 +101,7 @@ def print_summary(summary: dict[str, Any]) -> None:
 
     Estimators that are told the true pose stand last: they test the scoring, and are counted in no other line.
     """
-    from horizonval.report.angle_unit import unit_of
-    from horizonval.report.headline import headline
+    from horizonval.report.words import headline, unit_of
 
     groups = sorted(summary["groups"], key=lambda group: bool(group["given_pose"]))
     judged = [group for group in groups if not group["given_pose"]]

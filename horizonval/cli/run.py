@@ -123,7 +123,7 @@ def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folde
         raise UserError("no such folder", where=str(run_folder), expected="the folder of a run")
     print(f"report: {build_report(run_folder)}")
     if (run_folder / "study.json").is_file():
-        from horizonval.report.pages.study_page import write_page
+        from horizonval.report.study import write_page
         from horizonval.store.manifest import amend_manifest
 
         page = write_page(run_folder)

@@ -238,3 +238,8 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
     """Return all of ``names``, the most similar to ``name`` first (capitals do not count); ties in given order."""
     name_lower = name.lower()
     return sorted(names, key=lambda n: -SequenceMatcher(None, name_lower, n.lower()).ratio())
+
+
+def one_of(name: object, names: Iterable[str]) -> str:
+    """Return what is expected in a name's place: ``"one of"`` all ``names``, the most similar first."""
+    return f"one of {', '.join(nearest(str(name), names))}"

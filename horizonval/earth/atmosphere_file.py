@@ -34,10 +34,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import MOST_MISTAKES, UserError, excerpt, several
+from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.gases import ozone, rayleigh
-from horizonval.earth.spectral import planck
+from horizonval.earth.surface.ground_emission import uniform_ground
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -48,6 +49,10 @@ MAX_FILE_BYTES = 16 * 1024 * 1024
 
 MAX_TEMPERATURE_STEP_K = 0.1
 """Largest change of temperature between nodes of a thermal column; leaves 5e-7 of radiance at 15 um, 1e-4 at 1 um."""
+
+
+VACUUM_STEP_M = 0.01
+"""Height over which refracted air of a thermal band ends."""
 
 
 class _Strict(BaseModel):
@@ -273,52 +278,67 @@ def refractivity(file: AtmosphereFile, altitude_m: FloatArray, where: str) -> Fl
 
 
 def file_model(file: AtmosphereFile, *, thermal: bool, refracted: str = "") -> OpticalModel:
-    """Return the optical properties of an atmosphere file, one node of weight 1 per band.
+    """Return the optical properties of an atmosphere file.
 
     Parameters
     ----------
     file : AtmosphereFile
     thermal : bool
-        False: scattered sunlight of irradiance 1, answers in 1/sr; the Sun is a point, so its disc has no radiance.
-        True: emission at the band's wavelength, answers in W m-2 sr-1 um-1. Scattering is then left out of the
-        extinction too: at thermal wavelengths molecular scattering is below 1e-6 of absorption, and taking light out
-        without putting it back would be the worse error for larger particles.
+        False: scattered sunlight of irradiance 1, one node of weight 1 per band, answers in 1/sr; the Sun is a point,
+        so its disc has no radiance.
+        True: emission at the band's wavelength, one emitting band of one g point per band, answers in W m-2 sr-1 um-1.
+        Scattering is then left out of the extinction: at thermal wavelengths molecular scattering is below 1e-6 of
+        absorption, and taking light out without putting it back would be the worse error for larger particles.
     refracted : str
         Refract light by the file's ``refractivity``; the file's name, for the message if there is none.
     """
     z = altitudes_m(file, thermal=thermal)
-    temperature = column(file, file.temperature_K, z)
-    zero = np.zeros_like(z)
-    nodes = []
-    for band in file.bands:
-        absorption = column(file, band.absorption_per_m, z)
-        scattering = scatterers(file, band, z)
-        if thermal:
-            scattering |= {"molecular_per_m": zero, "particle_per_m": zero}
-        wavelength_um = band.wavelength_nm * 1e-3
-        nodes.append(
-            SpectralNode(
-                name=band.name,
-                band=band.name,
-                weight=1.0,
-                wavelength_um=wavelength_um,
-                extinction_per_m=absorption + scattering["molecular_per_m"] + scattering["particle_per_m"],
-                **scattering,
-                solar_irradiance=0.0 if thermal else 1.0,
-                source=planck.radiance_per_um(wavelength_um, temperature) if thermal else zero,
-                surface_source=float(planck.radiance_per_um(wavelength_um, file.surface.temperature_K))
-                if thermal
-                else 0.0,
-                sun_radiance=0.0,
-            )
-        )
+    if thermal and refracted:
+        # The air ends in a step. Refraction moves the height of the vacuum's first node together with that of the last.
+        z = np.append(z, z[-1] + VACUUM_STEP_M)
+    surface = file.surface
     return OpticalModel(
         altitude_m=z,
         top_m=float(z[-1]),
-        nodes=tuple(nodes),
-        albedo=file.surface.albedo,
-        emissivity=file.surface.emissivity,
+        nodes=() if thermal else tuple(_solar_node(file, band, z) for band in file.bands),
+        albedo=surface.albedo,
         refractivity=refractivity(file, z, refracted) if refracted else None,
+        thermal=tuple(_grey_band(file, band, z) for band in file.bands) if thermal else (),
+        emission=uniform_ground(surface.temperature_K, surface.emissivity) if thermal else None,
+    )
+
+
+def _solar_node(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArray) -> SpectralNode:
+    scattering = scatterers(file, band, altitude_m)
+    absorption = column(file, band.absorption_per_m, altitude_m)
+    return SpectralNode(
+        name=band.name,
+        band=band.name,
+        weight=1.0,
+        wavelength_um=band.wavelength_nm * 1e-3,
+        extinction_per_m=absorption + scattering["molecular_per_m"] + scattering["particle_per_m"],
+        **scattering,
+        solar_irradiance=1.0,
+        sun_radiance=0.0,
+    )
+
+
+def _grey_band(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArray) -> EmittingBand:
+    """Return a band that emits at one wavelength, per micrometre; no absorption is one of 1e-300 per metre."""
+    inside = altitude_m <= file.altitude_km[-1] * 1e3
+    absorption = np.where(inside, column(file, band.absorption_per_m, altitude_m), 0.0)
+    wavelength_um = band.wavelength_nm * 1e-3
+    return EmittingBand(
+        name=band.name,
+        wavelength_um=np.array([wavelength_um]),
+        altitude_m=altitude_m,
+        sin_latitude=np.zeros(1),
+        level_m=altitude_m,
+        ln_extinction=np.log(np.maximum(absorption, 1e-300))[None, None, :],
+        temperature_k=column(file, file.temperature_K, altitude_m)[None, :],
+        source_wavenumber_per_cm=np.array([1e4 / wavelength_um]),
+        source_weight_per_cm=np.array([[1e4 / wavelength_um**2]]),
+        sun_radiance=np.zeros(1),
     )
 
 

@@ -6,9 +6,7 @@ adds them up::
     L_band = sum over the band's nodes of weight * L_node
 
 Every property is linear in altitude between the nodes of the common grid and zero above its top. Scattered sunlight
-comes in such nodes. The thermal bands of scenes, whose air varies with latitude, are
-:class:`horizonval.earth.atmosphere.emission.EmittingBand`; nodes with a thermal source are left to the ``radiance``
-command.
+comes in such nodes, thermal bands are :class:`horizonval.earth.atmosphere.emission.EmittingBand`.
 """
 
 from __future__ import annotations
@@ -54,13 +52,12 @@ class SpectralNode:
     band : str
         Band this node adds to.
     weight : float
-        Band radiance = sum over nodes of ``weight`` * node radiance. [um] where the node radiance is per um, 1 where
-        the node's source is integrated over the band already.
+        Band radiance = sum over nodes of ``weight`` * node radiance [um]; 1 for an atmosphere file's band.
     wavelength_um : float
         Nominal wavelength.
     extinction_per_m : ndarray, shape (n,)
     molecular_per_m : ndarray, shape (n,)
-        Scattering coefficient of molecules; zero for thermal nodes. Their phase function is
+        Scattering coefficient of molecules. Their phase function is
         ``(1 - c/3 + c cos^2) / (4 pi)`` with c = ``molecular_cos2``.
     molecular_cos2 : float
         0.75 without depolarisation (Rayleigh), ``0.75 (1 - q) / (1 + 2 q)`` with ``q = rho / (2 - rho)`` for a
@@ -71,12 +68,7 @@ class SpectralNode:
         Its asymmetry g at every altitude; where there are no particles, any number in (-1, 1).
     solar_irradiance : float
         W m-2 um-1 at the scene's distance of the Sun, outside the atmosphere, across the rays. 1 for atmosphere files
-        of the ``radiance`` command (the answer is then 1/sr), 0 for none.
-    source : ndarray, shape (n,)
-        Thermal source function (Planck function weighted as the node asks), W m-2 sr-1 or W m-2 sr-1 um-1; emission
-        per metre is extinction times source. Zero for solar nodes.
-    surface_source : float
-        Source of a black ground (before emissivity), unit of ``source``.
+        of the ``radiance`` command: the answer is then 1/sr.
     sun_radiance : float
         Mean radiance of the Sun's disc outside the atmosphere, unit of the node radiance.
     limb_darkening : tuple of float
@@ -112,8 +104,6 @@ class SpectralNode:
     particle_per_m: FloatArray
     asymmetry: FloatArray
     solar_irradiance: float
-    source: FloatArray
-    surface_source: float
     sun_radiance: float
     limb_darkening: tuple[float, ...] = (1.0,)
     moon_irradiance: float = 0.0
@@ -146,8 +136,6 @@ class OpticalModel:
     nodes : tuple of SpectralNode
     albedo : float
         Lambert albedo of the ground, for sunlight.
-    emissivity : float
-        Of the ground, for thermal emission.
     ground_varies : bool
         Whether the ground is more than ``albedo`` says, or has clouds above it.
     glow_altitude_m : ndarray, shape (m,)
@@ -174,7 +162,6 @@ class OpticalModel:
     top_m: float
     nodes: tuple[SpectralNode, ...]
     albedo: float
-    emissivity: float
     ground_varies: bool = False
     glow_altitude_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     refractivity: FloatArray | None = None

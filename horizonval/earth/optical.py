@@ -145,7 +145,6 @@ def _model(
         top_m=float(altitude_m[-1]),
         nodes=tuple(nodes),
         albedo=scene.surface.albedo,
-        emissivity=scene.surface.emissivity,
         refractivity=refractivity,
         thermal=tuple(thermal),
         emission=emitting_ground(scene, lowest_air_k) if thermal else None,
@@ -174,8 +173,6 @@ def _solar_node(
         particle_per_m=np.zeros_like(extinction),
         asymmetry=np.zeros_like(extinction),
         solar_irradiance=irradiance,
-        source=np.zeros_like(extinction),
-        surface_source=0.0,
         sun_radiance=irradiance / sunlight.disc_projected_solid_angle(sun_distance_au),
         energy_ratio=float(rule.energy_ratio[index]),
     )

@@ -1,4 +1,4 @@
-"""Put the report together: what is said and drawn is worked out here, how it looks is in the template beside it.
+"""The report of a run: its first page, and beside it the pages of a campaign, if any.
 
 The page is one file without any address in it: style, code, figures and pictures are inside. It is a pure function of
 the run's folder, not of its place or of the clock.
@@ -6,7 +6,6 @@ the run's folder, not of its place or of the clock.
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from collections import Counter
@@ -17,17 +16,25 @@ from urllib.parse import quote
 
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
-from horizonval.report import angle_unit, formatting, rerun, template, viewer
-from horizonval.report.accuracy import accuracy_of
-from horizonval.report.angle_unit import AngleUnit
-from horizonval.report.figures import overlay, picture, plots
-from horizonval.report.frames_on_demand import striking_frames
-from horizonval.report.headline import headline
+from horizonval.report import campaign, infrared, page, pictures, plots, rerun, viewer
 from horizonval.report.load import CaseView, ReportRun, load_run
-from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability_section
-from horizonval.report.sentence import sentences
-from horizonval.report.verdict import VERDICTS, verdict_of
-from horizonval.scoring import limits
+from horizonval.report.words import (
+    DEFAULT_SIGMA_ARCSEC,
+    VERDICTS,
+    AngleUnit,
+    accuracy_of,
+    confusion_tables,
+    count,
+    headline,
+    limit_words,
+    meaning,
+    number,
+    outcome,
+    percent,
+    sentences,
+    unit_of,
+    verdict_of,
+)
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
@@ -36,9 +43,10 @@ from horizonval.store.manifest import amend_manifest
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
-DEFAULT_SIGMA_ARCSEC = 3600.0 * math.degrees(limits.DEFAULT_SIGMA_RAD)
 MOST_CASES_SHOWN = 300
 """With a picture each; the page of a longer run would not open."""
+COARSE_PX = 320
+"""Pixels of smaller images are shown as squares."""
 
 
 def build_report(run_dir: Path) -> Path:
@@ -67,71 +75,75 @@ def build_report(run_dir: Path) -> Path:
 def write_report(run_dir: Path) -> list[Path]:
     """Write the pages of a report and return them, the first one first; otherwise as :func:`build_report`."""
     run = load_run(run_dir, MOST_CASES_SHOWN)
-    environment, parts = template.environment(), template.shared_parts()
-    campaign = campaign_page.headline(run) if campaign_page.is_due(run) else None
-    stability = stability_section.section_of(run_dir)
-    shown = environment.get_template("page.html").render(
-        **page_of(run), stability=stability, campaign=campaign, **parts
-    )
-    texts = {"index.html": shown}
-    if campaign is not None:
-        page = campaign_page.page_of(run)
-        opening = sentences(run, summarise(run.rows, run.given_pose, run.orbit)["groups"])
-        texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(
-            run=run, sentences=opening, **striking_frames(run), **page, **parts
-        )
-        texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
-    pages = run_dir / "report"
-    if (pages / campaign_page.FIGURES).is_symlink():
-        (pages / campaign_page.FIGURES).unlink()
-    shutil.rmtree(pages / campaign_page.FIGURES, ignore_errors=True)
-    for place in {(pages / name).parent for name in texts}:
-        place.mkdir(parents=True, exist_ok=True)
-    (pages / campaign_page.PAGE).unlink(missing_ok=True)
-    for name, text in texts.items():
-        template.write(pages / name, text)
-    return [pages / name for name in texts]
-
-
-def page_of(run: ReportRun) -> dict[str, Any]:
-    """Return everything the template shows."""
     summary = summarise(run.rows, run.given_pose, run.orbit)
-    unit = angle_unit.unit_of(row.nadir_error_arcsec for row in run.judged_rows if row.is_claim)
+    opening = sentences(run.judged_rows, run.judged_estimators, summary["groups"])
+    has_campaign = campaign.is_due(run)
+    common: dict[str, Any] = {
+        "version": run.version, "about": [f"suite {run.suite}"], "again": run.again, "run": run,
+    }  # fmt: skip
+    texts = {
+        "index.html": page.render(
+            "report.html",
+            title=f"{run.suite}: horizonval report",
+            heading=run.title or run.suite,
+            sentences=opening,
+            stability=infrared.section_of_year(run_dir),
+            campaign={"page": campaign.PAGE, "text": campaign.headline(run)} if has_campaign else None,
+            **common,
+            **page_of(run, summary),
+        )
+    }
+    common["links"] = [("frames and estimators", "index.html")]
+    if has_campaign:
+        content = campaign.page_of(run)
+        title = f"{run.title or run.suite}: where it works and where it fails"
+        texts[campaign.PAGE] = page.render(
+            "campaign.html",
+            title=f"{run.suite}: where it works and where it fails",
+            heading=title,
+            sentences=opening,
+            **common,
+            **content,
+            **viewer.striking_frames(run),
+        )
+        texts |= {figure["file"]: figure["svg"] for section in content["sections"] for figure in section["figures"]}
+    folder = run_dir / "report"
+    if (folder / campaign.FIGURES).is_symlink():
+        (folder / campaign.FIGURES).unlink()
+    shutil.rmtree(folder / campaign.FIGURES, ignore_errors=True)
+    (folder / campaign.PAGE).unlink(missing_ok=True)
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        page.write(folder / name, text)
+    return [folder / name for name in texts]
+
+
+def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return everything that the template of the first page shows."""
+    unit = unit_of(row.nadir_error_arcsec for row in run.judged_rows if row.is_claim)
     broken = sum(view.broken for view in run.views)
-    pixels = sum(view.image.dn.size for view in run.views if view.image is not None)
-    reduced = pixels > picture.LOSSLESS_BUDGET_PX
-    shown_views = [view for view in run.views if view.shown]
-    numbered = viewer.chosen([view.image for view in shown_views])
-    tiles = [
-        _tile(view, run, index, reduced, unit, numbered=index in numbered) for index, view in enumerate(shown_views)
-    ]
-    shown = {tile_row["verdict"] for tile in tiles for tile_row in tile["rows"]}
-    cameras = sorted({tile["camera"] for tile in tiles})
+    views = [view for view in run.views if view.shown]
+    numbered = viewer.numbered_frames([view.image for view in views])
+    cards = [_card(view, run, unit, numbered=i in numbered) for i, view in enumerate(views)]
+    shown = {row["verdict"] for card in cards for row in card["rows"]}
     return {
-        "run": run,
         "summary": summary,
         "unit": unit,
         "groups": [{**group, "finding": _finding(group, unit)} for group in _in_order(summary["groups"], run)],
         "headline": _verdict(summary, run, broken),
-        "sentences": sentences(run, summary["groups"]),
-        "without_numbers": sum(tile["picture"] is not None and not tile["numbers"] for tile in tiles),
+        "without_numbers": sum(card["frame"].get("numbers") == "" for card in cards),
         "broken": broken,
-        "cameras": cameras,
-        "confusions": confusion_section.matrices_of(run.rows, run.judged_estimators),
+        "cameras": sorted({card["camera"] for card in cards}),
+        "confusions": confusion_tables(run.rows, run.judged_estimators),
         "figures": _figures(run, unit),
-        "tiles": tiles,
-        "reduced": reduced,
+        "cards": cards,
         "hidden": len({view.case for view in run.views if not view.shown}),
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
-        "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
-        "likelihood_deg": f"{math.degrees(limits.LIKELIHOOD_LIMITS.nadir_error_rad):g}",
-        "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
-        "default_sigma": unit.text(DEFAULT_SIGMA_ARCSEC),
-        "sigmas": f"{limits.SIGMA_LIMIT:g}",
-        "gamma": f"{picture.GAMMA:g}",
-        "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
+        **limit_words(unit),
+        "gamma": f"{pictures.GAMMA:g}",
+        "percentiles": [f"{value:g}" for value in pictures.GREY_PERCENTILES],
         "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),
-        "infrared": infrared_section.section_of(shown_views),
+        "infrared": infrared.section_of_frames(views),
     }
 
 
@@ -153,12 +165,12 @@ def _verdict(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[st
     false, claims, crashes = rates["false_valid"]["n"], rates["false_valid"]["of"], rates["crashed"]["n"]
     parts = [f"{crashes} {'crash' if crashes == 1 else 'crashes'}"] if crashes else []
     if false:
-        parts.append(f"{formatting.count(false, 'false claim')} among {claims}, {_whose(summary['groups'])}")
+        parts.append(f"{count(false, 'false claim')} among {claims}, {_whose(summary['groups'])}")
     if parts:
         return {"kind": "false", "glyph": "✖", "text": "; ".join(parts)}
     if broken or run.missing:
-        parts = [f"{formatting.count(broken, 'frame')} failed"] if broken else []
-        parts += [f"{formatting.count(len(run.missing), 'frame')} not finished"] if run.missing else []
+        parts = [f"{count(broken, 'frame')} failed"] if broken else []
+        parts += [f"{count(len(run.missing), 'frame')} not finished"] if run.missing else []
         return {"kind": "missed", "glyph": "▼", "text": ", ".join(parts)}
     if claims:
         return {"kind": "valid", "glyph": "●", "text": f"No false claim among {claims}"}
@@ -177,107 +189,90 @@ def _whose(groups: Sequence[Mapping[str, Any]]) -> str:
     return ", ".join(f"{n} by {name}" for name, n in false)
 
 
-def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
-    # What is told the pose stands at zero, and would only stretch the axes.
-    names, rows = run.judged_estimators, run.judged_rows
-    width = 11.0 if len(run.views) <= 45 else 13.0
+def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, Any]]:
+    # Estimators that are given the pose have zero errors, and would only stretch the axes.
+    names, rows, many = run.judged_estimators, run.judged_rows, len(run.views) > 45
     floor = f"{unit.of(plots.FLOOR_ARCSEC):g}{unit.sign}"
-    height = 3.4 + 0.17 * len(names) + (1.0 if len(run.views) <= 45 else 0.0)
-    return [
-        {
-            "uri": plots.figure_uri(plots.error_by_frame(run.views, names, unit), width, height),
-            "title": "Nadir error of every frame",
-            "text": "Angle between the claimed and the true nadir. The strip on top marks the frames that an estimator "
+    figures = [
+        plots.figure(
+            "Nadir error of every frame",
+            "Angle between the claimed and the true nadir. The strip on top marks the frames that an estimator "
             f"refused. Errors below {floor} are drawn at {floor}.",
-            "wide": "wide",
-        },
-        {
-            "uri": plots.figure_uri(plots.error_by_sigma(rows, names, unit), 5.4, 4.6),
-            "title": "Error against claimed uncertainty",
-            "text": "Points far above the diagonal are errors that the estimator does not know of: bias, such as the "
-            "soft edge of the atmosphere.",
-            "wide": "",
-        },
-        *_bound_figure(run, unit),
-        {
-            "uri": plots.figure_uri(plots.roll_and_pitch(rows, names, unit), 5.4, 4.6),
-            "title": "Roll and pitch errors",
-            "text": "Claimed minus true, body axes. A cloud whose centre is off zero is a bias.",
-            "wide": "",
-        },
+            plots.error_by_frame(run.views, names, unit),
+            13.0 if many else 11.0,
+            3.4 + 0.17 * len(names) + (0.0 if many else 1.0),
+            wide=True,
+        ),
+        plots.figure(
+            "Error against claimed uncertainty",
+            "Points far above the diagonal are errors that the estimator does not know of: bias, such as the soft "
+            "edge of the atmosphere.",
+            plots.error_by_sigma(rows, names, unit),
+            5.4,
+            4.6,
+        ),
+        plots.figure(
+            "Roll and pitch errors",
+            "Claimed minus true, body axes. A cloud whose centre is off zero is a bias.",
+            plots.roll_and_pitch(rows, names, unit),
+            5.4,
+            4.6,
+        ),
     ]
+    if any(row.error_over_bound is not None for row in rows):
+        figures.insert(
+            2,
+            plots.figure(
+                "Error against the bound",
+                "The bound is the smallest root mean square error that the limb in the image allows (Cramér-Rao), "
+                "with air, light and height of the limb as known as the scene says.",
+                plots.error_by_bound(rows, names, unit),
+                5.4,
+                4.9 + 0.12 * len(names),
+            ),
+        )
+    return figures
 
 
-def _bound_figure(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
-    """Return the figure of the bound, of runs whose images carry what their limb says."""
-    names, rows = run.judged_estimators, run.judged_rows
-    if all(row.error_over_bound is None for row in rows):
-        return []
-    return [
-        {
-            "uri": plots.figure_uri(plots.error_by_bound(rows, names, unit), 5.4, 4.9 + 0.12 * len(names)),
-            "title": "Error against the bound",
-            "text": "The bound is the smallest root mean square error that the limb in the image allows (Cramér-Rao), "
-            "with air, light and height of the limb as known as the scene says.",
-            "wide": "",
-        }
-    ]
-
-
-def _tile(
-    view: CaseView, run: ReportRun, index: int, reduced: bool, unit: AngleUnit, *, numbered: bool
-) -> dict[str, Any]:
+def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) -> dict[str, Any]:
+    """Return what the card of a frame shows, and its frame for the viewer."""
     image = view.image
-    made = picture.picture_of(image, reduced=reduced) if image is not None else None
-    # A frame without any row says so once.
-    rows = [_tile_row(view, name, unit) for name in run.estimators if name in view.rows]
-    some = next(iter(view.rows.values()), None)
     expected = expected_outcome(image.truth, view.band) if image is not None else None
-    camera = some.camera if some else (image.truth.camera_spec.camera.name or "" if image else "")
-    tile: dict[str, Any] = {
-        "index": index,
+    frame = viewer.one_frame(view, run.estimators, expected, numbered=numbered)
+    card: dict[str, Any] = {
+        "frame": frame,
         "name": view.case,
-        "camera": camera,
+        "camera": frame["camera"],
         "band": view.band,
-        "rows": rows,
+        "rows": [_result(view, name, unit) for name in run.estimators if name in view.rows],
         "expected": expected.outcome if expected else None,
-        "expected_meaning": formatting.meaning(expected.outcome) if expected else "",
+        "expected_meaning": meaning(expected.outcome) if expected else "",
         "problem": view.problem,
-        "picture": None,
-        "numbers": viewer.packed(image.dn) if image is not None and numbered else "",
-        "viewer": json.dumps(viewer.frame_data(view, expected, made, run.estimators), sort_keys=True),
-        "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
-        "facts": [*_facts(expected, image.truth), *infrared_section.facts_of(image.truth, view.band)]
-        if expected and image
-        else [],
+        "picture": "",
+        "facts": [],
         "rerun": None,
     }
-    if image is not None:
-        assert made is not None
+    if image is not None and expected is not None:
         height, width = image.dn.shape
-        tile |= {
-            "picture": made,
+        drawn = f"{number(frame['black'])} to {number(frame['white'])} of {image.full_scale} digital numbers"
+        card |= {
+            "picture": pictures.card_uri(pictures.grey_levels(image)[0]),
             "width": width,
             "height": height,
-            "coarse": max(width, height) <= 320,
+            "coarse": max(width, height) <= COARSE_PX,
             # A line of pixels would be a hair on the page: it is drawn tall, its rows out of proportion.
             "strip": width > STRIP_RATIO * height,
-            "black": formatting.number(made.black_dn),
-            "white": formatting.number(made.white_dn),
-            "full_scale": image.full_scale,
-            "horizon": overlay.horizon_path(image.truth),
-            "infrared": overlay.infrared_path(image.truth, view.band),
-            "layers": viewer.layers_of(view, image.truth, run.estimators),
+            "facts": [*_facts(expected, image.truth), *infrared.facts_of(image.truth, view.band),
+                      ("drawn from black to white", drawn)],
             "rerun": _rerun(view, image.truth, run),
-        }
-    return tile
+        }  # fmt: skip
+    return card
 
 
-def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]:
+def _result(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]:
     row = view.rows[estimator]
     verdict = verdict_of(row, broken=view.broken)
-    number = formatting.number
-    expected = formatting.meaning(row.expected)
+    expected = meaning(row.expected)
     if row.is_claim:
         text = f"{unit.text(row.nadir_error_arcsec)} off"
         if row.without_sigma:
@@ -288,15 +283,15 @@ def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]
             text += f"; expected to refuse: {expected}"
     else:
         crashed = row.status == Outcome.CRASHED
-        text = "crashed" if crashed else f"refused, {formatting.outcome(row.status)}"
+        text = "crashed" if crashed else f"refused, {outcome(row.status)}"
         if row.status != row.expected and not view.broken and not crashed:
             usable = row.expected == Outcome.VALID
-            text += f"; expected {'an attitude' if usable else formatting.outcome(row.expected)}"
+            text += f"; expected {'an attitude' if usable else outcome(row.expected)}"
         if row.reason and not view.broken:
             text += f". Its reason: {row.reason}"
     values = [
-        ("reported", formatting.outcome(row.status)),
-        ("expected", f"{formatting.outcome(row.expected)} ({expected})"),
+        ("reported", outcome(row.status)),
+        ("expected", f"{outcome(row.expected)} ({expected})"),
         ("reason given", row.reason or ""),
         ("nadir error", unit.text(row.nadir_error_arcsec)),
         (
@@ -322,13 +317,11 @@ def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]
         "verdict": verdict,
         "text": text,
         "values": values,
-        "error": row.nadir_error_arcsec,
         "output": (view.details.get(estimator) or {}).get("output", ""),
     }
 
 
 def _angular_radius(truth: FrameTruth) -> str:
-    number = formatting.number
     geometric = f"{number(math.degrees(truth.angular_radius_rad), 4)}°"
     if truth.horizon_rise_m == 0.0:
         return geometric
@@ -336,7 +329,6 @@ def _angular_radius(truth: FrameTruth) -> str:
 
 
 def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
-    number = formatting.number
     sun_side = "above" if expected.sun_limb_distance_deg > 0 else "below"
     return [
         ("epoch", truth.epoch_utc),
@@ -349,13 +341,13 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
         ("Sun's zenith angle below the satellite", f"{number(expected.sun_zenith_deg, 4)}°"),
         (
             "Sun",
-            f"{formatting.percent(truth.sun_visible_fraction)} of its disc seen past the Earth, "
+            f"{percent(truth.sun_visible_fraction)} of its disc seen past the Earth, "
             f"{'in' if expected.sun_in_frame else 'not in'} the frame, "
             f"{number(abs(expected.sun_limb_distance_deg))}° {sun_side} the horizon",
         ),
         (
             "horizon in view",
-            f"{number(expected.horizon_arc_px)} px, {formatting.percent(expected.lit_fraction)} of it lit"
+            f"{number(expected.horizon_arc_px)} px, {percent(expected.lit_fraction)} of it lit"
             if expected.lit_fraction is not None
             else "none",
         ),

@@ -6,7 +6,7 @@
     else all.push([row]);
     return all;
   }, []);
-  for (const table of document.querySelectorAll("table.outcomes, table.gates, table.misses")) {
+  for (const table of document.querySelectorAll("table.sortable")) {
     // Several tables have two lines of heading; the first line's cells stand over the columns one by one.
     [...table.tHead.rows[0].cells].forEach((head, column) => {
       const button = document.createElement("button");

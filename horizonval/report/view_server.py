@@ -22,7 +22,7 @@ from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from horizonval.core.errors import UserError, command_line
 from horizonval.core.files import MissingFileError, UnfitFileError, kind_at, open_file
-from horizonval.report.frames_on_demand import RunFrames
+from horizonval.report.viewer import RunFrames
 
 HOST = "127.0.0.1"
 FRAMES, FRAME = "/.view/frames", "/.view/frame"

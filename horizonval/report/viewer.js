@@ -2,21 +2,12 @@
 (() => {
   const find = (id) => document.getElementById(id);
   const served = "served" in document.documentElement.dataset;
-  let frames = [...document.querySelectorAll("#grid .tile")].map((tile) => {
-    const svg = tile.querySelector("svg.image"), numbers = tile.querySelector("script.dn");
-    const curve = (root, kind) => root?.querySelector(`path.${kind}`)?.getAttribute("d") ?? "";
-    const [, , width, height] = (svg?.getAttribute("viewBox") ?? "0 0 1 1").split(" ").map(Number);
-    return {
-      name: tile.id, camera: tile.dataset.camera, width, height, numbers, svg, ...JSON.parse(tile.dataset.viewer),
-      truth: curve(svg, "truth"), infrared: curve(svg, "infrared"),
-      layers: svg ? [...svg.querySelectorAll(".layer")].map((g) => ({ points: curve(g, "points"), limb: curve(g, "limb") })) : [],
-    };
-  });
-  // Pages without cards of frames bring a few of their own, whole; a server's list of all is for the first page.
-  const own = [...document.querySelectorAll("script.v-data")].map((script) => ({ svg: null, ...JSON.parse(script.textContent) }));
-  frames.push(...own);
-  if (!frames.length && (!served || !find("v-frame"))) return;
-  const colours = { false: "#b34700", crashed: "#b34700", broken: "#b34700", missed: "#8a6100", valid: "#0072b2", bonus: "#0072b2" };
+  if (!find("v-frame")) return;
+  const blank = { width: 1, height: 1, numbers: null, truth: "", infrared: "", layers: [], heat: null, sight: null, full: 0, black: 0, white: 1 };
+  let frames = [...document.querySelectorAll("script.v-data")].map((script) => ({ ...blank, ...JSON.parse(script.textContent) }));
+  // A run's first page has a card of every frame in it; a server knows the run's other frames, too.
+  const everything = "whole" in document.querySelector(".viewer").dataset;
+  const cards = everything ? [...document.querySelectorAll("#grid .tile")].map((tile, i) => ({ tile, frame: frames[i] })) : [];
   const canvas = find("v-frame"), plot = find("v-profile"), line = find("v-line"), scrub = find("v-scrub");
   const pick = { a: find("v-a"), b: find("v-b") };
   const names = [...pick.a.options].map((option) => option.value).filter(Boolean);
@@ -38,12 +29,11 @@
     const answer = await fetch("/.view/frames");
     if (!answer.ok) return;
     const here = new Map(frames.map((f) => [`${f.name} ${f.band}`, f]));
-    const blank = { width: 1, height: 1, numbers: null, svg: null, truth: "", infrared: "", layers: [], heat: null, full: 0, black: 0, white: 1 };
     frames = (await answer.json()).map((f) => here.get(`${f.name} ${f.band}`) ?? { ...blank, ...f });
   };
 
   const unpack = async (f) => {
-    const bytes = Uint8Array.from(atob(f.numbers.textContent ?? f.numbers), (c) => c.charCodeAt(0));
+    const bytes = Uint8Array.from(atob(f.numbers), (c) => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
     const planes = new Uint8Array(await new Response(stream).arrayBuffer());
     const n = f.width * f.height, out = new Uint16Array(n);
@@ -80,7 +70,7 @@
     const place = Math.min(last, (last * (Math.log(radiance) - low)) / (high - low)), i = Math.min(last - 1, Math.floor(place));
     return `${text}, ${(1 / (1 / table[i] + (place - i) * (1 / table[i + 1] - 1 / table[i]))).toFixed(2)} K (${spectral})`;
   };
-  // Barycentric interpolation between the Chebyshev nodes; see sightline.py.
+  // Barycentric interpolation between the Chebyshev nodes; see viewer.py.
   const direction = (u, v) => {
     const { sight, width, height } = frame();
     if (!sight) return null;
@@ -231,7 +221,7 @@
     const seen = new Map(frames.map((f) => f.rows[pick.a.value]).filter(Boolean).map((row) => [row.kind, row]));
     find("v-key").replaceChildren(...[...seen.values()].flatMap((row) => {
       const one = document.createElement("span"), swatch = Object.assign(document.createElement("i"), { textContent: row.glyph });
-      swatch.style.background = colours[row.kind] || "#6b7178";
+      swatch.style.background = row.colour;
       one.append(swatch, ` ${row.label}`);
       return [one, " "];
     }));
@@ -248,7 +238,7 @@
       cell.className = f.sun ? "sun" : f.light;
       cell.title = `${f.name}: ${row ? row.label : "no result"}; ${f.light || "no truth"}${f.sun ? ", Sun in the frame" : ""}${sunAngle(f)}`;
       cell.style.setProperty("--sun", (f.sun_deg ?? 180) / 180);
-      top.style.background = (row && colours[row.kind]) || "#6b7178";
+      top.style.background = row?.colour ?? "#6b7178";
       if (frames.length <= 80) top.textContent = row?.glyph ?? "–";
       cell.append(top, document.createElement("u"));
       return cell;
@@ -280,9 +270,9 @@
       }
       image = Object.assign(document.createElement("canvas"), { width: f.width, height: f.height });
       image.getContext("2d").putImageData(data, 0, 0);
-    } else if (f.svg) {
+    } else if (f.picture) {
       const picture = new Image();
-      picture.src = f.svg.querySelector("image").getAttribute("href");
+      picture.src = f.picture;
       await picture.decode();
       if (mine !== turn) return;
       image = picture;
@@ -324,8 +314,8 @@
   canvas.addEventListener("dblclick", (event) => zoom(2, pixelAt(event)));
   line.addEventListener("click", (event) => { const cell = event.target.closest("i"); if (cell) go([...line.children].indexOf(cell)); });
   scrub.addEventListener("input", () => go(Number(scrub.value)));
-  for (const select of Object.values(pick)) select.addEventListener("change", () => { remember(); timeline(); key(); score(); draw(); });
-  for (const box of Object.values(marks)) box.addEventListener("change", () => { remember(); draw(); });
+  for (const select of Object.values(pick)) select.addEventListener("change", () => { remember(); timeline(); key(); score(); draw(); arrange(); });
+  for (const box of Object.values(marks)) box.addEventListener("change", () => { remember(); draw(); cards.forEach(overlay); });
   find("v-in").addEventListener("click", () => zoom(1.5));
   find("v-out").addEventListener("click", () => zoom(1 / 1.5));
   find("v-fit").addEventListener("click", whole);
@@ -341,6 +331,50 @@
     if (does && !event.target.closest?.("select, textarea")) { event.preventDefault(); does(); }
   });
   window.addEventListener("resize", () => { draw(); profile(); });
+
+  // Cards: curves over their pictures as the viewer draws them; a choice and an order of them by estimator A.
+  const [status, camera, order] = ["status", "camera", "order"].map(find);
+  const overlay = ({ tile, frame: f }) => {
+    const svg = tile.querySelector("svg.image");
+    if (!svg) return;
+    const layer = f.layers[names.indexOf(pick.a.value)] ?? {};
+    const curves = { limb: marks.l.checked && layer.limb, points: marks.p.checked && layer.points, truth: marks.t.checked && f.truth, infrared: marks.t.checked && f.infrared };
+    svg.querySelectorAll("path").forEach((path) => path.remove());
+    for (const [kind, d] of Object.entries(curves)) {
+      if (!d) continue;
+      const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+      path.setAttribute("class", kind);
+      path.setAttribute("d", d);
+      svg.append(path);
+    }
+  };
+  const arrange = () => {
+    if (!cards.length) return;
+    const error = (card) => card.frame.rows[pick.a.value]?.arcsec ?? null, sign = order.value === "best" ? 1 : -1;
+    const sorted = [...cards].sort((a, b) => {
+      const [x, y] = [error(a), error(b)];
+      // Frames without an error have no place in this order and stand last.
+      if (order.value === "suite" || x === y) return 0;
+      return x === null || y === null ? (x === null) - (y === null) : sign * (x - y);
+    });
+    for (const card of sorted) {
+      const { tile, frame: f } = card;
+      tile.hidden = Boolean((status.value && f.rows[pick.a.value]?.kind !== status.value) || (camera.value && f.camera !== camera.value));
+      overlay(card);
+    }
+    find("grid").append(...sorted.map((card) => card.tile));
+    const n = cards.filter((card) => !card.tile.hidden).length;
+    find("count").textContent = `${n} of ${cards.length} shown`;
+    find("nothing").hidden = n > 0;
+  };
+  for (const card of cards) {
+    card.frame.picture = card.tile.querySelector("image")?.getAttribute("href");
+    card.tile.querySelector(".open")?.addEventListener("click", () => {
+      go(frames.indexOf(card.frame));
+      document.querySelector(".viewer").scrollIntoView();
+    });
+  }
+  for (const select of cards.length ? [status, camera, order] : []) select.addEventListener("change", arrange);
 
   const restore = () => {
     const text = location.hash.slice(1);
@@ -366,12 +400,12 @@
     return show();
   };
   const start = async () => {
-    if (served && !own.length) await fetchList();
-    if (!frames.length) return;
+    if (served && everything) await fetchList();
     scrub.max = frames.length - 1;
     timeline(); key();
-    window.addEventListener("hashchange", restore);
+    window.addEventListener("hashchange", () => restore().then(arrange));
     await restore();
+    arrange();
   };
   start();
 })();

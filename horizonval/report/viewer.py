@@ -1,36 +1,231 @@
-"""What the frame viewer on a run's first page is given: every frame's digital numbers, exactly, and the exact truth.
+"""What the frame viewer is given: every frame's digital numbers, exactly, the exact truth, and curves over the image.
 
-The page is one file, so the numbers are inside it: differences along each line, modulo 2**16, low bytes first and high
-bytes after them, deflated, in base64. The page's own code undoes this; nothing of it passes through a picture, so what
-stands under the pointer is the number that is stored.
+*Numbers.* A page is one file, so the numbers are inside it: differences along each line, modulo 2**16, low bytes first
+and high bytes after them, deflated, in base64. The viewer's code undoes this; nothing of it passes through a picture,
+so the number under the pointer is the number that is stored.
+
+*Lines of sight.* Directions are interpolated between Chebyshev nodes over the image, which for lenses as smooth as
+these is exact to about a thousandth of a degree or much better. The horizon is the tangent cone ``Q`` of the exact
+ellipsoid in camera axes: in the vertical plane of a direction, at the angle ``theta`` from the nadir ``n`` towards
+``e``, the horizon is the root of ``n.Qn + 2 n.Qe tan(theta) + e.Qe tan(theta)^2 = 0``.
+
+*Curves* are SVG path data in pixel coordinates. The fitted limb is the cone of half angle ``rho`` about the fitted
+nadir, sent through the camera::
+
+    d(t) = cos(rho) n + sin(rho) (e1 cos t + e2 sin t)
 """
 
 from __future__ import annotations
 
 import base64
 import math
+import threading
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.earth.spectral.bands import width_um
 from horizonval.earth.spectral.brightness import brightness_temperature_k
 from horizonval.frame import DetectorImage, FrameTruth
-from horizonval.report.angle_unit import DEG
-from horizonval.report.figures import overlay
-from horizonval.report.load import CaseView
-from horizonval.report.sightline import sightline_of
-from horizonval.report.verdict import verdict_of
-from horizonval.scoring.expected import Expected
+from horizonval.geometry.camera import CameraModel, project, unproject
+from horizonval.geometry.directions import perpendicular
+from horizonval.geometry.frames import rotate
+from horizonval.geometry.horizon import horizon_pixels, tangent_cone
+from horizonval.report import pictures
+from horizonval.report.load import CaseView, ReportRun, load_case, load_run
+from horizonval.report.words import DEG, VERDICTS, verdict_of
+from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.sensor.calibrated import black_level_dn, radiance_per_dn
+from horizonval.truth.infrared_horizon.curve import curve_cam
 
 BUDGET_PX = 12_000_000
 """Pixels whose numbers one page holds: about 20 MB of noisy 12-bit frames."""
-_NODES = 129
-"""Temperatures of a thermal frame's table."""
+MOST_BESIDE, BESIDE_PX = 16, 4_000_000
+"""Frames, and their pixels, that a page other than a run's first one holds."""
+CACHED = 16
+"""Frames that the server of a run keeps, for a reader who steps back and forth."""
+NODES = 15
+"""Directions along each side of the image."""
+_SMALLEST_Z = 0.1
+_TEMPERATURES = 129
+"""Entries of a thermal frame's table."""
+_CONE_SAMPLES = 40_000
+_POINTS_PER_LINE = 160
+"""Vertices of a drawn line: a horizon bends by less than 0.1 px between them in a 1000 px image."""
+
+# ----------------------------------------------------------------------------------------------------- frames of a run
+
+
+def one_frame(
+    view: CaseView, estimators: Sequence[str], expected: Expected | None = None, *, numbered: bool = True
+) -> dict[str, Any]:
+    """Return a view as the viewer takes it: numbers, curves, outcomes and light in one.
+
+    Parameters
+    ----------
+    view : CaseView
+        Without image only its outcomes are shown, and why there is none.
+    estimators : sequence of str
+    expected : Expected, optional
+        The outcome that the truth lets expect, where that is known already.
+    numbered : bool
+        Whether the digital numbers are in it.
+    """
+    shown = about_frame(view, estimators)
+    image = view.image
+    if image is None:
+        return {**shown, "problem": view.problem}
+    truth = image.truth
+    height, width = image.dn.shape
+    _, black, white = pictures.grey_levels(image)
+    return {
+        **shown,
+        "camera": truth.camera_spec.camera.name or "",
+        "width": width,
+        "height": height,
+        "numbers": packed(image.dn) if numbered else "",
+        "full": image.full_scale,
+        "black": black,
+        "white": white,
+        "heat": heat_of(image),
+        "sight": sightline_of(truth),
+        "truth": horizon_path(truth),
+        "infrared": infrared_path(truth, view.band),
+        "layers": _layers(view, truth, estimators),
+        "sun": (expected or expected_outcome(truth, view.band)).sun_in_frame,
+    }
+
+
+def about_frame(view: CaseView, estimators: Sequence[str]) -> dict[str, Any]:
+    """Return what is known of a view without its image: name, outcomes by estimator, and light.
+
+    ``light`` is day or eclipse, ``sun_deg`` the Sun's angle from the axis, ``sun`` whether it is in the frame: exact.
+    """
+    truth = view.image.truth if view.image is not None else None
+    row = next((one for one in view.rows.values() if one.sun_visible_fraction is not None), None)
+    fraction = truth.sun_visible_fraction if truth is not None else row.sun_visible_fraction if row else None
+    angle = math.degrees(truth.sun_boresight_rad) if truth is not None else row.sun_boresight_deg if row else None
+    rows = {}
+    for name in (name for name in estimators if name in view.rows):
+        result = view.rows[name]
+        mark = verdict_of(result, broken=view.broken)
+        rows[name] = {
+            "kind": mark.key,
+            "glyph": mark.glyph,
+            "label": mark.label,
+            "colour": mark.colour,
+            "arcsec": result.nadir_error_arcsec,
+            "error": DEG.text(result.nadir_error_arcsec) if result.is_claim else "",
+            "bound": "" if result.bound_arcsec is None else DEG.text(result.bound_arcsec),
+            "over": "" if result.error_over_bound is None else f"{result.error_over_bound:.3g}",
+        }
+    return {
+        "name": view.case,
+        "band": view.band,
+        "camera": next((one.camera for one in view.rows.values()), ""),
+        "rows": rows,
+        "light": "" if fraction is None else "day" if fraction > 0.0 else "eclipse",
+        "sun_deg": None if angle is None else round(angle, 2),
+        "sun": bool(row is not None and row.sun_in_frame),
+    }
+
+
+def numbered_frames(images: Sequence[DetectorImage | None], budget_px: int = BUDGET_PX) -> set[int]:
+    """Return which images' numbers a page holds: all that fit, else as many as fit, evenly spread."""
+    there = [i for i, image in enumerate(images) if image is not None]
+    pixels = sum(image.dn.size for image in images if image is not None)
+    if pixels <= budget_px:
+        return set(there)
+    n = len(there) * budget_px // pixels
+    return {there[k * len(there) // n] for k in range(n)}
+
+
+def striking_frames(run: ReportRun) -> dict[str, Any]:
+    """Return what a page other than the first one shows of a run's frames: those that tell most, in the run's order.
+
+    False claims, crashes and refusals of due frames go first, up to a size that keeps the page small.
+
+    Returns
+    -------
+    dict
+        ``frames``; ``kept``, how many frames with an image there are; ``estimators``.
+    """
+    views = [view for view in run.views if view.image is not None]
+    order = sorted(
+        views, key=lambda view: min((VERDICTS.index(verdict_of(row)) for row in view.rows.values()), default=9)
+    )
+    chosen: set[tuple[str, str]] = set()
+    pixels = 0
+    for view in order[:MOST_BESIDE]:
+        assert view.image is not None
+        pixels += view.image.dn.size
+        if pixels > BESIDE_PX and chosen:
+            break
+        chosen.add((view.case, view.band))
+    frames = [one_frame(view, run.estimators) for view in views if (view.case, view.band) in chosen]
+    return {"frames": frames, "kept": len(views), "estimators": run.estimators}
+
+
+class RunFrames:
+    """The frames of a run's folder, read when they are requested, one at a time.
+
+    Parameters
+    ----------
+    run_dir : Path
+        Folder with a ``run.json``.
+    """
+
+    def __init__(self, run_dir: Path) -> None:
+        self._dir = run_dir
+        self._lock = threading.Lock()
+        self._cached = lru_cache(CACHED)(self._frame)
+
+    @cached_property
+    def estimators(self) -> tuple[str, ...]:
+        """The run's estimators, in the suite's order."""
+        return load_run(self._dir, 0).estimators
+
+    def listed(self) -> list[dict[str, Any]]:
+        """Return every frame of the run, in its order, as :func:`about_frame`.
+
+        Raises
+        ------
+        UserError
+            The run cannot be read.
+        """
+        with self._lock:
+            run = load_run(self._dir, 0)
+            return [about_frame(view, run.estimators) for view in run.views]
+
+    def frame(self, case: str, band: str) -> dict[str, Any]:
+        """Return one frame as :func:`one_frame`, its digital numbers without loss.
+
+        Raises
+        ------
+        UserError
+            No such frame, or its image was not kept or is damaged.
+        """
+        with self._lock:
+            return self._cached(case, band)
+
+    def _frame(self, case: str, band: str) -> dict[str, Any]:
+        views = [view for view in load_case(self._dir, case) if view.band == band or not band]
+        if not views:
+            raise UserError(f"no band {band!r}", where=case)
+        if views[0].image is None:
+            raise UserError(views[0].problem)
+        return one_frame(views[0], self.estimators)
+
+
+# ------------------------------------------------------------------------------------- numbers, radiance, directions
 
 
 def packed(dn: NDArray[np.uint16]) -> str:
@@ -39,16 +234,6 @@ def packed(dn: NDArray[np.uint16]) -> str:
     difference[:, 1:] -= dn[:, :-1]
     planes = np.concatenate([(difference & 0xFF).ravel(), (difference >> 8).ravel()]).astype(np.uint8)
     return base64.b64encode(zlib.compress(planes.tobytes(), 6)).decode("ascii")
-
-
-def chosen(images: Sequence[DetectorImage | None], budget_px: int = BUDGET_PX) -> set[int]:
-    """Return which images' numbers the page holds: all that fit, else as many as fit, evenly spread."""
-    there = [i for i, image in enumerate(images) if image is not None]
-    pixels = sum(image.dn.size for image in images if image is not None)
-    if pixels <= budget_px:
-        return set(there)
-    n = len(there) * budget_px // pixels
-    return {there[k * len(there) // n] for k in range(n)}
 
 
 def heat_of(image: DetectorImage) -> dict[str, Any] | None:
@@ -72,7 +257,7 @@ def heat_of(image: DetectorImage) -> dict[str, Any] | None:
         # A frozen image carries the step of its detector alone.
         return None
     ends = zero + step, zero + step * image.full_scale
-    kelvin = brightness_temperature_k(band, np.geomspace(*ends, _NODES))
+    kelvin = brightness_temperature_k(band, np.geomspace(*ends, _TEMPERATURES))
     return {
         "zero": zero,
         "step": step,
@@ -81,57 +266,92 @@ def heat_of(image: DetectorImage) -> dict[str, Any] | None:
     }
 
 
-def rows_of(view: CaseView, estimators: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Return what the viewer tells of each estimator on a view."""
-    rows = {}
-    for name in estimators:
-        if (row := view.rows.get(name)) is None:
-            continue
-        mark = verdict_of(row, broken=view.broken)
-        over = "" if row.error_over_bound is None else f"{row.error_over_bound:.3g}"
-        rows[name] = {
-            "kind": mark.key,
-            "glyph": mark.glyph,
-            "label": mark.label,
-            "error": DEG.text(row.nadir_error_arcsec) if row.is_claim else "",
-            "bound": "" if row.bound_arcsec is None else DEG.text(row.bound_arcsec),
-            "over": over,
-        }
-    return rows
+def sightline_of(truth: FrameTruth) -> dict[str, Any] | None:
+    """Return ``{flat, directions, nadir, cone}``; ``None`` where some place in the image has no direction.
 
-
-def light_of(view: CaseView) -> dict[str, Any]:
-    """Return day or eclipse, whether the Sun is in the frame and how far it is from the axis: the exact truth's."""
-    truth = view.image.truth if view.image is not None else None
-    row = next((one for one in view.rows.values() if one.sun_visible_fraction is not None), None)
-    fraction = truth.sun_visible_fraction if truth is not None else row.sun_visible_fraction if row else None
-    angle = math.degrees(truth.sun_boresight_rad) if truth is not None else row.sun_boresight_deg if row else None
+    ``directions`` has those of the nodes, row by row: ``x/z, y/z`` if ``flat``, else unit vectors. ``nadir``, the
+    geocentric one, and the upper triangle of ``cone`` are in camera axes; light that is bent raises the cone.
+    """
+    camera = replace(truth.camera_model, image_circle_rad=None)
+    node = np.cos(np.pi * np.arange(NODES) / (NODES - 1))
+    u = (camera.width - 1 + camera.width * node) / 2
+    v = (camera.height - 1 + camera.height * node) / 2
+    d = unproject(camera, np.stack(np.meshgrid(u, v), axis=-1)).reshape(-1, 3)
+    if not np.isfinite(d).all():
+        return None
+    flat = bool((d[:, 2] > _SMALLEST_Z).all())
+    values = d[:, :2] / d[:, 2:] if flat else d
+    axes = rotate(truth.q_cam_from_itrs, np.eye(3))
+    cone = axes.T @ tangent_cone(truth.r_itrs, truth.apparent_ellipsoid) @ axes
+    cone /= np.abs(cone).max()
     return {
-        "light": "" if fraction is None else "day" if fraction > 0.0 else "eclipse",
-        "sun_deg": None if angle is None else round(angle, 2),
-        "sun": bool(row is not None and row.sun_in_frame),
+        "flat": flat,
+        "directions": [round(float(value), 7) for value in values.ravel()],
+        "nadir": [round(float(value), 9) for value in truth.nadir_geocentric_cam],
+        "cone": [round(float(value), 10) for value in cone[np.triu_indices(3)]],
     }
 
 
-def frame_data(view: CaseView, expected: Expected | None, picture: Any, estimators: Sequence[str]) -> dict[str, Any]:
-    """Return what the viewer shows of a view beside its numbers and curves."""
-    image = view.image
-    light = light_of(view)
-    if expected is not None:
-        light["sun"] = expected.sun_in_frame
-    return {
-        "band": view.band,
-        "heat": heat_of(image) if image is not None else None,
-        "full": image.full_scale if image is not None else 0,
-        "black": picture.black_dn if picture is not None else 0,
-        "white": picture.white_dn if picture is not None else 1,
-        "rows": rows_of(view, estimators),
-        "sight": sightline_of(image.truth) if image is not None else None,
-        **light,
-    }
+# -------------------------------------------------------------------------------------------------------------- curves
 
 
-def layers_of(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
+def horizon_path(truth: FrameTruth) -> str:
+    """Return the exact horizon inside the image, refracted where light is bent; empty if there is none."""
+    ellipsoid = truth.apparent_ellipsoid
+    lines = horizon_pixels(truth.camera_model, truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _POINTS_PER_LINE)
+    return "".join(_line(line) for line in lines)
+
+
+def limb_path(camera: CameraModel, nadir_cam: ArrayLike, angular_radius_rad: float) -> str:
+    """Return the fitted limb inside the image; empty if it does not cross it."""
+    n = np.asarray(nadir_cam, dtype=np.float64)
+    n = n / np.linalg.norm(n)
+    first = perpendicular(n)
+    t = np.linspace(0, math.tau, _CONE_SAMPLES + 1)[:, None]
+    ring = np.cos(t) * first + np.sin(t) * np.cross(n, first)
+    return visible_path(camera, math.cos(angular_radius_rad) * n + math.sin(angular_radius_rad) * ring)
+
+
+def infrared_path(truth: FrameTruth, band: str) -> str:
+    """Return the infrared horizon (half plateau) of a band inside the image; empty if there is none."""
+    if band not in truth.infrared_horizon:
+        return ""
+    d_cam, _ = curve_cam(truth, band, _CONE_SAMPLES)
+    return visible_path(truth.camera_model, np.concatenate([d_cam, d_cam[:1]]))
+
+
+def visible_path(camera: CameraModel, d_cam: FloatArray) -> str:
+    """Return the parts inside the image of a curve given by close directions."""
+    uv, _ = project(camera, d_cam)
+    inside = (
+        np.abs(uv - [(camera.width - 1) / 2, (camera.height - 1) / 2]) <= [camera.width / 2, camera.height / 2]
+    ).all(axis=-1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    path = ""
+    for start, stop in edges.reshape(-1, 2):
+        run = uv[start:stop]
+        if len(run) > 1:
+            keep = np.unique(np.linspace(0, len(run) - 1, _POINTS_PER_LINE).round().astype(int))
+            path += _line(run[keep])
+    return path
+
+
+def points_path(points: ArrayLike) -> str:
+    """Return limb points as zero-length strokes, which round line caps turn into dots."""
+    uv = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    return "".join(f"M{_coordinate(u)} {_coordinate(v)}h0" for u, v in uv[np.isfinite(uv).all(axis=1)])
+
+
+def _line(uv: FloatArray) -> str:
+    return "M" + "L".join(f"{_coordinate(u)} {_coordinate(v)}" for u, v in uv)
+
+
+def _coordinate(value: float) -> str:
+    text = f"{value:.2f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def _layers(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
     """Return limb points and fitted limb of each estimator as path data."""
     camera = truth.camera_model
     layers = []
@@ -140,6 +360,6 @@ def layers_of(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> l
         fit = detail.get("fit") or {}
         limb = ""
         if fit.get("nadir_cam") is not None and fit.get("angular_radius_rad") is not None:
-            limb = overlay.limb_path(camera, fit["nadir_cam"], fit["angular_radius_rad"])
-        layers.append({"points": overlay.points_path(detail.get("points") or []), "limb": limb})
+            limb = limb_path(camera, fit["nadir_cam"], fit["angular_radius_rad"])
+        layers.append({"points": points_path(detail.get("points") or []), "limb": limb})
     return layers

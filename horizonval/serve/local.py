@@ -16,7 +16,7 @@ from horizonval.api.client import Client
 from horizonval.api.image import observe
 from horizonval.api.scene import Scene
 from horizonval.api.session import TURNS, Session
-from horizonval.core.errors import UserError, nearest
+from horizonval.core.errors import UserError, one_of
 from horizonval.geometry.pose import scene_keys
 from horizonval.serve.protocol import ImageRequest, image_request
 from horizonval.spec.detector import Cmos
@@ -113,8 +113,8 @@ class ImageSource:
         names = [name for name in self._scenes if name is not None]
         if not names:
             raise UserError(f"found {head!r}", where="request: head", expected="none: the camera has no heads")
-        expected = f"one of {', '.join(nearest(str(head or ''), names))}"
-        raise UserError("missing" if head is None else f"no head {head!r}", where="request: head", expected=expected)
+        what = "missing" if head is None else f"no head {head!r}"
+        raise UserError(what, where="request: head", expected=one_of(head or "", names))
 
     def _session(self, head: str | None, scene: Scene, place: dict[str, Any]) -> Session:
         key = (head, scene.spec.platform.model_copy(update=place))
@@ -131,7 +131,7 @@ class ImageSource:
 def _camera(camera: Camera, request: ImageRequest) -> Camera:
     """Return the camera with the exposure asked for, after checking that it has the band."""
     if request.band is not None and request.band not in camera.bands:
-        expected = f"one of {', '.join(nearest(request.band, camera.bands))}"
+        expected = one_of(request.band, camera.bands)
         raise UserError(f"no band {request.band!r}", where="request: band", expected=expected)
     if request.exposure_s is None:
         return camera

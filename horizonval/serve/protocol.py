@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from horizonval.core.errors import UserError, nearest
+from horizonval.core.errors import UserError, one_of
 from horizonval.spec.base import Positive
 from horizonval.spec.load import validate
 from horizonval.spec.pose import PoseKeys
@@ -56,7 +56,7 @@ def kind_of(message: Mapping[str, Any]) -> str:
     kind = message.get("kind")
     if kind not in KINDS:
         found = f"found {kind!r}" if "kind" in message else "missing"
-        raise UserError(found, where="request: kind", expected=f"one of {', '.join(nearest(str(kind), KINDS))}")
+        raise UserError(found, where="request: kind", expected=one_of(kind, KINDS))
     return str(kind)
 
 

@@ -1,7 +1,4 @@
-"""One client: a request, its answer, the next request, until it goes or says what cannot be understood.
-
-The server: lets clients in, renders what they ask for one after another, and ends cleanly.
-"""
+"""The server: admits clients, renders their requests one after another, and ends cleanly."""
 
 from __future__ import annotations
 
@@ -14,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from threading import Event
 from typing import Any
 
 from horizonval.core.errors import UserError, one_line
@@ -22,137 +18,29 @@ from horizonval.serve.protocol import ImageRequest, identity_of, image_request, 
 from horizonval.wire import SCHEMA, BrokenStreamError, pack, problem_message, receive, send, send_last, unpack
 
 MOST_REQUEST_BYTES = 64 * 1024
-"""Of a request's body; the longest sensible one takes some 500."""
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """A request that waits for the renderer, and its reply once it is there.
-
-    ``wanted`` says whether anybody still waits: who has gone costs no rendering.
-    """
-
-    request: ImageRequest
-    wanted: Callable[[], bool]
-    done: Event = field(default_factory=Event)
-    reply: list[dict[str, Any] | UserError] = field(default_factory=list)
-
-    def finish(self, reply: dict[str, Any] | UserError) -> None:
-        """Hand the reply to the one who waits."""
-        self.reply.append(reply)
-        self.done.set()
-
-
-class Conversation:
-    """Talks with one client; :meth:`run` returns when it is over.
-
-    Parameters
-    ----------
-    stream : socket
-    ask : callable
-        Hands a job to the renderer.
-    status : callable
-        Returns the reply to a request for the server's status.
-    token : str or None
-        What every request must hold.
-    time_limit_s : float
-        For a message to come in or to go out, each.
-    refused : callable
-        Told once of every request that was refused.
-    """
-
-    def __init__(
-        self,
-        stream: socket.socket,
-        *,
-        ask: Callable[[Job], None],
-        status: Callable[[], dict[str, Any]],
-        token: str | None,
-        time_limit_s: float,
-        refused: Callable[[], None],
-    ) -> None:
-        self._stream, self._ask, self._status = stream, ask, status
-        self._token, self._time_limit_s, self._refused = token, time_limit_s, refused
-        self._known = token is None
-
-    def run(self) -> None:
-        """Answer until the client goes."""
-        with contextlib.suppress(OSError), contextlib.closing(self._stream):
-            while self._one_turn():
-                pass
-
-    def end(self) -> None:
-        """Take no more requests; an answer that is under way still goes out."""
-        with contextlib.suppress(OSError):
-            self._stream.shutdown(socket.SHUT_RD)
-
-    def _one_turn(self) -> bool:
-        """Answer one request; return whether another one can follow."""
-        # Strangers may not keep a place by saying nothing.
-        first_s = None if self._known else self._time_limit_s
-        try:
-            body = receive(self._stream, MOST_REQUEST_BYTES, self._time_limit_s, first_s)
-        except BrokenStreamError as e:
-            self._refuse(e)
-            return False
-        if body is None:
-            return False
-        identity = None
-        try:
-            message = unpack(body)
-            identity = identity_of(message)
-            reply = self._reply(message)
-        except UserError as e:
-            self._refuse(e, identity)
-            return True
-        send(self._stream, pack(reply if identity is None else reply | {"id": identity}), self._time_limit_s)
-        return True
-
-    def _refuse(self, error: UserError, identity: int | str | None = None) -> None:
-        self._refused()
-        # After a broken stream nothing more can be understood.
-        say = send_last if isinstance(error, BrokenStreamError) else send
-        say(self._stream, pack(problem_message(error, identity)), self._time_limit_s)
-
-    def _reply(self, message: Mapping[str, Any]) -> dict[str, Any]:
-        kind = kind_of(message)
-        self._check_token(message.get("token"))
-        if kind == "status":
-            return self._status()
-        job = Job(image_request(message), self._is_there)
-        self._ask(job)
-        job.done.wait()
-        if isinstance(job.reply[0], UserError):
-            raise job.reply[0]
-        return job.reply[0]
-
-    def _check_token(self, token: object) -> None:
-        if self._token is None:
-            return
-        given = token if isinstance(token, str) else ""
-        if not hmac.compare_digest(given.encode(), self._token.encode()):
-            raise UserError(
-                "missing" if token is None else "not the server's",
-                where="request: token",
-                expected="the word in the server's --token-file",
-            )
-        self._known = True
-
-    def _is_there(self) -> bool:
-        """Return whether the client has not closed the connection; what it sent ahead counts as being there."""
-        try:
-            if not select.select([self._stream], [], [], 0)[0]:
-                return True
-            return bool(self._stream.recv(1, socket.MSG_PEEK))
-        except (OSError, ValueError):
-            return False
-
-
+"""Longest body of a request; a usual one takes some 500."""
 MOST_CLIENTS = 16
 LAST_WORDS_S = 5.0
 """How long answers that are under way may take to go out when the server ends."""
 _WAKE_S = 0.5
 """Some systems let no signal through to a thread that waits for ever."""
+
+Reply = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A request that waits for the renderer, and its reply once it is there."""
+
+    request: ImageRequest
+    wanted: Callable[[], bool]
+    """Whether anybody still waits: a client that has gone costs no rendering."""
+    done: threading.Event = field(default_factory=threading.Event)
+    reply: list[Reply | UserError] = field(default_factory=list)
+
+    def finish(self, reply: Reply | UserError) -> None:
+        self.reply.append(reply)
+        self.done.set()
 
 
 class Server:
@@ -174,7 +62,7 @@ class Server:
 
     def __init__(
         self,
-        answer: Callable[[ImageRequest], dict[str, Any]],
+        answer: Callable[[ImageRequest], Reply],
         about: dict[str, Any],
         *,
         token: str | None = None,
@@ -182,12 +70,12 @@ class Server:
         most_images: int | None = None,
     ) -> None:
         self._answer, self._about = answer, about
-        self._token, self._time_limit_s, self._most_images = token, time_limit_s, most_images
+        self.token, self.time_limit_s, self._most_images = token, time_limit_s, most_images
         # A signal may come while the renderer takes a job from it; this kind of queue stands that.
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._stopping = threading.Event()
         self._lock = threading.Lock()
-        self._clients: dict[Conversation, threading.Thread] = {}
+        self._clients: dict[_Conversation, threading.Thread] = {}
         self._served = self._refused = 0
         self._since = time.monotonic()
 
@@ -217,7 +105,7 @@ class Server:
                 listener.shutdown(socket.SHUT_RDWR)
             door.join(LAST_WORDS_S)
 
-    def status(self) -> dict[str, Any]:
+    def status(self) -> Reply:
         """Return the reply to a request for the status."""
         with self._lock:
             return {
@@ -230,7 +118,30 @@ class Server:
                 "seconds": time.monotonic() - self._since,
             }
 
-    def _do(self, job: Job | None) -> None:
+    def image(self, request: ImageRequest, wanted: Callable[[], bool]) -> Reply:
+        """Return the reply to a request for an image, when its turn has come; called by the clients' threads.
+
+        Raises
+        ------
+        UserError
+            The image cannot be made, the server is stopping, or nobody wants the image any more.
+        """
+        job = _Job(request, wanted)
+        self._jobs.put(job)
+        if self._stopping.is_set():
+            # Whoever empties the queue may have been there before this job.
+            self._empty()
+        job.done.wait()
+        if isinstance(job.reply[0], UserError):
+            raise job.reply[0]
+        return job.reply[0]
+
+    def count_refused(self) -> None:
+        """Note that a request was refused."""
+        with self._lock:
+            self._refused += 1
+
+    def _do(self, job: _Job | None) -> None:
         if job is None:
             return
         if self._stopping.is_set():
@@ -240,7 +151,7 @@ class Server:
             job.finish(UserError("the client has gone", where="server"))
             return
         try:
-            reply: dict[str, Any] | UserError = self._answer(job.request)
+            reply: Reply | UserError = self._answer(job.request)
         except UserError as e:
             reply = e
         except Exception as e:
@@ -248,8 +159,7 @@ class Server:
             reply = UserError(one_line(e), where="server", expected="an image", fix="report this line as a defect")
         if not isinstance(reply, UserError):
             self._served += 1
-        last = self._most_images is not None and self._served >= self._most_images
-        if last:
+        if self._most_images is not None and self._served >= self._most_images:
             self._stopping.set()
         job.finish(reply)
 
@@ -269,43 +179,26 @@ class Server:
     def _welcome(self, stream: socket.socket) -> None:
         if stream.family != getattr(socket, "AF_UNIX", None):
             stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        conversation = Conversation(
-            stream,
-            ask=self._ask,
-            status=self.status,
-            token=self._token,
-            time_limit_s=self._time_limit_s,
-            refused=self._count_refused,
-        )
+        conversation = _Conversation(stream, self)
+        thread = threading.Thread(target=self._talk, args=(conversation,), daemon=True)
         with self._lock:
             full = len(self._clients) >= MOST_CLIENTS
             if not full:
-                thread = threading.Thread(target=self._talk, args=(conversation,), daemon=True)
                 self._clients[conversation] = thread
-        if full:
-            self._count_refused()
-            error = UserError(f"{MOST_CLIENTS} clients are here already", where="server", fix="try again later")
-            with contextlib.suppress(OSError), contextlib.closing(stream):
-                send_last(stream, pack(problem_message(error)), _WAKE_S)
+        if not full:
+            thread.start()
             return
-        thread.start()
+        self.count_refused()
+        error = UserError(f"{MOST_CLIENTS} clients are here already", where="server", fix="try again later")
+        with contextlib.suppress(OSError), contextlib.closing(stream):
+            send_last(stream, pack(problem_message(error)), _WAKE_S)
 
-    def _talk(self, conversation: Conversation) -> None:
+    def _talk(self, conversation: _Conversation) -> None:
         try:
             conversation.run()
         finally:
             with self._lock:
                 self._clients.pop(conversation, None)
-
-    def _ask(self, job: Job) -> None:
-        self._jobs.put(job)
-        if self._stopping.is_set():
-            # Whoever empties the queue may have been there before this job.
-            self._empty()
-
-    def _count_refused(self) -> None:
-        with self._lock:
-            self._refused += 1
 
     def _empty(self) -> None:
         with contextlib.suppress(queue.Empty):
@@ -323,3 +216,76 @@ class Server:
         for thread in clients.values():
             if thread.is_alive():
                 thread.join(max(0.0, end - time.monotonic()))
+
+
+class _Conversation:
+    """One client: a request, its answer, the next request, until it goes or sends what is no message."""
+
+    def __init__(self, stream: socket.socket, server: Server) -> None:
+        self._stream, self._server = stream, server
+        self._known = server.token is None
+
+    def run(self) -> None:
+        """Answer until the client goes."""
+        with contextlib.suppress(OSError), contextlib.closing(self._stream):
+            while self._one_turn():
+                pass
+
+    def end(self) -> None:
+        """Take no more requests; an answer that is under way still goes out."""
+        with contextlib.suppress(OSError):
+            self._stream.shutdown(socket.SHUT_RD)
+
+    def _one_turn(self) -> bool:
+        """Answer one request; return whether another one can follow."""
+        limit_s = self._server.time_limit_s
+        try:
+            # Strangers may not keep a place by saying nothing.
+            body = receive(self._stream, MOST_REQUEST_BYTES, limit_s, None if self._known else limit_s)
+        except BrokenStreamError as e:
+            self._refuse(e, send_last)
+            return False
+        if body is None:
+            return False
+        identity = None
+        try:
+            message = unpack(body)
+            identity = identity_of(message)
+            reply = self._reply(message)
+        except UserError as e:
+            self._refuse(e, send, identity)
+            return True
+        send(self._stream, pack(reply if identity is None else reply | {"id": identity}), limit_s)
+        return True
+
+    def _refuse(self, error: UserError, say: Callable[..., None], identity: int | str | None = None) -> None:
+        self._server.count_refused()
+        say(self._stream, pack(problem_message(error, identity)), self._server.time_limit_s)
+
+    def _reply(self, message: Mapping[str, Any]) -> Reply:
+        kind = kind_of(message)
+        self._check_token(message.get("token"))
+        if kind == "status":
+            return self._server.status()
+        return self._server.image(image_request(message), self._is_there)
+
+    def _check_token(self, token: object) -> None:
+        if self._server.token is None:
+            return
+        given = token if isinstance(token, str) else ""
+        if not hmac.compare_digest(given.encode(), self._server.token.encode()):
+            raise UserError(
+                "missing" if token is None else "not the server's",
+                where="request: token",
+                expected="the word in the server's --token-file",
+            )
+        self._known = True
+
+    def _is_there(self) -> bool:
+        """Return whether the client has not closed the connection; what it sent ahead counts as being there."""
+        try:
+            if not select.select([self._stream], [], [], 0)[0]:
+                return True
+            return bool(self._stream.recv(1, socket.MSG_PEEK))
+        except (OSError, ValueError):
+            return False

@@ -1,7 +1,4 @@
-"""The socket that clients find: made so that only those may come who should, and gone when the server goes.
-
-A scene served at an address until a signal comes.
-"""
+"""A scene served at an address until a signal comes: the socket, who may reach it, and the end."""
 
 from __future__ import annotations
 
@@ -209,65 +206,49 @@ def serve(
     token = None if token_file is None else read_token(token_file)
     check_reach(address, token)
     source = ImageSource(scene)
-    with _ended_by_signals() as check_signals, listening(address) as (listener, reached):
-        # What the scene cannot do is said now, and the tables of its place are there for the first client.
+    with _signals() as signals, listening(address) as (listener, reached):
+        # A scene that cannot be served is refused now, and its tables are there for the first client.
         source.first_image()
-        check_signals()
+        signals.check()
         server = Server(source.answer, source.about(), token=token, time_limit_s=time_limit_s, most_images=most_images)
-        with _stopped_by_signals(server.stop):
-            ready(reached, source.about())
-            server.run(listener)
+        signals.stop = server.stop
+        ready(reached, source.about())
+        server.run(listener)
+        signals.stop = None
     return server.served
 
 
-@contextlib.contextmanager
-def _ended_by_signals() -> Iterator[Callable[[], None]]:
-    """Let SIGTERM end a start as SIGINT does, so that no socket stays behind.
+class _Signals:
+    """SIGINT and SIGTERM: one that comes before the server runs ends its start, a later one stops it in good order."""
 
-    Yields what raises once more, later, what a signal has raised: an exception that comes while compiled code calls
-    back, or while Python tidies up, goes no further, and the start would go on.
-    """
-    asked = threading.Event()
+    def __init__(self) -> None:
+        self.stop: Callable[[], None] | None = None
+        """What the next signal calls; without it a signal raises KeyboardInterrupt."""
+        self._came = False
 
-    def check_signals() -> None:
-        if asked.is_set():
-            raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield check_signals
-        return
-
-    def handle(_kind: int, _frame: object) -> None:
-        asked.set()
+    def handle(self, _kind: int, _frame: object) -> None:
+        if self.stop is not None:
+            stop, self.stop = self.stop, None
+            stop()
+            return
+        self._came = True
         raise KeyboardInterrupt
 
-    before = {kind: signal.signal(kind, handle) for kind in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield check_signals
-    finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
+    def check(self) -> None:
+        """Raise again, later, what a signal has raised while compiled code called back, which swallows exceptions."""
+        if self._came:
+            raise KeyboardInterrupt
 
 
 @contextlib.contextmanager
-def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Let SIGINT and SIGTERM stop in an orderly way; a second one does what it does without us."""
+def _signals() -> Iterator[_Signals]:
+    signals = _Signals()
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield signals
         return
-    before = {kind: signal.getsignal(kind) for kind in (signal.SIGINT, signal.SIGTERM)}
-
-    def restore() -> None:
+    before = {kind: signal.signal(kind, signals.handle) for kind in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield signals
+    finally:
         for kind, handler in before.items():
             signal.signal(kind, handler)
-
-    def handle(_kind: int, _frame: object) -> None:
-        restore()
-        stop()
-
-    for kind in before:
-        signal.signal(kind, handle)
-    try:
-        yield
-    finally:
-        restore()

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from horizonval.core.errors import UserError, excerpt, nearest, several
+from horizonval.core.errors import UserError, excerpt, one_of, several
 from horizonval.spec.base import Model
 
 Schema = Mapping[str, Any]
@@ -57,7 +57,7 @@ def _explained(problem: Any, root: Schema, file: str, inside: str) -> UserError:
     if kind == "extra_forbidden":
         parent, _ = _walk(root, problem["loc"][:-1])
         known = list(parent.get("properties", {}))
-        what, expected = "unknown key", "one of " + ", ".join(nearest(str(problem["loc"][-1]), known))
+        what, expected = "unknown key", one_of(problem["loc"][-1], known)
     elif kind == "missing":
         what, expected = "missing", describe(root, node)
     elif kind == "value_error":

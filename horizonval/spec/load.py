@@ -26,10 +26,8 @@ from horizonval.spec.explain import explain, show, with_option
 from horizonval.spec.files import Kind, find
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.prior import PriorFile, PriorSpec, is_climate_file
-from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec, SpacecraftPart
-from horizonval.spec.stability import StabilitySpec
-from horizonval.spec.suite import DatasetSpec, FigureSpec, Keep, ProgramSpec, SuiteSpec
+from horizonval.spec.suite import DatasetSpec, FigureSpec, Keep, ProgramSpec, RegressionSpec, StabilitySpec, SuiteSpec
 
 M = TypeVar("M", bound=Model)
 
@@ -365,15 +363,12 @@ class Shelf:
                 expected="at least one [[band]] in the camera file",
             )
         if scene.atmosphere.file is not None:
-            file = self._find("atmosphere", scene.atmosphere.file, prefix + "atmosphere.file")
-            scene = _with_atmosphere(scene, file=str(file.resolve()))
+            found = self._find("atmosphere", scene.atmosphere.file, prefix + "atmosphere.file")
+            scene = _with_atmosphere(scene, file=str(found.resolve()))
         if scene.atmosphere.profile_file is not None:
-            file = self._path.parent / Path(scene.atmosphere.profile_file).expanduser()
-            try:
-                files.ensure_file(file, expected="a profile (CSV or JSON)")
-            except UserError as e:
-                raise e.inside(prefix + "atmosphere.profile_file") from e
-            scene = _with_atmosphere(scene, profile_file=str(file.resolve()))
+            where = prefix + "atmosphere.profile_file"
+            file = _beside(self._path, scene.atmosphere.profile_file, "a profile (CSV or JSON)", where)
+            scene = _with_atmosphere(scene, profile_file=file)
         if scene.prior is not None:
             scene = scene.model_copy(update={"prior": with_climate_file(scene.prior, self._path, prefix + "prior")})
         if scene.part:
@@ -384,12 +379,8 @@ class Shelf:
         """Return a part whose file is named by its whole path."""
         if part.file is None:
             return part
-        file = self._path.parent / Path(part.file).expanduser()
-        try:
-            files.ensure_file(file, expected="a mesh: PLY, OBJ or glTF")
-        except UserError as e:
-            raise e.inside(f"{prefix}part ({part.name}).file") from e
-        return part.model_copy(update={"file": str(file.resolve())})
+        file = _beside(self._path, part.file, "a mesh: PLY, OBJ or glTF", f"{prefix}part ({part.name}).file")
+        return part.model_copy(update={"file": file})
 
     def _find(self, kind: Kind, name: str, where: str) -> Path:
         if (kind, name) not in self._files:
@@ -428,12 +419,18 @@ def with_climate_file(prior: PriorSpec, path: Path, where: str) -> PriorSpec:
     """Return a prior whose climate's file, if it names one, is named by its whole path; it lies beside ``path``."""
     if prior.climate is None or not is_climate_file(prior.climate):
         return prior
-    file = path.parent / Path(prior.climate).expanduser()
+    file = _beside(path, prior.climate, "a profile (CSV or JSON) or a table (NPZ)", f"{where}.climate")
+    return prior.model_copy(update={"climate": file})
+
+
+def _beside(path: Path, name: str, expected: str, where: str) -> str:
+    """Return the whole path of a file that another file names; a relative one starts from that file's folder."""
+    file = path.parent / Path(name).expanduser()
     try:
-        files.ensure_file(file, expected="a profile (CSV or JSON) or a table (NPZ)")
+        files.ensure_file(file, expected=expected)
     except UserError as e:
-        raise e.inside(f"{where}.climate") from e
-    return prior.model_copy(update={"climate": str(file.resolve())})
+        raise e.inside(where) from e
+    return str(file.resolve())
 
 
 def changed_camera(camera: JsonObject, changes: JsonObject, prefix: str) -> JsonObject:

@@ -50,8 +50,9 @@ from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.earth import Atmosphere
 from horizonval.spec.load import Suite
-from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
-from horizonval.spec.stability import StabilitySpec
+from horizonval.spec.pose import CameraUse, Platform
+from horizonval.spec.scene import SceneName, SceneSpec
+from horizonval.spec.suite import StabilitySpec
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.truth.infrared_horizon import locators
 from horizonval.truth.infrared_horizon.rays import angle_of_height, directions

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from horizonval.core import atomic
 from horizonval.core.code import code_version
-from horizonval.report.figures.plots import house_style
+from horizonval.report.plots import house_style
 from horizonval.store.folder import read_json, write_json
 from horizonval.systems import markdown
 from horizonval.systems.result import Figure, Reproduction

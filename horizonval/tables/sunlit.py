@@ -175,7 +175,6 @@ def raised(model: OpticalModel, top_m: float) -> OpticalModel:
             molecular_per_m=column(node.molecular_per_m),
             particle_per_m=column(node.particle_per_m),
             asymmetry=column(node.asymmetry),
-            source=column(node.source),
         )
         for node in model.nodes
     )

@@ -229,7 +229,7 @@ def thermal_model(
     density = np.exp(np.interp(GRID_M, levels, np.log(air.pressure_pa[0] / (1.380649e-23 * air.temperature_k[0]))))
     index = rayleigh.refractivity(density, [bands.reference_wavelength_um(band) for band in some_bands])
     ground = uniform_ground(ground_k(latitude_deg, month, cover), 1.0)
-    return OpticalModel(GRID_M, float(GRID_M[-1]), (), 0.0, 1.0, refractivity=index, thermal=made, emission=ground)
+    return OpticalModel(GRID_M, float(GRID_M[-1]), (), 0.0, refractivity=index, thermal=made, emission=ground)
 
 
 def ground_k(latitude_deg: float, month: float, cover: Cover) -> float:

@@ -44,8 +44,6 @@ def _scene(pixels: int) -> tuple[OpticalModel, Any, CameraModel]:
         particle_per_m=0.0 * k,
         asymmetry=0.0 * k,
         solar_irradiance=1.0,
-        source=0.0 * k,
-        surface_source=0.0,
         sun_radiance=0.0,
     )
     r = np.array([0.0, 0.0, RADIUS_M + ALTITUDE_M])
@@ -56,7 +54,7 @@ def _scene(pixels: int) -> tuple[OpticalModel, Any, CameraModel]:
     focal = pixels / 2 / np.tan(np.radians(FIELD_DEG) / 2)
     camera = CameraModel(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
     place = Placement.below(Planet(RADIUS_M, RADIUS_M), r, rotation, SUN)
-    return OpticalModel(z, TOP_M, (node,), ALBEDO, 1.0), place, camera
+    return OpticalModel(z, TOP_M, (node,), ALBEDO), place, camera
 
 
 def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:

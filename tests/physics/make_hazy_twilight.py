@@ -49,13 +49,11 @@ def model_of(aerosol: str) -> OpticalModel:
                 particle_per_m=data[f"{aerosol}_{w}_particle_per_m"],
                 asymmetry=data[f"{aerosol}_{w}_asymmetry"],
                 solar_irradiance=1.0,
-                source=np.zeros_like(z),
-                surface_source=0.0,
                 sun_radiance=0.0,
             )
             for w in WAVELENGTHS_NM
         ]
-    return OpticalModel(altitude_m=z, top_m=float(z[-1]), nodes=tuple(nodes), albedo=ALBEDO, emissivity=1.0)
+    return OpticalModel(altitude_m=z, top_m=float(z[-1]), nodes=tuple(nodes), albedo=ALBEDO)
 
 
 @cache

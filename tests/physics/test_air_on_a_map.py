@@ -53,7 +53,7 @@ def strange_air(place: ColumnMap) -> OpticalModel:
         sun_radiance=np.zeros(2),
         column_map=place,
     )
-    return OpticalModel(Z_M, 1e5, (), 0.0, 1.0, thermal=(band,), emission=uniform_ground(280.0, 1.0))
+    return OpticalModel(Z_M, 1e5, (), 0.0, thermal=(band,), emission=uniform_ground(280.0, 1.0))
 
 
 def brute_force(band: EmittingBand, origin: FloatArray, d: FloatArray, ground_k: float | None) -> float:

@@ -35,7 +35,6 @@ def monochromatic(climate: str, band: str) -> OpticalModel:
         top_m=float(SHELLS_M[-1]),
         nodes=(),
         albedo=0.0,
-        emissivity=1.0,
         thermal=tuple(
             EmittingBand(
                 name=f"g{g + 1:02d}",

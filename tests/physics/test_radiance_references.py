@@ -11,7 +11,8 @@ from brute_force import single_scatter
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.rays.radiance import radiance_along_rays
+from horizonval.renderer.rays.radiance import RAY_NODES, radiance_along_rays
+from horizonval.renderer.rays.thermal_radiance import thermal_radiance
 
 DATA = Path(__file__).parents[1] / "data"
 BANDS = ("450nm", "550nm", "850nm")
@@ -117,11 +118,11 @@ def test_grey_thermal_limb_equals_two_other_codes() -> None:
     zero = np.zeros_like(tangent)
     observer = np.stack([-np.sqrt(distance**2 - tangent**2), zero, tangent], axis=1)
     along = np.tile([1.0, 0.0, 0.0], (len(rows), 1))
-    ours = radiance_along_rays(model, atmosphere.planet_radius_m, observer, along, along)
+    ours = thermal_radiance(model, atmosphere.planet_radius_m, observer, along, nodes=RAY_NODES, round_sky=True)
     opacities = sorted({float(r["k0_per_m"]) for r in rows})
-    assert len(opacities) == len(model.nodes) == 4
-    for k0, node in zip(opacities, model.nodes, strict=True):
+    assert len(opacities) == len(model.thermal) == 4
+    for k0, band in zip(opacities, model.thermal, strict=True):
         for i, row in enumerate(rows):
             if float(row["k0_per_m"]) == k0:
                 for column in ("radiance_sasktran2_dz100m_W_m2_sr_um", "radiance_independent_quadrature"):
-                    assert ours[node.name][i] == pytest.approx(float(row[column]), rel=1e-4)
+                    assert ours[band.name][i] == pytest.approx(float(row[column]), rel=1e-4)

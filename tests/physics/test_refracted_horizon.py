@@ -18,7 +18,7 @@ Z = np.linspace(0.0, 1e5, 1001)
 
 
 def _model(refractivity: np.ndarray | None) -> OpticalModel:
-    return OpticalModel(Z, 1e5, (), 0.0, 1.0, refractivity=refractivity)
+    return OpticalModel(Z, 1e5, (), 0.0, refractivity=refractivity)
 
 
 def _entering(height_m: float) -> tuple[np.ndarray, np.ndarray]:

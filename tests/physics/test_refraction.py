@@ -55,11 +55,9 @@ def _model(refractivity: np.ndarray | None, extinction: np.ndarray, albedo: floa
         particle_per_m=zero,
         asymmetry=zero,
         solar_irradiance=1.0,
-        source=zero,
-        surface_source=0.0,
         sun_radiance=0.0,
     )
-    return OpticalModel(Z, 1e5, (node,), albedo, 1.0, refractivity=refractivity)
+    return OpticalModel(Z, 1e5, (node,), albedo, refractivity=refractivity)
 
 
 def _exponential(ground: float, scale_m: float) -> OpticalModel:

@@ -245,8 +245,8 @@ def _thin_layer(mi: Any) -> tuple[Any, OpticalModel]:
     z = np.arange(0.0, 120_001.0, 100.0)
     shape = airglow.Layer(LAYER_M, 3e3, (0.55,), (1.0,)).profile_per_m(z)
     zero = np.zeros_like(z)
-    node = SpectralNode("n", "n", 1.0, 0.55, zero, zero, 0.75, zero, zero, 1.0, zero, 0.0, 0.0, glow_per_m=shape)
-    model = OpticalModel(z, float(z[-1]), (node,), albedo=0.0, emissivity=1.0, glow_altitude_m=z)
+    node = SpectralNode("n", "n", 1.0, 0.55, zero, zero, 0.75, zero, zero, 1.0, 0.0, glow_per_m=shape)
+    model = OpticalModel(z, float(z[-1]), (node,), albedo=0.0, glow_altitude_m=z)
     (_, batch), *_ = make_batches(model, Planet(RADIUS_M, RADIUS_M), RAY_TABLE)
     return batch, model
 

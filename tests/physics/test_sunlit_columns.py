@@ -46,13 +46,13 @@ def _model(share: Any, places: ColumnPlaces | None) -> OpticalModel:
     node = SpectralNode(
         name="n", band="b", weight=1.0, wavelength_um=0.55,
         extinction_per_m=molecules + absorption, molecular_per_m=molecules, molecular_cos2=0.75,
-        particle_per_m=zero, asymmetry=zero, solar_irradiance=1.0, source=zero, surface_source=0.0, sun_radiance=0.0,
+        particle_per_m=zero, asymmetry=zero, solar_irradiance=1.0, sun_radiance=0.0,
     )  # fmt: skip
     if places is not None:
         more = np.asarray(share)[:, None] * (NORTH.molecules(LEVEL_M) - SOUTH.molecules(LEVEL_M))
         absorbed = np.asarray(share)[:, None] * (NORTH.absorption(LEVEL_M) - SOUTH.absorption(LEVEL_M))
         node = replace(node, more_extinction_per_m=more + absorbed, more_molecular_per_m=more)
-    return OpticalModel(ALTITUDE_M, TOP_M, (node,), albedo=0.0, emissivity=1.0, columns=places)
+    return OpticalModel(ALTITUDE_M, TOP_M, (node,), albedo=0.0, columns=places)
 
 
 def _rays(azimuths_deg: Any, heights_m: Any) -> tuple[Any, Any, Any]:

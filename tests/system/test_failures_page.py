@@ -11,9 +11,8 @@ import pytest
 from browser import Browser, chromium_path
 from conftest import PROGRAM, assert_one_line
 
-from horizonval.report import build
+from horizonval.report import build, campaign
 from horizonval.report.load import load_run
-from horizonval.report.pages import campaign_page
 from horizonval.store.store import Store
 
 pytestmark = pytest.mark.slow
@@ -57,7 +56,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_figure_holds_the_rows_of_one_image_and_of_all_heads(run):
-    page = campaign_page.page_of(load_run(run))
+    page = campaign.page_of(load_run(run))
     assert [section["kind"] for section in page["sections"]] == ["map", "sweep", "exclusion", "timeline"]
     maps = {figure["title"].rpartition(", ")[2] for figure in page["sections"][0]["figures"]}
     assert maps == {"altitude-free", "video-vertical", "guarded-video-vertical"}
@@ -73,7 +72,7 @@ def test_the_page_opens_and_complains_of_nothing(run, tmp_path):
     if chromium_path() is None:
         pytest.skip("no Chromium on this machine (Debian: apt install chromium)")
     with Browser(tmp_path) as browser:
-        browser.open((run / "report" / campaign_page.PAGE).as_uri())
+        browser.open((run / "report" / campaign.PAGE).as_uri())
         assert browser.complaints == []
         assert browser.evaluate("document.querySelectorAll('figure.plot svg').length") >= 6
         assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")

@@ -1,4 +1,4 @@
-"""The frame viewer of a report, used in a browser: scrub, zoom, value, overlay, keys, address, sort, dark mode."""
+"""The report in a browser: it asks for nothing, complains of nothing, and viewer, cards and tables do what they say."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from synthetic import synthetic_cases, toy_image, write_run
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import signed_limb_angle
-from horizonval.report import build, build_report, view_server, viewer
-from horizonval.report.pages import campaign_page
+from horizonval.report import build, build_report, campaign, view_server, viewer
 
 pytestmark = pytest.mark.skipif(
     chromium_path() is None, reason="no Chromium on this machine (Debian: apt install chromium)"
@@ -36,7 +35,7 @@ NAME = "document.getElementById('v-name').textContent"
 def pages(tmp_path_factory):
     """The folder of a report with the page of a campaign."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(campaign_page, "is_due", lambda run: True)
+        patch.setattr(campaign, "is_due", lambda run: True)
         return build_report(write_run(tmp_path_factory.mktemp("viewer") / "run")).parent
 
 
@@ -46,8 +45,8 @@ def page(pages):
 
 
 @pytest.fixture(scope="module")
-def campaign(pages):
-    return pages / campaign_page.PAGE
+def campaign_page(pages):
+    return pages / campaign.PAGE
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +55,7 @@ def long_run(tmp_path_factory):
     run = write_run(tmp_path_factory.mktemp("long") / "run")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "MOST_CASES_SHOWN", 3)
-        patch.setattr(viewer, "chosen", lambda images: {0})
+        patch.setattr(viewer, "numbered_frames", lambda images: {0})
         page = build_report(run)
     server = view_server._server(view_server.viewable(run), 0)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
@@ -94,6 +93,19 @@ def point_at(browser: Browser, x: float, y: float) -> tuple[float, float]:
     return at
 
 
+def read_value(browser: Browser) -> tuple[int, int, int]:
+    """The pixel and the number that the viewer says."""
+    words = browser.evaluate("document.getElementById('v-value').textContent")
+    x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN", words).groups())
+    return x, y, value
+
+
+def choose(browser: Browser, select: str, value: str) -> None:
+    browser.evaluate(
+        f"{{const s = document.getElementById('{select}'); s.value = '{value}'; s.dispatchEvent(new Event('change'))}}"
+    )
+
+
 def click_at(browser: Browser, element: str) -> None:
     """Click with the mouse where an element is seen."""
     x, y = browser.evaluate(
@@ -110,6 +122,9 @@ def test_it_asks_for_nothing_and_fits(browser, page):
     assert browser.complaints == []
     assert browser.evaluate("document.documentElement.scrollWidth") <= browser.width
     assert "°" in browser.evaluate("document.querySelector('.sentence').textContent")
+    assert browser.evaluate(
+        "[...document.querySelectorAll('svg.image')].every(s => s.getBoundingClientRect().height > 100)"
+    )
     # The frame is on the first screen.
     assert browser.evaluate("document.getElementById('v-frame').getBoundingClientRect().top") < 800
 
@@ -119,10 +134,8 @@ def test_the_value_under_the_pointer_is_the_stored_number(browser, page):
     visit(browser, page)
     for place in ((0.5, 0.5), (0.45, 0.2), (0.52, 0.83), (0.6, 0.66)):
         point_at(browser, *place)
-        words = browser.evaluate("document.getElementById('v-value').textContent")
-        where, value = words.split(" DN of 1023")[0].split(": ")
-        x, y = (int(part.split()[1]) for part in where.split(", "))
-        assert int(value) == dn[y, x]
+        x, y, value = read_value(browser)
+        assert value == dn[y, x]
         # That pixel is where the canvas shows it.
         width, height = browser.evaluate(
             "[0, 1].map(i => document.getElementById('v-frame')[['clientWidth', 'clientHeight'][i]])"
@@ -194,8 +207,7 @@ def test_no_value_is_read_before_the_frame_is_there(browser, page):
     assert words[1] == ""
     browser.evaluate(READY)
     point_at(browser, 0.5, 0.5)
-    value = browser.evaluate("document.getElementById('v-value').textContent")
-    x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN", value).groups())
+    x, y, value = read_value(browser)
     assert value == toy_image(synthetic_cases()[1].truth).dn[y, x]
 
 
@@ -221,9 +233,7 @@ def test_two_estimators_and_the_truth_are_drawn(browser, page):
     for key in ("t", "p", "l"):
         browser.press(key)
     alone = browser.evaluate(PICTURE)
-    browser.evaluate(
-        "{const s = document.getElementById('v-b'); s.value = 'ideal'; s.dispatchEvent(new Event('change'))}"
-    )
+    choose(browser, "v-b", "ideal")
     assert browser.evaluate(PICTURE) != alone
     assert browser.evaluate("document.getElementById('v-scores').tBodies[0].rows.length") == 2
 
@@ -244,15 +254,7 @@ def test_an_address_brings_everything_back(browser, page):
     assert "night" in browser.evaluate(NAME)
 
 
-def test_the_profile_follows_the_pointer(browser, page):
-    visit(browser, page)
-    profile = "document.getElementById('v-profile').toDataURL()"
-    empty = browser.evaluate(profile)
-    point_at(browser, 0.5, 0.5)
-    assert browser.evaluate(profile) != empty
-
-
-def test_tables_sort(browser, page):
+def test_tables_sort_and_what_has_no_number_stands_last_either_way_up(browser, page):
     visit(browser, page)
     names = "[...document.querySelectorAll('.outcomes tbody tr')].map(row => row.cells[0].textContent)"
     click_at(browser, "document.querySelector('.outcomes thead th button')")
@@ -260,25 +262,44 @@ def test_tables_sort(browser, page):
     click_at(browser, "document.querySelector('.outcomes thead th button')")
     assert up == sorted(up)
     assert browser.evaluate(names) == up[::-1] != up
-
-
-def test_what_has_no_number_is_sorted_to_the_end_either_way_up(browser, page):
-    visit(browser, page)
     column = "[...document.querySelectorAll('.outcomes tbody tr')].map(row => row.cells[9].textContent[0] === '–')"
     for _ in range(2):
         click_at(browser, "document.querySelectorAll('.outcomes thead th button')[9]")
         assert browser.evaluate(column) == [False, False, True, True]
 
 
-def test_outcomes_are_explained_beside_the_line(browser, page):
+def test_cards_are_chosen_sorted_and_lead_to_the_viewer(browser, page):
     visit(browser, page)
-    words = browser.evaluate("document.getElementById('v-key').textContent")
-    for label in ("● valid", "✖ false claim", "○ refused, as expected", "▼ refused, though the limb is usable"):
-        assert label in words
-    browser.evaluate(
-        "{const s = document.getElementById('v-a'); s.value = 'ideal'; s.dispatchEvent(new Event('change'))}"
-    )
-    assert browser.evaluate("document.getElementById('v-key').textContent").strip() == "● valid"
+    shown = "[...document.querySelectorAll('#grid .tile:not([hidden]) h3')].map(h => h.textContent)"
+    assert len(browser.evaluate(shown)) == 8
+    choose(browser, "status", "valid")
+    assert browser.evaluate(shown) == ["day-arc", "day-tilted", "lwir-arc"]
+    choose(browser, "camera", "lwir-160x120")
+    assert browser.evaluate(shown) == ["lwir-arc"]
+    assert browser.evaluate("document.getElementById('count').textContent") == "1 of 8 shown"
+    choose(browser, "status", "false")
+    assert browser.evaluate(shown) == []
+    assert browser.evaluate("!document.getElementById('nothing').hidden")
+    for select in ("status", "camera"):
+        choose(browser, select, "")
+    choose(browser, "order", "worst")
+    assert browser.evaluate(shown)[:2] == ["sun-in-frame", "day-tilted"]
+    click_at(browser, "document.querySelector('.tile .open')")
+    browser.evaluate(READY)
+    assert browser.evaluate(NAME).endswith("sun-in-frame")
+    assert browser.complaints == []
+
+
+def test_curves_over_cards_follow_the_viewer(browser, page):
+    visit(browser, page)
+    curves = "document.querySelector('.tile svg.image').innerHTML"
+    drawn = "[...document.querySelectorAll('.tile:first-child svg.image path')].map(path => path.className.baseVal)"
+    assert browser.evaluate(drawn) == ["limb", "points", "truth"]
+    before = browser.evaluate(curves)
+    choose(browser, "v-a", "ideal")
+    assert browser.evaluate(curves) != before
+    browser.press("t")
+    assert "truth" not in browser.evaluate(drawn)
 
 
 def test_the_keyboard_alone_moves_and_reads(browser, page):
@@ -287,8 +308,7 @@ def test_the_keyboard_alone_moves_and_reads(browser, page):
     before = browser.evaluate(PICTURE)
     browser.press("ArrowDown", shift=True)
     assert browser.evaluate(PICTURE) != before
-    words = browser.evaluate("document.getElementById('v-value').textContent")
-    x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN of 1023", words).groups())
+    x, y, value = read_value(browser)
     assert x == 300
     assert y > 240
     assert value == dn[y, x]
@@ -330,14 +350,13 @@ def test_a_server_has_the_frames_that_the_page_leaves_out(browser, long_run):
         assert browser.complaints == []
         for place in ((0.5, 0.5), (0.52, 0.7)):
             point_at(browser, *place)
-            words = browser.evaluate("document.getElementById('v-value').textContent")
-            x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN of 1023", words).groups())
+            x, y, value = read_value(browser)
             assert value == dn[y, x]
     assert browser.evaluate("document.querySelectorAll('#v-line i').length") == 8
 
 
-def test_the_page_of_a_campaign_has_its_worst_frames(browser, campaign):
-    visit(browser, campaign.as_uri())
+def test_the_page_of_a_campaign_has_its_worst_frames(browser, campaign_page):
+    visit(browser, campaign_page.as_uri())
     assert browser.complaints == []
     assert browser.evaluate("document.documentElement.scrollWidth") <= browser.width
     assert "° off" in browser.evaluate("document.querySelector('.sentence').textContent")
@@ -345,8 +364,7 @@ def test_the_page_of_a_campaign_has_its_worst_frames(browser, campaign):
     assert browser.evaluate(names) == [case.truth.scene["scene"]["name"] for case in synthetic_cases()]
     dn = toy_image(synthetic_cases()[0].truth).dn
     point_at(browser, 0.5, 0.7)
-    words = browser.evaluate("document.getElementById('v-value').textContent")
-    x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN of 1023", words).groups())
+    x, y, value = read_value(browser)
     assert value == dn[y, x]
 
 

@@ -24,7 +24,6 @@ from horizonval.renderer.kernel.node_batches import (
     OpacityNodes,
     Particles,
     SolarNodes,
-    ThermalNodes,
 )
 from horizonval.renderer.layer_steps import Bands, layer_bands
 from horizonval.renderer.planet import Planet
@@ -77,7 +76,7 @@ def make_batches(
     scattering: Quality | None = None,
     progress: Progress | None = None,
     air: ApparentRadiusAir | None = None,
-) -> Iterator[tuple[list[SpectralNode], SolarNodes | ThermalNodes]]:
+) -> Iterator[tuple[list[SpectralNode], SolarNodes]]:
     """Yield ``(nodes, batch)`` until every spectral node of the model has been served.
 
     Parameters
@@ -92,33 +91,29 @@ def make_batches(
     """
     if scattering is not None:
         model = without_peaks(model, scattering.particle_degree)
-    solar = [n for n in model.nodes if n.solar_irradiance > 0.0]
-    thermal = [n for n in model.nodes if n.solar_irradiance <= 0.0]
     refraction = None
     true_model, true_planet = model, planet
     if air is not None:
         true_model, true_planet = air.true_model, air.true_planet
         if scattering is not None:
             true_model = without_peaks(true_model, scattering.particle_degree)
-        if solar:
+        if model.nodes:
             field = BendingField.of(air)
             sun = refracted_sun_table(field, size.n_height, size.n_mu, size.path_nodes)
             refraction = _Refraction(table_of(mi.Float64, air.bending_per_m), table_of(mi.Float64, air.height_m), *sun)
     true_grid, true_node = AltitudeGrid.of(true_model.altitude_m), {n.name: n for n in true_model.nodes}
     grid = AltitudeGrid.of(model.altitude_m)
-    for group in _groups(solar):
+    for group in _groups(model.nodes):
         batch = _solar_nodes(group, model, planet, grid, size, refraction)
         if scattering is not None and any(n.scattering_per_m.any() for n in group):
             true_nodes = [true_node[n.name] for n in group]
             solved = _diffuse_fields(true_nodes, true_model, true_planet, true_grid, scattering, progress)
             batch = _with_diffuse(batch, solved, true_nodes, true_model, true_planet, scattering)
         yield group, batch
-    for group in _groups(thermal):
-        yield group, _thermal_nodes(group, model, planet, grid, size)
 
 
-def _groups(nodes: list[SpectralNode]) -> list[list[SpectralNode]]:
-    return [nodes[first : first + BATCH_WIDTH] for first in range(0, len(nodes), BATCH_WIDTH)]
+def _groups(nodes: Sequence[SpectralNode]) -> list[list[SpectralNode]]:
+    return [list(nodes[first : first + BATCH_WIDTH]) for first in range(0, len(nodes), BATCH_WIDTH)]
 
 
 def _width(nodes: Sequence[SpectralNode]) -> int:
@@ -169,20 +164,6 @@ def _with_diffuse(
 
 def _padded(values: Sequence[float], width: int) -> Values:
     return [constant(v) for v in [*values, *[0.0] * (width - len(values))]]
-
-
-def _thermal_nodes(
-    nodes: Sequence[SpectralNode], model: OpticalModel, planet: Planet, grid: AltitudeGrid, size: TableSize
-) -> ThermalNodes:
-    width = _width(nodes)
-    extinction = _interleave([n.extinction_per_m for n in nodes], width)
-    source = _interleave([n.source for n in nodes], width)
-    over_black = ThermalNodes(width, grid, extinction, source, [constant(0.0)] * width)
-    ground = [model.emissivity * n.surface_source for n in nodes]
-    if model.emissivity < 1.0:
-        sky = _downwelling(planet, model.top_m, over_black, size.path_nodes)
-        ground = [g + (1.0 - model.emissivity) / math.pi * s for g, s in zip(ground, sky, strict=False)]
-    return replace(over_black, ground=_padded(ground, width))
 
 
 def _solar_nodes(
@@ -393,7 +374,7 @@ def _sun_depth(
 
 
 def _downwelling(
-    planet: Planet, top_m: float, batch: ThermalNodes | GlowNodes, nodes: int, behind: Sequence[float] = ()
+    planet: Planet, top_m: float, batch: GlowNodes, nodes: int, behind: Sequence[float] = ()
 ) -> list[float]:
     """Return the irradiance of air and ``behind`` on the ground [sr times radiance], Gauss quadrature over the sky."""
     x, w = np.polynomial.legendre.leggauss(SKY_POLAR_NODES)

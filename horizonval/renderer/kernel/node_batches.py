@@ -4,7 +4,6 @@ The nodes of a batch share all geometry of a march. Everything in them is evalua
 one kind share compiled kernels. There is one type per kind of source:
 
 - :class:`SolarNodes`: scattered light of the Sun, or of the Moon in its place;
-- :class:`ThermalNodes`: emission of air in local thermodynamic equilibrium, extinction times source function;
 - :class:`GlowNodes`: airglow, an emission per metre;
 - :class:`OpacityNodes`: nothing shines, the transmittance alone is asked for.
 """
@@ -122,27 +121,6 @@ class OpacityNodes(_Air):
     def source_at(self, place: Place, extinction: Values) -> Values:
         """Return nothing for no node: there is no emission to add up."""
         return []
-
-
-@dataclass(frozen=True)
-class ThermalNodes(_Air):
-    """Air that emits as black bodies do.
-
-    Attributes
-    ----------
-    source : Float64, shape (n_altitude * width,)
-        Source function.
-    ground : list of Float64, size 1
-        Radiance of the ground, emitted and reflected.
-    """
-
-    source: mi.Float64
-    ground: Values
-
-    def source_at(self, place: Place, extinction: Values) -> Values:
-        """Return the emission per metre: extinction times source function."""
-        source = place.read(self.source, self.width)
-        return [a * b for a, b in zip(extinction, source, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -354,8 +332,8 @@ class SolarNodes(_Air):
         return total, [dr.clip(g, -0.99, 0.99) for g in mixed]
 
 
-EmittingNodes: TypeAlias = ThermalNodes | GlowNodes | OpacityNodes
-ShiningNodes: TypeAlias = SolarNodes | ThermalNodes | GlowNodes
+EmittingNodes: TypeAlias = GlowNodes | OpacityNodes
+ShiningNodes: TypeAlias = SolarNodes | GlowNodes
 
 
 def _molecular_phase(cos2: mi.Float64, cosine: mi.Float64) -> mi.Float64:

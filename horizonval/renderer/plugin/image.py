@@ -28,7 +28,7 @@ from horizonval.renderer.kernel.cells import Cells, Rays, group_cells
 from horizonval.renderer.kernel.discs import DiscCells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.march import march
-from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes, ThermalNodes
+from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
 from horizonval.renderer.local_light.local_light import LocalLight
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
@@ -69,7 +69,7 @@ class _Channels:
 
 def render_bands(
     view: FrameGeometry,
-    batches: Iterable[tuple[list[SpectralNode], SolarNodes | ThermalNodes]],
+    batches: Iterable[tuple[list[SpectralNode], SolarNodes]],
     bands: list[str],
     nodes: int,
     thermal: Sequence[ThermalAir] = (),
@@ -156,7 +156,7 @@ def node_parts(
     cells: Cells,
     hits: list[SurfaceLook],
     group: list[SpectralNode],
-    batch: SolarNodes | ThermalNodes,
+    batch: SolarNodes,
     nodes: int,
     tables: FrameTables | None = None,
     number: int = 0,
@@ -201,16 +201,15 @@ def node_parts(
     ) -> tuple[Values, Values]:
         """Add up the lights: the Sun, the Moon, the air itself. The march is linear in them."""
         lights: list[tuple[str, ShiningNodes, Vec, SurfaceHit | None]] = [("sun", batch, view.sun, hits_under[0])]
-        if isinstance(batch, SolarNodes):
-            if view.moon is not None and view.moon.lights_earth and batch.moonlight is not None:
-                lights.append(("moon", batch.in_moonlight(), view.moon.light, hits_under[1]))
-            if batch.glow is not None:
-                lights.append(("glow", batch.glow, view.sun, hits_under[0]))
+        if view.moon is not None and view.moon.lights_earth and batch.moonlight is not None:
+            lights.append(("moon", batch.in_moonlight(), view.moon.light, hits_under[1]))
+        if batch.glow is not None:
+            lights.append(("glow", batch.glow, view.sun, hits_under[0]))
         if view.sunless and len(lights) > 1:
             del lights[0]
 
         def shine(name: str, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None) -> tuple[Values, Values]:
-            if tables is None or seen is None or isinstance(lit, ThermalNodes):
+            if tables is None or seen is None:
                 result = march_light(rays.direction, to_ground, lit, light, hit)
                 dr.eval(result)
                 return result

@@ -21,7 +21,7 @@ from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.gap_map import GapMap, gap_map
-from horizonval.renderer.kernel.node_batches import SolarNodes, ThermalNodes
+from horizonval.renderer.kernel.node_batches import SolarNodes
 from horizonval.renderer.kernel.surface import make_ground
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.image import render_bands
@@ -41,7 +41,7 @@ class Prepared:
 
     model: OpticalModel
     planet: Planet
-    batches: list[tuple[list[SpectralNode], SolarNodes | ThermalNodes]]
+    batches: list[tuple[list[SpectralNode], SolarNodes]]
     thermal: list[ThermalAir]
     air: ApparentRadiusAir | None
     bending: BendingField | None

@@ -1,4 +1,4 @@
-"""Radiance of every spectral node along given rays through layered air."""
+"""Scattered sunlight of every spectral node along given rays through layered air."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel
 from horizonval.renderer.kernel.batching import RAY_TABLE, TableSize, make_batches
 from horizonval.renderer.kernel.march import march
-from horizonval.renderer.kernel.node_batches import SolarNodes
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
+from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.scattering.quality import Quality
 from horizonval.renderer.tables import vectors
@@ -33,7 +32,7 @@ def radiance_along_rays(
     polar_radius_m: float | None = None,
     table: TableSize = RAY_TABLE,
 ) -> dict[str, FloatArray]:
-    """Return the radiance of every spectral node along rays over a planet.
+    """Return the scattered sunlight of every spectral node along rays over a planet.
 
     Parameters
     ----------
@@ -58,7 +57,7 @@ def radiance_along_rays(
     Returns
     -------
     dict of ndarray, shape (n,)
-        By node name: 1/sr for unit solar irradiance, or the unit of the node's thermal source.
+        By node name: 1/sr for unit solar irradiance.
 
     Raises
     ------
@@ -78,8 +77,7 @@ def radiance_along_rays(
     to_ground = meets & (ground_mid > 0.0)
     out: dict[str, FloatArray] = {}
     for group, batch in make_batches(model, planet, table, scattering, progress, air):
-        c = SOLAR_CONCENTRATION if isinstance(batch, SolarNodes) else THERMAL_CONCENTRATION
-        radiance, _ = march(planet, model.top_m, batch, o, d, s, to_ground, nodes, c)
+        radiance, _ = march(planet, model.top_m, batch, o, d, s, to_ground, nodes, SOLAR_CONCENTRATION)
         dr.eval(radiance)
         for node, value in zip(group, radiance, strict=False):
             out[node.name] = np.broadcast_to(np.array(value, dtype=float), (len(observer_m),)).copy()

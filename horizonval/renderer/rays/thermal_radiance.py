@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -17,13 +19,15 @@ from horizonval.renderer.refraction.apparent_radius import apparent_planet
 from horizonval.renderer.refraction.bending import BendingField
 from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.tables import vectors
-from horizonval.renderer.thermal.emission_columns import AirColumns
+from horizonval.renderer.thermal.emission_columns import AirColumns, ColumnBatch
 from horizonval.renderer.thermal.emission_ground import GroundSource, kinds_of, mirrored, places_below
 from horizonval.renderer.thermal.emission_march import march_emission
 from horizonval.renderer.types import Vec
 
 NODES = 256
 BATCH = 65536
+SKY_DIRECTIONS = 48
+"""Zenith angles over which the sky is integrated."""
 
 IntArray = NDArray[np.int64]
 
@@ -37,6 +41,7 @@ def thermal_radiance(
     sun_itrs: tuple[float, float, float] = (1.0, 0.0, 0.0),
     polar_radius_m: float | None = None,
     nodes: int = NODES,
+    round_sky: bool = False,
 ) -> dict[str, FloatArray]:
     """Return the radiance of every thermal band of a model along rays, ground included, clouds left out.
 
@@ -54,6 +59,9 @@ def thermal_radiance(
         Of an oblate planet; heights and latitudes are then geodetic.
     nodes : int
         Evaluations along each ray. The default is within 1e-4 of the limit where there is light to speak of.
+    round_sky : bool
+        Whether the sky that the ground reflects is marched over a round planet, and not that of plane layers. Exact for
+        a uniform ground below air that is the same everywhere.
 
     Returns
     -------
@@ -76,6 +84,7 @@ def thermal_radiance(
         assert model.emission is not None
         columns, source = AirColumns.of(band, air), GroundSource(band, model.emission)
         batches = list(columns.batches())
+        sky = _marched_sky(apparent, columns, batches, nodes) if round_sky and model.emission.emissivity < 1.0 else None
         radiance = np.zeros(len(direction))
         for first in range(0, len(direction), BATCH):
             part = slice(first, first + BATCH)
@@ -96,11 +105,26 @@ def thermal_radiance(
                     if source.mirrors:
                         above, _, _ = march_emission(apparent, columns.top_m, batch, p, up, mi.Bool(False), nodes // 2)
                         mirror = np.stack([np.array(a) for a in above])
-                    below = ground_radiance(source, points, vertical, cosine, sun, mirror)
+                    reflected = source.sky_at(vertical, points) if sky is None else sky[points]
+                    below = ground_radiance(source, points, vertical, cosine, sun, mirror, reflected)
                     radiance[first + ends] += sum(np.array(t)[ends] * b for t, b in zip(through, below, strict=True))
                 first_g += batch.used
         out[band.name] = radiance
     return out
+
+
+def _marched_sky(planet: Planet, columns: AirColumns, batches: Sequence[ColumnBatch], nodes: int) -> FloatArray:
+    """Return the mean radiance of the sky over the ground, irradiance over pi, shape (g, 1): Gauss quadrature."""
+    x, w = np.polynomial.legendre.leggauss(SKY_DIRECTIONS)
+    mu, w = 0.5 * (x + 1.0), 0.5 * w
+    radius = planet.mean_radius_m
+    o = vectors(np.tile([0.0, 0.0, radius], (len(mu), 1)))
+    d = vectors(np.stack([np.sqrt(1.0 - mu**2), np.zeros_like(mu), mu], axis=1))
+    sphere, down = Planet(radius, radius), []
+    for batch in batches:
+        above, _, _ = march_emission(sphere, columns.top_m, batch, o, d, mi.Bool(False), nodes)
+        down += [np.array(a) for a in above]
+    return np.array([[float(2.0 * np.sum(w * mu * a))] for a in down])
 
 
 def _ground_points(
@@ -133,15 +157,16 @@ def ground_radiance(
     cosine: FloatArray,
     sun: FloatArray,
     mirror: FloatArray,
+    sky: FloatArray,
 ) -> FloatArray:
     """Return what leaves the ground, shape (g, n), for the g points of a slice.
 
-    At verticals (n, 3) under view cosines (n,); ``mirror`` (g, n) is the air along the reflected rays.
+    At verticals (n, 3) under view cosines (n,); ``mirror`` (g, n) is the air along the reflected rays, ``sky`` (g, n)
+    or (g, 1) the mean radiance above.
     """
     emission = source.emission
-    sky = source.sky_at(vertical, points)
     places = places_below(emission, vertical, sun)
-    total = np.zeros_like(sky)
+    total = np.zeros_like(mirror)
     for kind in kinds_of(emission):
         e = source.emissivities(kind, cosine, points)
         above = mirror if kind == "water" else sky

@@ -190,7 +190,6 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
             more_extinction_per_m=more(node.more_extinction_per_m),
             more_molecular_per_m=more(node.more_molecular_per_m),
             asymmetry=column(node.asymmetry),
-            source=column(node.source),
         )
         for node in model.nodes
     )

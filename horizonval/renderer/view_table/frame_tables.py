@@ -19,7 +19,7 @@ import numpy as np
 from horizonval.core.digests import content_digest
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
 from horizonval.renderer.kernel.march import with_ground
-from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes, ThermalNodes
+from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
 from horizonval.renderer.kernel.surface import SurfaceHit
@@ -106,7 +106,7 @@ class FrameTables:
         view: FrameGeometry,
         cells: Cells,
         hits: tuple[SurfaceHit | None, SurfaceHit | None],
-        batches: Sequence[SolarNodes | ThermalNodes],
+        batches: Sequence[SolarNodes],
         nodes: int,
         digest: str,
     ) -> FrameTables | None:
@@ -119,7 +119,7 @@ class FrameTables:
         view, cells : FrameGeometry, Cells
         hits : tuple of SurfaceHit or None
             Where rays to the ground end, and rays past it.
-        batches : sequence of SolarNodes or ThermalNodes
+        batches : sequence of SolarNodes
             The latter are left out.
         nodes : int
             Evaluations along a ray of the direct march.
@@ -328,14 +328,14 @@ class FrameTables:
         return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending, reflected)
 
 
-def _lights(view: FrameGeometry, batches: Sequence[SolarNodes | ThermalNodes], nodes: int) -> list[Light]:
+def _lights(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int) -> list[Light]:
     """Return what shines in the air: Sun, Moon, and the air itself."""
-    solar = [b if isinstance(b, SolarNodes) else None for b in batches]
-    glow = [None if b is None else b.glow for b in solar]
+    glow = [b.glow for b in batches]
     moonlit = view.moon is not None and view.moon.lights_earth
-    moon = [b.in_moonlight() if b is not None and b.moonlight is not None and moonlit else None for b in solar]
+    moon = [b.in_moonlight() if b.moonlight is not None and moonlit else None for b in batches]
+    solar: list[SolarNodes | None] = list(batches)
     if view.sunless:
-        solar = [b if g is None and m is None else None for b, g, m in zip(solar, glow, moon, strict=True)]
+        solar = [b if g is None and m is None else None for b, g, m in zip(batches, glow, moon, strict=True)]
     lights = [Light("sun", solar, view.sun, view.top_m, nodes)]
     if view.moon is not None:
         lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes))

@@ -28,7 +28,7 @@ def cells_png(ranked: Sequence[Mapping[str, Any]], sheets: Mapping[str, Any]) ->
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from horizonval.report.figures.plots import house_style
+    from horizonval.report.plots import house_style
 
     methods = [row["method"] for row in ranked]
     cells = sorted(sheets[methods[0]]["cells"])

@@ -4,5 +4,5 @@
 * *re-render*: the baseline's scenes and noise seeds again, compared by hash, then by region of the image.
 * *fresh*: scenes nobody has seen, drawn anew every night.
 
-The margins are declared in the suite's file (:mod:`horizonval.spec.regression`), nowhere else.
+The margins are declared in the suite's file (:mod:`horizonval.spec.suite`), nowhere else.
 """

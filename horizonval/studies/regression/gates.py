@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from horizonval.spec.regression import IMAGE_METRICS, TWO_SIDED, GateSpec
+from horizonval.spec.suite import IMAGE_METRICS, TWO_SIDED, GateSpec
 from horizonval.studies.regression.row import ERRORS, ReplicateRow
 from horizonval.studies.regression.statistics import (
     Estimate,

@@ -37,7 +37,7 @@ from horizonval.jobs.engine import do
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.kept import Record
 from horizonval.spec.load import Case, Suite
-from horizonval.spec.regression import Lane, RegressionSpec
+from horizonval.spec.suite import Lane, RegressionSpec
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.manifest import withdraw_manifest, write_manifest
 from horizonval.studies.regression import history

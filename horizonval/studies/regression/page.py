@@ -10,7 +10,6 @@ INCONCLUSIVE is ``skipped`` with its reason: neither passed nor failed, and show
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -27,13 +26,10 @@ from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
 from horizonval.geometry.horizon import horizon_cam
-from horizonval.report import template
-from horizonval.report.figures import overlay
-from horizonval.report.figures.plots import Draw, figure_uri
-from horizonval.report.frames_on_demand import one_frame
+from horizonval.report import page, plots, viewer
 from horizonval.report.load import CaseView
-from horizonval.report.sentence import Record, opening
-from horizonval.report.verdict import VERDICTS, verdict_of
+from horizonval.report.plots import Draw
+from horizonval.report.words import VERDICTS, Record, opening, verdict_of
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
 from horizonval.studies.regression import history
@@ -73,11 +69,16 @@ def write_page(
 
     ``shown``: sentences and images that it opens with (:func:`of_night`, :func:`of_baseline`).
     """
-    environment = template.environment(Path(__file__).parent)
-    environment.filters |= {"figure": figure, "scenes": scenes, "short": _short}
-    text = environment.get_template("night.html").render(
+    shown = shown or {"sentences": (), "frames": (), "kept": 0, "estimators": ()}
+    text = page.render(
+        "night.html",
+        title=f"{verdict['suite']}, night {verdict['night']}: {verdict['verdict']}",
+        heading="Accuracy regression",
+        version=verdict["environment"]["version"],
+        about=[f"suite {verdict['suite']}", f"night {verdict['night']}"],
+        folder=Path(__file__).parent,
+        filters={"figure": figure, "scenes": scenes, "short": _short},
         v=verdict,
-        **template.shared_parts(),
         glyphs=GLYPHS,
         kinds=KINDS,
         headline=headline(verdict),
@@ -86,9 +87,9 @@ def write_page(
         trends=_trends(nights),
         nights=nights,
         most=MOST_LISTED,
-        **(shown or {"sentences": (), "frames": (), "kept": 0, "viewer_estimators": ()}),
+        **shown,
     )
-    template.write(path, text)
+    page.write(path, text)
 
 
 def headline(verdict: Mapping[str, Any]) -> str:
@@ -118,9 +119,19 @@ def _groups(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
     groups = []
     for about in verdict["comparisons"]:
         gates = [g for g in verdict["gates"] if g["against"] == about["name"]]
-        picture = None
-        if gates:
-            picture = figure_uri(gates_in_margins(gates), 8.6, 1.5 + 0.34 * len(gates))
+        picture = (
+            plots.figure(
+                f"Changes over their margins, against the {about['name']} baseline",
+                "Estimate and 95 % bounds. The shaded strip passes; FAIL also needs certainty at 1 %, adjusted over "
+                "all gates (Holm); pp are percentage points.",
+                gates_in_margins(gates),
+                8.6,
+                1.5 + 0.34 * len(gates),
+                wide=True,
+            )
+            if gates
+            else None
+        )
         groups.append({"about": about, "gates": gates, "picture": picture})
     return groups
 
@@ -139,15 +150,11 @@ def _trends(nights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     verdicts = {line["night"]: line["verdict"] for line in nights}
     found = []
     for name, one in history.series(nights).items():
-        found.append(
-            {
-                "title": name,
-                "unit": one["unit"],
-                "n": one["n"][-1],
-                "last": one["values"][-1],
-                "uri": figure_uri(trend(name, one, verdicts), 5.6, 3.2),
-            }
-        )
+        unit = "" if one["unit"] == "1" else one["unit"]
+        last = f"{figure(one['values'][-1])} {unit}".rstrip()
+        text = f"Last night {last}, n = {one['n'][-1]}. Lines: levels between steps. Marks: the night's verdict."
+        title = f"{name} [{unit}]" if unit else name
+        found.append(plots.figure(title, text, trend(name, one, verdicts), 5.6, 3.2))
     return found
 
 
@@ -268,8 +275,8 @@ def shown_of(
     Returns
     -------
     dict
-        ``sentences``, one for each method or of many the best and the worst; ``frames``, JSON texts; ``kept``, of how
-        many scenes and bands; ``viewer_estimators``.
+        ``sentences``, one for each method or of many the best and the worst; ``frames``, as the viewer takes them;
+        ``kept``, of how many scenes and bands; ``estimators``.
     """
     estimators = tuple(dict.fromkeys(row.estimator for row in rows))
     known = {scene: FrameTruth.from_dict(dict(truths[scene])) for scene in {row.case for row in rows} & set(truths)}
@@ -300,19 +307,19 @@ def shown_of(
         if pixels > MOST_PX and chosen:
             break
         chosen[key] = image
-    texts = []
+    images = []
     for key in (key for key in worst_in_order(by_image, worst) if key in chosen):
         truth = known[key[0]]
         view = CaseView(key[0], key[1], by_method[key], {}, frozen_image(truth, chosen[key]), "", False, "")
-        found = one_frame(view, estimators, expected[key[:2]]) | {"name": f"{key[0]}, seed {key[2]}"}
+        found = viewer.one_frame(view, estimators, expected[key[:2]]) | {"name": f"{key[0]}, seed {key[2]}"}
         horizon = horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, truth.apparent_ellipsoid, _SAMPLES)
         found["layers"] = [_layer(truth, horizon, by_image[key], name) for name in estimators]
-        texts.append(json.dumps(found, sort_keys=True).replace("<", "\\u003c"))
+        images.append(found)
     return {
         "sentences": opening([_record(name, rows) for name in estimators]),
-        "frames": texts,
+        "frames": images,
         "kept": len(worst),
-        "viewer_estimators": estimators,
+        "estimators": estimators,
     }
 
 
@@ -333,7 +340,7 @@ def _layer(truth: FrameTruth, horizon: FloatArray, rows: Sequence[ReplicateRow],
         frames.nadir_of_roll_pitch(roll + row.roll_error_arcsec * _ARCSEC, pitch + row.pitch_error_arcsec * _ARCSEC),
     )
     turned = frames.rotate(_shortest_turn(true, claimed), np.concatenate([horizon, horizon[:1]]))
-    return {"points": "", "limb": overlay.visible_path(truth.camera_model, turned)}
+    return {"points": "", "limb": viewer.visible_path(truth.camera_model, turned)}
 
 
 def _shortest_turn(a: FloatArray, b: FloatArray) -> FloatArray:

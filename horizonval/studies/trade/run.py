@@ -13,7 +13,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.remaining import ExpectedTime
-from horizonval.report.pages import study_page
+from horizonval.report import study as study_page
 from horizonval.spec.suite import Requirement
 from horizonval.store.folder import RunFolder, intact_json
 from horizonval.store.manifest import amend_manifest

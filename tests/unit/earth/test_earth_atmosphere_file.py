@@ -133,11 +133,10 @@ def test_particles_beside_molecules() -> None:
 
 def test_particles_do_not_scatter_in_thermal_bands() -> None:
     with_them, without = (
-        af.file_model(af.parse_atmosphere(data, "air.json"), thermal=True).nodes[0]
+        af.file_model(af.parse_atmosphere(data, "air.json"), thermal=True).thermal[0]
         for data in (with_particles(), content())
     )
-    assert not with_them.scattering_per_m.any()
-    np.testing.assert_array_equal(with_them.extinction_per_m, without.extinction_per_m)
+    np.testing.assert_array_equal(with_them.ln_extinction, without.ln_extinction)
 
 
 def test_particles_are_written_and_read_again(tmp_path: Path) -> None:
@@ -184,8 +183,8 @@ def test_solar_columns_are_the_files_own(tmp_path: Path) -> None:
     np.testing.assert_array_equal(node.scattering_per_m, [1e-5, 1e-6, 1e-6, 0])
     np.testing.assert_allclose(node.extinction_per_m, [3e-5, 3e-6, 2e-6, 1e-9])
     assert (node.name, node.band, node.weight, node.molecular_cos2) == ("a", "a", 1.0, 0.0)
-    assert (node.solar_irradiance, node.sun_radiance, node.surface_source) == (1.0, 0.0, 0.0)
-    assert (model.albedo, model.emissivity, file.planet_radius_m) == (0.3, 0.9, 6371e3)
+    assert (node.solar_irradiance, node.sun_radiance, model.thermal) == (1.0, 0.0, ())
+    assert (model.albedo, file.planet_radius_m) == (0.3, 6371e3)
 
 
 def test_thermal_grid_is_refined_and_keeps_the_nodes() -> None:
@@ -196,18 +195,19 @@ def test_thermal_grid_is_refined_and_keeps_the_nodes() -> None:
     assert (np.diff(z) > 0).all()
     # 68 K, 0.05 K and 20.05 K in steps of at most 0.1 K.
     assert len(z) == 680 + 1 + 201 + 1
-    (node,) = model.nodes
+    (band,) = model.thermal
+    extinction, source = (values[0, 0] for values in band.columns())
     absorption = np.interp(z, [0, 10e3, 11e3, 100e3], [2e-5, 2e-6, 1e-6, 1e-9])
-    np.testing.assert_allclose(node.extinction_per_m, absorption, rtol=1e-12)
-    assert not node.scattering_per_m.any()
-    assert node.source[0] == pytest.approx(float(planck.radiance_per_um(15.0, 288.0)))
-    assert node.surface_source == pytest.approx(float(planck.radiance_per_um(15.0, 290.0)))
+    np.testing.assert_allclose(extinction, absorption, rtol=1e-12)
+    assert source[0] == pytest.approx(float(planck.radiance_per_um(15.0, 288.0)))
+    assert model.emission is not None
+    assert (model.emission.land_k[0], model.emission.emissivity) == (290.0, 0.9)
     # Between its nodes the source is linear; Planck's function of the linear temperature is met to 5e-7 at 200 K.
     middle = (z[1:] + z[:-1]) / 2
     exact = planck.radiance_per_um(
         15.0, np.interp(middle, np.array(content()["altitude_km"]) * 1e3, [288, 220, 220.05, 200])
     )
-    np.testing.assert_allclose((node.source[1:] + node.source[:-1]) / 2, exact, rtol=5e-7)
+    np.testing.assert_allclose((source[1:] + source[:-1]) / 2, exact, rtol=5e-7)
 
 
 def test_vacuum_between_last_node_and_top() -> None:

@@ -45,7 +45,7 @@ def test_grid_and_shapes() -> None:
     assert [band.name for band in model.thermal] == ["tir"]
     assert len({n.name for n in model.nodes}) == 4
     for n in model.nodes:
-        assert n.extinction_per_m.shape == n.scattering_per_m.shape == n.source.shape == model.altitude_m.shape
+        assert n.extinction_per_m.shape == n.scattering_per_m.shape == model.altitude_m.shape
         assert (n.extinction_per_m >= n.scattering_per_m).all()
         assert (n.scattering_per_m >= 0).all()
 
@@ -72,10 +72,7 @@ def test_solar_nodes_carry_the_band() -> None:
     # Photon weighting changes the mean over a band of 20 % half width by a few per cent of the spectrum's slope.
     mean = sunlight.band_irradiance(0.45, 0.65) / 0.2
     assert model.nodes[0].solar_irradiance == pytest.approx(mean, rel=0.01)
-    assert all(
-        n.molecular_cos2 == rayleigh.cos2(n.wavelength_um) and n.surface_source == 0 and not n.source.any()
-        for n in model.nodes
-    )
+    assert all(n.molecular_cos2 == rayleigh.cos2(n.wavelength_um) for n in model.nodes)
 
 
 def test_electrons_are_counted_exactly() -> None:

@@ -38,7 +38,7 @@ def band(extinction_per_m: np.ndarray, altitude_m: np.ndarray, temperature_k: np
 
 def model(emitting: EmittingBand, ground: GroundEmission) -> OpticalModel:
     z = emitting.altitude_m
-    return OpticalModel(z, float(z[-1]), (), 0.0, ground.emissivity, thermal=(emitting,), emission=ground)
+    return OpticalModel(z, float(z[-1]), (), 0.0, thermal=(emitting,), emission=ground)
 
 
 def isothermal(extinction_per_m: float, temperature_k: float, emissivity: float = 1.0) -> OpticalModel:

@@ -10,11 +10,9 @@ from emission_models import RADIUS_M, band, black, camera, isothermal, model, sc
 from scipy.integrate import quad, trapezoid
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.optical import optical_model
 from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.renderer.rays.radiance import radiance_along_rays
 from horizonval.renderer.rays.thermal_radiance import thermal_radiance
 from horizonval.renderer.thermal.emission_ground import sky_radiance
 
@@ -110,32 +108,6 @@ def test_the_oblate_planet_is_round_along_the_equator_and_flatter_at_the_pole() 
     radius = WGS84.a_m**2 / WGS84.b_m
     round_ = thermal_radiance(air, radius, over_pole + np.array([0.0, 0.0, radius - WGS84.b_m]), direction)["b"]
     assert flat == pytest.approx(round_, rel=2e-4)
-
-
-def _as_nodes(air: OpticalModel) -> OpticalModel:
-    """The same thermal band as spectral nodes, for the march of the ``radiance`` command."""
-    b = air.thermal[0]
-    extinction, source = b.columns()
-    assert air.emission is not None
-    ground = b.source(np.array(air.emission.land_k[0]))
-    zero = np.zeros_like(b.altitude_m)
-    nodes = tuple(
-        SpectralNode(f"{g}", b.name, 1.0, 15.0, extinction[g, 0], zero, 0.0, zero, zero, 0.0, source[g, 0],
-                     float(ground[g]), 0.0)
-        for g in range(b.count)
-    )  # fmt: skip
-    return replace(air, nodes=nodes, thermal=(), emission=None, band_order=())
-
-
-@pytest.mark.parametrize("refraction", [False, True])
-def test_one_row_is_what_the_radiance_command_marches(refraction: bool) -> None:
-    """1e-4, the accuracy of 512 nodes against 2048; with refraction both march the air over apparent heights."""
-    spec = camera({"name": "b", "kind": "thermal", "lo_um": 14.0, "hi_um": 14.2})
-    air = optical_model(scene(atmosphere={"refraction": refraction}), spec)
-    observer, direction = _rays(np.array([-50e3, -1e3, 1e3, 15e3, 40e3]))
-    nodes = radiance_along_rays(_as_nodes(air), RADIUS_M, observer, direction, direction)
-    ours = thermal_radiance(air, RADIUS_M, observer, direction, nodes=512)["b"]
-    assert ours == pytest.approx(sum(nodes.values()), rel=1e-4)
 
 
 def test_the_sky_of_an_isothermal_slab_has_the_closed_form() -> None:

@@ -77,7 +77,7 @@ def test_shell_rays_are_straight_and_lose_what_they_absorb() -> None:
 def _node(scale: float = 1.0) -> SpectralNode:
     air = scale * 1.2e-5 * np.exp(-ALTITUDE_M / 8e3)
     zero = np.zeros_like(air)
-    return SpectralNode("n", "n", 1.0, 0.55, air, air, 0.75, zero, zero, 1.0, zero, 0.0, 0.0)
+    return SpectralNode("n", "n", 1.0, 0.55, air, air, 0.75, zero, zero, 1.0, 0.0)
 
 
 def _sun_table(nodes: Sequence[SpectralNode]) -> SunTable:

@@ -14,7 +14,7 @@ import drjit as dr  # noqa: E402
 import mitsuba as mi  # noqa: E402
 
 from horizonval.renderer.kernel.march import march, optical_depth  # noqa: E402
-from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, SolarNodes, ThermalNodes  # noqa: E402
+from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, SolarNodes  # noqa: E402
 from horizonval.renderer.planet import Planet  # noqa: E402
 from horizonval.renderer.scene.frame import render_frame  # noqa: E402
 from horizonval.renderer.tables import AltitudeGrid, SunTable, table_of, vectors  # noqa: E402
@@ -52,12 +52,6 @@ def test_opacity_alone_is_the_column() -> None:
     assert float(depth[0][0]) == pytest.approx(K * TOP_M, rel=1e-9)
     place = Place.of(PLANET, GRID, *UPWARDS, mi.Float64(10.0))
     assert batch.source_at(place, batch.extinction_at(place)) == []
-
-
-def test_isothermal_air_emits_what_it_absorbs() -> None:
-    radiance, transmittance = _march(ThermalNodes(1, GRID, _uniform(K), _uniform(5.0), [constant(0.0)]))
-    assert transmittance == pytest.approx(np.exp(-K * TOP_M), rel=1e-9)
-    assert radiance == pytest.approx(5.0 * (1.0 - transmittance), rel=1e-6)
 
 
 def test_airglow_adds_up_per_metre_and_needs_no_extinction() -> None:

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 import pytest
 
-from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.spectral import planck
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
 from horizonval.renderer.kernel.coverage import cell_coverage
 from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.plugin.model_text import dump_model, load_model
-from horizonval.renderer.rays.radiance import radiance_along_rays
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
@@ -34,25 +29,6 @@ def mi() -> Any:
     import mitsuba
 
     return mitsuba
-
-
-def _thermal(extinction: np.ndarray, altitude_m: np.ndarray, source: float, emissivity: float) -> OpticalModel:
-    node = SpectralNode(
-        name="n",
-        band="n",
-        weight=1.0,
-        wavelength_um=15.0,
-        extinction_per_m=extinction,
-        molecular_per_m=np.zeros_like(extinction),
-        molecular_cos2=0.0,
-        particle_per_m=np.zeros_like(extinction),
-        asymmetry=np.zeros_like(extinction),
-        solar_irradiance=0.0,
-        source=np.full_like(extinction, source),
-        surface_source=source,
-        sun_radiance=0.0,
-    )
-    return OpticalModel(altitude_m, float(altitude_m[-1]), (node,), albedo=0.0, emissivity=emissivity)
 
 
 @pytest.mark.parametrize("radius_px", [20.0, 300.0])
@@ -94,37 +70,6 @@ def test_kernel_rays_equal_the_analytic_camera(mi: Any, camera: CameraModel) -> 
     rays = RayCamera.of(camera, np.eye(3))
     ours = rays.direction(mi.Float64(uv[:, 0].copy()), mi.Float64(uv[:, 1].copy()))
     assert np.abs(np.stack([np.array(c) for c in ours], axis=1) - unproject(camera, uv)).max() < 1e-12
-
-
-def test_model_survives_text_bit_by_bit() -> None:
-    model = _thermal(np.geomspace(1e-3, 1e-9, 41), np.linspace(0.0, 1e5, 41), 0.1 + 0.2, 0.9)
-    again = load_model(dump_model(model))
-    assert again.refractivity is None
-    bent = load_model(dump_model(replace(model, refractivity=np.geomspace(3e-4, 1e-9, 41))))
-    assert np.array_equal(bent.refractivity, np.geomspace(3e-4, 1e-9, 41))
-    assert np.array_equal(again.nodes[0].extinction_per_m, model.nodes[0].extinction_per_m)
-    assert (again.nodes[0].surface_source, again.top_m, again.emissivity) == (0.1 + 0.2, 1e5, 0.9)
-
-
-@pytest.mark.parametrize(
-    ("opacity_per_m", "emissivity"), [(1e-7, 1.0), (1e-5, 1.0), (1e-3, 1.0), (1.0, 1.0), (1e-3, 0.7), (1.0, 0.7)]
-)
-def test_isothermal_planet_is_a_black_body(mi: Any, opacity_per_m: float, emissivity: float) -> None:
-    """Kirchhoff: ground and air at one temperature glow like a cavity where nothing is transparent to space.
-
-    Rays that end on the ground see (black ground) exactly the source, 1e-6; a grey ground reflects a sky that is
-    itself black only when opaque, so it is asked of opaque air alone.
-    """
-    z = np.linspace(0.0, 1e5, 501)
-    source = float(planck.radiance_per_um(15.0, 250.0))
-    model = _thermal(opacity_per_m * np.exp(-z / 7000.0), z, source, emissivity)
-    impact = RADIUS_M - np.array([0.5e3, 20e3, 500e3])
-    distance = RADIUS_M + 500e3
-    zero = np.zeros(3)
-    observer = np.stack([-np.sqrt(distance**2 - impact**2), zero, impact], axis=1)
-    along = np.tile([1.0, 0.0, 0.0], (3, 1))
-    radiance = radiance_along_rays(model, RADIUS_M, observer, along, along)["n"]
-    assert radiance == pytest.approx(source, rel=1e-6)
 
 
 def _scene(changes: dict[str, Any]) -> SceneSpec:

@@ -9,11 +9,9 @@ from datetime import datetime
 import pytest
 from synthetic import result_row
 
-from horizonval.report import template
+from horizonval.report import campaign, page
 from horizonval.report.load import CaseView, ReportRun
-from horizonval.report.pages import campaign_page
 from horizonval.scoring.row import Row
-from horizonval.scoring.summary import summarise
 from horizonval.suites.suite import load_suite
 from horizonval.truth.frame_truth import truth_of
 
@@ -62,18 +60,39 @@ def _plan(kind: str, axes: int) -> dict:
     return {"kind": kind, "title": kind, "x": "attitude.yaw_deg", "y": "attitude.pitch_deg", "cases": cases}
 
 
-def test_every_mark_of_a_timeline_links_to_its_frame():
-    page = campaign_page.page_of(_run(_plan("timeline", 0)))
-    svg = page["sections"][0]["figures"][0]["svg"]
-    links = re.findall(r'xlink:href="(index.html#c\d)"', svg)
+@pytest.fixture(scope="module")
+def shown():
+    return campaign.page_of(_run(_plan("timeline", 0), _plan("map", 2), _plan("sweep", 1), _plan("exclusion", 0)))
+
+
+def test_figures_are_complete_their_marks_link_to_their_frames_and_no_ids_clash(shown):
+    sections = shown["sections"]
+    assert [len(section["figures"]) for section in sections] == [1, 2, 1, 1]
+    links = re.findall(r'xlink:href="(index.html#c\d)"', sections[0]["figures"][0]["svg"])
     assert set(links) == {f"index.html#c{k}" for k in range(8)}
+    ids = re.findall(r' id="(m[0-9a-f]+|p[0-9a-f]{6,})"', "".join(f["svg"] for s in sections for f in s["figures"]))
+    assert len(ids) == len(set(ids)), "marks of one figure must not show in another"
+    # bold errs at 30, 40 and 50 deg; shy refuses there
+    assert "exclusion angle 60°" in sections[3]["figures"][0]["svg"]
+
+
+def test_a_frame_that_is_not_shown_is_not_linked_and_the_same_run_gives_the_same_figure(shown):
+    run = _run(_plan("timeline", 0))
+    assert campaign.page_of(run)["sections"][0] == shown["sections"][0]
+    hidden = replace(run, views=tuple(replace(view, shown=view.case != "c3") for view in run.views))
+    svg = campaign.page_of(hidden)["sections"][0]["figures"][0]["svg"]
+    assert "index.html#c2" in svg
+    assert "index.html#c3" not in svg
 
 
 def test_spans_reach_half_way_to_the_next_frame():
     rows = _run(_plan("timeline", 0)).rows
     minutes = {f"c{k}": float(k) for k in range(8)}
-    spans = {span.label: (span.start, span.end) for span in campaign_page._spans(rows, minutes)}
-    assert spans == {"eclipse": (2.5, 5.5), "Sun in the frame": (0.5, 1.5), "terminator in view": (1.5, 2.5)}
+    assert campaign._spans(rows, minutes) == [
+        ("eclipse", 2.5, 5.5),
+        ("Sun in the frame", 0.5, 1.5),
+        ("terminator in view", 1.5, 2.5),
+    ]
 
 
 def test_the_shadow_of_a_revolution_is_a_single_band():
@@ -84,92 +103,49 @@ def test_the_shadow_of_a_revolution_is_a_single_band():
     rows = [_row(f"c{k}", "shy", 30.0, sun_visible_fraction=share, **clear) for k, share in enumerate(shares)]
     first, second = (datetime.fromisoformat(truth.epoch_utc) for truth in truths[:2])
     step_min = (second - first).total_seconds() / 60.0
-    spans = campaign_page._spans(rows, {f"c{k}": k * step_min for k in range(len(rows))})
-    assert [span.label for span in spans] == ["eclipse"]
+    ((label, *ends),) = campaign._spans(rows, {f"c{k}": k * step_min for k in range(len(rows))})
+    assert label == "eclipse"
     # A third of the revolution and more, in from the node at 10:30.
-    assert (spans[0].start, spans[0].end) == pytest.approx((26.6, 62.1), abs=0.1)
+    assert ends == pytest.approx((26.6, 62.1), abs=0.1)
 
 
-def test_a_map_for_every_estimator_and_one_figure_for_curves():
-    run = _run(_plan("map", 2), _plan("sweep", 1), _plan("exclusion", 0))
-    sections = campaign_page.page_of(run)["sections"]
-    assert [len(section["figures"]) for section in sections] == [2, 1, 1]
-    ids = re.findall(r' id="(m[0-9a-f]+|p[0-9a-f]{6,})"', "".join(f["svg"] for s in sections for f in s["figures"]))
-    assert len(ids) == len(set(ids)), "marks of one figure must not show in another"
-    # bold errs at 30, 40 and 50 deg; shy refuses there
-    assert "exclusion angle 60°" in sections[2]["figures"][0]["svg"]
-
-
-def test_the_worst_frames_are_false_claims_first_and_by_their_error():
-    worst = campaign_page.page_of(_run(_plan("timeline", 0)))["worst"]
+def test_the_worst_frames_are_false_claims_first_and_by_their_error(shown):
+    worst = shown["worst"]
     assert [kind["total"] for kind in worst] == [3, 3]
     assert worst[0]["lines"][0]["text"] == "2.00° off"
     assert all(line["link"].startswith("index.html#c") for kind in worst for line in kind["lines"])
 
 
-def test_what_is_counted_strictly_is_shown_so():
-    page = campaign_page.page_of(_run(_plan("timeline", 0)))
-    bold = page["confusions"][1]
+def test_what_is_counted_strictly_is_shown_so(shown):
+    bold = shown["confusions"][1]
     assert bold["reported"] == ["valid", "false: beyond the limit of the error"]
     cells = {line["expected"]: [(cell["n"], cell["glyph"]) for cell in line["cells"]] for line in bold["lines"]}
     assert cells == {"valid": [(4, "●"), (3, "✖")], "borderline": [(1, ""), (0, "")]}
     assert [line["apart"] for line in bold["lines"]] == [False, True]
-    shy = page["rates"][1]
+    together, _, shy = shown["rates"]
+    assert (together["estimator"], together["n"]) == ("all bare methods", 16)
     assert (shy["estimator"], shy["n"], shy["borderline"]) == ("shy", 8, 1)
     # Seven are due, three of them refused; five claims, none false: below 1 - 0.05^(1/5) = 45.07 %, rounded up.
     assert (shy["availability"]["of"], shy["refusal"]["of"]) == ("4 of 7", "3 of 7")
     assert (shy["false_valid"]["of"], shy["bound"]) == ("0 of 5", "45.1 %")
-    errors = page["errors"][1]
+    errors = shown["errors"][1]
     assert (errors["nees_nadir"]["mean"], errors["nees_nadir_total"]["mean"]) == ("1.00", "0.500")
 
 
-def test_the_noise_is_shown_where_it_was_drawn_and_else_a_dash():
-    run = _run(_plan("timeline", 0))
-    lines = [campaign_page._errors(group) for group in summarise(run.rows)["groups"]]
-    assert [line["nees_noise"]["mean"] for line in lines] == ["–", "–"]
-    assert not campaign_page.is_due(replace(run, figures=()))
+def test_the_noise_is_shown_where_it_was_drawn_and_else_a_dash(shown):
+    assert [line["nees_noise"]["mean"] for line in shown["errors"]] == ["–", "–"]
+    run = replace(_run(), figures=())
+    assert not campaign.is_due(run)
     more = {"nees_noise": 9.0, "noise_draws": 5}
     views = [replace(v, rows={"shy": v.rows["shy"], "bold": replace(v.rows["bold"], **more)}) for v in run.views]
-    drawn = replace(run, views=tuple(views), figures=())
-    assert campaign_page.is_due(drawn)
-    page = campaign_page.page_of(drawn)
-    bold, shy = (line["nees_noise"] for line in page["errors"])
+    drawn = replace(run, views=tuple(views))
+    assert campaign.is_due(drawn)
+    content = campaign.page_of(drawn)
+    bold, shy = (line["nees_noise"] for line in content["errors"])
     assert (bold["mean"], bold["error"], bold["n"], bold["draws"], bold["glyph"]) == ("4.50", "0", 8, 40, "↑")
     assert shy["mean"] == "–"
-    assert campaign_page.headline(drawn)["text"] == "3 of 13 claims are false."
-    html = (
-        template.environment()
-        .get_template("campaign.html")
-        .render(sentences=[], frames=[], kept=0, run=drawn, **page, **template.shared_parts())
-    )
+    assert campaign.headline(drawn) == "3 of 13 claims are false."
+    html = page.render("campaign.html", title="", heading="", frames=[], kept=0, estimators=NAMES, run=drawn, **content)
     assert "4.50 ± 0" in html
     assert "n = 8, 40 draws; honest: 0.684 to 1.38" in html
     assert html.count("no two fits of a frame") == 1
-
-
-def test_a_refusal_of_a_borderline_frame_is_fair():
-    refused = _row("c7", "shy", None)
-    assert campaign_page.verdict_of(refused).key == "fair"
-    assert campaign_page.verdict_of(replace(refused, borderline=False)).key == "missed"
-
-
-def test_bare_and_guarded_methods_are_put_together():
-    assert [line["estimator"] for line in campaign_page.page_of(_run())["together"]] == ["all bare methods"]
-    rows = [_row("c1", name, 20.0) for name in ("a", "guarded-a", "guarded-b")]
-    assert [(name, len(own)) for name, own in campaign_page._pooled(rows)] == [
-        ("all bare methods", 1),
-        ("all guarded methods", 2),
-    ]
-
-
-def test_a_frame_that_is_not_shown_is_not_linked():
-    run = _run(_plan("timeline", 0))
-    hidden = replace(run, views=tuple(replace(view, shown=view.case != "c3") for view in run.views))
-    svg = campaign_page.page_of(hidden)["sections"][0]["figures"][0]["svg"]
-    assert "index.html#c2" in svg
-    assert "index.html#c3" not in svg
-
-
-def test_the_same_run_gives_the_same_page():
-    pages = [campaign_page.page_of(_run(_plan("map", 2), _plan("timeline", 0))) for _ in range(2)]
-    assert pages[0] == pages[1]

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from synthetic import result_row
 
-from horizonval.report.angle_unit import DEG
-from horizonval.report.headline import headline as words_of
+from horizonval.report.words import DEG
+from horizonval.report.words import headline as words_of
 from horizonval.scoring import headline as module
 from horizonval.scoring.headline import condition_of, headline
 from horizonval.scoring.row import Row

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from dataclasses import replace
@@ -42,10 +41,10 @@ def shown(base, rows):
 
 def test_every_scene_has_an_image_with_its_numbers_and_outcomes(base, three):
     found = shown(base, three)
-    told = [json.loads(text) for text in found["frames"]]
+    told = found["frames"]
     assert [one["name"].split(",")[0] for one in told] == list(dict.fromkeys(row.case for row in three))
     assert found["kept"] == len(told)
-    assert set(found["viewer_estimators"]) == {row.estimator for row in three}
+    assert set(found["estimators"]) == {row.estimator for row in three}
     for one in told:
         scene, seed = re.fullmatch(r"(\w+), seed (\d+)", one["name"]).groups()
         own = {r.estimator: r for r in three if r.case == scene and r.replicate == int(seed)}
@@ -59,14 +58,14 @@ def test_every_scene_has_an_image_with_its_numbers_and_outcomes(base, three):
 def test_of_a_scene_the_seed_with_the_worst_outcome_is_shown(base, three):
     rows = [row for row in three if row.case == "day_000"]
     rows = [replace(row, false_valid=row.replicate == 1) for row in rows]
-    assert json.loads(shown(base, rows)["frames"][0])["name"] == "day_000, seed 1"
+    assert shown(base, rows)["frames"][0]["name"] == "day_000, seed 1"
 
 
 def test_the_limb_of_a_claim_is_the_horizon_at_the_claimed_attitude(base, three):
     """Seen from the claimed nadir, every drawn point lies on the horizon: to 0.01 px, as path data is rounded."""
     row = next(row for row in three if row.case == "day_000" and row.is_claim)
     row = replace(row, roll_error_arcsec=7200.0, pitch_error_arcsec=-3600.0)
-    one = json.loads(shown(base, [row])["frames"][0])
+    one = shown(base, [row])["frames"][0]
     points = [tuple(map(float, pair)) for pair in re.findall(r"([-\d.]+) ([-\d.]+)", one["layers"][0]["limb"])]
     assert len(points) > 50
     truth = FrameTruth.from_dict(dict(base.images.truths["day_000"]))
@@ -93,4 +92,4 @@ def test_it_opens_with_degrees_and_with_where_claims_are_false(base):
 
 
 def test_a_night_without_images_shows_none():
-    assert shown_of([], {}, lambda key: None) == {"sentences": [], "frames": [], "kept": 0, "viewer_estimators": ()}
+    assert shown_of([], {}, lambda key: None) == {"sentences": [], "frames": [], "kept": 0, "estimators": ()}

@@ -15,7 +15,7 @@ import pytest
 from scipy import stats
 
 from horizonval.core.outcome import Outcome
-from horizonval.spec.regression import UNITS, GateSpec
+from horizonval.spec.suite import UNITS, GateSpec
 from horizonval.studies.regression.accept import difference_table
 from horizonval.studies.regression.baseline import Baseline
 from horizonval.studies.regression.gates import (
