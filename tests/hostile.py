@@ -35,14 +35,12 @@ class Hostile:
     """What a plug-in does when it is asked, before its function is made, and at the end of its import.
 
     ``crashes``: whether it can have no other outcome; others may answer, as long as it is they alone who are harmed.
-    ``alone``: whether it would reach beyond itself where the kernel grants no namespace.
     """
 
     body: str = "pass"
     before: str = ""
     after: str = ""
     crashes: bool = True
-    alone: bool = False
 
 
 def _raises(what: str, before: str = "") -> Hostile:
@@ -155,7 +153,7 @@ HOSTILE: dict[str, Hostile] = {
     "print-much": _meddles("for _ in range(3000): print('x' * 1000)"),
     "print-errors": _meddles("sys.stderr.write('y' * 3_000_000)"),
     "print-no-text": _meddles("os.write(2, bytes(range(256)) * 100); raise ValueError", crashes=True),
-    "write-everywhere": Hostile(
+    "write-everywhere": _meddles(
         "for fd in range(1, 64):\n    try: os.write(fd, b'\\x05' + bytes(7) + b'Alies')\n    except OSError: pass"
     ),
     "close-all": Hostile("os.closerange(0, 256)"),
@@ -171,9 +169,9 @@ HOSTILE: dict[str, Hostile] = {
     ),
     "patch-json": _meddles("json.dumps = lambda *a, **k: '[' * 100_000; return fit()"),
     "patch-ours": Hostile(
-        "from horizonval.estimation import answer, registry\n"
-        "from horizonval.estimation.process import asked\n"
-        "asked.checked = answer.checked = lambda result: result\n"
+        "from horizonval.estimation import answer\n"
+        "from horizonval.plugins import child, registry\n"
+        "child.checked = answer.checked = lambda result: result\n"
         "registry.run_safely = lambda *a: None\n"
         "return fit(points=np.zeros(3))"
     ),
@@ -206,15 +204,6 @@ HOSTILE: dict[str, Hostile] = {
     "kill-parent": Hostile("os.kill(os.getppid(), signal.SIGKILL); time.sleep(5)"),
     "stop-parent": Hostile("os.kill(os.getppid(), signal.SIGSTOP); os._exit(0)"),
     "kill-group": _meddles("os.kill(0, signal.SIGKILL)", crashes=True),
-    "kill-everyone": Hostile("os.kill(-1, signal.SIGKILL); os.kill(os.getpid(), signal.SIGKILL)", alone=True),
-    "kill-our-names": Hostile(
-        "for name in os.listdir('/proc'):\n"
-        "    if name.isdigit() and b'estimator_process' in open(f'/proc/{name}/cmdline', 'rb').read():\n"
-        "        try: os.kill(int(name), signal.SIGKILL)\n"
-        "        except ProcessLookupError: pass\n"
-        "time.sleep(5)",
-        alone=True,
-    ),
 }
 
 FEW = (

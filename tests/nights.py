@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
-from horizonval.estimation import registry
 from horizonval.frame import RadianceFrame
+from horizonval.plugins import registry
 from horizonval.spec.load import Suite
 from horizonval.studies.regression import units
 from horizonval.studies.regression.baseline import FrozenFrame, FrozenImage, Pack
@@ -103,7 +103,7 @@ def plainly(name: str, observation: Any) -> Any:
 
 def estimating_with(patch: pytest.MonkeyPatch, run: Run) -> None:
     """Let ``run`` answer in place of the estimators' processes."""
-    patch.setattr(scored, "sandbox_of", lambda limits: SimpleNamespace(run=run, spent_s=None))
+    patch.setattr(scored, "supervisor_of", lambda limits: SimpleNamespace(run=run, spent_s=None))
 
 
 def key_of(scene: Any) -> str:

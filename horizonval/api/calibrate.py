@@ -21,11 +21,11 @@ from horizonval.estimation.likelihood.calibration.solve import CameraCalibration
 from horizonval.estimation.likelihood.calibration.solve import calibrate as calibrate_camera
 from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Observation
-from horizonval.estimation.process.external import camera_file
 from horizonval.formats.csv_table import CsvTable, read_csv
 from horizonval.formats.lens.cameras import read_camera
 from horizonval.geometry.camera import CameraModel, camera_from_spec, check_invertible, field_angles, unproject
 from horizonval.jobs.progress import shown
+from horizonval.plugins.program import camera_file
 from horizonval.report.rerun import toml
 from horizonval.sensor.lens.optics import relative_illumination
 from horizonval.spec.camera import CameraSpec

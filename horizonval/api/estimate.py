@@ -16,15 +16,15 @@ from horizonval.api.picture import GreyImage, picture_of_array, picture_of_sourc
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
-from horizonval.estimation import installed, registry
 from horizonval.estimation.likelihood.templates import templates_of
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.onnx_model import is_model, model_estimator
 from horizonval.estimation.prior import Prior
-from horizonval.estimation.process.limits import Limits
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.plugins import registry, supervisor
+from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.bound import bound_of, together
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.scoring.errors import score as scored
@@ -218,7 +218,7 @@ def estimator_of(estimator: AnyEstimator, suite: str | Path | None = None) -> Es
     if isinstance(estimator, str):
         if suite is not None:
             return _program_of(suite, estimator)
-        return model_estimator(estimator) if is_model(estimator) else installed.get(estimator)
+        return model_estimator(estimator) if is_model(estimator) else supervisor.get(estimator)
     if callable(estimator):
         name = getattr(estimator, "__name__", type(estimator).__name__)
         return Estimator(name=name, title=name, run=estimator)
@@ -240,11 +240,11 @@ def _program_of(suite: str | Path, name: str) -> Estimator:
         head, programs = spec.suite, spec.estimator
     for program in programs:
         if program.name == name:
-            return installed.get(
+            return supervisor.get(
                 name, Limits(head.time_limit_s, head.memory_limit_mb, (program,), path.resolve().parent)
             )
     if name in head.estimators:
-        return installed.get(name)
+        return supervisor.get(name)
     known = nearest(name, [*(program.name for program in programs), *head.estimators])
     raise UserError(f"no estimator {name!r}", where=str(path), expected=f"one of {', '.join(known)}")
 

@@ -100,7 +100,7 @@ def list_estimators() -> list[str]:
     >>> "guarded-altitude-free" in hv.list_estimators()
     True
     """
-    from horizonval.estimation import registry
+    from horizonval.plugins import registry
 
     return registry.names()
 
@@ -110,7 +110,7 @@ def _shipped(kind: Kind) -> Callable[[], dict[str, str]]:
 
 
 def _estimators() -> dict[str, str]:
-    from horizonval.estimation import registry
+    from horizonval.plugins import registry
 
     # Of other packages nothing is imported here.
     return {

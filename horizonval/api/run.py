@@ -189,7 +189,7 @@ def run(
     keep : {"all", "failures", "none"}, optional
         In place of ``suite.keep``: what stays in the archive.
     time_limit_s : float, optional
-        Of one estimate, in place of ``suite.time_limit_s``.
+        Processor time of one estimate, in place of ``suite.time_limit_s``.
     dask : str, optional
         Address of a Dask scheduler in place of own processes, or ``"local:N"``.
     merge : sequence of str or Path

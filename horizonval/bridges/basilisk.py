@@ -29,11 +29,11 @@ from horizonval.bridges.attitudes import mrp_of_quaternion, quaternion_of_mrp, r
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.rotation import itrs_from_gcrs
+from horizonval.plugins import registry, supervisor
 from horizonval.spec.base import in_utc
 from horizonval.suites.observation import observation_of
 
@@ -207,7 +207,7 @@ class AttitudeModule(sysModel.SysModel):
         super().__init__()
         self.ModelTag = "horizonAttitude"
         self._camera = camera
-        self._estimator = installed.get(estimator) if isinstance(estimator, str) else estimator
+        self._estimator = supervisor.get(estimator) if isinstance(estimator, str) else estimator
         if self._estimator.estimates != "geocentric":
             raise UserError(
                 f"{self._estimator.name!r} claims the {self._estimator.estimates} vertical",

@@ -245,7 +245,7 @@ def archive_rescore(
     workers: Annotated[
         int | None, typer.Option(min=1, max=MOST_WORKERS, help="Estimates at a time; by default the processors.")
     ] = None,
-    time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Of one estimate.")] = 60.0,
+    time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Processor time of one estimate.")] = 60.0,
     options: EntryOptions = ALL,
     as_json: Json = False,
 ) -> int:
@@ -254,8 +254,8 @@ def archive_rescore(
     The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if an image is
     damaged.
     """
-    from horizonval.estimation.process.sandbox import Limits
     from horizonval.jobs.execution import available_cpus
+    from horizonval.plugins.supervisor import Limits
     from horizonval.suites.rescore import rescore
 
     entry_filter = options.filter("image")

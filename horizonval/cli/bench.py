@@ -58,7 +58,7 @@ def bench_run(
     program: Annotated[
         list[str] | None, typer.Option(metavar="NAME=COMMAND", help="A program as an estimator; repeatable.")
     ] = None,
-    time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Of one image.")] = 60.0,
+    time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Processor time of one image.")] = 60.0,
     memory_limit: Annotated[int, typer.Option(min=64, metavar="MB", help="Of one submission.")] = 4096,
     contain: Annotated[
         bool,
@@ -67,9 +67,8 @@ def bench_run(
     workers: Workers = None,
 ) -> int:
     """Run submissions on the frames, each in a process of its own. The same command again finishes them."""
-    from horizonval.estimation.process.containment import can_hide
-    from horizonval.estimation.process.limits import Limits
     from horizonval.jobs.execution import available_cpus
+    from horizonval.plugins.supervisor import Limits, can_hide
     from horizonval.spec.suite import ProgramSpec
     from horizonval.studies.bench.submissions import run_submissions
 

@@ -54,7 +54,8 @@ def run(
     ] = None,
     dask: Dask = None,
     time_limit: Annotated[
-        float | None, typer.Option(min=0.1, metavar="S", help="Of one estimate; in place of the suite's time_limit_s.")
+        float | None,
+        typer.Option(min=0.1, metavar="S", help="Processor time of an estimate, in place of time_limit_s."),
     ] = None,
     keep: Annotated[
         str | None, typer.Option(metavar="WHAT", help="Frames in the archive: all, failures or none; see suite.keep.")

@@ -183,7 +183,9 @@ class SuiteHead(Model):
     expected one, or false) or `none`. What is not kept can be made again from the suite and the case's name.
     """
     time_limit_s: Positive = 60.0
-    """Time limit of one estimate."""
+    """Processor time that one estimate may use, with the processes it starts; by the clock it gets ten times as long,
+    and at least a minute.
+    """
     memory_limit_mb: Annotated[int, Field(ge=64)] = 4096
     """Memory limit of one estimate."""
 
@@ -413,7 +415,9 @@ class StudyHead(Model):
     keep: Keep = "none"
     """Which frames and images stay in the archive; see a suite's `keep`."""
     time_limit_s: Positive = 60.0
-    """Time limit of one estimate."""
+    """Processor time that one estimate may use, with the processes it starts; by the clock it gets ten times as long,
+    and at least a minute.
+    """
     memory_limit_mb: Annotated[int, Field(ge=64)] = 4096
     """Memory limit of one estimate."""
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from horizonval.core import files
 from horizonval.core.code import FRAME_ROOMS, code_digest
-from horizonval.estimation import registry
+from horizonval.plugins import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.prior import is_climate_file

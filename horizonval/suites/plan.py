@@ -11,9 +11,9 @@ from pathlib import Path
 
 from horizonval.core import files
 from horizonval.core.errors import UserError
-from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
-from horizonval.estimation.process.sandbox import Limits
+from horizonval.plugins import supervisor
+from horizonval.plugins.supervisor import Limits
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import Keep
 
@@ -49,7 +49,7 @@ class CasePlan:
         UserError
             If there is none of that name.
         """
-        return installed.get(name, self.limits)
+        return supervisor.get(name, self.limits)
 
     def of(self, case: Case) -> tuple[str, ...]:
         """Return the estimators of a case, in the suite's order."""

@@ -14,12 +14,12 @@ from typing import Any
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress, Silent
-from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
-from horizonval.estimation.process.sandbox import Limits
 from horizonval.jobs.engine import Recorded, do
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.plugins import supervisor
+from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 from horizonval.store.index import Filter
@@ -108,7 +108,7 @@ def rescore(
     run = run_folder_of(store.root)
     head = (read_json(run.suite) if run else None) or {}
     limits = limits or Limits()
-    chosen = [installed.get(name, limits) for name in estimators or head.get("estimators", ())]
+    chosen = [supervisor.get(name, limits) for name in estimators or head.get("estimators", ())]
     if not chosen:
         raise UserError("which estimators?", where="--estimator", fix="see `horizonval list estimators`")
     entries = [entry for entry in store.index.select() if entry.kind == "frame"]

@@ -18,7 +18,6 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
-from horizonval.estimation import registry
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.known_air import KnownAir
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
@@ -28,6 +27,7 @@ from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.ellipsoid import WGS84
+from horizonval.plugins import registry
 
 OFF_RAD, TURN_RAD = math.radians(62.0), 0.2
 NADIR = np.array([math.sin(OFF_RAD) * math.sin(TURN_RAD), math.sin(OFF_RAD) * math.cos(TURN_RAD), math.cos(OFF_RAD)])

@@ -15,7 +15,7 @@ from cosmic_ray.work_item import MutationSpec
 ROOMS = {
     "scoring": ("scoring",),
     "limb": ("estimation/limb",),
-    "estimators": ("estimation/methods", "estimation/guard", "estimation/process"),
+    "estimators": ("estimation/methods", "estimation/guard", "plugins"),
     "archive": ("store",),
     "jobs": ("jobs", "suites"),
     "regression": ("studies/regression",),

@@ -34,7 +34,10 @@ from mutants import ROOMS, Mutant, Place, all_places, mutant_at
 from recording import Recording, record
 
 ROOT = Path(__file__).parents[2]
-TESTS = [f"tests/unit/{room}" for room in ("scoring", "estimation", "store", "jobs", "suites", "studies/regression")]
+TESTS = [
+    f"tests/unit/{room}"
+    for room in ("scoring", "estimation", "plugins", "store", "jobs", "suites", "studies/regression")
+]
 TESTS.append("tests/unit/test_values.py")
 LONGEST_S = 5.0
 """Recorded time of the tests that a mutant gets; what only others would find counts as survived."""

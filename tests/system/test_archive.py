@@ -15,10 +15,10 @@ import OpenImageIO
 import pytest
 from conftest import assert_one_line, outcome_of
 
-from horizonval.estimation import registry
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import tangency_points
 from horizonval.jobs import engine
+from horizonval.plugins import registry
 from horizonval.report.load import load_run
 from horizonval.scoring.table import read_results
 from horizonval.store.store import Store
@@ -187,7 +187,7 @@ def in_this_process(monkeypatch) -> None:
         def run(self, name, observation):
             return registry.run_safely(registry.get(name), observation)
 
-    monkeypatch.setattr(scored, "sandbox_of", Here)
+    monkeypatch.setattr(scored, "supervisor_of", Here)
     monkeypatch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
     monkeypatch.setattr("horizonval.report.build_report", lambda folder: folder / "report" / "index.html")
 

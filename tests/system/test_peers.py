@@ -17,9 +17,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import horizonval as hv
-from horizonval.estimation import registry
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.directions import angle_between
+from horizonval.plugins import registry
 
 PEERS = Path(__file__).parents[2] / "examples" / "peers"
 sys.path.insert(0, str(PEERS))

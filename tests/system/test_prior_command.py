@@ -10,8 +10,8 @@ import cv2
 import pytest
 from conftest import MINI_CAMERA, assert_one_line
 
-from horizonval.estimation import registry
-from horizonval.estimation.process.external import prior_file
+from horizonval.plugins import registry
+from horizonval.plugins.program import prior_file
 from horizonval.scoring.table import read_results
 from horizonval.store import exr
 from horizonval.store.store import Store

@@ -15,12 +15,15 @@ PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
     "__main__", "cli", "bridges", "serve", "api", "systems", "studies", "suites", "tables", "report",
-    "jobs", "scoring", "store", "sensor", "renderer", "estimation", "truth", "frame", "earth", "formats", "geometry",
-    "spec", "wire", "core",
+    "jobs", "scoring", "store", "sensor", "renderer", "plugins", "estimation", "truth", "frame", "earth", "formats",
+    "geometry", "spec", "wire", "core",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 
-STRANGERS = {("renderer", "sensor"), ("sensor", "renderer"), ("estimation", "frame"), ("estimation", "truth")}
+STRANGERS = {
+    ("renderer", "sensor"), ("sensor", "renderer"), ("estimation", "frame"), ("estimation", "truth"),
+    ("plugins", "frame"), ("plugins", "truth"),
+}  # fmt: skip
 """Pairs that must not know each other although the order would allow it."""
 
 HEAVY = {"mitsuba", "drjit"}
@@ -34,6 +37,7 @@ LIGHT_ROOMS = (
     "truth",
     "frame",
     "estimation",
+    "plugins",
     "sensor",
     "scoring",
     "store",

@@ -12,7 +12,7 @@ import pytest
 import horizonval
 
 PACKAGE = Path(horizonval.__file__).parent
-ROOMS = ("scoring", "estimation", "store", "jobs", "suites", "studies/regression")
+ROOMS = ("scoring", "estimation", "plugins", "store", "jobs", "suites", "studies/regression")
 
 WITH_STATE = {"Stopwatch", "Observed", "_Made"}
 """What gathers while one item is made, and is handed to nobody."""

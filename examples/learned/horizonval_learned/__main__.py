@@ -43,7 +43,7 @@ def score(frames: Path, bench: Path, folder: Path, work: Path) -> None:
     """Write the page, its numbers and its picture into a folder."""
     from horizonval_peers.threshold_circle import OTSU, TRIANGLE
 
-    from horizonval.estimation import registry
+    from horizonval.plugins import registry
     from horizonval_learned.page import page
     from horizonval_learned.plot import plot
     from horizonval_learned.plugin import ESTIMATOR

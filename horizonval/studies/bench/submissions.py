@@ -1,7 +1,7 @@
 """Frames made, submissions run on them, and all of them scored: a folder for each of the three.
 
 ``frames`` is a run of the suite, ``entries/NAME`` what a submission answered, ``scores.json`` and ``README.md`` the
-sheets and the ranking. A submission is asked by the sandbox of every run: it sees image, camera and prior in a process
+sheets and the ranking. A submission is run as in every suite: it sees image, camera and prior in a process
 of its own, while truth and arithmetic stay with whoever asks.
 """
 
@@ -17,9 +17,9 @@ from horizonval.core import atomic
 from horizonval.core.digests import content_digest
 from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress
-from horizonval.estimation import installed
-from horizonval.estimation.process.limits import Limits
 from horizonval.jobs.execution import Execution
+from horizonval.plugins import supervisor
+from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
@@ -95,13 +95,13 @@ def run_submissions(
     limits = replace(limits, hidden=(out.resolve(),) if contained else ())
     for name in names:
         # Every frame is due an answer of who is told it, so that such a method cannot be ranked.
-        if installed.get(name, limits).needs == "pose":
+        if supervisor.get(name, limits).needs == "pose":
             raise UserError(
                 f"{name} is told the pose", where="bench run", expected="a method of one image, or of several heads"
             )
     failed = {}
     for name in names:
-        group = "heads" if installed.get(name, limits).needs == "heads" else "frames"
+        group = "heads" if supervisor.get(name, limits).needs == "heads" else "frames"
         store = Store(out / group / "archive")
         done = rescore(store, out / "entries" / name, (name,), None, workers, limits, progress)
         failed[name] = done.failed

@@ -345,12 +345,12 @@ def _design(entry: DesignEntry, estimator: str, case: Case, spec: StudySpec) -> 
 
 
 def _needs_heads(estimator: str, spec: StudySpec) -> bool:
-    from horizonval.estimation import installed, registry
+    from horizonval.plugins import registry, supervisor
 
     if any(program.name == estimator for program in spec.estimator):
         return False
     try:
-        return installed.get(estimator).needs == "heads"
+        return supervisor.get(estimator).needs == "heads"
     except UserError as e:
         known = ", ".join(nearest(estimator, registry.names()))
         raise UserError(f"no estimator {estimator!r}", where="study.estimators", expected=f"one of {known}") from e

@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.plugins.supervisor import supervisor_of
 from horizonval.scoring.bound import Bound, bound_of, together
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
@@ -133,14 +133,14 @@ def _score(
     """Run one estimator on the observations of a frame, one for every draw of the noise, and add its row."""
     estimator, truth = plan.estimator(estimator_name), observed.images[band].truth
     with watch.stage(f"estimate {estimator_name}"):
-        sandbox = sandbox_of(plan.limits)
-        result: Fit | Refusal = sandbox.run(estimator_name, next(observations))
-    if sandbox.spent_s is not None:
-        watch.add(PROCESSOR + estimator_name, sandbox.spent_s)
+        supervisor = supervisor_of(plan.limits)
+        result: Fit | Refusal = supervisor.run(estimator_name, next(observations))
+    if supervisor.spent_s is not None:
+        watch.add(PROCESSOR + estimator_name, supervisor.spent_s)
     results = [result]
     for other in observations:
         with watch.stage(DRAWS):
-            results.append(sandbox.run(estimator_name, other))
+            results.append(supervisor.run(estimator_name, other))
     fits = [one for one in results if isinstance(one, Fit)]
     # A crash under any draw of the noise is a crash on the frame.
     result = next((one for one in results if one.status is Outcome.CRASHED), result)

@@ -1,103 +1,29 @@
-"""What is no answer is told from one, in the estimator's process and again on the other side of the pipe."""
+"""An answer's form, and what a crashed estimator leaves: written anywhere, bounded, the same in every run."""
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import replace
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.answer import MOST_POINTS, checked
-from horizonval.estimation.calibration import Calibration
-from horizonval.estimation.observation import Fit, Observation, OraclePose
-from horizonval.estimation.prior import Prior
-from horizonval.estimation.process.wire import (
-    LENGTH,
-    LONGEST_ANSWER,
-    pack_answer,
-    pack_observation,
-    unpack_answer,
-    unpack_observation,
+from horizonval.estimation.answer import (
+    LONGEST_OUTPUT,
+    LONGEST_REASON,
+    MOST_POINTS,
+    checked,
+    crash,
+    one_line,
+    raised,
+    tail,
+    traceback_of,
 )
-from horizonval.geometry.camera import CameraModel
+from horizonval.estimation.observation import Fit
 
-RNG = np.random.default_rng(1)
-FIT = Fit(
-    nadir_cam=np.array([0.1, 0.2, np.sqrt(0.95)]),
-    covariance_nadir_cam=RNG.normal(size=(3, 3)),
-    roll_rad=0.1 + 0.2,
-    pitch_rad=-1e-17,
-    angular_radius_rad=1.1,
-    altitude_m=5e5 / 3,
-    points=RNG.normal(size=(7, 2)),
-    residuals_rad=np.array([np.nan, 1.0]),
-    steps=RNG.normal(size=(2, 4)),
-    systematic_nadir_cam=RNG.normal(size=(3, 3)),
-    estimates="geodetic",
-)
-REFUSAL = Refusal(Outcome.DARK, "night over 5\N{DEGREE SIGN}", RNG.normal(size=(3, 2)))
-
-
-def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, np.ndarray):
-        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
-    return type(a) is type(b) and a == b
-
-
-@pytest.mark.parametrize("result", [FIT, replace(FIT, systematic_nadir_cam=None, altitude_m=None), REFUSAL])
-def test_an_answer_comes_through_to_the_bit(result: Fit | Refusal) -> None:
-    back, spent = unpack_answer(pack_answer(checked(result), 0.25))
-    assert spent == 0.25
-    assert type(back) is type(result)
-    assert all(_same(value, vars(back)[name]) for name, value in vars(result).items())
-
-
-PRIOR = Prior(
-    shape="sphere",
-    radius_m=6.4e6 / 3,
-    altitude_m=5e5 / 3,
-    altitude_sigma_m=1e3,
-    r_itrs=np.array([1.0, -2.0, 3.0]) * 2e6 / 3,
-    position_sigma_m=1.0 / 3,
-    q_cam_from_itrs=np.array([0.1, 0.2, 0.3, 0.9]) / math.sqrt(0.95),
-    attitude_sigma_rad=np.array([1.0, 2.0, 3.0]) / 7,
-    epoch_utc=datetime(2026, 3, 20, 12, 0, 0, 123456, tzinfo=UTC),
-    limb_height_m=-1e3 / 7,
-    limb_height_sigma_m=3e3 / 7,
-    climate="tropical",
-    sun_sigma_rad=0.01 / 3,
-)
-
-
-def _packed(observation: Observation) -> bytes:
-    return b"".join(bytes(part) for part in pack_observation(observation))
-
-
-def test_an_observation_comes_through_to_the_bit() -> None:
-    camera = CameraModel(6, 5, 55.5, 54.5, 2.5, 2.0, (0.1, 0.2, 0.3, 0.4, 0.5), "fisheye", np.float64(1.1))
-    oracle = OraclePose(np.arange(3.0), np.arange(4.0), 6.4e6)
-    head = Observation(RNG.normal(size=(5, 6)).T.copy().T, camera, full_scale=1023.0, oracle=oracle, prior=PRIOR)
-    head = replace(head, calibration=Calibration(0.01 / 3, 0.1, 0.2, (0.1, 0.2, 0.3 / 7), 1.0, 2.0))
-    whole = replace(head, heads={"a": head, "b": replace(head, image=np.arange(30, dtype=np.uint16).reshape(5, 6))})
-    back = unpack_observation(np.frombuffer(_packed(whole), dtype=np.uint8))
-    assert list(back.heads) == ["a", "b"]
-    for one, other in ((whole, back), (whole.heads["b"], back.heads["b"])):
-        assert one.camera == other.camera
-        assert one.oracle is not None
-        assert other.oracle is not None
-        assert _same(one.oracle.r_itrs, other.oracle.r_itrs)
-        assert np.array_equal(one.image, other.image)
-        assert one.image.dtype == other.image.dtype
-        assert (one.full_scale, one.sun_cam) == (other.full_scale, other.sun_cam)
-        assert one.calibration == other.calibration
-        for name, value in vars(one.prior).items():
-            assert _same(value, getattr(other.prior, name)), name
-    assert unpack_observation(np.frombuffer(_packed(replace(head, prior=Prior())), np.uint8)).prior.known == ()
+FIT = Fit(nadir_cam=np.array([0.0, 0.0, 1.0]), covariance_nadir_cam=np.eye(3), roll_rad=0.1, pitch_rad=-1e-17)
+REFUSAL = Refusal(Outcome.DARK, "night over 5\N{DEGREE SIGN}", np.ones((3, 2)))
 
 
 @pytest.mark.parametrize(
@@ -137,53 +63,71 @@ def test_a_refusal_outside_its_form_is_none(changes: dict[str, Any], reason: str
         checked(replace(REFUSAL, **changes))
 
 
-def _message(about: object, behind: bytes = b"") -> bytes:
-    head = json.dumps(about).encode()
-    return LENGTH.pack(len(head)) + head + behind
+def _fail(depth: int) -> None:
+    if depth:
+        _fail(depth - 1)
+    raise ValueError(f"no limb in {object()!r}")
 
 
-ABOUT = {"spent_s": 0.0, "status": "dark", "reason": "night", "shapes": {"points": [1, 2]}}
+def _caught(depth: int = 0) -> ValueError:
+    try:
+        _fail(depth)
+    except ValueError as e:
+        return e
+    raise AssertionError
 
 
 @pytest.mark.parametrize(
-    "message",
+    ("text", "line"),
     [
-        b"",
-        b"\xff" * 8,
-        LENGTH.pack(2**63) + b"{}",
-        _message([]),
-        _message({}),
-        _message(ABOUT),
-        _message(ABOUT, bytes(17)),
-        _message(ABOUT | {"shapes": {"points": [2**40, 2**40]}}, bytes(16)),
-        _message(ABOUT | {"shapes": {"points": [-1, -2]}}, bytes(16)),
-        _message(ABOUT | {"shapes": {"points": [True, 2]}}, bytes(16)),
-        _message(ABOUT | {"shapes": {"secrets": [1, 2]}}, bytes(16)),
-        _message(ABOUT | {"shapes": [1, 2]}, bytes(16)),
-        _message(ABOUT | {"spent_s": float("nan")}, bytes(16)),
-        _message(ABOUT | {"spent_s": "long"}, bytes(16)),
-        _message(ABOUT | {"status": ["dark"]}, bytes(16)),
-        _message(ABOUT | {"reason": {}}, bytes(16)),
-        _message({"spent_s": 0.0, "shapes": {"nadir_cam": [3]}, "roll_rad": 0.0}, bytes(24)),
-        LENGTH.pack(60_000) + b"[" * 60_000,
-        LENGTH.pack(30_000) + b"{" + b'"a":' + b"9" * 29_994 + b"}",
-        b"\x80\x04\x95" + b"cos\n_exit\n(I0\ntR." * 10,
+        ("two\nlines\tand  spaces", "two lines and spaces"),
+        ("red \x1b[31m", "red \N{REPLACEMENT CHARACTER}[31m"),
+        ("half \ud800 of a pair", "half \N{REPLACEMENT CHARACTER} of a pair"),
+        ("<f at 0x7f00dead>", "<f at 0x...>"),
+        ("cannot read '/tmp/horizonval-ab_12xyz/image.png'", "cannot read '.../image.png'"),
+        ("Erdhorizont, 5\N{DEGREE SIGN} über", "Erdhorizont, 5\N{DEGREE SIGN} über"),
+        ("right \N{RIGHT-TO-LEFT OVERRIDE}to left", "right \N{REPLACEMENT CHARACTER}to left"),
     ],
 )
-def test_bytes_that_are_no_answer_are_told(message: bytes) -> None:
-    with pytest.raises(ValueError):  # noqa: PT011
-        unpack_answer(message)
+def test_a_reason_is_one_line_of_text(text: str, line: str) -> None:
+    assert one_line(text) == line
+    assert one_line(text).encode()
 
 
-def test_flipped_bits_give_an_answer_in_its_form_or_none() -> None:
-    """Whatever comes over the pipe, what goes on is a fit or a refusal of plain numbers."""
-    whole = pack_answer(checked(FIT), 0.1)
-    for _ in range(2000):
-        message = bytearray(whole)
-        message[RNG.integers(len(message))] ^= 1 << RNG.integers(8)
-        try:
-            result, _ = unpack_answer(bytes(message))
-        except ValueError:
-            continue
-        checked(result)
-    assert len(whole) < LONGEST_ANSWER
+def test_what_is_too_long_is_cut() -> None:
+    assert len(one_line("x" * 10**6)) == LONGEST_REASON
+    printed = tail(b"\xff\x00" + b"line\n" * 10**5 + b"the last\n")
+    assert printed.endswith("line\nthe last")
+    assert len(printed) <= LONGEST_OUTPUT
+    assert len(tail("y" * 10**5)) == LONGEST_OUTPUT
+
+
+def test_bytes_that_are_no_text_are_replaced() -> None:
+    assert tail(b"a\xffb\x00c\r\nd") == "a\N{REPLACEMENT CHARACTER}b\N{REPLACEMENT CHARACTER}c\nd"
+
+
+def test_a_traceback_is_the_same_in_every_run() -> None:
+    first, second = traceback_of(_caught()), traceback_of(_caught())
+    assert first == second
+    assert "_fail" in first
+    assert "_caught" not in first
+    assert first.endswith("ValueError: no limb in <object object at 0x...>")
+    assert f'"{__file__}"' not in first
+
+
+def test_a_deep_traceback_is_short() -> None:
+    assert len(traceback_of(_caught(300))) <= LONGEST_OUTPUT
+
+
+def test_an_exception_that_cannot_be_printed() -> None:
+    class MuteError(Exception):
+        def __str__(self) -> str:
+            raise RuntimeError
+
+    assert raised(MuteError()) == "MuteError: (which cannot be printed)"
+
+
+def test_a_crash_is_an_outcome() -> None:
+    refusal = crash("gone\n", b"last\x07")
+    assert (refusal.status, refusal.reason) == (Outcome.CRASHED, "gone")
+    assert refusal.output == "last\N{REPLACEMENT CHARACTER}"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from synthetic import fit_of, toy_image, truth_at
 
-from horizonval.estimation import registry
-from horizonval.estimation.digits import ANGLE_DECIMALS, rounded, significant
+from horizonval.estimation.answer import ANGLE_DECIMALS, rounded, significant
 from horizonval.estimation.observation import Estimator
+from horizonval.plugins import registry
 from horizonval.suites.observation import observation_of
 
 RUNS = 200
@@ -73,7 +73,7 @@ import numpy as np
 from dataclasses import replace
 from test_digits import METHODS, _bytes, _elsewhere
 from synthetic import toy_image, truth_at
-from horizonval.estimation import registry
+from horizonval.plugins import registry
 from horizonval.suites.observation import observation_of
 generator, image, kept = np.random.default_rng(int(sys.argv[2])), toy_image(truth_at(roll_deg=65.0)), []
 for _ in range(int(sys.argv[3])):

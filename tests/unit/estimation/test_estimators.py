@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
 from horizonval.estimation.methods.altitude_free import ESTIMATOR as ALTITUDE_FREE
 from horizonval.estimation.methods.altitude_free import solve
 from horizonval.estimation.methods.ideal import ESTIMATOR as IDEAL
@@ -16,6 +15,7 @@ from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sen
 from horizonval.estimation.observation import Estimator, Fit, Observation, OraclePose
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import nadir_of_roll_pitch
+from horizonval.plugins import registry
 
 RADIUS_M = 6_371_008.8
 R = np.array([RADIUS_M + 500e3, 0.0, 0.0])

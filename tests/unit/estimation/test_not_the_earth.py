@@ -13,10 +13,10 @@ from not_the_earth import ALTITUDE_M, FOCAL_PX, FULL_SCALE, HEIGHT, NADIR_OFF_DE
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
+from horizonval.plugins import registry
 
 CAMERA = CameraModel(WIDTH, HEIGHT, FOCAL_PX, FOCAL_PX, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
 GUARDED = (

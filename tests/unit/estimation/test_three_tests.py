@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
 from horizonval.estimation.guard.three_tests import doubted
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
+from horizonval.plugins import registry
 
 CAMERA = CameraModel(160, 120, 110.0, 110.0, 79.5, 59.5)
 RADIUS_M = 6371008.8

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import horizonval as hv
-from horizonval.estimation.lens import Lens
 from horizonval.estimation.methods.limb_profile import ESTIMATOR
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.estimation.process.wire import pack_observation, unpack_observation
 from horizonval.sensor.stated_lens import stated_lens
 from horizonval.spec.load import load_camera
 from horizonval.suites.observation import observation_of
@@ -100,14 +98,3 @@ def _error_and_claim(seen: Observation, image: hv.Image) -> tuple[float, float] 
 
 def test_a_frame_before_the_lens_has_none(frame: hv.Frame) -> None:
     assert observation_of(frame, ESTIMATOR).lens is None
-
-
-def test_a_process_of_its_own_is_told_too(frame: hv.Frame) -> None:
-    seen = observation_of(frame.observe(seed=1), ESTIMATOR)
-    data = np.frombuffer(b"".join(pack_observation(seen)), dtype=np.uint8)
-    again = unpack_observation(data).lens
-    assert isinstance(again, Lens)
-    assert seen.lens is not None
-    assert vars(again).keys() == vars(seen.lens).keys()
-    np.testing.assert_array_equal(again.ratios, seen.lens.ratios)
-    assert again.diffraction_px == seen.lens.diffraction_px

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.last_words import crash
+from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Fit
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.repeats import noise_nees
@@ -23,7 +23,7 @@ SIGMA = 1e-4
 
 
 class Scripted:
-    """A sandbox whose answers are given beforehand, in the order of the questions."""
+    """A supervisor whose answers are given beforehand, in the order of the questions."""
 
     spent_s = None
 
@@ -65,11 +65,11 @@ def take(make_frame, monkeypatch, tmp_path):
         answers = [
             REFUSAL if off is None else fits_about(frame.truth.nadir_geocentric_cam, [off], sigma)[0] for off in offs
         ]
-        sandbox = Scripted(answers)
-        monkeypatch.setattr(scored, "sandbox_of", lambda _: sandbox)
+        processes = Scripted(answers)
+        monkeypatch.setattr(scored, "supervisor_of", lambda _: processes)
         plan, watch = CasePlan(("altitude-free",), draws=draws), Stopwatch()
         taken = module._make(Case(scene, camera), plan, RunFolder(tmp_path), watch).observed
-        return taken, sandbox.seen, frame, camera, watch
+        return taken, processes.seen, frame, camera, watch
 
     return run
 
@@ -127,11 +127,11 @@ def test_heads_are_drawn_together(make_frame, monkeypatch, tmp_path):
         band = one.camera.band[0].name
         taken[str(one.scene.camera.head)] = scored.Observed({band: images[0]}, {band: images[1:]})
     fits = fits_about(frame.truth.nadir_geocentric_cam, [0.0, 1e-4, 3e-4])
-    sandbox = Scripted(fits)
-    monkeypatch.setattr(scored, "sandbox_of", lambda _: sandbox)
+    processes = Scripted(fits)
+    monkeypatch.setattr(scored, "supervisor_of", lambda _: processes)
     (row,) = scored.score_together(taken, unit.name, plan.together(unit.cases[0]), plan, Stopwatch()).rows
     assert (row.nees_noise, row.noise_draws) == (pytest.approx(noise_nees(fits).mean()), 3)
-    for seed, observation in enumerate(sandbox.seen):
+    for seed, observation in enumerate(processes.seen):
         for head, own in enumerate(observation.heads.values()):
             assert np.array_equal(own.image, observe(frame, camera, seed=10 * head + seed).dn)
 

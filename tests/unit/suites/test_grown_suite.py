@@ -58,7 +58,7 @@ def suite_file(make_frame, monkeypatch, tmp_path) -> Path:
     frame = make_frame()
     camera = frame.truth.camera_spec
     monkeypatch.setattr(of_case, "_frame", lambda *_: (frame, None))
-    monkeypatch.setattr(scored, "sandbox_of", lambda _: Refusing())
+    monkeypatch.setattr(scored, "supervisor_of", lambda _: Refusing())
     monkeypatch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
     monkeypatch.setattr(horizonval.report, "build_report", lambda folder: folder)
     text = '[camera]\nname = "small"\nwidth = 40\nheight = 30\nfov_deg = 60.0\n'

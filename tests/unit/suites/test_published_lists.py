@@ -12,7 +12,7 @@ import pytest
 from hostile import STEADY, install
 
 import horizonval
-from horizonval.estimation import registry
+from horizonval.plugins import registry
 from horizonval.spec.files import shipped_root
 from horizonval.systems.c import frames
 
@@ -39,7 +39,7 @@ def test_shipped_suites_and_studies_name_ours() -> None:
 
 
 def test_published_systems_have_fixed_lists() -> None:
-    asks = re.compile(r"\b(registry|installed)\.(names|is_foreign|load)\b|import installed|list_estimators")
+    asks = re.compile(r"\b(registry|supervisor)\.(names|is_foreign|load)\b|import supervisor|list_estimators")
     found = [path for path in (PACKAGE / "systems").rglob("*.py") if asks.search(path.read_text(encoding="utf-8"))]
     assert not found
     assert len(frames.ESTIMATORS) == 4

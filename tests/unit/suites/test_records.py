@@ -14,12 +14,12 @@ from synthetic import THERMAL_CAMERA, fit_of, result_row, toy_image, truth_at
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.jobs.execution import local_workers, parse_shard
 from horizonval.jobs.kept import keep, kept, take_over
+from horizonval.plugins import registry
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.suites.axes import figure_plans, value_at
 from horizonval.suites.conclude import conclude

@@ -7,13 +7,13 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from horizonval.estimation import registry
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import WGS84
+from horizonval.plugins import registry
 
 SIZE, FOCAL_PX = 1024, 512.0 / np.tan(np.radians(30.0))
 CAMERA = CameraModel(SIZE, SIZE, FOCAL_PX, FOCAL_PX, 0.5 * (SIZE - 1), 0.5 * (SIZE - 1))

@@ -12,12 +12,12 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation import registry
 from horizonval.estimation.likelihood import claim as claims
 from horizonval.estimation.likelihood.fit import fit_limb
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.plugins import registry
 
 ARCSEC = np.radians(1.0 / 3600.0)
 A_M, B_M = 6378137.0, 6356752.314245

@@ -14,10 +14,8 @@ from horizonval.core.errors import UserError
 from horizonval.core.outcome import Refusal
 from horizonval.core.progress import Silent
 from horizonval.estimation.observation import Observation
-from horizonval.estimation.process.containment import can_hide
-from horizonval.estimation.process.limits import Limits
-from horizonval.estimation.process.sandbox import Sandbox
 from horizonval.geometry.camera import CameraModel
+from horizonval.plugins.supervisor import Limits, Supervisor, can_hide
 from horizonval.spec.load import Suite
 from horizonval.spec.suite import ProgramSpec
 from horizonval.studies.bench import submissions
@@ -120,9 +118,9 @@ def test_a_hidden_folder_is_empty_and_there_is_no_network(tmp_path: Path) -> Non
         command = f"{sys.executable} -S {tmp_path / 'lister.py'} {secret} {server.getsockname()[1]}"
         program = ProgramSpec(name="lists", command=command + " {image} {camera}")
         for hidden in ((), (secret,)):
-            sandbox = Sandbox(Limits(20.0, 4096, (program,), tmp_path, hidden))
-            said[hidden] = sandbox.run("lists", observation)
-            sandbox.close()
+            processes = Supervisor(Limits(20.0, 4096, (program,), tmp_path, hidden))
+            said[hidden] = processes.run("lists", observation)
+            processes.close()
     assert isinstance(said[()], Refusal)
     assert "truth network" in said[()].reason
     assert said[(secret,)].reason == "nothing"

@@ -1,7 +1,7 @@
 """Estimators by name, from the package entry points ``horizonval.estimators``: ours and any user's, side by side.
 
 Names come from what packages declare; nothing of a user's package is imported for them. Only :func:`load` imports it,
-in the process that the estimator runs in (:mod:`horizonval.estimation.process`).
+in the process that the estimator runs in (:mod:`horizonval.plugins.child`).
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.answer import checked
-from horizonval.estimation.digits import rounded
-from horizonval.estimation.last_words import crash, raised, traceback_of
+from horizonval.estimation.answer import checked, crash, raised, rounded, traceback_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 GROUP = "horizonval.estimators"
@@ -35,7 +33,7 @@ class _Declared:
 
 @cache
 def _points() -> dict[str, _Declared]:
-    """Return entry points by name: ours keep their names, of others' the first package's in the alphabet counts."""
+    """Return entry points by name: ours keep their names; among others the first package in the alphabet counts."""
     points = [
         _Declared(point, "" if point.dist is None else str(point.dist.name).lower())
         for point in entry_points(group=GROUP)
@@ -50,8 +48,7 @@ def _module(point: EntryPoint) -> str | None:
     try:
         return point.module
     except (AttributeError, ValueError, AssertionError):
-        # What is declared is no place in a module: Python's own reader, by its version, and its backport, which other
-        # packages put in its place, say so differently.
+        # What is declared names no object of a module: readers of entry points differ in how they say so.
         return None
 
 
@@ -73,7 +70,7 @@ def module_of(name: str) -> str | None:
 
 
 def get(name: str) -> Estimator:
-    """Return an estimator of ours; those of others are had from :func:`horizonval.estimation.installed.get`.
+    """Return an estimator of ours; those of other packages come from :func:`horizonval.plugins.supervisor.get`.
 
     Raises
     ------
@@ -107,7 +104,7 @@ def load(name: str) -> Estimator:
 def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes.
 
-    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.digits`).
+    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.answer`).
     """
     try:
         # What a user's own method returns may be anything.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-import time
 import tomllib
 import venv
 from datetime import UTC, datetime
@@ -20,20 +19,20 @@ from synthetic import truth_at
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
-from horizonval.estimation.process.external import (
-    LONGEST_ANSWER,
-    camera_file,
-    command_line,
-    external,
-    prior_file,
-    result_of,
-)
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.plugins.program import (
+    LONGEST_ANSWER,
+    camera_file,
+    command_line,
+    prior_file,
+    program_estimator,
+    result_of,
+)
 from horizonval.scoring.errors import has_sigma
 from horizonval.sensor.knowledge import drawn_prior
-from horizonval.spec.load import load_prior
+from horizonval.spec.load import load_camera, load_prior
 from horizonval.spec.suite import ProgramSpec
 
 CAMERA = CameraModel(64, 48, 55.0, 56.0, 31.5, 23.25, distortion=(0.1, 0.02, 1e-3, 2e-3, 0.3))
@@ -53,11 +52,11 @@ def seen(image: np.ndarray | None = None, **changes: Any) -> Observation:
 def ask(tmp_path: Path):  # type: ignore[no-untyped-def]
     """Run a program whose answer is given, or a text of Python; return what becomes of it."""
 
-    def run(answer: Any = None, observation: Observation | None = None, *, text: str = PROGRAM, limit_s: float = 30.0):  # type: ignore[no-untyped-def]
+    def run(answer: Any = None, observation: Observation | None = None, *, text: str = PROGRAM):  # type: ignore[no-untyped-def]
         (tmp_path / "answer.json").write_text(json.dumps(answer))
         (tmp_path / "program.py").write_text(text)
         spec = ProgramSpec(name="mine", command=f"{sys.executable} program.py")
-        return external(spec, tmp_path, limit_s).run(observation or seen())
+        return program_estimator(spec, tmp_path).run(observation or seen())
 
     return run
 
@@ -77,7 +76,7 @@ def test_the_program_gets_the_counts_in_as_many_bits_as_they_need(ask, tmp_path,
 
 
 @pytest.mark.parametrize(("projection", "numbers"), [("pinhole", 5), ("fisheye", 4), ("equal_angle", 0)])
-def test_the_camera_file_says_what_the_projection_has(projection: str, numbers: int) -> None:
+def test_the_camera_file_says_what_the_projection_has(tmp_path: Path, projection: str, numbers: int) -> None:
     camera = CameraModel(
         64, 48, 55.0, 56.0, 31.5, 23.25, CAMERA.distortion, projection=projection, image_circle_rad=1.2
     )  # type: ignore[arg-type]
@@ -96,6 +95,9 @@ def test_the_camera_file_says_what_the_projection_has(projection: str, numbers: 
         "image_circle_deg": pytest.approx(math.degrees(2.4)),
     }
     assert told["platform"] == {"altitude_km": 512.5, "altitude_sigma_km": 2.0}
+    (tmp_path / "c.toml").write_text(camera_file(seen()))
+    read = load_camera(tmp_path / "c.toml").camera
+    assert (read.width, read.height, read.fx, read.fy, read.cx, read.cy) == (64, 48, 55.0, 56.0, 31.5, 23.25)
     plain = tomllib.loads(camera_file(seen()))
     assert set(plain) == {"camera"}
     assert "image_circle_deg" not in plain["camera"]
@@ -137,7 +139,7 @@ def test_a_program_reads_what_is_known(tmp_path: Path) -> None:
     )
     spec = ProgramSpec(name="mine", command=f"{sys.executable} program.py {{prior}}")
     prior = Prior(shape="wgs84", altitude_m=550e3, altitude_sigma_m=1e3)
-    answer = external(spec, tmp_path, 30.0).run(seen(prior=prior))
+    answer = program_estimator(spec, tmp_path).run(seen(prior=prior))
     assert isinstance(answer, Refusal)
     assert json.loads(answer.reason) == {"shape": "wgs84", "altitude_km": 550.0, "altitude_sigma_km": 1.0}
 
@@ -176,18 +178,14 @@ def test_a_refusal_keeps_its_reason_and_points(ask) -> None:  # type: ignore[no-
     [
         ("raise SystemExit(4)", "status 4"),
         ("print('no json')", "no JSON object"),
-        ("import time; time.sleep(60)", "time limit"),
-        ("import os, time; os.close(1); time.sleep(60)", "did not end"),
         (f"import sys; sys.stdout.write('x' * {LONGEST_ANSWER + 1})", "megabyte"),
     ],
 )
 def test_a_program_that_does_not_answer_is_ended_and_said(ask, text: str, reason: str) -> None:  # type: ignore[no-untyped-def]
-    start = time.monotonic()
-    refusal = ask(text=text, limit_s=1.0 if "sleep" in text else 30.0)
+    refusal = ask(text=text)
     assert isinstance(refusal, Refusal)
     assert refusal.status not in (Outcome.VALID, Outcome.DARK)
     assert reason in refusal.reason
-    assert time.monotonic() - start < 20.0
 
 
 def test_a_long_answer_is_no_mistake(ask) -> None:  # type: ignore[no-untyped-def]
@@ -228,14 +226,14 @@ def test_a_virtual_environments_python_keeps_its_packages(tmp_path: Path) -> Non
         "import json, sys\nprint(json.dumps({'status': 'dark', 'reason': sys.prefix}))\n"
     )
     spec = ProgramSpec(name="mine", command="env/bin/python program.py {image}")
-    refusal = external(spec, tmp_path, 30.0).run(seen())
+    refusal = program_estimator(spec, tmp_path).run(seen())
     assert isinstance(refusal, Refusal)
     assert refusal.reason == str(tmp_path / "env")
 
 
 @pytest.mark.parametrize("command", ["no-such-program-anywhere", "'unbalanced", "' '"])
 def test_what_cannot_be_started_is_said(tmp_path: Path, command: str) -> None:
-    refusal = external(ProgramSpec(name="mine", command=command), tmp_path, 5.0).run(seen())
+    refusal = program_estimator(ProgramSpec(name="mine", command=command), tmp_path).run(seen())
     assert isinstance(refusal, Refusal)
     assert refusal.status is not Outcome.VALID
 
@@ -246,6 +244,8 @@ def test_what_cannot_be_started_is_said(tmp_path: Path, command: str) -> None:
         {"nadir_cam": None},
         {"nadir_cam": [0, 1]},
         {"nadir_cam": [0, 0, 0]},
+        {"nadir_cam": [0, 0, float("nan")]},
+        {"altitude_km": "high"},
         {"nadir_cam": [0, 0, "x"]},
         {"points": [[1, 2, 3]]},
         {"points": "many"},
@@ -260,6 +260,11 @@ def test_an_answer_that_cannot_be_used_is_no_fit(change: dict[str, Any]) -> None
     answer = {"status": "valid", "nadir_cam": [0, 0, 1], "sigma_nadir_arcsec": 1.0}
     assert isinstance(result_of(json.dumps(answer).encode(), seen()), Fit)
     assert isinstance(result_of(json.dumps(answer | change).encode(), seen()), Refusal)
+
+
+@pytest.mark.parametrize("answer", [b"[1]", b'{"status": "fine"}', b'{"status": "valid"}', b"[" * 100_000])
+def test_what_is_no_answer_is_a_crash(answer: bytes) -> None:
+    assert result_of(answer, seen()).status is Outcome.CRASHED
 
 
 @pytest.mark.parametrize("claim", [{}, {"sigma_nadir_arcsec": None}, {"sigma_nadir_arcsec": 0}])

@@ -4,32 +4,29 @@ The program gets a 16 bit PNG of the digital numbers, the calibrated camera as T
 beside the image; nothing else: not the truth that our own files carry. It prints what ``horizonval estimate --json``
 prints; ``status`` is required, for a fit also ``nadir_cam``. Angles that are missing follow from the nadir.
 ``sigma_nadir_arcsec`` is the rms error claimed, taken as equal in all directions; without it the fit claims no
-uncertainty, and is judged by a default. A crash, a wrong answer, too long an answer or none in time is an outcome.
+uncertainty, and is judged by a default. A crash, a wrong answer or too long an answer is an outcome, and so is none
+within the limits of time and memory, which :mod:`horizonval.plugins.supervisor` sets.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import os
 import shlex
-import signal
 import subprocess
 import tempfile
-import time
 from collections.abc import Mapping
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.last_words import crash
+from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import FILE_KEYS, Prior
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
@@ -40,21 +37,19 @@ LONGEST_ANSWER = 1 << 20
 _ARCSEC = math.radians(1 / 3600)
 
 
-def external(spec: ProgramSpec, folder: Path, time_limit_s: float) -> Estimator:
-    """Return the estimator that runs a program.
+def program_estimator(spec: ProgramSpec, folder: Path) -> Estimator:
+    """Return the estimator that runs a program, in this process and without limits.
 
     Parameters
     ----------
     spec : ProgramSpec
     folder : Path
         A relative path of the program starts here.
-    time_limit_s : float
-        Of wall-clock time, for one image.
     """
     return Estimator(
         name=spec.name,
         title=spec.command,
-        run=partial(_run, command=spec.command, folder=folder, limit_s=time_limit_s),
+        run=partial(_run, command=spec.command, folder=folder),
         estimates=spec.estimates,
     )
 
@@ -75,7 +70,7 @@ def command_line(command: str, folder: Path, image: Path, camera: Path, prior: P
     return [str(program.absolute()) if "/" in words[0] and program.is_file() else words[0], *words[1:]]
 
 
-def _run(observation: Observation, *, command: str, folder: Path, limit_s: float) -> Fit | Refusal:
+def _run(observation: Observation, *, command: str, folder: Path) -> Fit | Refusal:
     with tempfile.TemporaryDirectory(prefix="horizonval-") as place:
         image, camera, prior = (Path(place) / name for name in ("image.png", "camera.toml", "prior.toml"))
         depth = np.uint16 if (observation.full_scale or np.inf) > 255 else np.uint8
@@ -87,7 +82,7 @@ def _run(observation: Observation, *, command: str, folder: Path, limit_s: float
             words = command_line(command, folder, image, camera, prior)
         except (ValueError, IndexError) as e:
             return crash(f"the command {command!r} cannot be read: {e}")
-        answer = _answer(words, folder, limit_s)
+        answer = _answer(words, folder)
     if isinstance(answer, Refusal):
         return answer
     result = result_of(answer, observation)
@@ -134,50 +129,20 @@ def prior_file(prior: Prior) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | Refusal:
+def _answer(words: list[str], folder: Path) -> bytes | Refusal:
     """Run a program; return what it printed, or why that is nothing."""
     try:
-        process = subprocess.Popen(
-            words,
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            # Standard error is this process's own, whose last lines are kept.
-            start_new_session=True,
-        )
+        # Standard error is this process's own, whose last lines are kept.
+        process = subprocess.Popen(words, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
     except OSError as e:
         return crash(f"the program {words[0]!r} cannot be started: {e.strerror}")
     assert process.stdout is not None
-    try:
-        printed = _read(process.stdout, time.monotonic() + limit_s)
-        if isinstance(printed, Refusal):
-            return printed
-        status = process.wait(max(limit_s, 1.0))
-    except subprocess.TimeoutExpired:
-        return crash("the program closed its output and did not end")
-    finally:
-        # Whatever it started belongs to its session and goes with it.
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.stdout.close()
-        process.wait()
-    return printed if status == 0 else crash(f"the program ended with status {status}", printed)
-
-
-def _read(pipe: IO[bytes], deadline: float) -> bytes | Refusal:
-    import select
-
-    found = bytearray()
-    while True:
-        ready, _, _ = select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))
-        if not ready:
-            return crash("the program exceeded its time limit", bytes(found))
-        chunk = os.read(pipe.fileno(), 65536)
-        if not chunk:
-            return bytes(found)
-        found += chunk
-        if len(found) > LONGEST_ANSWER:
+    with process:
+        printed = process.stdout.read(LONGEST_ANSWER + 1)
+        if len(printed) > LONGEST_ANSWER:
+            process.kill()
             return crash("the program printed more than a megabyte, where one JSON object was expected")
+    return printed if process.returncode == 0 else crash(f"the program ended with status {process.returncode}", printed)
 
 
 def result_of(answer: bytes, observation: Observation) -> Fit | Refusal:

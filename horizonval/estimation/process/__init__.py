@@ -1,1 +1,0 @@
-"""Estimators in processes of their own, foreign programs included."""
