@@ -17,7 +17,8 @@ import horizonval
 from horizonval.cli.app import app as command_line
 from horizonval.cli.app import run_command_line
 from horizonval.scoring.row import COLUMNS
-from horizonval.spec.schema import MODELS, FileKind, Key, KeyTable, tables
+from horizonval.spec.pose import TABLE_OF, PoseKeys
+from horizonval.spec.schema import MODELS, FileKind, Key, KeyTable, tables, tables_of
 
 GENERATED = Path(__file__).parents[1] / "reference" / "generated"
 """Not kept in the repository."""
@@ -40,6 +41,7 @@ SCENE_TABLES = (
 def pages() -> dict[str, str]:
     """Return the Markdown of every generated page by its name."""
     made = {f"{kind}-keys": _keys_page(kind) for kind in MODELS}
+    made["pose-keys"] = _pose_page()
     made["command-line"] = _command_page()
     made["api"] = _api_page()
     made["results"] = _results_page()
@@ -62,6 +64,24 @@ def _keys_page(kind: FileKind) -> str:
         lines += ["", _meaning(table.meaning)]
         if table.keys:
             lines += ["", *_keys_table(table)]
+    return "\n".join(lines) + "\n"
+
+
+def _pose_page() -> str:
+    lines = [
+        "# Keys of a pose",
+        "",
+        "Where a camera is, when, and how it is turned has the same keys everywhere: in scene files, as keywords of",
+        "`hv.Scene`, `hv.Session` and `hv.Client.image`, and in requests to `horizonval serve`.",
+        "Files do not hold vectors and quaternions; in Python and in requests these take the place of angles.",
+        "",
+        "| key | meaning | value | unit | in a scene file |",
+        "|---|---|---|---|---|",
+    ]
+    for key in tables_of(PoseKeys)[0].keys:
+        place = f"`[{TABLE_OF[key.name]}]`" if key.name in TABLE_OF else "–"
+        cells = (f"`{key.name}`", key.meaning, _values(key), key.unit or "", place)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.api.camera import Camera, camera_of
-from horizonval.api.picture import GreyImage, picture_of_array, picture_of_source, read_picture, refuse_other_size
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
@@ -37,6 +36,7 @@ from horizonval.spec.load import load_prior, read_toml, validate
 from horizonval.spec.prior import PriorSpec, is_limb_table
 from horizonval.spec.suite import StudyHead, StudySpec, SuiteHead, SuiteSpec
 from horizonval.store import exr
+from horizonval.store.picture import GreyImage, picture_of_array, picture_of_source, read_picture, refuse_other_size
 from horizonval.suites.observation import (
     band_of,
     known_of,

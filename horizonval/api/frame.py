@@ -13,6 +13,7 @@ from horizonval.api.camera import Camera
 from horizonval.api.derivatives import FrameDerivatives, derivatives_of
 from horizonval.api.image import Image, observe
 from horizonval.api.scene import Scene, scene_of
+from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.frame import RadianceFrame
 from horizonval.jobs.progress import shown
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import xarray
 
     from horizonval.core.progress import Progress
+    from horizonval.formats.rays import RayFile
 
 
 class Frame(RadianceFrame):
@@ -247,6 +249,70 @@ def render_reference(
         camera = resized(camera, *size, where="size")
     with shown(progress, "reference", "passes") as listener:
         return Frame.of(render_reference(resolved.spec, camera, samples or DEFAULT_SPP, progress=listener))
+
+
+def radiance(
+    rays: Path,
+    atmosphere: str | Path,
+    *,
+    orders: str = "single",
+    thermal: bool = False,
+    refraction: bool = False,
+    progress: bool | Progress = True,
+) -> tuple[RayFile, dict[str, FloatArray]]:
+    """Compute the radiance along given rays in a given atmosphere: the integrator alone.
+
+    Parameters
+    ----------
+    rays : Path
+        CSV file with the columns obs_x_km .. obs_z_km, dir_x .. dir_z, sun_x .. sun_z.
+    atmosphere : str or Path
+        Atmosphere file (JSON), or the name of a shipped one.
+    orders : {"single", "all"}
+        Orders of scattering.
+    thermal : bool
+        Emission in place of scattered sunlight.
+    refraction : bool
+        Whether the ``refractivity`` of the atmosphere file bends the rays.
+    progress : bool or Progress
+
+    Returns
+    -------
+    table : RayFile
+    radiance : dict of ndarray, shape (n,)
+        By band: 1/sr for unit solar irradiance; of emission W m-2 sr-1 um-1 at the wavelength of the band.
+
+    Raises
+    ------
+    UserError
+        A mistake in one of the files, or no back-end works.
+    """
+    from horizonval.earth.atmosphere_file import file_model, read_atmosphere
+    from horizonval.formats.rays import check_above_ground, read_rays
+    from horizonval.spec.files import find
+
+    if orders not in ("single", "all"):
+        raise UserError(f"found {orders!r}", where="orders", expected="single or all")
+    table = read_rays(rays)
+    path = find("atmosphere", atmosphere)
+    file = read_atmosphere(path)
+    check_above_ground(table, file.planet_radius_m, rays)
+    model = file_model(file, thermal=thermal, refracted=str(path) if refraction else "")
+    if not table.rows:
+        return table, {band.name: np.empty(0) for band in file.bands}
+    from horizonval.renderer.plugin.backend import activate
+
+    activate()
+    from horizonval.renderer.rays.radiance import RAY_NODES, radiance_along_rays
+    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.renderer.scattering.quality import FINE
+
+    rays_in = file.planet_radius_m, table.observer_m, table.direction
+    if thermal:
+        return table, thermal_radiance(model, *rays_in, nodes=RAY_NODES, round_sky=True)
+    scattering = FINE if orders == "all" else None
+    with shown(progress) as listener:
+        return table, radiance_along_rays(model, *rays_in, table.sun, scattering=scattering, progress=listener)
 
 
 def open_frame(path: str | Path) -> Frame:

@@ -160,12 +160,6 @@ class Scene:
         ------
         UserError
             As :meth:`from_file`.
-
-        Examples
-        --------
-        >>> import horizonval as hv
-        >>> len(hv.Scene.each_head("limb-noon-vis"))
-        1
         """
         cases = load_frames(path_or_name, head)
         return tuple(cls._of(case.scene, Camera(case.camera, case.scene.camera.file)) for case in cases)

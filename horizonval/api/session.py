@@ -68,6 +68,10 @@ class Session:
     <Image scene: 32 x 32 px, band vis, seed 1, 0.0 % saturated>
     >>> session.frame([0.0, 0.0, 0.0, 1.0]).truth.yaw_rad
     0.0
+    >>> session.frame({"yaw_deg": 10.0}).scene.spec.attitude.yaw_deg
+    10.0
+    >>> hv.Session.of("limb-noon-vis").scene.spec.atmosphere.profile
+    'tropical'
     """
 
     def __init__(
@@ -101,12 +105,6 @@ class Session:
         ------
         UserError
             As :meth:`horizonval.Scene.from_file`.
-
-        Examples
-        --------
-        >>> import horizonval as hv
-        >>> hv.Session.of("limb-noon-vis").scene.spec.atmosphere.profile
-        'tropical'
         """
         session = cls.__new__(cls)
         session._set(scene_of(scene), progress)
@@ -137,15 +135,6 @@ class Session:
         ------
         UserError
             No such attitude; the first frame also as :func:`horizonval.render`.
-
-        Examples
-        --------
-        >>> import horizonval as hv
-        >>> camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 32, "height": 32})
-        >>> session = hv.Session(camera, altitude_km=550, mount_roll_deg=65, render={"orders": "single"})
-        >>> frame = session.frame({"yaw_deg": 10.0})
-        >>> frame.scene.spec.attitude.yaw_deg
-        10.0
         """
         return Frame.of(self._rendered(attitude, maps=maps))
 
@@ -182,13 +171,6 @@ class Session:
         UserError
             As :meth:`frame`, and for a camera without a detector, a band that it lacks, or an exposure that it cannot
             have.
-
-        Examples
-        --------
-        >>> import horizonval as hv
-        >>> session = hv.Session("ir-bolometer-160-57deg", altitude_km=550, mount_roll_deg=65)
-        >>> session.image({"roll_deg": 2.0}, seed=7).dn.shape
-        (120, 160)
         """
         camera = self.camera
         if exposure_s is not None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from horizonval.cli.options import Json, estimators, files, shipped
+from horizonval.cli.options import CameraName, Json, PriorFile, estimators, shipped
 from horizonval.cli.output import check_target, print_json, watched
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
@@ -122,22 +122,12 @@ def estimate(
         str,
         typer.Option(help="Its name; see `horizonval list estimators`. Or an ONNX file.", autocompletion=estimators),
     ],
-    camera: Annotated[
-        str | None,
-        typer.Option(help="Camera file or shipped name; our own files carry theirs.", autocompletion=shipped("camera")),
-    ] = None,
+    camera: CameraName = None,
     suite: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="Suite or study whose [[estimator]] table the estimator is: a program."),
     ] = None,
-    prior: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="File of a table [prior]: what is known beside the image; see `horizonval schema prior`.",
-            autocompletion=files(".toml"),
-        ),
-    ] = None,
+    prior: PriorFile = None,
     as_json: Json = False,
 ) -> int:
     """One estimator on any image, also a real photograph; of our own files also how far off the answer is.
@@ -217,18 +207,8 @@ def calibrate(
         Path | None,
         typer.Option("--out", "-o", help="Camera file to write; the --camera of estimates."),
     ] = None,
-    camera: Annotated[
-        str | None,
-        typer.Option(help="Camera as it is believed; our own files carry theirs.", autocompletion=shipped("camera")),
-    ] = None,
-    prior: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="File of a table [prior] with sigmas of position and attitude, in place of what the files say.",
-            autocompletion=files(".toml"),
-        ),
-    ] = None,
+    camera: CameraName = None,
+    prior: PriorFile = None,
     as_json: Json = False,
 ) -> int:
     """Focal length, principal point and mounting from the limbs in the images of a pass.

@@ -105,6 +105,33 @@ def _paths(incomplete: str, suffix: str) -> Iterator[str]:
                 yield name
 
 
+SuiteName = Annotated[
+    str, typer.Argument(help="A suite file, or the name of a shipped suite.", autocompletion=shipped("suite"))
+]
+SceneName = Annotated[
+    str, typer.Argument(help="A scene file, or the name of a shipped scene.", autocompletion=shipped("scene"))
+]
+CameraName = Annotated[
+    str | None,
+    typer.Option(
+        "--camera", help="Camera file or shipped name; files of ours carry theirs.", autocompletion=shipped("camera")
+    ),
+]
+PriorFile = Annotated[
+    str | None,
+    typer.Option(
+        "--prior",
+        metavar="FILE",
+        help="File of a table [prior]: what is known beside the image; see `horizonval schema prior`.",
+        autocompletion=files(".toml"),
+    ),
+]
+Merge = Annotated[
+    list[Path] | None,
+    typer.Option("--merge", metavar="DIR", help="Take over the results of another folder; repeatable."),
+]
+
+
 @dataclass(frozen=True)
 class EntryOptions:
     """Entries of an archive by what their headers say; what is None does not matter."""

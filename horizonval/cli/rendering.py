@@ -9,20 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from horizonval.cli.options import shipped
+from horizonval.cli.options import SceneName, shipped
 from horizonval.cli.output import check_folder, check_target
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
     from horizonval import Frame
 
-Scene = Annotated[
-    str, typer.Argument(help="A scene file, or the name of a shipped scene.", autocompletion=shipped("scene"))
-]
-
 
 def render(
-    scene: Scene,
+    scene: SceneName,
     out: Annotated[Path, typer.Option("-o", "--out", help="The frame, an EXR file.")],
     reference: Annotated[bool, typer.Option("--reference", help="By Monte Carlo, in stock Mitsuba.")] = False,
     spp: Annotated[
@@ -80,7 +76,7 @@ def render(
 
 
 def mitsuba(
-    scene: Scene,
+    scene: SceneName,
     out: Annotated[Path, typer.Option("-o", "--out", help="A new or empty folder.")],
     head: Annotated[str | None, typer.Option(help="Of a camera with several heads, the name of one.")] = None,
 ) -> None:
@@ -112,8 +108,8 @@ def radiance(
 
     1/sr for unit solar irradiance; with --thermal W m-2 sr-1 um-1 at each band's wavelength.
     """
-    from horizonval.api.radiance import radiance as along_rays
-    from horizonval.api.radiance import write_radiance
+    from horizonval.api.frame import radiance as along_rays
+    from horizonval.formats.rays import write_radiance
 
     check_target(out)
     table, values = along_rays(rays, atmosphere, orders=orders, thermal=thermal, refraction=refraction)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers, shipped
+from horizonval.cli.options import Dask, DryRun, Json, Merge, Shard, SuiteName, Workers, shipped
 from horizonval.cli.output import interruptible, print_dry_run, print_json, print_shard, print_summary, resumable
 from horizonval.core.errors import UserError, command_line
 
@@ -42,16 +42,11 @@ def check(
 
 
 def run(
-    suite: Annotated[
-        str, typer.Argument(help="A suite file, or the name of a shipped suite.", autocompletion=shipped("suite"))
-    ] = "quick",
+    suite: SuiteName = "quick",
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; made if need be.")] = ...,  # type: ignore[assignment]
     workers: Workers = None,
     shard: Shard = None,
-    merge: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="DIR", help="Take over the results of another folder's run; repeatable."),
-    ] = None,
+    merge: Merge = None,
     dask: Dask = None,
     time_limit: Annotated[
         float | None,
@@ -105,13 +100,7 @@ def run(
             _print_study(result.summary["stability"])
         print(f"report: {result.report}")
     if result.failed:
-        from horizonval.suites.suite import load_suite
-
-        names, loaded = ", ".join(result.failed), load_suite(suite, frames, seed)
-        study = loaded.stability
-        total = len(loaded.cases) + (len(study.months) if study else 0)
-        what = "frames and months" if study else "frames"
-        print(f"horizonval: {len(result.failed)} of {total} {what} failed: {names}", file=sys.stderr)
+        print(f"horizonval: {len(result.failed)} failed: {', '.join(result.failed)}", file=sys.stderr)
     # A run that ends without its summary has not done what was asked, whatever stopped it.
     return 1 if result.failed or (shard is None and not result.summary) else 0
 
@@ -151,9 +140,7 @@ def study(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the study; made if need be.")] = None,
     workers: Workers = None,
     shard: Shard = None,
-    merge: Annotated[
-        list[Path] | None, typer.Option(metavar="DIR", help="Take over the frames of another folder; repeatable.")
-    ] = None,
+    merge: Merge = None,
     dask: Dask = None,
     frames: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Frames of a design, in place of the study's number.")

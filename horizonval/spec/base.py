@@ -62,6 +62,7 @@ SUFFIXES = {
     "mm": "mm",
     "um": "um",
     "m_s": "m/s",
+    "km_s": "km/s",
     "s": "s",
     "h": "h",
     "hz": "Hz",

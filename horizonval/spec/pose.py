@@ -101,7 +101,7 @@ ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
 QUATERNIONS = ("q_body_from_lvlh", "q_body_from_itrs")
 
 
-class PoseKeys(Platform, Attitude, Mounting):
+class PoseKeys(Mounting, Attitude, Platform):
     """Keys of a pose as programs give them. Only those that are given count; for the others a scene has its own.
 
     :func:`horizonval.geometry.pose.scene_keys` turns vectors and quaternions into the keys of a scene file.

@@ -92,13 +92,17 @@ def tables(kind: FileKind) -> list[KeyTable]:
     ``[cases.orbit]`` and the study's ``[frames.orbit]`` are plain data to their models, for a grid may hold a part of
     them; their keys are those of :class:`horizonval.spec.orbit.OrbitSpec`.
     """
-    root = MODELS[kind].model_json_schema()
-    found = list(_tables(root, root, "", repeated=False))
+    found = tables_of(MODELS[kind])
     parent = {"suite": "cases", "study": "frames"}.get(kind)
     if parent is not None:
-        orbit = OrbitSpec.model_json_schema()
-        found += _tables(orbit, orbit, f"{parent}.orbit", repeated=False)
+        found += tables_of(OrbitSpec, f"{parent}.orbit")
     return found
+
+
+def tables_of(model: type[BaseModel], path: str = "") -> list[KeyTable]:
+    """Return the tables of a model, which itself is the table ``path``."""
+    root = model.model_json_schema()
+    return list(_tables(root, root, path, repeated=False))
 
 
 def _tables(root: Schema, node: Schema, path: str, *, repeated: bool, tag: str = "") -> Iterator[KeyTable]:

@@ -79,18 +79,15 @@ def test_help_and_wrong_use(horizonval):
     assert done.returncode == 0
     for command in (
         "run",
+        "check",
         "render",
-        "mitsuba",
         "observe",
-        "sheet",
-        "oracle",
-        "calibrate",
         "estimate",
         "radiance",
-        "report",
-        "archive",
-        "doctor",
-        "list",
+        "reproduce",
+        "regress",
+        "study",
+        "view",
     ):
         assert command in done.stdout
         assert horizonval(command, "--help").returncode == 0
@@ -108,17 +105,15 @@ def test_light_commands_do_not_load_the_renderer(program, command):
 
 
 def test_list(horizonval):
-    for kind in ("camera", "suite", "scene"):
-        lines = horizonval("list", kind + "s").stdout.splitlines()
-        assert [line.split()[0] for line in lines] == shipped_names(kind)
-    listed = json.loads(horizonval("list", "estimators", "--json").stdout)
-    assert {"altitude-free", "altitude-free-published", "ideal", "linear-heads", "video-vertical"} <= set(listed)
-    assert "us_standard" in horizonval("list", "atmospheres").stdout.split()
     for kind in LISTS:
-        lines = horizonval("list", kind).stdout.splitlines()
         described = json.loads(horizonval("list", kind, "--json").stdout)
+        lines = horizonval("list", kind).stdout.splitlines()
         assert [tuple(line.split(maxsplit=1)) for line in lines] == list(described.items())
-        assert all(text.endswith(".") and len(text) > 5 for text in described.values()), described
+        if kind in ("cameras", "suites", "scenes"):
+            assert list(described) == shipped_names(kind.removesuffix("s"))
+    assert {"altitude-free", "ideal", "linear-heads"} <= set(
+        json.loads(horizonval("list", "estimators", "--json").stdout)
+    )
     assert_one_line(horizonval("list", "camera"), "'camera'", "one of cameras")
 
 
@@ -188,12 +183,7 @@ def test_outputs_that_cannot_be(horizonval, scene, frame_path):
 def test_estimate_on_our_own_files(horizonval, frame_path, image_path, name):
     for path in (frame_path, image_path):
         report = _estimate(horizonval("estimate", path, "--estimator", name, "--json"))
-        assert report["estimator"] == name
-        assert report["status"] == "valid"
-        assert len(report["nadir_cam"]) == 3
-    text = horizonval("estimate", image_path, "--estimator", name).stdout
-    assert "nadir_cam" in text
-    assert "valid" in text
+        assert (report["estimator"], report["status"], len(report["nadir_cam"])) == (name, "valid", 3)
 
 
 def test_estimate_on_our_own_files_says_how_far_off_it_is(horizonval, mini_run, image_path, tmp_path):
@@ -227,13 +217,11 @@ def test_estimate_of_several_images_is_a_line_each(horizonval, frame_path, image
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 def test_estimate_on_common_formats_is_the_same_as_on_ours(horizonval, image_path, scene, suffix):
     cv2.imwrite(str(scene / f"i.{suffix}"), exr.read_image(image_path).dn)
-    theirs = _estimate(
-        horizonval("estimate", f"i.{suffix}", "--camera", "mini-camera.toml", "--estimator", "altitude-free", "--json")
-    )
-    ours = _estimate(horizonval("estimate", image_path, "--estimator", "altitude-free", "--json"))
+    call = ("--estimator", NAME, "--json")
+    theirs = _estimate(horizonval("estimate", f"i.{suffix}", "--camera", "mini-camera.toml", *call))
+    ours = _estimate(horizonval("estimate", image_path, *call))
     assert theirs["status"] == ours["status"] == "valid"
-    assert theirs["nadir_cam"] == ours["nadir_cam"]
-    assert theirs["altitude_km"] == ours["altitude_km"]
+    assert (theirs["nadir_cam"], theirs["altitude_km"]) == (ours["nadir_cam"], ours["altitude_km"])
 
 
 def test_estimate_wrong_use(horizonval, image_path, scene):
@@ -286,20 +274,13 @@ def test_strange_images_get_a_typed_outcome(horizonval, image_path, scene):
 
 
 def test_one_pixel(horizonval, scene):
-    (scene / "tiny.toml").write_text("[camera]\nwidth = 1\nheight = 1\nfov_deg = 60.0\n")
-    for value in (0, 255):
-        cv2.imwrite(str(scene / "tiny.png"), np.full((1, 1), value, np.uint8))
-        done = horizonval("estimate", "tiny.png", "--camera", "tiny.toml", "--estimator", "altitude-free", "--json")
-        assert _estimate(done)["status"] != "valid"
-
-
-def test_one_pixel_camera_renders(horizonval, scene):
     camera = MINI_CAMERA.replace("width = 96", "width = 1").replace("height = 80", "height = 1")
     (scene / "mini-camera.toml").write_text(camera)
     assert horizonval("render", "one.toml", "-o", "one.exr").returncode == 0
     assert horizonval("observe", "one.exr", "-o", "dn.exr").returncode == 0
-    done = horizonval("estimate", "dn.exr", "--estimator", "altitude-free", "--json")
-    assert _estimate(done)["status"] != "valid"
+    cv2.imwrite(str(scene / "tiny.png"), np.full((1, 1), 255, np.uint8))
+    for image in (["dn.exr"], ["tiny.png", "--camera", "mini-camera.toml"]):
+        assert _estimate(horizonval("estimate", *image, "--estimator", NAME, "--json"))["status"] != "valid"
 
 
 def test_every_head_of_a_camera_is_a_frame(horizonval, scene):
@@ -341,13 +322,10 @@ def test_damaged_exr_into_every_command(horizonval, frame_path, scene):
         assert not (scene / "o.exr").exists()
 
 
-def test_png_named_exr_into_observe(horizonval, scene):
+def test_what_is_no_frame_into_observe(horizonval, scene, image_path):
     cv2.imwrite(str(scene / "p.png"), np.zeros((8, 8), np.uint8))
     (scene / "p.png").rename(scene / "p.exr")
     assert_one_line(horizonval("observe", "p.exr", "-o", "o.exr"), "p.exr", "PNG")
-
-
-def test_an_image_is_not_a_frame(horizonval, image_path):
     assert_one_line(horizonval("observe", image_path, "-o", "o.exr"), str(image_path), "frame")
 
 
@@ -373,13 +351,9 @@ def test_report_again(horizonval, mini_run, tmp_path):
     shutil.rmtree(tmp_path / "out" / "report")
     assert horizonval("report", "out").returncode == 0
     assert (tmp_path / "out" / "report" / "index.html").is_file()
-    assert_one_line(horizonval("report", "nowhere"), "nowhere")
-
-
-def test_report_of_a_folder_that_is_no_run(horizonval, tmp_path):
     (tmp_path / "empty").mkdir()
-    done = horizonval("report", "empty")
-    assert_one_line(done, "empty")
+    for folder in ("nowhere", "empty"):
+        assert_one_line(horizonval("report", folder), folder)
 
 
 def test_radiance(horizonval, tmp_path):
@@ -428,14 +402,6 @@ def test_render_by_reference(horizonval, scene):
     done = horizonval(*call, "a.exr")
     assert done.returncode == 0, done.stderr
     assert "[16/16] vis:1, pass 8 of 8" in done.stderr
-    for text in (
-        "a.exr: 24 x 20, bands vis",
-        "standard error",
-        "16 samples",
-        "leaves out: refraction, Sun's disc",
-        "clouds",
-    ):
-        assert text in done.stdout
     frame = exr.read_frame(scene / "a.exr")
     assert (frame.render["kind"], frame.render["spp"], frame.render["orders"]) == ("reference", 16, "all")
     assert frame.render["sensor"] == "perspective"
@@ -451,8 +417,6 @@ def test_render_by_reference_in_the_infrared(horizonval, scene):
     call = ("render", "limb-night-ir", "--reference", "--reference-size", "16x12", "--spp", "64", "-o", "a.exr")
     done = horizonval(*call)
     assert done.returncode == 0, done.stderr
-    for text in ("a.exr: 16 x 12, bands lwir", "64 samples", "standard errors of the mean", "leaves out: refraction"):
-        assert text in done.stdout
     frame = exr.read_frame(scene / "a.exr")
     assert frame.render["integrator"] == "emission_walk"
     assert abs(frame.render["deterministic_frame_differs"]["lwir"]["mean"]) < 3.0

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -121,18 +120,12 @@ def test_the_bytes_are_those_of_render_and_observe(served, folder, horizonval):
         assert found.image.observation["camera"] == image.observation["camera"]
 
 
-def test_another_exposure_is_that_of_observe(served, folder, horizonval):
+def test_the_same_bytes_by_tcp_and_with_another_exposure(folder, horizonval):
     expected = by_commands(folder, horizonval, "1e-4")
-    with served.client() as client:
-        np.testing.assert_array_equal(client.image(**POSE, seed=5, exposure_s=1e-4).dn, expected)
-
-
-def test_the_same_bytes_by_tcp(folder, horizonval):
-    expected = by_commands(folder, horizonval)
     running = Served(folder, "--port", "0")
     assert running.address.startswith("tcp://127.0.0.1:")
     with running.client() as client:
-        np.testing.assert_array_equal(client.image(**POSE, seed=5).dn, expected)
+        np.testing.assert_array_equal(client.image(**POSE, seed=5, exposure_s=1e-4).dn, expected)
     assert running.stop(signal.SIGINT)[:2] == (0, "1 images served\n")
 
 
@@ -210,13 +203,9 @@ def test_killed_clients_half_messages_and_slow_readers_are_nothing_to_the_next(s
         assert client.status()["clients"] == 1
 
 
-def test_a_dozen_faults_are_nothing_to_another(served, folder):
-    after_faults(Address(folder / "s.sock"), 12, 3)
-
-
-@pytest.mark.slow
-def test_two_hundred_faults_are_nothing_to_another(served, folder):
-    after_faults(Address(folder / "s.sock"), 200, 4)
+@pytest.mark.parametrize("faults", [12, pytest.param(200, marks=pytest.mark.slow)])
+def test_faults_are_nothing_to_another(served, folder, faults):
+    after_faults(Address(folder / "s.sock"), faults, 3)
 
 
 def test_the_c_client_gets_the_same_image(served, folder, horizonval):
@@ -236,22 +225,6 @@ def test_the_c_client_gets_the_same_image(served, folder, horizonval):
     assert refused.stderr.startswith(b"client: request: rol_deg: unknown key; expected one of roll_deg")
     nobody = subprocess.run(["./client", "none.sock"], cwd=folder, capture_output=True, check=False)
     assert (nobody.returncode, nobody.stderr) == (1, b"client: nobody listens there\n")
-
-
-def test_the_c_client_stays_short():
-    assert len(CLIENT_C.read_text().splitlines()) <= 200
-
-
-def test_a_socket_or_port_in_use_is_one_line(served, folder, program, tmp_path):
-    for name in ("mini-camera.toml", "one.toml"):
-        shutil.copy(folder / name, tmp_path)
-    done = program("serve", "--scene", "one.toml", "--socket", folder / "s.sock")
-    assert_one_line(done, "somebody listens there already", "--socket")
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        done = program("serve", "--scene", "one.toml", "--port", taken.getsockname()[1])
-    assert_one_line(done, "somebody listens there already", "--port")
-    with served.client() as client:
-        client.image()
 
 
 def test_a_killed_servers_socket_is_taken_over(folder, tmp_path):

@@ -287,8 +287,8 @@ def look_at(group: Group, count: int, spectral: Spectral | None, *, infrared: bo
         except UserError as e:
             seen.errors.append(cannot_run(e, group.subject))
             continue
-        for view in limb_views(case.name, truth, case.camera, group.needs):
-            seen.views.setdefault(view.band, []).append(view)
+        for view in limb_views(truth, case.camera, group.needs):
+            seen.views.setdefault(view.band.name, []).append(view)
         if nodes is not None:
             seen.costs.append(frame_cost(truth, case.scene, case.camera, nodes, group.estimators))
     return seen

@@ -31,7 +31,7 @@ from horizonval.earth.spectral.brightness import brightness_temperature_k
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.scoring import limits
-from horizonval.scoring.expected import Examined, examine
+from horizonval.scoring.expected import Examined, Expected, examine
 from horizonval.scoring.limb_signal import ground_and_air, limb_signal
 from horizonval.sensor.detector.thermal_noise import blackbody_radiance
 from horizonval.spec.camera import Band, CameraSpec
@@ -46,21 +46,11 @@ class LimbView:
 
     Attributes
     ----------
-    frame, band : str
-        Names.
-    kind : {"solar", "thermal"}
-    outcome : Outcome
-        What an estimator should report.
-    borderline : bool
-        The outcome depends on a threshold.
-    arc_deg : float
-        Azimuth about the nadir of the horizon in view, of 360.
-    arc_px, sagitta_px : float
-        Its length in the image, and how far it bends.
+    band : Band
+    expected : Expected
+        What an estimator should report, and what it follows from.
     shortest_px : float
         Arc that an estimator needs.
-    lit_fraction : float or None
-        Share of the arc over which the Sun stands.
     level : float or None
         Median along the limb in view, over full scale, without clouds and snow; None without a limb, a detector or an
         infrared horizon.
@@ -72,13 +62,6 @@ class LimbView:
         Whether there can be clouds or snow.
     plateau_k : float or None
         Brightness temperature of a thermal limb.
-    snr : float or None
-        Signal-to-noise ratio of a pixel's step at the limb, median; at most 1e6.
-    veil : float
-        Largest veil of the Sun over full scale.
-    determined_deg : float or None
-        To what the usable limb determines the nadir.
-    sun_in_frame, moon_in_frame : bool
     sun_outside_deg : float or None
         How far outside the image the Sun's centre is; None where the Sun is in the frame or behind the Earth.
     sun_visible_fraction : float
@@ -89,30 +72,38 @@ class LimbView:
         Between the rays of a pixel on the axis, at the distance of the limb.
     """
 
-    frame: str
-    band: str
-    kind: str
-    outcome: Outcome
-    borderline: bool
-    arc_deg: float
-    arc_px: float
-    sagitta_px: float
+    band: Band
+    expected: Expected
     shortest_px: float
-    lit_fraction: float | None
-    level: float | None
-    highest: float | None
-    saturated_share: float
-    patchy: bool
-    plateau_k: float | None
-    snr: float | None
-    veil: float
-    determined_deg: float | None
-    sun_in_frame: bool
-    moon_in_frame: bool
     sun_outside_deg: float | None
     sun_visible_fraction: float
     exposure_s: float | None
     ray_spacing_m: float
+    level: float | None = None
+    highest: float | None = None
+    saturated_share: float = 0.0
+    patchy: bool = False
+    plateau_k: float | None = None
+
+    @property
+    def outcome(self) -> Outcome:
+        """What an estimator should report."""
+        return self.expected.outcome
+
+    @property
+    def arc_px(self) -> float:
+        """Length in the image of the horizon in view."""
+        return self.expected.horizon_arc_px
+
+    @property
+    def arc_deg(self) -> float:
+        """Azimuth about the nadir of the horizon in view, of 360."""
+        return 360.0 * self.expected.horizon_fraction_in_view
+
+    @property
+    def snr(self) -> float | None:
+        """Signal-to-noise ratio of a pixel's step at the limb, median; at most 1e6."""
+        return self.expected.limb_snr
 
     def line(self) -> str:
         """Return what is in view of the frame, and how bright it will be."""
@@ -127,7 +118,7 @@ class LimbView:
             parts.append(f"limb at {', '.join(warmth + level)}")
         if self.snr is not None:
             parts.append(f"SNR {self.snr:.3g}" if self.snr < 1e6 else "no noise")
-        parts.append(f"expected: {self.outcome}" + (" (borderline)" if self.borderline else ""))
+        parts.append(f"expected: {self.outcome}" + (" (borderline)" if self.expected.borderline else ""))
         return ", ".join(parts)
 
 
@@ -147,13 +138,11 @@ def group_line(views: Sequence[LimbView], frames: int) -> str:
     return ", ".join(parts) + (" (medians)" if len(parts) > 1 and len(views) > 1 else "")
 
 
-def limb_views(frame: str, truth: FrameTruth, camera: CameraSpec, needs: Needs = "image") -> list[LimbView]:
+def limb_views(truth: FrameTruth, camera: CameraSpec, needs: Needs = "image") -> list[LimbView]:
     """Return what every band of a frame will see.
 
     Parameters
     ----------
-    frame : str
-        Its name.
     truth : FrameTruth
         Without the infrared horizon thermal bands have no level, and a linear array among several heads is taken to see
         the ground's horizon.
@@ -161,79 +150,60 @@ def limb_views(frame: str, truth: FrameTruth, camera: CameraSpec, needs: Needs =
     needs : {"image", "pose", "heads"}
         What the estimators look through; see :func:`horizonval.scoring.expected.examine`.
     """
-    return [_limb_view(frame, truth, camera, band, needs) for band in camera.band]
+    return [_limb_view(truth, camera, band, needs) for band in camera.band]
 
 
-def _limb_view(frame: str, truth: FrameTruth, camera: CameraSpec, band: Band, needs: Needs) -> LimbView:
+def _limb_view(truth: FrameTruth, camera: CameraSpec, band: Band, needs: Needs) -> LimbView:
     found = examine(truth, band.name, needs=needs)
-    expected, detector = found.expected, camera.detector
-    levels = _levels(found, truth, camera, band)
+    model, detector, r_itrs = found.camera, camera.detector, np.array(truth.r_itrs)
+    to_limb = math.sqrt(max(float(r_itrs @ r_itrs) - truth.ellipsoid.a_m**2, 0.0))
     fixed = isinstance(detector, Cmos) and detector.auto_exposure is None
+    levels = _solar_levels if band.kind == "solar" else _thermal_levels
     return LimbView(
-        frame=frame,
-        band=band.name,
-        kind=band.kind,
-        outcome=expected.outcome,
-        borderline=expected.borderline,
-        arc_deg=360.0 * expected.horizon_fraction_in_view,
-        arc_px=expected.horizon_arc_px,
-        sagitta_px=expected.horizon_sagitta_px,
-        shortest_px=limits.NOMINAL.arc_fraction * min(found.camera.width, found.camera.height),
-        lit_fraction=expected.lit_fraction,
-        level=levels.level,
-        highest=levels.highest,
-        saturated_share=levels.saturated_share,
-        patchy=levels.patchy,
-        plateau_k=levels.plateau_k,
-        snr=expected.limb_snr,
-        veil=expected.veil_fraction,
-        determined_deg=expected.determined_deg,
-        sun_in_frame=expected.sun_in_frame,
-        moon_in_frame=expected.moon_in_frame,
-        sun_outside_deg=None if expected.sun_in_frame else sun_outside_deg(found.camera, truth),
+        band=band,
+        expected=found.expected,
+        shortest_px=limits.NOMINAL.arc_fraction * min(model.width, model.height),
+        sun_outside_deg=None if found.expected.sun_in_frame else sun_outside_deg(model, truth),
         sun_visible_fraction=truth.sun_visible_fraction,
         exposure_s=detector.exposure_s if isinstance(detector, Cmos) and fixed else None,
-        ray_spacing_m=_ray_spacing_m(found.camera, truth),
+        ray_spacing_m=to_limb / max(model.fx, model.fy) / int(truth.scene["render"]["subsamples"]),
+        **levels(found, truth, camera, band),
     )
 
 
-def _ray_spacing_m(camera: CameraModel, truth: FrameTruth) -> float:
-    r_itrs = np.array(truth.r_itrs)
-    to_limb = math.sqrt(max(float(r_itrs @ r_itrs) - truth.ellipsoid.a_m**2, 0.0))
-    return to_limb / max(camera.fx, camera.fy) / int(truth.scene["render"]["subsamples"])
+def _solar_levels(found: Examined, truth: FrameTruth, camera: CameraSpec, band: Band) -> dict[str, Any]:
+    in_view = found.view.in_view
+    if not in_view.any() or not isinstance(camera.detector, Cmos):
+        return {}
+    brightest = found.signal.filling[in_view]
+    usual, plain = brightest, _plain_ground(truth.scene)
+    if plain is not None:
+        usual = limb_signal(replace(truth, scene=plain), camera, band, found.camera, found.view).filling[in_view]
+    return {
+        "level": float(np.median(usual)),
+        "highest": float(brightest.max()),
+        "saturated_share": float((brightest > 1.0).mean()),
+        "patchy": plain is not None,
+    }
 
 
-@dataclass(frozen=True)
-class _Levels:
-    level: float | None = None
-    highest: float | None = None
-    saturated_share: float = 0.0
-    patchy: bool = False
-    plateau_k: float | None = None
-
-
-def _levels(found: Examined, truth: FrameTruth, camera: CameraSpec, band: Band) -> _Levels:
-    in_view, detector = found.view.in_view, camera.detector
-    if band.kind == "solar":
-        if not in_view.any() or not isinstance(detector, Cmos):
-            return _Levels()
-        brightest = found.signal.filling[in_view]
-        usual, plain = brightest, _plain_ground(truth.scene)
-        if plain is not None:
-            usual = limb_signal(replace(truth, scene=plain), camera, band, found.camera, found.view).filling[in_view]
-        saturated = float((brightest > 1.0).mean())
-        return _Levels(float(np.median(usual)), float(brightest.max()), saturated, plain is not None)
-    horizon = truth.infrared_horizon.get(band.name)
+def _thermal_levels(found: Examined, truth: FrameTruth, camera: CameraSpec, band: Band) -> dict[str, Any]:
+    horizon, detector = truth.infrared_horizon.get(band.name), camera.detector
     if horizon is None or not horizon["plateau_radiance"]:
-        return _Levels()
+        return {}
     # Azimuths of the truth's plateau are about the nadir; it changes by a few per cent between them.
     plateau = np.array(horizon["plateau_radiance"])
     plateau_k = float(brightness_temperature_k(band, np.median(plateau)))
-    if detector is None or isinstance(detector, Cmos) or not in_view.any():
-        return _Levels(plateau_k=plateau_k)
+    if detector is None or isinstance(detector, Cmos) or not found.view.in_view.any():
+        return {"plateau_k": plateau_k}
     low, high = (blackbody_radiance(band, end_k) for end_k in (detector.scene_min_k, detector.scene_max_k))
     level = (plateau - low) / (high - low)
-    return _Levels(float(np.median(level)), float(level.max()), float((level > 1.0).mean()), plateau_k=plateau_k)
+    return {
+        "level": float(np.median(level)),
+        "highest": float(level.max()),
+        "saturated_share": float((level > 1.0).mean()),
+        "plateau_k": plateau_k,
+    }
 
 
 def _plain_ground(scene: dict[str, Any]) -> dict[str, Any] | None:

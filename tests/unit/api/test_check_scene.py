@@ -12,6 +12,7 @@ from horizonval.api.check import Level, check, check_scene, check_suite
 from horizonval.api.check.frames import sample_sizes
 from horizonval.api.check.limb import limb_views
 from horizonval.api.check.rules import CODES, RULES
+from horizonval.api.scene import Scene
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.scoring.expected import expected_outcome
@@ -51,30 +52,26 @@ def test_a_good_scene_has_facts_and_cost_and_nothing_wrong():
     report = check_scene(*changed(detector={"exposure_s": 1e-4}))
     assert report.ok
     assert codes(report) == []
-    text = str(report)
-    assert "of horizon in view" in text
-    assert "limb at 48 % of full scale" in text
-    assert "expected: valid" in text
-    assert text.splitlines()[-1].startswith("nothing wrong")
+    assert "limb at 48 % of full scale" in str(report)
     assert report.cost.frames == 1
 
 
 def test_a_saturated_limb_and_the_exposure_that_mends_it():
-    scene, camera = changed(detector={"exposure_s": 4e-3})
-    finding = one(check_scene(scene, camera), "saturated")
+    report = check_scene(*changed(detector={"exposure_s": 4e-3}))
+    finding = one(report, "saturated")
     assert finding.level is Level.WARNING
     assert finding.value > finding.limit == 1.0
-    assert re.search(r"limb at \d+ % of full scale: saturated", finding.text)
     number, unit = re.search(r"exposure 4 ms -> (\S+) (us|ms) puts it at (6[89]|7[0-2]) %", finding.fix).group(1, 2)
-    mended = check_scene(*changed(detector={"exposure_s": float(number) * {"us": 1e-6, "ms": 1e-3}[unit]}))
-    assert "saturated" not in codes(mended)
-    assert mended.ok
+    assert check_scene(*changed(detector={"exposure_s": float(number) * {"us": 1e-6, "ms": 1e-3}[unit]})).ok
+    data = json.loads(report.to_json())
+    assert data["ok"] is False
+    assert (data["findings"][0]["code"], data["findings"][0]["level"]) == ("saturated", "warning")
+    assert data["cost"]["cells"] > 0
 
 
 def test_too_short_an_exposure_is_dark_and_a_longer_one_is_proposed():
     finding = one(check_scene(*changed(detector={"exposure_s": 1e-7})), "dark")
     assert finding.value < finding.limit == 5.0
-    assert "SNR" in finding.text
     assert re.search(r"exposure 0.1 us -> 1\d\d us", finding.fix)
 
 
@@ -112,9 +109,9 @@ def test_everywhere_deep_behind_the_earth_is_eclipse(zenith_deg):
     scene, camera = changed(sun={"zenith_deg": zenith_deg, "azimuth_deg": 40.0})
     for latitude_deg in (-71.3, -20.0, 5.5, 33.3):
         platform = scene.platform.model_copy(update={"latitude_deg": latitude_deg, "altitude_km": 550.0})
-        view = limb_views("frame", truth_of(scene.model_copy(update={"platform": platform}), camera), camera)[0]
+        view = limb_views(truth_of(scene.model_copy(update={"platform": platform}), camera), camera)[0]
         assert view.sun_outside_deg is None
-        assert not view.sun_in_frame
+        assert not view.expected.sun_in_frame
         assert [rule.code for rule in RULES if rule.find(view) is not None][:1] == ["eclipse"]
 
 
@@ -145,13 +142,10 @@ def test_the_sun_in_the_frame_and_near_it():
 
 
 def test_a_band_outside_the_tables_is_an_error_not_a_traceback():
-    band = {"name": "uv", "kind": "solar", "lo_um": 0.2, "hi_um": 0.3}
-    report = check_scene(*changed(band=band))
-    assert not report.ok
+    report = check_scene(*changed(band={"name": "uv", "kind": "solar", "lo_um": 0.2, "hi_um": 0.3}))
     finding = one(report, "cannot-run")
     assert finding.level is Level.ERROR
     assert "'uv'" in finding.text
-    assert "expected" in finding.fix
     assert report.cost is None
 
 
@@ -207,15 +201,6 @@ def test_samples_are_shared_fairly(counts):
         assert min(sizes) >= 1
 
 
-def test_json_says_the_same():
-    report = check_scene(*changed(detector={"exposure_s": 4e-3}))
-    data = json.loads(report.to_json())
-    assert data["ok"] is False
-    assert data["findings"][0]["code"] == "saturated"
-    assert data["findings"][0]["level"] == "warning"
-    assert data["cost"]["cells"] > 0
-
-
 def test_a_suite_that_a_run_would_refuse(tmp_path):
     path = tmp_path / "suite.toml"
     path.write_text(
@@ -227,12 +212,9 @@ def test_a_suite_that_a_run_would_refuse(tmp_path):
     assert "no-such" in str(report)
 
 
-def test_a_name_of_nothing_is_the_users_mistake():
+def test_wrong_use():
     with pytest.raises(UserError, match="no scene, suite or study named 'limb-noon'"):
         check("limb-noon")
-
-
-def test_a_scene_has_no_number_of_frames():
-    for target in ("limb-noon-vis", load_scene("limb-noon-vis")):
+    for target in ("limb-noon-vis", Scene.from_file("limb-noon-vis")):
         with pytest.raises(UserError, match="a scene is one frame"):
             check(target, frames=3)

@@ -12,12 +12,12 @@ import pytest
 from synthetic import toy_image, truth_at
 
 from horizonval.api.estimate import estimate_report, horizon_sensor, sources_of_heads
-from horizonval.api.picture import GreyImage
 from horizonval.core.errors import UserError
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.plugins import registry
 from horizonval.store import exr
+from horizonval.store.picture import GreyImage
 
 OFF_RAD = math.radians(0.25)
 

@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+import horizonval as hv
 from horizonval.cli.app import run_command_line
 from horizonval.core.errors import UserError
 
@@ -58,11 +59,10 @@ def test_a_run_says_first_what_is_wrong(suite, tmp_path, capsys, monkeypatch, ex
     monkeypatch.setattr("horizonval.suites.run.stream", start_and_stop)
     run_command_line(["run", suite(exposure_s), "--out", str(tmp_path / "out"), "--json"])
     captured = capsys.readouterr()
-    lines = captured.err.splitlines()
+    *warnings, last = captured.err.splitlines()
     assert captured.out == ""
-    assert lines[-1] == "horizonval: error: started"
-    assert [line for line in lines[:-1] if "saturated" in line] == lines[:-1]
-    assert len(lines) == (2 if told else 1)
+    assert last == "horizonval: error: started"
+    assert [line.startswith("horizonval: warning: ") and "saturated" in line for line in warnings] == [True] * told
 
 
 def test_a_study_says_so_too(tmp_path, capsys, monkeypatch):
@@ -72,12 +72,18 @@ def test_a_study_says_so_too(tmp_path, capsys, monkeypatch):
         + '[design.grid]\n"camera.optics.f_number" = [2.8, 4.0]\n'
         + '[frames.grid]\n"platform.latitude_deg" = [0.0, 10.0]\n'
     )
-
     monkeypatch.setattr("horizonval.suites.run.stream", start_and_stop)
     run_command_line(["study", str(path), "--out", str(tmp_path / "out")])
     lines = capsys.readouterr().err.splitlines()
     assert lines[0].startswith("horizonval: warning: f_number_2.8, f_number_4: all 4 frames: limb at ")
     assert lines[1:] == ["horizonval: error: started"]
+
+
+def test_warnings_are_on_the_run_and_a_dry_run_has_them(suite, tmp_path):
+    counted = hv.run(suite(1e-2), out=tmp_path / "out", dry_run=True)
+    assert [finding.code for finding in counted.warnings] == ["saturated"]
+    assert (counted.missing, counted.dry_run.total, counted.summary) == (2, {"frames": 2}, {})
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_renderer_is_not_loaded():

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from horizonval.api.radiance import read_rays
 from horizonval.core.errors import UserError
+from horizonval.formats.rays import read_rays
 from horizonval.spec.load import load_camera, read_toml
 
 CAMERA = "[camera]\nwidth = 40\nheight = 30\nfov_deg = 60.0\ndistortion = [{}]\n"

@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 from horizonval.api.check import kind_of
-from horizonval.api.picture import read_picture
-from horizonval.api.radiance import read_rays
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.profile_file import read_profiles
 from horizonval.earth.atmosphere_file import read_atmosphere
+from horizonval.formats.rays import read_rays
 from horizonval.spec.files import find
 from horizonval.spec.load import load_camera, load_scene, read_toml
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.store import exr
+from horizonval.store.picture import read_picture
 from horizonval.suites import flight
 
 SECRET = "hunter2"

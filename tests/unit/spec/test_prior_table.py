@@ -58,44 +58,6 @@ def test_a_whole_file_is_read(tmp_path: Path) -> None:
     assert PriorSpec.model_validate(json.loads(spec.model_dump_json())) == spec
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("altitude_sigma_km = 1\n", "", ["altitude_km without altitude_sigma_km"]),
-        ("position_sigma_km = 1.0\n", "", ["position_itrs_km without position_sigma_km"]),
-        ("attitude_sigma_deg = [1.0, 1, 2.0]\n", "", ["q_cam_from_itrs without attitude_sigma_deg"]),
-        ("limb_height_sigma_km = 0.3\n", "", ["limb_height_km without limb_height_sigma_km"]),
-        ("altitude_sigma_km = 1\n", "altitude_sigma_km = -1\n", ["prior.altitude_sigma_km", "found -1", "above 0"]),
-        ("altitude_sigma_km = 1\n", "altitude_sigma_km = 0\n", ["prior.altitude_sigma_km", "above 0"]),
-        ("[1.0, 1, 2.0]", "[1.0, 0, 2.0]", ["prior.attitude_sigma_deg", "above 0"]),
-        ("[1.0, 1, 2.0]", "[1.0, 2.0]", ["prior.attitude_sigma_deg"]),
-        ("0.7071]", "0.5]", ["prior.q_cam_from_itrs", "length is 0.866"]),
-        ('"sphere"', '"wgs84"', ['radius_km applies to shape = "sphere" only']),
-        ('"sphere"', '"flat"', ["prior.shape", '"flat"']),
-        ("sun_sigma_deg", "sun_sigma", ["sun_sigma", "sun_sigma_deg"]),
-        ('"by_latitude_month"', '""', ["climate is empty"]),
-        ('"by_latitude_month"', '"none.csv"', ["prior.climate", "none.csv"]),
-        ("[prior]", "[priors]", ["priors"]),
-    ],
-)
-def test_a_mistake_is_one_line_with_file_and_key(tmp_path: Path, old: str, new: str, words: list[str]) -> None:
-    assert old in WHOLE
-    with pytest.raises(UserError) as found:
-        load_prior(_file(tmp_path, WHOLE.replace(old, new)))
-    line = found.value.line()
-    assert line.startswith(f"{tmp_path / 'p.toml'}")
-    for word in words:
-        assert word in line
-    assert "\n" not in line
-
-
-def test_a_climate_of_the_place_needs_a_place(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="needs a position"):
-        load_prior(_file(tmp_path, '[prior]\nclimate = "by_latitude_month"\n'))
-    with pytest.raises(UserError, match=r"none\.toml"):
-        load_prior(tmp_path / "none.toml")
-
-
 def test_a_climates_file_lies_beside_the_file_that_names_it(tmp_path: Path) -> None:
     (tmp_path / "air").mkdir()
     (tmp_path / "air" / "mine.csv").write_text("x")

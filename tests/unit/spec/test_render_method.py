@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
-from horizonval.core.errors import UserError
 from horizonval.renderer.scene.description import describe
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.load import Case, load_scene
@@ -52,8 +49,3 @@ def test_the_renderer_and_the_file_know_the_method(tmp_path: Path) -> None:
     assert describe(case.scene, case.camera).limb.method == "march"
     write_frame(tmp_path / "frame.exr", render_frame(case.scene, case.camera))
     assert read_frame(tmp_path / "frame.exr").render["method"] == "march"
-
-
-def test_another_method_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"render\.method.*table.*march"):
-        _case(tmp_path, 'method = "guess"')

@@ -145,18 +145,10 @@ SHARES = (
 )
 
 
-@pytest.fixture
-def shared(tmp_path):
-    def build(text: str = SHARES, head: str = "frames = 40", **options):
-        (tmp_path / "c.toml").write_text(CAMERA)
-        (tmp_path / "s.toml").write_text(HEAD.replace("seed = 7", f"seed = 7\n{head}") + text)
-        return load_suite(tmp_path / "s.toml", **options)
-
-    return build
-
-
-def test_one_number_sets_the_size_of_a_suite(shared):
-    few, many = shared(), shared(frames=400)
+def test_one_number_sets_the_size_of_a_suite(tmp_path):
+    (tmp_path / "c.toml").write_text(CAMERA)
+    (tmp_path / "s.toml").write_text(HEAD.replace("seed = 7", "seed = 7\nframes = 40") + SHARES)
+    few, many = load_suite(tmp_path / "s.toml"), load_suite(tmp_path / "s.toml", frames=400)
     for suite, n in ((few, 40), (many, 400)):
         assert len(suite.cases) == suite.frames == n
         assert sum(case.name.startswith("a_") for case in suite.cases) == 3 * n // 4
@@ -167,21 +159,11 @@ def test_one_number_sets_the_size_of_a_suite(shared):
     assert yaws[1][:30] == yaws[0]
 
 
-@pytest.mark.parametrize(
-    ("text", "head", "options", "parts"),
-    [
-        (SHARES.replace("0.75", "0.5"), "frames = 40", {}, ["s.toml", "shares", "0.75 together"]),
-        (SHARES, "", {}, ["s.toml", "suite.frames and sobol.share"]),
-        (SHARES.replace("share = 0.75", "share = 0.75, n = 4"), "frames = 40", {}, ["cases[1].sobol", "n and share"]),
-        (ORBIT + "altitude_km = 500.0\nsun_synchronous = true\n", "", {"frames": 4}, ["--frames", "'s'"]),
-        (SHARES, "frames = 40\ndraws = 0", {}, ["s.toml", "suite.draws", "found 0", "from 1 to 1000"]),
-        (SHARES, "frames = 40\ndraws = 2.5", {}, ["s.toml", "suite.draws", "found 2.5", "whole number"]),
-    ],
-)
-def test_mistakes_with_shares_are_one_line(shared, text, head, options, parts):
-    with pytest.raises(UserError) as e:
-        shared(text, head, **options)
-    assert all(part in e.value.line() for part in parts), e.value.line()
+def test_a_size_is_for_suites_that_share_it(tmp_path):
+    (tmp_path / "c.toml").write_text(CAMERA)
+    (tmp_path / "s.toml").write_text(HEAD + ORBIT + "altitude_km = 500.0\nsun_synchronous = true\n")
+    with pytest.raises(UserError, match="--frames"):
+        load_suite(tmp_path / "s.toml", frames=4)
 
 
 def test_a_table_names_the_methods_that_run_on_it(tmp_path):
@@ -199,54 +181,6 @@ def test_a_table_names_the_methods_that_run_on_it(tmp_path):
         ("one_yaw_deg_5", ("altitude-free",)),
         ("both_yaw_deg_5", ("ideal", "altitude-free")),
     ]
-
-
-@pytest.mark.parametrize(
-    ("text", "parts"),
-    [
-        (
-            '[[cases]]\nname = "g"\nestimators = ["idael"]\ngrid = { attitude.yaw_deg = [5.0] }\n',
-            ["s.toml: cases[1] (g).estimators", '"idael"', "some of ideal"],
-        ),
-        (
-            '[[frame]]\nscene.name = "f"\nestimators = "ideal"\n',
-            ["s.toml: frame[1] (f).estimators", 'found "ideal"', "list"],
-        ),
-        (
-            '[[cases]]\nname = "g"\nestimators = []\ngrid = { attitude.yaw_deg = [5.0] }\n',
-            ["s.toml: cases[1].estimators", "at least 1"],
-        ),
-        ('[[cases]]\nname = "g"\n', ["cases[1]", "give at least one of list, grid"]),
-        (
-            '[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = 5.0 }\n',
-            ["cases[1] (g).grid.attitude.yaw_deg", "5.0", "list"],
-        ),
-        ('[[cases]]\nname = "g"\ngrid = { attitude.yaw = [5.0] }\n', ["g_yaw_5", "attitude.yaw", "yaw_deg"]),
-        (
-            '[[cases]]\nname = "g"\ngrid = { camera.detector.exposure = [5.0] }\n',
-            ["g_exposure_5: camera: detector.exposure", "exposure_s"],
-        ),
-        ('[[cases]]\nname = "g"\ngrid = { camera.band.x.nodes = [5] }\n', ["camera.band", "'x'", "v"]),
-        ('[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = { from = 1, to = 2, step = -1 } }\n', ["step = -1"]),
-        (
-            '[[cases]]\nname = "g"\nsobol = { n = 4, ranges = { attitude.yaw_deg = [1, "b"] } }\n',
-            ["sobol.ranges", '"b"'],
-        ),
-        (ORBIT, ["cases[1] (o).orbit", "altitude_km"]),
-        (ORBIT + "altitude_km = 500.0\n", ["cases[1] (o).orbit", "inclination_deg", "sun_synchronous"]),
-        (ORBIT + "altitude_km = 7000.0\nsun_synchronous = true\n", ["cases[1] (o).orbit", "Sun-synchronous"]),
-        (ORBIT.replace("n = 8", 'n = 8\ntle = ["1 2", "2 3"]'), ["cases[1] (o).orbit.tle", "69 columns"]),
-        (ORBIT.replace("n = 8", 'n = 8\ntle = "no.txt"'), ["cases[1] (o).orbit.tle", "no.txt"]),
-        (('[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = [5.0] }\n') * 2, ["two tables [[cases]] are named 'g'"]),
-    ],
-)
-def test_mistakes_are_one_line(load, text, parts):
-    with pytest.raises(UserError) as e:
-        load(text)
-    line = e.value.line()
-    assert "\n" not in line
-    for part in parts:
-        assert part in line, line
 
 
 def test_what_a_name_is_made_of_is_kept_beside_it(load):
@@ -271,3 +205,11 @@ def test_a_figure_of_a_table_leaves_out_the_tables_whose_names_begin_alike(load)
     tables = "".join(f'[[cases]]\nname = "{name}"\ngrid.attitude.yaw_deg = [0]\n' for name in ("sun", "sun_far"))
     suite = load('[[figure]]\nkind = "sweep"\ncases = "sun"\nx = "platform.altitude_km"\n' + tables)
     assert list(figure_plans(suite)[0]["cases"]) == ["sun_yaw_deg_0"]
+
+
+def test_the_shipped_suite_of_stability():
+    assert load_suite("quick").stability is None
+    spec = load_suite("infrared-horizon-stability").stability
+    assert [(b.lo_um, b.hi_um) for b in spec.band] == [(14.0, 16.3), (14.16, 16.25), (8.0, 14.0), (10.5, 12.5)]
+    assert (spec.altitude_km, spec.positions) == (900.0, 72)
+    assert spec.months == list(range(1, 13))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.api.radiance import check_above_ground, read_rays, write_radiance
 from horizonval.core.errors import UserError
+from horizonval.formats.rays import check_above_ground, read_rays, write_radiance
 
 HEAD = "tag,obs_x_km,obs_y_km,obs_z_km,dir_x,dir_y,dir_z,sun_x,sun_y,sun_z,note"
 ROW = 'a,0,0,7000.5,1,0,-1,0,0,2,"x, y"'

@@ -13,12 +13,12 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from horizonval.api.picture import LARGEST_SIDE_PX, read_picture, size_of
 from horizonval.core import memory
 from horizonval.core.errors import UserError
 from horizonval.spec.camera import CameraSpec
 from horizonval.store import exr
 from horizonval.store.exr import write_frame, write_image
+from horizonval.store.picture import LARGEST_SIDE_PX, read_picture, size_of
 
 SMALL = CameraSpec.model_validate({"camera": {"width": 64, "height": 64, "fov_deg": 60.0}})
 GREY8 = np.arange(30 * 40, dtype=np.uint16).reshape(30, 40).astype(np.uint8)
