@@ -27,8 +27,9 @@ from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.jobs.engine import Recorded
 from horizonval.jobs.kept import Record
 from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.scoring.bound import bound_of
 from horizonval.scoring.information.information import KEY
-from horizonval.scoring.information.of_frame import informed
+from horizonval.scoring.information.of_frame import information_of
 from horizonval.scoring.row import rounded
 from horizonval.sensor.calibrated import radiance_per_dn
 from horizonval.sensor.observe import observe
@@ -126,9 +127,11 @@ def _observe_case(
         clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
         images = [observe(frame, case.camera, band=band, seed=seed) for seed in range(replicates)]
         # The information is the frame's, the same under every draw of the noise.
-        information = {KEY: informed(images[0], frame).observation[KEY]}
-        images = [replace(image, observation={**image.observation, **information}) for image in images]
+        information = information_of(frame, case.camera, band)
+        carried = {KEY: None if information is None else information.to_dict()}
+        images = [replace(image, observation={**image.observation, **carried}) for image in images]
         observed[band] = _of_one_frame(images)
+        observed[band][0].bounds[band] = bound_of(information, frame.truth, band)
         noise = [noise_in_space(image.dn, clean, regions) for image in images]
         known_noise = [value for value in noise if value is not None]
         arrays[f"radiance.{band}"] = frame.radiance[band]
