@@ -29,7 +29,6 @@ activate()
 from scipy.spatial.transform import Rotation  # noqa: E402
 from table_and_march import GREEN, camera_of, compare, rendered, scene_of  # noqa: E402
 
-from horizonval.renderer.plugin.model_text import dump_model, load_model  # noqa: E402
 from horizonval.spec.camera import CameraSpec  # noqa: E402
 from horizonval.spec.scene import SceneSpec  # noqa: E402
 
@@ -196,11 +195,3 @@ def test_seed_draws_the_gaps() -> None:
     a, b, c = (rendered(scene({**BROKEN, "seed": n}), LIMB).radiance["window"] for n in (1, 1, 2))
     assert a.tobytes() == b.tobytes()
     assert a.tobytes() != c.tobytes()
-
-
-def test_models_with_gaps_travel_as_text() -> None:
-    model = optical_model(scene(BROKEN), LIMB)
-    again = load_model(dump_model(model))
-    assert again.gaps == model.gaps
-    assert again.has_gaps
-    assert dump_model(again) == dump_model(model)

@@ -39,7 +39,7 @@ from horizonval.jobs.kept import Record
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import Lane, RegressionSpec
 from horizonval.store.folder import RunFolder, read_json, write_json
-from horizonval.store.manifest import withdraw_manifest, write_manifest
+from horizonval.store.verify import withdraw_manifest, write_manifest
 from horizonval.studies.regression import history
 from horizonval.studies.regression.baseline import Baseline, read_baseline, release_path
 from horizonval.studies.regression.gates import GateInputs, Measured, changed, judge, measure, pairs_of

@@ -16,7 +16,7 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.jobs import engine
 from horizonval.store.folder import read_json, write_json
-from horizonval.store.manifest import verify_folder
+from horizonval.store.verify import verify_folder
 from horizonval.studies.regression import history, units
 from horizonval.studies.regression.accept import accept
 from horizonval.studies.regression.baseline import pack_path, read_baseline, read_pack, release_path

@@ -1,6 +1,11 @@
 """Frames and detector images as files that other programs open.
 
-FITS; PNG of 16 bits with a JSON file; TIFF of 16 bits, of radiances of 32; NumPy's ``.npz``; EXR with ZIP.
+FITS; PNG of 16 bits with a JSON file; TIFF of 16 bits, of radiances of 32; NumPy's ``.npz``; EXR with ZIP; masks as one
+file of COCO, for programs that learn; and labelled arrays of ``xarray``, which writes NetCDF and Zarr.
+
+COCO's categories are made of the exact truth maps: ``earth`` (ground or cloud), ``sunlit_earth`` (the part of it on
+which the Sun shines), ``limb`` (air without ground behind it). A mask is a run-length code down the columns,
+uncompressed, which ``pycocotools`` reads; it marks a crowd (``iscrowd = 1``), as COCO wants of such codes.
 """
 
 from __future__ import annotations
@@ -8,9 +13,9 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
@@ -19,13 +24,79 @@ from PIL import Image
 
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.frame import DetectorImage, RadianceFrame
+from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, Hit, RadianceFrame
 from horizonval.store import exr
-from horizonval.store.attributes import camera_of
+from horizonval.store.attributes import camera_of, earth_mask, sunlit_mask
 from horizonval.store.entry import is_address
-from horizonval.store.export.coco import coco_text
-from horizonval.store.export.exported import sealed, text_of
-from horizonval.store.export.fits import fits_bytes
+from horizonval.store.exported import sealed, text_of
+from horizonval.store.fits import fits_bytes
+
+if TYPE_CHECKING:
+    import xarray
+
+CATEGORIES = ("earth", "sunlit_earth", "limb")
+
+
+def masks_of(frame: RadianceFrame) -> dict[str, NDArray[np.bool_]]:
+    """Return the masks of a frame by the names of their categories, shape (H, W) each."""
+    earth = earth_mask(frame.maps) > 0
+    return {
+        "earth": earth,
+        "sunlit_earth": earth & (sunlit_mask(frame.maps, frame.truth) > 0),
+        "limb": frame.maps["hit"] == Hit.ATMOSPHERE,
+    }
+
+
+def coco_text(frames: Sequence[tuple[str, RadianceFrame]]) -> str:
+    """Return the JSON file of some frames.
+
+    Parameters
+    ----------
+    frames : sequence of (str, RadianceFrame)
+        Each with the name that its pictures begin with.
+    """
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
+    for name, frame in frames:
+        marked = masks_of(frame)
+        for band in frame.radiance:
+            height, width = frame.radiance[band].shape
+            number = len(images) + 1
+            images.append({"id": number, "file_name": f"{name}-{band}.png", "width": width, "height": height})
+            for category, label in enumerate(CATEGORIES, 1):
+                mask = marked[label]
+                if mask.any():
+                    annotations.append(_annotation(len(annotations) + 1, number, category, mask))
+    content = {
+        "info": {"description": "Masks of the exact truth of rendered frames, by horizonval", "version": "1"},
+        "images": images,
+        "annotations": annotations,
+        "categories": [{"id": k, "name": name, "supercategory": "scene"} for k, name in enumerate(CATEGORIES, 1)],
+    }
+    return json.dumps(content, separators=(",", ":")) + "\n"
+
+
+def _annotation(number: int, image: int, category: int, mask: NDArray[np.bool_]) -> dict[str, Any]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    left, top = int(columns[0]), int(rows[0])
+    return {
+        "id": number,
+        "image_id": image,
+        "category_id": category,
+        "segmentation": {"size": list(mask.shape), "counts": run_lengths(mask)},
+        "area": int(mask.sum()),
+        "bbox": [left, top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1],
+        "iscrowd": 1,
+    }
+
+
+def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
+    """Return how many pixels in turn are outside and inside, down the columns, outside first."""
+    flat = mask.ravel(order="F")
+    changes = np.flatnonzero(np.diff(flat)) + 1
+    lengths = np.diff(np.concatenate([[0], changes, [flat.size]])).tolist()
+    return [0, *lengths] if flat[0] else lengths
+
 
 PNG_MAX = 65535
 _DESCRIPTION, _SOFTWARE = 270, 305
@@ -52,10 +123,7 @@ def export_file(path: Path, out: Path, formats: Collection[Format] = (), *, zipp
         Not one of our files, damaged, no astropy for ``fits``, a folder that cannot be written, or an EXR file that
         would replace the one it is made of.
     """
-    kind = exr.kind(path)
-    if kind == "foreign":
-        raise UserError("an EXR file, but not written by horizonval", where=str(path))
-    source = exr.read_frame(path) if kind == "frame" else exr.read_image(path)
+    source = exr.read(path)
     address = path.stem if is_address(path.stem) else ""
     name = name_of(source, path, address)
     written = []
@@ -182,7 +250,7 @@ def _png(pixels: NDArray[np.uint16]) -> bytes:
 def _json(source: RadianceFrame | DetectorImage, pixels: NDArray[np.uint16], about: dict[str, Any]) -> bytes:
     """Return what a PNG cannot say: ``value = scale * count`` in ``unit``, camera, and the truth.
 
-    :func:`horizonval.store.export.exported.read_beside` reads it back.
+    :func:`horizonval.store.exported.read_beside` reads it back.
     """
     if isinstance(source, DetectorImage):
         observation = source.observation
@@ -204,3 +272,55 @@ def _write(path: Path, data: bytes) -> None:
         atomic.write_bytes(path, data)
     except OSError as error:
         raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
+
+
+def dataset_of(source: RadianceFrame | DetectorImage) -> xarray.Dataset:
+    """Return a frame or an image with its coordinates and what it says of itself.
+
+    Dimensions are ``row`` and ``column``, counted from the centre of the upper left pixel, and ``band`` of a frame.
+    Attributes hold scene, camera, epoch, and the nadir and the Sun in camera axes.
+
+    Raises
+    ------
+    UserError
+        xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise UserError("xarray is not installed", fix='run `pip install "horizonval[xarray]"`') from None
+    about = _attributes(source.truth)
+    variables: dict[str, tuple[tuple[str, ...], NDArray[Any], dict[str, str]]]
+    coordinates: dict[str, object]
+    if isinstance(source, DetectorImage):
+        about |= {"band": source.band, "full_scale": int(source.full_scale)}
+        variables = {"dn": (("row", "column"), source.dn, {"units": "1", "long_name": "digital number"})}
+        coordinates = _places(source.dn.shape)
+    else:
+        bands = list(source.radiance)
+        radiance = np.stack([source.radiance[band] for band in bands])
+        variables = {"radiance": (("band", "row", "column"), radiance, {"units": "W m-2 sr-1"})}
+        for name, values in source.maps.items():
+            variables[name] = (("row", "column"), values, {"units": MAP_UNITS.get(name, "1")})
+        coordinates = {"band": bands, **_places(radiance.shape[1:])}
+    return xarray.Dataset(variables, coordinates, about)
+
+
+def _places(shape: tuple[int, ...]) -> dict[str, object]:
+    return {
+        "row": ("row", np.arange(shape[0]), {"units": "px"}),
+        "column": ("column", np.arange(shape[1]), {"units": "px"}),
+    }
+
+
+def _attributes(truth: FrameTruth) -> dict[str, object]:
+    """Return what NetCDF can hold as attributes: texts and rows of numbers."""
+    return {
+        "scene": truth.scene_name,
+        "camera": truth.camera_name,
+        "epoch_utc": truth.epoch_utc,
+        "r_itrs_m": list(truth.r_itrs),
+        "q_cam_from_itrs": list(truth.q_cam_from_itrs),
+        "nadir_geocentric_cam": list(truth.nadir_geocentric_cam),
+        "sun_cam": list(truth.sun_cam),
+    }

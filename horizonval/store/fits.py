@@ -36,9 +36,8 @@ from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
 from horizonval.geometry.rotation import itrs_from_gcrs, julian_utc
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.detector import Cmos
-from horizonval.store import masks
-from horizonval.store.attributes import camera_of
-from horizonval.store.export.exported import of_fits, sealed, text_of
+from horizonval.store.attributes import camera_of, earth_mask, saturated_mask, sunlit_mask
+from horizonval.store.exported import of_fits, sealed, text_of
 
 Cards = dict[str, tuple[Any, str]]
 
@@ -63,7 +62,7 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
     if isinstance(source, DetectorImage):
         cards = common | _image_keywords(source, spec) | coordinates
         units = [_with(fits.PrimaryHDU(source.dn), cards)]
-        saturated = masks.saturated(source.dn, source.full_scale).astype(np.uint8)
+        saturated = saturated_mask(source.dn, source.full_scale).astype(np.uint8)
         meaning = {"BUNIT": ("", "1 where the converter is at its end, else 0")}
         units.append(_with(fits.ImageHDU(saturated, name="MASK.SATURATED"), meaning | coordinates))
     else:
@@ -81,7 +80,10 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
         for name, values in source.maps.items():
             unit = {"BUNIT": (MAP_UNITS[name], "")} if MAP_UNITS.get(name) in ("m", "deg") else {}
             units.append(_with(fits.ImageHDU(values, name=f"TRUTH.{name}"), unit | coordinates))
-        for name, mask in (("EARTH", masks.earth(source.maps)), ("SUNLIT", masks.sunlit(source.maps, source.truth))):
+        for name, mask in (
+            ("EARTH", earth_mask(source.maps)),
+            ("SUNLIT", sunlit_mask(source.maps, source.truth)),
+        ):
             meaning = {"BUNIT": ("", "1 where the pixel's centre is in it, else 0")}
             units.append(_with(fits.ImageHDU(mask.astype(np.uint8), name=f"MASK.{name}"), meaning | coordinates))
     arrays = {unit.name: np.asarray(unit.data) for unit in units if unit.data is not None}

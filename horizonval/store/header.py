@@ -1,4 +1,4 @@
-"""Seal an EXR file so that no altered byte goes unnoticed.
+"""Headers of EXR files: parsed without the library, and with digests of the file, so that an altered byte is noticed.
 
 The format guards little by itself: a flipped byte in a header, or in pixels under most codecs, is read without
 complaint, and a truncated file opens. Two digests in the header close every gap::
@@ -34,7 +34,7 @@ BODY_BLANK = "0" * 20 + ":" + "0" * 64
 LARGEST = 32 * 1024**3
 """Size [bytes] of a file that is read: twenty float32 channels of the largest camera (16384 x 16384) are 21 GB."""
 
-_HEADER_GUESS = 1 << 20  # Headers are some 10 kB; longer ones cost a second read.
+_HEADER_GUESS = 1 << 17  # Headers are some 10 kB; longer ones cost a second read.
 
 
 class _ShortError(Exception):
@@ -60,10 +60,10 @@ class Attribute:
 
 @dataclass(frozen=True)
 class Header:
-    """The attributes of a file's (first) header and the offset of the first byte after it."""
+    """The attributes of a file's (first) header, and the header's bytes."""
 
     attributes: dict[str, Attribute]
-    end: int
+    data: bytes
 
 
 def read_bytes(path: Path, limit: int | None = None) -> bytes:
@@ -103,7 +103,7 @@ def _parse(data: bytes, path: Path) -> Header:
     while True:
         name, position = _word(data, position, path)
         if not name:
-            return Header(attributes, position)
+            return Header(attributes, data[:position])
         type_, position = _word(data, position, path)
         if position + 4 > len(data):
             raise _ShortError
@@ -134,32 +134,25 @@ def _looks_like(data: bytes) -> str:
 
 def seal_file(path: Path) -> None:
     """Fill in both placeholders of a freshly written file."""
-    data = bytearray(path.read_bytes())
-    header = parse_header(bytes(data), path)
+    data = path.read_bytes()
+    header = parse_header(data, path)
     body, seal = header.attributes[BODY], header.attributes[SEAL]
-    _put(data, body, f"{len(data):020d}:{hashlib.sha256(memoryview(data)[header.end :]).hexdigest()}")
-    _put(data, seal, _header_digest(data, header))
+    start = len(header.data)
+    text = f"{len(data):020d}:{hashlib.sha256(memoryview(data)[start:]).hexdigest()}".encode()
+    sealed = header.data[: body.start] + text + header.data[body.start + len(text) :]
     with path.open("r+b") as file:
-        for attribute in (body, seal):
+        for attribute, value in ((body, text), (seal, hashlib.sha256(sealed).hexdigest().encode())):
+            assert len(value) == len(attribute.raw)
             file.seek(attribute.start)
-            file.write(data[attribute.start : attribute.start + len(attribute.raw)])
+            file.write(value)
 
 
-def _put(data: bytearray, attribute: Attribute, text: str) -> None:
-    assert len(text) == len(attribute.raw)
-    data[attribute.start : attribute.start + len(text)] = text.encode()
-
-
-def _header_digest(data: bytes | bytearray, header: Header) -> str:
-    seal = header.attributes[SEAL]
-    blanked = bytearray(data[: header.end])
-    blanked[seal.start : seal.start + len(seal.raw)] = SEAL_BLANK.encode()
-    return hashlib.sha256(blanked).hexdigest()
-
-
-def check_header(data: bytes, header: Header, path: Path) -> None:
+def check_header(header: Header, path: Path) -> None:
     """Raise ``DamagedFileError`` unless the header is byte for byte what was written."""
-    if header.attributes[SEAL].text() != _header_digest(data, header):
+    seal = header.attributes[SEAL]
+    blanked = bytearray(header.data)
+    blanked[seal.start : seal.start + len(seal.raw)] = SEAL_BLANK.encode()
+    if seal.text() != hashlib.sha256(blanked).hexdigest():
         raise DamagedFileError("altered since it was written: the header does not match its seal", where=str(path))
 
 
@@ -170,5 +163,5 @@ def check_body(data: bytes, header: Header, path: Path) -> None:
         raise DamagedFileError(f"truncated: {len(data)} of {int(length)} bytes", where=str(path))
     if len(data) > int(length):
         raise DamagedFileError(f"{len(data) - int(length)} foreign bytes after its end", where=str(path))
-    if hashlib.sha256(memoryview(data)[header.end :]).hexdigest() != digest:
+    if hashlib.sha256(memoryview(data)[len(header.data) :]).hexdigest() != digest:
         raise DamagedFileError("altered since it was written: the pixels do not match their seal", where=str(path))
