@@ -13,7 +13,7 @@ from horizonval.cli.options import ALL, EntryOptions, Json, estimators, selects
 from horizonval.cli.output import print_json, print_summary, resumable, watched
 from horizonval.core.errors import UserError, command_line, printable
 from horizonval.core.files import kind_at
-from horizonval.jobs.execution import MOST_WORKERS
+from horizonval.jobs.pool import MOST_WORKERS
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
 
@@ -244,7 +244,7 @@ def archive_rescore(
     The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if an image is
     damaged.
     """
-    from horizonval.jobs.execution import available_cpus
+    from horizonval.jobs.pool import available_cpus
     from horizonval.plugins.supervisor import Limits
     from horizonval.suites.rescore import rescore
 

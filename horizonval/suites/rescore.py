@@ -16,8 +16,8 @@ from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress, Silent
 from horizonval.estimation.observation import Estimator
 from horizonval.jobs.engine import Recorded, do
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.pool import Execution
+from horizonval.jobs.progress import Stopwatch
 from horizonval.plugins import supervisor
 from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.row import Row

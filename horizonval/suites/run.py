@@ -16,9 +16,8 @@ from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.engine import Done, OnStart, stream
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.kept import Record
+from horizonval.jobs.engine import Done, OnStart, Record, stream
+from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index

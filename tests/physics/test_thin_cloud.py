@@ -16,8 +16,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.renderer.plugin.backend import activate
-from horizonval.truth.infrared_horizon.radiance import BandMedium, layer_edges_m, limb_radiance
-from horizonval.truth.infrared_horizon.rays import ray_paths
+from horizonval.truth.infrared_radiance import BandMedium, layer_edges_m, limb_radiance, ray_paths
 
 activate()
 

@@ -19,7 +19,7 @@ from horizonval.geometry.horizon import tangency_points
 from horizonval.jobs import engine
 from horizonval.plugins import registry
 from horizonval.report.load import load_run
-from horizonval.scoring.table import read_results
+from horizonval.scoring.row import read_results
 from horizonval.store.store import Store
 from horizonval.suites.units import scored
 

@@ -17,8 +17,7 @@ from conftest import MINI_CAMERA
 from horizonval import cli
 from horizonval.core import atomic
 from horizonval.jobs import engine
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.pool import get_ready
+from horizonval.jobs.pool import Execution, get_ready
 from horizonval.suites.run import run_suite as run
 from horizonval.suites.suite import load_suite
 

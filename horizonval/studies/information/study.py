@@ -26,7 +26,7 @@ from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import do
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Case
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.verify import amend_manifest

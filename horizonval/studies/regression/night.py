@@ -33,9 +33,8 @@ from horizonval.core.json_types import JsonObject
 from horizonval.core.memory import peak_mebibytes
 from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.engine import do
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.kept import Record
+from horizonval.jobs.engine import Record, do
+from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import Lane, RegressionSpec
 from horizonval.store.folder import RunFolder, read_json, write_json

@@ -24,14 +24,12 @@ import numpy as np
 from horizonval.core.cache import is_intact, read_arrays, write_arrays
 from horizonval.core.code import code_digest
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
-from horizonval.jobs.engine import Recorded
-from horizonval.jobs.kept import Record
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.engine import Record, Recorded
+from horizonval.jobs.progress import Stopwatch
 from horizonval.scoring.bound import bound_of
-from horizonval.scoring.information.information import KEY
-from horizonval.scoring.information.of_frame import information_of
+from horizonval.scoring.information import KEY, information_of
 from horizonval.scoring.row import rounded
-from horizonval.sensor.calibrated import radiance_per_dn
+from horizonval.sensor.expected_image import radiance_per_dn
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case

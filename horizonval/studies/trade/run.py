@@ -11,8 +11,8 @@ from typing import Any
 from horizonval.core.cache import log_damage
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.remaining import ExpectedTime
+from horizonval.jobs.engine import ExpectedTime
+from horizonval.jobs.pool import Execution
 from horizonval.report import study as study_page
 from horizonval.spec.suite import Requirement
 from horizonval.store.folder import RunFolder, intact_json

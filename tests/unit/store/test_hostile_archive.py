@@ -20,7 +20,7 @@ import pytest
 
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.jobs.kept import take_over
+from horizonval.jobs.engine import take_over
 from horizonval.report.load import load_run
 from horizonval.store import exr
 from horizonval.store.export import export_file

@@ -10,7 +10,7 @@ from nights import Night, estimating_with, key_of, plainly, rendered
 from scipy import ndimage
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.progress import Stopwatch
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.studies.regression.accept import accept
 from horizonval.studies.regression.baseline import read_baseline

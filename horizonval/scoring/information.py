@@ -1,4 +1,16 @@
-r"""What the limb in an image says about the pose: Fisher information by the noise of the pixels.
+"""Fisher information of the limb in an image, as it is kept beside the image and added over heads.
+
+Unknowns of no interest taken out of a system of normal equations, and symmetric matrices inverted.
+
+With the information ``M = [[A, B], [B^T, D]]`` of unknowns that are kept and of others, ``A - B D^-1 B^T`` (Schur's
+complement) is what is known of the first with the others free. It is found by taking out one unknown after the other::
+
+    M' = M - m m^T / m_k,     m: column k of M
+
+of positive definite matrices, which need no search for pivots. Libraries of linear algebra do it in less time, but
+round by how many threads they run on; what is kept beside an image has to be the same bytes everywhere.
+
+What the limb in an image says about the pose: Fisher information by the noise of the pixels.
 
 A pixel of mean ``I`` and variance ``v``, independent of the others and as good as normal, adds ``J^T J / v`` to the
 information, ``J`` the derivatives of its mean by the unknowns. By the pose they follow from where the limb is
@@ -14,7 +26,7 @@ known. ``by_knowledge``: free are also
 - the gain along the limb, by pieces of azimuth, correlated: :data:`LIGHT_SIGMA`;
 - the blur of the lens, ``d2I/dx2 / 2`` across the limb by its variance: :data:`BLUR_VARIANCE_SIGMA`;
 - how far up the limb's light reaches, ``-height dI/dheight`` by its logarithm: :data:`STRETCH_SIGMA`;
-- the relief, the height by pieces of azimuth, of :mod:`horizonval.earth.limb_relief`
+- the relief, the height by pieces of azimuth, of :mod:`horizonval.earth.limb_heights`
 
 and are eliminated (Schur's complement), so that informations of several images of one pose can be added.
 
@@ -26,25 +38,215 @@ or nothing hangs on it the bound is that of the renderer's own derivatives to 1 
 a yaw known to 2 deg, these give half of it. What the variance itself says. That pixels undersample an image of little
 blur: the spline's slope of a sharp edge is 0.3 % too small with a lens that blurs by 0.7 px beside the pixel's square,
 1 % with 0.5 px, 3 % with 0.4 px and 10 % with none, and the bound as much too large.
+
+How the limb moves in an image when the camera turns or moves, or when the limb rises: exact, of an ellipsoid.
+
+Scaled by the axes ``s`` the ellipsoid is the unit sphere, the camera stands at ``p = r / s`` and looks along
+``e = d / s``. The tangent cone's function (:func:`horizonval.geometry.horizon.limb_side`, scaled)::
+
+    F = -p . e - sqrt(|p|^2 - 1) |e|
+
+is positive inside the limb and zero on it, and its derivatives are closed::
+
+    dF/de = -p - k e / |e|,    dF/dp = -e - |e| p / k,    k = sqrt(|p|^2 - 1)
+    dF/dd = (dF/de) / s,       dF/dr = (dF/dp) / s
+    dF/dh = -sum over axes of (p dF/dp + e dF/de) / s          all axes longer by the height h of the limb
+    dF/dtheta = d x dF/dd                                     the camera turns by theta, and what it sees with it
+
+Light that hangs on the height over the ground moves with the contours of F: from a change dF by a motion of the camera
+it follows by ``dI = (dI/dF) dF``, and ``dI/dF = grad I . grad F / |grad F|^2`` in the image.
+
+The information of a rendered frame as a camera sees it, and images that carry it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_heights import SOLAR_RELIEF, THERMAL_RELIEF, Relief
+from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.ellipsoid import Ellipsoid
-from horizonval.scoring.information.elimination import inverse, without_last
-from horizonval.scoring.information.information import POSE, UNKNOWNS, LimbInformation
-from horizonval.scoring.information.limb_motion import LimbMotion, limb_motion
-from horizonval.sensor.expected_image import ExpectedImage
+from horizonval.geometry.rotation import tangent_basis
+from horizonval.sensor.expected_image import ExpectedImage, expected_image
+from horizonval.spec.camera import CameraSpec
+
+KEY = "information"
+"""Of an image's settings, under which its information stands. Images from before it was kept have none."""
+SCHEMA = 2
+POSE, SHAPE = 7, 5
+UNKNOWNS = POSE + SHAPE
+"""Turn (3), position (3), height of the limb, shape of the planet (5)."""
+
+
+@dataclass(frozen=True, eq=False)
+class LimbInformation:
+    """Information of one image, or the sum of several.
+
+    Attributes
+    ----------
+    by_noise, by_knowledge : ndarray, shape (12, 12)
+        Of a turn of the body about its axes [1/rad^2], of the position in Earth-fixed axes, of the height of the limb
+        and of the planet's shape along the shapes of :mod:`.limb_information` in Earth-fixed axes [1/m^2].
+    limb_height_m : float
+        Where the pixels that say most look past the Earth.
+    """
+
+    by_noise: FloatArray
+    by_knowledge: FloatArray
+    limb_height_m: float
+
+    def __add__(self, other: LimbInformation) -> LimbInformation:
+        """Return the information of two images of one pose."""
+        weights = np.array([np.trace(one.by_noise[:3, :3]) for one in (self, other)])
+        heights = np.array([self.limb_height_m, other.limb_height_m])
+        mean = float(weights @ heights / weights.sum()) if weights.sum() > 0.0 else 0.0
+        return LimbInformation(self.by_noise + other.by_noise, self.by_knowledge + other.by_knowledge, mean)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data: upper triangles, row by row."""
+        upper = np.triu_indices(UNKNOWNS)
+        return {
+            "schema": SCHEMA,
+            "by_noise": _digits(self.by_noise[upper]),
+            "by_knowledge": _digits(self.by_knowledge[upper]),
+            "limb_height_m": round(self.limb_height_m, 1),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Any) -> LimbInformation | None:
+        """Rebuild from :meth:`to_dict`; None where there is nothing, or what another version means by it."""
+        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+            return None
+        return cls(_symmetric(data["by_noise"]), _symmetric(data["by_knowledge"]), float(data["limb_height_m"]))
+
+
+def carried(image: DetectorImage) -> LimbInformation | None:
+    """Return the information that an image carries; None where it carries none."""
+    return LimbInformation.from_dict(image.observation.get(KEY))
+
+
+def _digits(values: FloatArray) -> list[float]:
+    return [float(f"{value:.12g}") for value in values]
+
+
+def _symmetric(upper: Sequence[float]) -> FloatArray:
+    matrix = np.zeros((UNKNOWNS, UNKNOWNS))
+    matrix[np.triu_indices(UNKNOWNS)] = upper
+    return matrix + np.triu(matrix, 1).T
+
+
+def without_last(information: FloatArray, kept: int) -> FloatArray:
+    """Return the information on the first ``kept`` unknowns of a symmetric matrix with all others free.
+
+    Parameters
+    ----------
+    information : ndarray, shape (N, N)
+        Positive definite in what is taken out.
+    kept : int
+
+    Returns
+    -------
+    ndarray, shape (kept, kept)
+    """
+    left = information.copy()
+    for k in range(len(left) - 1, kept - 1, -1):
+        column = left[:k, k] / left[k, k]
+        left[:k, :k] -= column[:, None] * left[k, :k]
+    return left[:kept, :kept]
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a symmetric positive definite matrix, shape (N, N)."""
+    count = len(matrix)
+    both = np.zeros((2 * count, 2 * count))
+    both[count:, count:] = matrix
+    both[:count, count:] = both[count:, :count] = np.eye(count)
+    found = -without_last(both, count)
+    return 0.5 * (found + found.T)
+
+
+@dataclass(frozen=True, eq=False)
+class LimbMotion:
+    """Of n pixels.
+
+    Attributes
+    ----------
+    value : ndarray, shape (n,)
+        F.
+    by_pixel : ndarray, shape (2, n)
+        Its change by column and row [1/px].
+    by_pose : ndarray, shape (7, n)
+        By a turn in camera axes [1/rad], by position in Earth-fixed axes [1/m], by the height of the limb [1/m].
+    """
+
+    value: FloatArray
+    by_pixel: FloatArray
+    by_pose: FloatArray
+
+    @property
+    def distance_px(self) -> FloatArray:
+        """How far inside the limb the pixels lie in the image, shape (n,)."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(self.value / np.hypot(*self.by_pixel))
+
+    @property
+    def height_m(self) -> FloatArray:
+        """How high above the limb the pixels look past the Earth, shape (n,): the rise that brings the limb to them."""
+        return np.asarray(-self.value / self.by_pose[6])
+
+
+def limb_motion(
+    camera: CameraModel, uv: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray
+) -> LimbMotion:
+    """Return how the limb moves over pixels.
+
+    Parameters
+    ----------
+    camera : CameraModel
+    uv : ndarray, shape (n, 2)
+        Column and row.
+    cam_from_itrs : ndarray, shape (3, 3)
+    r_itrs : ndarray, shape (3,)
+        Outside the ellipsoid [m].
+    axes_m : ndarray, shape (3,)
+        Semi-axes, the height of the limb included.
+
+    Returns
+    -------
+    LimbMotion
+        NaN where a pixel sees nothing. An image of one row has no change by row, and one of one column none by column:
+        nothing in it shows a motion that way.
+    """
+    p = r_itrs / axes_m
+    k = float(np.sqrt(p @ p - 1.0))
+    los = unproject(camera, uv).T
+    scaled = (cam_from_itrs.T @ los) / axes_m[:, None]
+    length = np.linalg.norm(scaled, axis=0)
+    by_scaled = -p[:, None] - k * scaled / length
+    by_place = -scaled - length * (p / k)[:, None]
+    by_direction = cam_from_itrs @ (by_scaled / axes_m[:, None])
+    by_height = -((p / axes_m) @ by_place + np.einsum("ij,ij->j", scaled / axes_m[:, None], by_scaled))
+    by_pixel = np.zeros((2, uv.shape[0]))
+    for axis, size in enumerate((camera.width, camera.height)):
+        if size > 1:
+            half = np.array([0.5, 0.0]) if axis == 0 else np.array([0.0, 0.5])
+            across = unproject(camera, uv + half).T - unproject(camera, uv - half).T
+            by_pixel[axis] = np.einsum("ij,ij->j", by_direction, across)
+    turn = np.cross(los, by_direction, axis=0)
+    return LimbMotion(
+        value=-p @ scaled - k * length,
+        by_pixel=by_pixel,
+        by_pose=np.concatenate([turn, by_place / axes_m[:, None], by_height[None]]),
+    )
+
 
 INSIDE_PX, OUTSIDE_PX, OUTSIDE_M = 12.0, 12.0, 100e3
 """More than methods look at: what lies beyond has no slope that hangs on the limb's place."""
@@ -262,3 +464,35 @@ def _precision(covariance: FloatArray, least_sigma: float) -> FloatArray:
 def _gram(jacobian: FloatArray) -> FloatArray:
     """Return sums over pixels of products of columns, always in the same order."""
     return np.asarray(np.einsum("in,jn->ij", jacobian, jacobian))
+
+
+def information_of(frame: RadianceFrame, camera: CameraSpec, band: str | None = None) -> LimbInformation | None:
+    """Return what one band of a frame says about the pose, seen by a camera; None without limb in it.
+
+    Parameters
+    ----------
+    frame : RadianceFrame
+        Radiance without noise.
+    camera : CameraSpec
+        As for :func:`horizonval.sensor.observe.observe`.
+    band : str, optional
+    """
+    truth = frame.truth
+    kinds = {one.name: one.kind for one in camera.band}
+    solar = kinds[band or camera.band[0].name] == "solar"
+    return limb_information(
+        expected_image(frame, camera, band),
+        truth.camera_model,
+        Rotation.from_quat(truth.q_cam_from_itrs).as_matrix(),
+        np.array(truth.r_itrs),
+        truth.ellipsoid,
+        SOLAR_RELIEF if solar else THERMAL_RELIEF,
+        body_from_cam=Rotation.from_quat(truth.q_cam_from_body).inv().as_matrix(),
+    )
+
+
+def informed(image: DetectorImage, frame: RadianceFrame) -> DetectorImage:
+    """Return an image that carries the information of its frame, so that it can be scored without."""
+    camera = CameraSpec.model_validate(image.observation.get("camera", image.truth.camera))
+    found = information_of(frame, camera, image.band)
+    return replace(image, observation={**image.observation, KEY: None if found is None else found.to_dict()})

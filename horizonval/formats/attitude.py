@@ -1,4 +1,9 @@
-r"""Attitude ephemeris messages (CCSDS 504.0-B-1 and -2), KVN and XML: read, and written as KVN.
+"""How a body was turned, between the quaternions that a file has: one turn at a constant rate from each to the next.
+
+An interval in which the body turns by more than 90 deg is a gap: which way round it went is not told. So is one ten
+times as long as most, if the body turns by more than 5 deg in it. No attitude in a gap is flown.
+
+Attitude ephemeris messages (CCSDS 504.0-B-1 and -2), KVN and XML: read, and written as KVN.
 
 Read are quaternions, whatever rates or derivatives stand behind them. ``q = (e sin(phi/2), cos(phi/2))`` turns the
 *frame* A about ``e`` by ``phi`` into B, so that its matrix ``M`` takes components in A to components in B (504.0-B-1,
@@ -8,24 +13,177 @@ annex)::
 
 That is the conjugate of our ``q_B_from_A``, which turns vectors. ``ATTITUDE_DIR = B2A``, of the first version, is the
 other way round; the second version has A to B alone, and the scalar last.
+
+The names that flight dynamics has for axes, and states in them turned to those of the stars.
+
+Four kinds are told apart: celestial (``GCRF``, ``ICRF``, ``EME2000``, ``J2000``), Earth-fixed (``ITRF`` of any year),
+``TOD``, the true equator and equinox of date by IAU 2006/2000A, and ``TEME``, that of two-line elements. ``EME2000``
+differs from ``GCRF`` by 23 milliarcseconds, 0.8 m in low orbit, the pole and equinox of older theories from ``TOD`` by
+some 0.05 arcsec, and the realisations of ``ITRF`` from each other by centimetres: they are taken for one.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
+from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, excerpt
-from horizonval.formats.motion.attitude_history import AttitudeHistory, AttitudePiece, attitudes_of
-from horizonval.formats.motion.axes import KNOWN, Axes, axes_of
-from horizonval.formats.motion.kvn import check_utc, is_xml, lines_of, needed, xml_of
-from horizonval.formats.motion.times import seconds_after, utc_of
+from horizonval.formats.ccsds import (
+    Coverage,
+    check_utc,
+    coverage_of,
+    is_xml,
+    lines_of,
+    needed,
+    seconds_after,
+    together,
+    utc_of,
+    xml_of,
+)
+from horizonval.geometry.orbit import EARTH_RATE_RAD_S
+from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme, tod_from_gcrs, turn
+
+Axes = Literal["gcrs", "itrs", "tod", "teme"]
+KNOWN = "GCRF, ICRF, EME2000, J2000, ITRF (of any year), TOD or TEME"
+_CELESTIAL = ("GCRF", "ICRF", "EME2000", "J2000", "GCRS")
+_EARTH_FIXED = re.compile(r"ITR[FS]([-_ ]?\d+)?")
+
+
+def axes_of(name: str, where: str) -> Axes:
+    """Return the kind of axes of a name; another one is a :class:`UserError` at ``where``."""
+    upper = name.strip().upper()
+    if upper in _CELESTIAL:
+        return "gcrs"
+    if upper == "TEME":
+        return "teme"
+    if upper == "TOD":
+        return "tod"
+    if _EARTH_FIXED.fullmatch(upper):
+        return "itrs"
+    raise UserError(f"axes {name!r}", where=where, expected=KNOWN)
+
+
+def gcrs_from(axes: Axes, epoch_utc: datetime, seconds: FloatArray) -> FloatArray:
+    """Return matrices, shape (n, 3, 3), from axes to ``gcrs`` at times after an epoch."""
+    if axes == "gcrs":
+        return np.broadcast_to(np.eye(3), (len(seconds), 3, 3))
+    if axes == "tod":
+        return np.swapaxes(tod_from_gcrs(epoch_utc, seconds), -1, -2)
+    to_gcrs = np.swapaxes(itrs_from_gcrs(epoch_utc, seconds), -1, -2)
+    return to_gcrs if axes == "itrs" else to_gcrs @ itrs_from_teme(epoch_utc, seconds)
+
+
+def states_in_gcrs(
+    axes: Axes, epoch_utc: datetime, seconds: FloatArray, r: FloatArray, v: FloatArray | None
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return positions and velocities, shape (n, 3) each, turned to ``gcrs``; Earth-fixed velocities are relative."""
+    matrices = gcrs_from(axes, epoch_utc, seconds)
+    if v is not None and axes == "itrs":
+        v = v + np.cross([0.0, 0.0, EARTH_RATE_RAD_S], r)
+    return turn(matrices, r), None if v is None else turn(matrices, v)
+
+
+LONGEST_OFF = 1e-3
+"""Of a unit quaternion's length, by how much a file's may be off: four digits are written at least."""
+LARGEST_TURN = math.radians(90.0)
+GAP_STEPS, GAP_TURN = 10.0, math.radians(5.0)
+
+
+@dataclass(frozen=True)
+class AttitudePiece:
+    """Attitudes at ``seconds`` (m,) after the history's epoch; ``q_body_from_axes`` (m, 4), scalar last."""
+
+    seconds: FloatArray
+    q_body_from_axes: FloatArray
+    coverage: Coverage
+
+
+@dataclass(frozen=True)
+class AttitudeHistory:
+    """How a body was turned against ``axes``; ``where`` names the file for messages. Pieces do not know each other."""
+
+    epoch_utc: datetime
+    pieces: tuple[AttitudePiece, ...]
+    axes: Axes
+    where: str
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """The times that may be asked for."""
+        return together([piece.coverage for piece in self.pieces])
+
+    def body_from_gcrs(self, epoch_utc: datetime, seconds: FloatArray) -> FloatArray:
+        """Return matrices, shape (n, 3, 3), at times (n,) after another epoch.
+
+        Raises
+        ------
+        UserError
+            A time outside all pieces, or in a gap.
+        """
+        t = np.asarray(seconds, dtype=np.float64) + (epoch_utc - self.epoch_utc).total_seconds()
+        matrices = np.full((len(t), 3, 3), np.nan)
+        for piece in self.pieces:
+            inside = np.isfinite(piece.coverage.around(t)[0])
+            if inside.any():
+                turns = Slerp(piece.seconds, Rotation.from_quat(piece.q_body_from_axes))
+                matrices[inside] = turns(np.clip(t[inside], piece.seconds[0], piece.seconds[-1])).as_matrix()
+        if np.isnan(matrices).any():
+            first = float(t[int(np.flatnonzero(np.isnan(matrices[:, 0, 0]))[0])])
+            known = zip(self.coverage.begins, self.coverage.ends, strict=True)
+            spans = [f"{self._time(begin)} to {self._time(end)}" for begin, end in known]
+            more = ", ..." if len(spans) > 3 else ""
+            raise UserError(
+                f"no attitude for {self._time(first)}", where=self.where, expected=", ".join(spans[:3]) + more
+            )
+        return np.asarray(matrices @ np.swapaxes(gcrs_from(self.axes, self.epoch_utc, t), -1, -2))
+
+    def around(self, epoch_utc: datetime, seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return begin and end, shape (n,) each, of the spans that times after another epoch lie in; NaN outside."""
+        offset = (epoch_utc - self.epoch_utc).total_seconds()
+        lo, hi = self.coverage.around(seconds + offset)
+        return lo - offset, hi - offset
+
+    def _time(self, seconds: float) -> str:
+        return (self.epoch_utc + timedelta(seconds=float(seconds))).isoformat()
+
+
+def attitudes_of(
+    seconds: FloatArray, q_body_from_axes: FloatArray, where: str, usable_s: tuple[float, float] | None = None
+) -> AttitudePiece:
+    """Return a piece, or a :class:`UserError` for what is no history of attitudes."""
+    if len(seconds) < 2:
+        raise UserError(f"{len(seconds)} attitudes", where=where, expected="2 and more")
+    steps = np.diff(seconds)
+    if (steps <= 0.0).any():
+        number = int(np.flatnonzero(steps <= 0.0)[0]) + 2
+        raise UserError(f"attitude {number} is not after the one before", where=where, expected="rising times")
+    length = np.linalg.norm(q_body_from_axes, axis=1)
+    off = int(np.argmax(np.abs(length - 1.0)))
+    if abs(length[off] - 1.0) > LONGEST_OFF:
+        raise UserError(
+            f"quaternion {off + 1} has the length {length[off]:.6g}", where=where, expected="unit quaternions"
+        )
+    return AttitudePiece(seconds, q_body_from_axes, coverage_of(seconds, _gaps(steps, q_body_from_axes), usable_s))
+
+
+def _gaps(steps: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
+    """Return whether each interval, shape (m - 1,), is one between whose ends nothing is known."""
+    turns = Rotation.from_quat(q)
+    angle = (turns[1:] * turns[:-1].inv()).magnitude()
+    long = steps > GAP_STEPS * float(np.median(steps))
+    return np.asarray((angle > LARGEST_TURN) | (long & (angle > GAP_TURN)))
+
 
 EXPECTED = "an attitude ephemeris message, KVN or XML"
 VERSIONS = ("1.0", "2.0")
