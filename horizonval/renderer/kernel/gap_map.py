@@ -29,8 +29,8 @@ from horizonval.renderer.types import Vec, constant, constant_vector
 
 NODES_PER_SCALE, MOST_NODES = 32, 3072
 _KEPT_MAPS = 4
-_Key: TypeAlias = tuple[LayerGaps, Planet, tuple[float, float, float], float, str | None]
-_maps: OrderedDict[_Key, GapMap] = OrderedDict()
+_MapKey: TypeAlias = tuple[LayerGaps, Planet, tuple[float, float, float], float, str | None]
+_maps: OrderedDict[_MapKey, GapMap] = OrderedDict()
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class PixelKinds:
     all_cut: bool = False
 
 
-_CUT, _GROUND, _SPACE, _DARK = range(4)
+_CUT, _WHOLE_GROUND, _WHOLE_SPACE, _DARK = range(4)
 
 
 def sort_pixels(view: FrameGeometry) -> PixelKinds:
@@ -68,19 +68,19 @@ def sort_pixels(view: FrameGeometry) -> PixelKinds:
     touched = near_disc(view, sun_disc(view), centre, reach)
     if view.moon is not None:
         touched |= near_disc(view, view.moon.disc, centre, reach)
-    kind = dr.select(_even_ground(view, centre, reach), mi.UInt32(_GROUND), _CUT)
-    kind = dr.select(_above_air(view, centre, reach), _SPACE, kind)
+    kind = dr.select(_even_ground(view, centre, reach), mi.UInt32(_WHOLE_GROUND), _CUT)
+    kind = dr.select(_above_air(view, centre, reach), _WHOLE_SPACE, kind)
     kind = dr.select(touched, _CUT, kind)
     if view.rays.circle is not None:
         kind = dr.select(view.rays.sees(u, v), kind, _DARK)
     dr.eval(kind)
     if view.ground is not None and view.ground.table is not None:
-        candidates = indices_where(kind == _GROUND)
+        candidates = indices_where(kind == _WHOLE_GROUND)
         if dr.width(candidates):
             coasts = indices_where(_coast(view, view.ground.table, candidates))
             if dr.width(coasts):
                 dr.scatter(kind, mi.UInt32(_CUT), dr.gather(mi.UInt32, candidates, coasts))
-    cut, ground, space = (indices_where(kind == k) for k in (_CUT, _GROUND, _SPACE))
+    cut, ground, space = (indices_where(kind == k) for k in (_CUT, _WHOLE_GROUND, _WHOLE_SPACE))
     return PixelKinds(cut, ground, space)
 
 

@@ -10,10 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 from xml.etree import ElementTree
 
-import mitsuba as mi
 import numpy as np
-
-from horizonval.renderer.types import PluginDict
 
 VERSION = "3.0.0"
 _TAGS = {
@@ -33,7 +30,7 @@ _TAG_OF = {plugin: tag for tag, plugins in _TAGS.items() for plugin in plugins}
 _POINTS = ("center",)
 
 
-def scene_xml(scene: PluginDict, comment: str) -> str:
+def scene_xml(scene: dict[str, Any], comment: str) -> str:
     """Return the XML document of a scene dictionary that holds the plugins of :mod:`horizonval.renderer` only.
 
     Parameters
@@ -51,6 +48,8 @@ def scene_xml(scene: PluginDict, comment: str) -> str:
 
 
 def _element(name: str, value: Any, named: bool = True) -> ElementTree.Element:
+    import mitsuba as mi
+
     if isinstance(value, dict):
         return _plugin(name, value, named)
     if isinstance(value, mi.ScalarTransform4f):
@@ -68,7 +67,7 @@ def _element(name: str, value: Any, named: bool = True) -> ElementTree.Element:
     raise TypeError(f"{name}: {type(value).__name__} has no XML")
 
 
-def _plugin(name: str, data: PluginDict, named: bool) -> ElementTree.Element:
+def _plugin(name: str, data: dict[str, Any], named: bool) -> ElementTree.Element:
     label: dict[str, str] = {"name": name} if named else {}
     kind = data["type"]
     if kind == "ref":

@@ -10,7 +10,7 @@ from horizonval.renderer.planet import Planet, along
 from horizonval.renderer.refraction.bending import BendingField
 from horizonval.renderer.types import Vec
 
-BENDING_NODES = 32
+END_BENDING_NODES = 32
 """Along a ray to its end. Against ten times as many the angle is within 1e-5 rad, 60 m on the ground."""
 
 
@@ -58,7 +58,7 @@ def ray_end(
         height, vertical = planet.height_and_normal(point)
         return RayEnd(height, vertical, d, point, None)
     if angle is None:
-        angle = bending.angle(o, d, BENDING_NODES, t)
+        angle = bending.angle(o, d, END_BENDING_NODES, t)
     height, vertical = bending.place(o, d, t, angle)
     point = bending.true_planet.point(height, vertical)
     return RayEnd(height, vertical, bending.turned(o, d, angle), point, angle)
