@@ -169,7 +169,7 @@ def month_model(spec: StabilitySpec, month: int) -> OpticalModel:
 
 def month_profiles(spec: StabilitySpec, month: int) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Return clear limb radiances [W m-2 sr-1] of every band: round the orbit (p, 4, n), along parallels (m, n)."""
-    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.renderer.rays import thermal_radiance
 
     position, azimuth = heads_round_orbit(spec)
     height, angle = heights_m(spec), nadir_angles(spec)

@@ -45,7 +45,7 @@ def base():
 @pytest.fixture(scope="module")
 def rendered(suite):
     """Frames of every fourth scene of those whose radiance is gated."""
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     chosen = [case for case in suite.cases if case.table in ("day", "infrared")][::EVERY]
     return {case.name: (case, render_frame(case.scene, case.camera)) for case in chosen}
@@ -159,7 +159,7 @@ def test_half_a_pixel_is_caught(suite, base, rendered):
 
 
 def test_a_wrong_sign_of_k1_is_caught(suite, base, rendered):
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     lensed = {name: pair for name, pair in rendered.items() if pair[0].table == "day"}
 

@@ -3,6 +3,8 @@
 Some LLVM libraries abort the whole process when a kernel is compiled (15 and 16 on CPUs with certain vector units), so
 every candidate renders a small image in a subprocess first. The verdict is cached per interpreter, package versions and
 library, and the search ends at the first candidate that works: CUDA, then LLVM.
+
+How long kernels take to compile, which is done once for all frames that are alike, and kept on the disk.
 """
 
 from __future__ import annotations
@@ -12,10 +14,13 @@ import importlib.metadata
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
+from horizonval.core import progress
 from horizonval.core.cache import cached_json, keep_json
 from horizonval.core.environment import (
     DRJIT_CAME_FIRST,
@@ -123,7 +128,7 @@ def activate(threads: int | None = None) -> str:
         mi.set_variant(chosen.variant)
     if chosen.variant not in _registered:
         mi.set_log_level(mi.LogLevel.Warn)
-        from horizonval.renderer.plugin.plugins import register_plugins
+        from horizonval.renderer.plugins import register_plugins
 
         register_plugins()
         _registered.add(chosen.variant)
@@ -186,3 +191,26 @@ def _try(variant: str, library: str) -> Attempt:
         return Attempt(variant, label, False, f"the process was killed by signal {-run.returncode} (unsuitable LLVM)")
     lines = [line.strip() for line in run.stderr.splitlines() if line.strip()]
     return Attempt(variant, label, False, lines[-1][:300] if lines else f"exit status {run.returncode}")
+
+
+@contextmanager
+def compiling_counted() -> Iterator[None]:
+    """Count the compilation of the kernels inside (:mod:`horizonval.core.progress`).
+
+    Dr.Jit keeps a record of every kernel for it, some hundred for a frame, and is not slower.
+    """
+    drjit = sys.modules.get("drjit")
+    if drjit is None:
+        yield
+        return
+    before = drjit.flag(drjit.JitFlag.KernelHistory)
+    drjit.set_flag(drjit.JitFlag.KernelHistory, True)
+    drjit.kernel_history()
+    try:
+        yield
+    finally:
+        kernels = drjit.kernel_history()
+        drjit.set_flag(drjit.JitFlag.KernelHistory, before)
+        progress.count(
+            progress.COMPILING, sum(k.get("backend_time", 0.0) + k.get("codegen_time", 0.0) for k in kernels) * 1e-3
+        )

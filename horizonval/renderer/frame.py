@@ -1,8 +1,12 @@
-"""What a scene is before it has pixels: its exact truth, its optical properties, its lights, and its plugins."""
+"""Render one frame of a scene: radiance per band, truth maps, and the exact truth beside them.
+
+What a scene is before it has pixels: its exact truth, its optical properties, its lights, and its plugins.
+"""
 
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,17 +19,21 @@ from horizonval.earth.atmosphere.air import AS_IT_IS, AirChange
 from horizonval.earth.light import moonlight, sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model
-from horizonval.frame import FrameTruth
+from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import surface_normal
 from horizonval.geometry.sun_and_moon import AU_M, phase_angle, sun_itrs
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame_cost import refuse_too_large, shared_view, viewpoint_key
+from horizonval.renderer.table_store import TABLES
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import moon_place, truth_of, truth_turned
 
 if TYPE_CHECKING:
-    from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings, MoonSettings
+    from horizonval.core.progress import Progress
+    from horizonval.renderer.plugins import CameraSettings, LimbSettings, MoonSettings
+    from horizonval.renderer.viewpoint import Viewpoint
 
 FAINTEST_MOON = -6.0
 """V of a crescent that gives less light than a sky without a Moon (0.6 mlx): ground and air are not marched for it."""
@@ -55,7 +63,7 @@ def describe(scene: SceneSpec, camera: CameraSpec, change: AirChange = AS_IT_IS)
     Raises
     ------
     UserError
-        As :func:`horizonval.renderer.scene.frame.render_frame`.
+        As :func:`horizonval.renderer.frame.render_frame`.
     """
     truth = truth_of(scene, camera, infrared=False)
     _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
@@ -67,7 +75,7 @@ def describe(scene: SceneSpec, camera: CameraSpec, change: AirChange = AS_IT_IS)
     if not ground.plain:
         model = replace(model, ground_varies=True)
     from horizonval.renderer.planet import Planet
-    from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
+    from horizonval.renderer.plugins import CameraSettings, LimbSettings
 
     itrs_from_cam = _itrs_from_cam(truth)
     intrinsics = camera_from_spec(camera.camera)
@@ -104,7 +112,7 @@ def _with_sky(
     model: OpticalModel, scene: SceneSpec, camera: CameraSpec, truth: FrameTruth, sun_distance_m: float
 ) -> tuple[OpticalModel, MoonSettings | None]:
     """Return the model with all that is in the sky, and the Moon as the integrator is told."""
-    from horizonval.renderer.plugin.settings import MoonSettings
+    from horizonval.renderer.plugins import MoonSettings
 
     r, sun = np.array(truth.r_itrs), np.array(truth.sun_itrs)
     night = sky.night_in_view(*_zenith_and_horizon(truth, sun))
@@ -165,3 +173,66 @@ def _lights_nothing(truth: FrameTruth, direction: ArrayLike, top_m: float) -> bo
     zenith, horizon = _zenith_and_horizon(truth, direction)
     air = math.acos(truth.ellipsoid_b_m / (truth.ellipsoid_b_m + top_m))
     return zenith - horizon - air > math.pi / 2 + air + math.radians(1.0)
+
+
+_last: dict[str, Viewpoint] = {}
+"""The viewpoint of a campaign's frame before, by its key."""
+_place: dict[str, str] = {}
+"""Whose tables are in memory."""
+
+
+def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> RadianceFrame:
+    """Return the frame a scene's camera sees.
+
+    Deterministic: the same scene gives the same bytes for any number of threads.
+
+    Parameters
+    ----------
+    scene : SceneSpec
+    camera : CameraSpec
+    progress : Progress, optional
+        Told about tables of multiple scattering that must be solved first.
+
+    Raises
+    ------
+    UserError
+        For anything in the scene or camera that cannot be rendered (bands outside the tables, a camera below the
+        ground), a frame that memory does not hold, or when no back-end works here.
+    """
+    return viewpoint_of(scene, camera, progress).frame(scene)
+
+
+def render_in_turn(scene: SceneSpec, camera: CameraSpec, *, maps: bool = True) -> RadianceFrame:
+    """Return the frame a scene's camera sees, and keep its place for the next one, which may be taken there too.
+
+    The same bytes as :func:`render_frame`; for campaigns, whose files do not change under them. Errors as there.
+    Without ``maps`` the frame has no truth maps, which a detector does not need: quicker.
+    """
+    refuse_too_large(scene, camera)
+    key, place = viewpoint_key(scene, camera), shared_view(scene, camera)
+    if key not in _last:
+        # What was before goes first: memory need not hold both. Frames of one place come one after another.
+        _last.clear()
+        if place != _place.get("tables"):
+            TABLES.clear()
+            _flush_allocator()
+        _place["tables"] = place
+        _last[key] = viewpoint_of(scene, camera)
+    return _last[key].frame(scene, maps=maps)
+
+
+def _flush_allocator() -> None:
+    """Give back memory that Dr.Jit keeps for arrays of the sizes that it had."""
+    drjit = sys.modules.get("drjit")
+    if drjit is not None:
+        drjit.flush_malloc_cache()
+
+
+def viewpoint_of(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> Viewpoint:
+    """Return the place of a scene, from which frames of any attitude are rendered; arguments and errors as above."""
+    refuse_too_large(scene, camera)
+    described = describe(scene, camera)
+    # Nothing that imports Mitsuba is loaded before its back-end is chosen.
+    from horizonval.renderer.viewpoint import Viewpoint
+
+    return Viewpoint(scene, camera, described, progress)

@@ -30,8 +30,8 @@ from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
-from horizonval.renderer.local_light.local_light import LocalLight
-from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
+from horizonval.renderer.local_light import LocalLight
+from horizonval.renderer.planet import SOLAR_CONCENTRATION
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec, constant

@@ -3,11 +3,16 @@
 **How far off.** The shipped scene ``limb-noon-vis`` with 256, 1024 and 2048 pixels a side peaks at 230, 495 and 1240
 MB, detector image included; 270, 630 and 1790 MB are predicted, because a field of 10 deg, all limb, takes 580 MB with
 1024 pixels. Marched, with 2048 pixels: 2070 MB, 2500 MB predicted; under clouds: 3070 MB, 3340 MB predicted.
+
+Which frames share their tables of light: those of one place, one Sun and one air, seen through the same bands.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
+from typing import Any
 
 from horizonval.core import memory
 from horizonval.spec.camera import CameraSpec
@@ -59,3 +64,41 @@ def _pixels_bytes(scene: SceneSpec, camera: CameraSpec) -> float:
     elif scene.clouds is not None:
         each = BYTES_PER_CLOUDED_CELL * cells
     return pixels * (each + BYTES_PER_VALUE * len(camera.band))
+
+
+def shared_view(scene: SceneSpec, camera: CameraSpec) -> str:
+    """Return a digest that is equal for frames which share their tables.
+
+    It may differ for some that do all the same: it says what is best made one after another, and no result hangs on it.
+
+    No table hangs on where the camera looks, nor on clouds, which only end rays.
+
+    Parameters
+    ----------
+    scene, camera
+        Resolved specifications.
+    """
+    place = _place(scene)
+    del place["clouds"]
+    return _digest(place, [band.model_dump_json() for band in camera.band])
+
+
+def viewpoint_key(scene: SceneSpec, camera: CameraSpec) -> str:
+    """Return a digest that differs for frames which differ in more than attitude, mounting and head.
+
+    Equal ones can be had from one :class:`horizonval.renderer.viewpoint.Viewpoint`.
+    """
+    drawn_by_name = scene.clouds is not None and scene.clouds.seed is None
+    name = scene.scene.model_dump(mode="json") if drawn_by_name else None
+    return _digest(_place(scene), name, camera.model_dump_json())
+
+
+def _place(scene: SceneSpec) -> dict[str, Any]:
+    """Return what a scene says but for its name and where the camera looks."""
+    place = scene.model_dump(mode="json", exclude={"scene", "camera", "attitude", "prior", "calibration"})
+    del place["platform"]["heading_deg"]
+    return place
+
+
+def _digest(*parts: Any) -> str:
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
