@@ -18,10 +18,7 @@ import mitsuba as mi  # noqa: E402
 
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches  # noqa: E402
 from horizonval.renderer.kernel.march import march  # noqa: E402
-from horizonval.renderer.planet import (
-    SOLAR_CONCENTRATION,
-    Planet,
-)
+from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet  # noqa: E402
 from horizonval.renderer.tables import vectors  # noqa: E402
 
 PLANET = Planet(RADIUS_M, RADIUS_M)
