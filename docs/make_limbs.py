@@ -14,7 +14,7 @@ import numpy as np
 
 import horizonval as hv
 from horizonval.api.gallery import LIMITS_UM
-from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.earth.spectral.planck import brightness_temperature_k
 
 WIDTH, HEIGHT, GAP = 480, 300, 6
 VISIBLE = ("broken-clouds", "terminator", "glint", "twilight-06")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid
-from horizonval.geometry.part.outline import Outline
+from horizonval.geometry.part import Outline
 from horizonval.spec.camera import CameraSpec
 
 FRAME_SCHEMA = 4
@@ -59,7 +59,7 @@ height +inf, solar zenith 180.
 """
 
 PART_MAP, PART_MAP_UNIT = "part", "1"
-"""Covered share of every pixel by parts of the spacecraft, exact (:mod:`horizonval.geometry.part.coverage`). Where a
+"""Covered share of every pixel by parts of the spacecraft, exact (:mod:`horizonval.geometry.part`). Where a
 pixel's centre is behind a part, ``hit`` says so and ``distance`` is to the part; the other maps look through it.
 """
 
@@ -115,12 +115,12 @@ class FrameTruth:
         for cameras inside it.
     horizon_rise_m : float
         By how much the refracted horizon, the tangent of the apparent ellipsoid, stands above the geometric one, the
-        tangent of the ellipsoid: :mod:`horizonval.earth.refracted_horizon`. 0 where light is not bent.
+        tangent of the ellipsoid: :mod:`horizonval.earth.limb_heights`. 0 where light is not bent.
     refracted_angular_radius_rad : float
         As ``angular_radius_rad``, of the refracted horizon; 0 in truths older than this field.
     parts : dict
         Of a scene with parts of the spacecraft, what they hide: ``outline``, plain data of
-        :class:`horizonval.geometry.part.outline.Outline`; ``names``; ``hidden_limb``, the share of the horizon in the
+        :class:`horizonval.geometry.part.Outline`; ``names``; ``hidden_limb``, the share of the horizon in the
         image that lies behind them, by azimuth about the nadir, None without horizon in the image; ``hidden_sun``, the
         share of the Sun's disc behind them, whether in the image or not. Empty without parts, and then not written.
     """

@@ -26,9 +26,8 @@ from horizonval.geometry.ellipsoid import (
 )
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.row import Row, make_row
+from horizonval.scoring.row import Row, make_row, write_results
 from horizonval.scoring.summary import summarise
-from horizonval.scoring.table import write_results
 from horizonval.spec.camera import CameraSpec
 from horizonval.store.folder import write_json
 from horizonval.store.store import Store

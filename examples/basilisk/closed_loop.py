@@ -40,9 +40,8 @@ from horizonval.bridges.attitudes import mrp_of_quaternion, quaternion_of_mrp
 from horizonval.bridges.basilisk import AttitudeModule, CameraModule
 from horizonval.core import atomic
 from horizonval.geometry.camera import project
-from horizonval.geometry.eclipse import sun_visible_fraction
-from horizonval.geometry.ephemeris import sun_angular_radius, sun_gcrs
 from horizonval.geometry.rotation import itrs_from_gcrs
+from horizonval.geometry.sun_and_moon import sun_angular_radius, sun_gcrs, sun_visible_fraction
 from horizonval.serve.local import LocalClient
 from horizonval.wire import pack, unpack
 

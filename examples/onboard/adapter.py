@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.earth.atmosphere.climate import month_of
-from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.geometry.sun_and_moon import sun_itrs
 
 BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M = 0.7, 0.3, 300.0
 # The camera's file does not say what a digital number stands for.

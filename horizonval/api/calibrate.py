@@ -22,7 +22,7 @@ from horizonval.estimation.likelihood.calibration.solve import calibrate as cali
 from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Observation
 from horizonval.formats.csv_table import CsvTable, read_csv
-from horizonval.formats.lens.cameras import read_camera
+from horizonval.formats.lens import read_camera
 from horizonval.geometry.camera import CameraModel, camera_from_spec, check_invertible, field_angles, unproject
 from horizonval.jobs.progress import shown
 from horizonval.plugins.program import camera_file

@@ -163,7 +163,7 @@ def image_derivatives(
     UserError
         For a scene with parts, whose illumination would change too; else as :func:`horizonval.render`.
     """
-    from horizonval.earth.atmosphere.air_change import AirChange
+    from horizonval.earth.atmosphere.air import AirChange
     from horizonval.renderer.scene.description import describe
 
     spec, camera = scene.spec, scene.camera.spec

@@ -28,8 +28,8 @@ from horizonval.scoring.bound import bound_of, together
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score, rounded
+from horizonval.sensor.expected_image import stated_lens
 from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
-from horizonval.sensor.stated_lens import stated_lens
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import find
 from horizonval.spec.load import load_prior, read_toml, validate

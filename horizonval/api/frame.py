@@ -73,7 +73,7 @@ class Frame(RadianceFrame):
 
     def to_xarray(self) -> xarray.Dataset:
         """Return radiance and truth maps with their coordinates; needs the extra ``xarray``."""
-        from horizonval.store.export.xarray_view import dataset_of
+        from horizonval.store.export import dataset_of
 
         return dataset_of(self)
 

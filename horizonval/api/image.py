@@ -49,7 +49,7 @@ class Image(DetectorImage):
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the digital numbers with their coordinates; needs the extra ``xarray``."""
-        from horizonval.store.export.xarray_view import dataset_of
+        from horizonval.store.export import dataset_of
 
         return dataset_of(self)
 

@@ -122,10 +122,11 @@ def _estimators() -> dict[str, str]:
 
 
 def _atmospheres() -> dict[str, str]:
-    from horizonval.earth.atmosphere import climate, columns, profiles
+    from horizonval.earth.atmosphere import climate, profiles
+    from horizonval.earth.atmosphere.air import WEATHER
     from horizonval.earth.weather import real_states
 
-    known = (*profiles.names(), climate.BY_LATITUDE_MONTH, columns.WEATHER, "none")
+    known = (*profiles.names(), climate.BY_LATITUDE_MONTH, WEATHER, "none")
     states = {f"{real_states.PREFIX}{name}": real_states.description(name) for name in real_states.names()}
     return {name: ATMOSPHERES[name] for name in known} | states
 
@@ -160,7 +161,7 @@ LISTS: dict[str, Callable[[], dict[str, str]]] = {
 def examine() -> dict[str, Any]:
     """Return what is found, as plain data: ``facts`` (label, text), ``problems`` (text, fix), ``can_render``."""
     from horizonval.core.environment import configured_folder, is_usable
-    from horizonval.jobs.execution import available_cpus
+    from horizonval.jobs.pool import available_cpus
     from horizonval.renderer.plugin.backend import probe
 
     facts: list[tuple[str, str]] = [

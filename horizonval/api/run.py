@@ -14,9 +14,9 @@ from horizonval.api.check.cost import Cost, cost_lines
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress
-from horizonval.jobs.execution import Execution, available_cpus, parse_shard
+from horizonval.jobs.engine import ExpectedTime
+from horizonval.jobs.pool import Execution, available_cpus, parse_shard
 from horizonval.jobs.progress import shown
-from horizonval.jobs.remaining import ExpectedTime
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.studies.trade.design import Study
@@ -134,7 +134,7 @@ class Run:
         """
         import duckdb
 
-        from horizonval.scoring.table import open_results
+        from horizonval.scoring.row import open_results
 
         path = RunFolder(self.out).results
         if not path.exists():

@@ -28,10 +28,10 @@ from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
-from horizonval.formats.motion.aem import aem_text
+from horizonval.formats.attitude import aem_text
 from horizonval.frame import FrameTruth
+from horizonval.geometry.orbit import EARTH_RATE_RAD_S
 from horizonval.geometry.rotation import itrs_from_gcrs
-from horizonval.geometry.tle import EARTH_RATE_RAD_S
 from horizonval.spec.base import in_utc
 from horizonval.store import exr
 from horizonval.store.store import Store

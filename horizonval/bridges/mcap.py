@@ -158,10 +158,7 @@ def _write_all(writer: Any, sources: Iterable[Path], progress: Progress | None) 
     posed: set[tuple[str, str, str]] = set()
     sequences: dict[str, int] = {}
     for path in sources:
-        kind = exr.kind(path)
-        if kind == "foreign":
-            raise UserError("an EXR file, but not written by horizonval", where=str(path))
-        source = exr.read_frame(path) if kind == "frame" else exr.read_image(path)
+        source = exr.read(path)
         nanoseconds = _nanoseconds(source.truth)
         here = (source.truth.epoch_utc, source.truth.camera_spec.camera.name, source.truth.head or "")
         for topic, name, content in messages_of(source):

@@ -21,7 +21,7 @@ from horizonval.cli.run import check, report, run, study
 from horizonval.cli.serving import serve, view
 from horizonval.core.environment import settle_libraries
 from horizonval.core.errors import UserError, printable
-from horizonval.jobs.life import hush, sign_of_life
+from horizonval.jobs.pool import hush, sign_of_life
 
 COMPLETION = "_HORIZONVAL_COMPLETE"
 """Environment variable by which shells ask."""

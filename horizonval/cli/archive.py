@@ -13,7 +13,7 @@ from horizonval.cli.options import ALL, EntryOptions, Json, estimators, selects
 from horizonval.cli.output import print_json, print_summary, resumable, watched
 from horizonval.core.errors import UserError, command_line, printable
 from horizonval.core.files import kind_at
-from horizonval.jobs.execution import MOST_WORKERS
+from horizonval.jobs.pool import MOST_WORKERS
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
 
@@ -27,13 +27,10 @@ def archive_ls(folder: Archive, kind: Kind = None, options: EntryOptions = ALL, 
     """List the frames and images of an archive, from its index, which catches up with the files first."""
     from dataclasses import asdict
 
-    from horizonval.store.manifest import amend_index
-
     store = _store(folder)
     entry_filter = options.filter(kind)
     with watched("reading headers") as progress:
         entries = store.index.select(entry_filter, progress)
-    amend_index(store.index)
     if as_json:
         print_json([asdict(entry) for entry in entries])
         return
@@ -57,7 +54,7 @@ def archive_show(
     as_json: Json = False,
 ) -> None:
     """What one file says: standard attributes with their units, our own, channels; with --json the truth as well."""
-    from horizonval.store.show import shown
+    from horizonval.store.entry import shown
 
     content = shown(_file(folder, address))
     if as_json:
@@ -78,8 +75,8 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
     The folder of a night or of results that were scored again is looked at as well. Exit status 1 if anything is wrong.
     """
     from horizonval.store.folder import RunFolder
-    from horizonval.store.manifest import is_results_folder, verify_folder
     from horizonval.store.named import named_addresses, run_folder_of
+    from horizonval.store.verify import is_results_folder, verify_folder
 
     whole = is_results_folder(folder)
     store = _archive_of_results(folder) if whole else _store(folder)
@@ -113,12 +110,9 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
 @archive_app.command("reindex")
 def archive_reindex(folder: Archive) -> None:
     """Make the index anew, from the headers alone. What is missing by then is not missed any more."""
-    from horizonval.store.manifest import amend_manifest
-
     store = _store(folder, follow=False)
     with watched("reading headers") as progress:
         count = store.index.rebuild(progress)
-    amend_manifest(store.root.parent, [store.index.path])
     print(f"{store.index.path}: {count} entries")
 
 
@@ -150,8 +144,7 @@ def archive_export(
     """Frames and images as files of other programs."""
     from horizonval.bridges.attitudes import write_attitudes
     from horizonval.bridges.mcap import write_mcap
-    from horizonval.store.export.export_files import Format, export_file, write_masks
-    from horizonval.store.manifest import amend_index
+    from horizonval.store.export import Format, export_file, write_masks
     from horizonval.store.named import run_folder_of
 
     wanted: dict[Format, bool] = {"fits": fits, "png": png or coco, "tiff": tiff, "npz": npz}
@@ -167,7 +160,6 @@ def archive_export(
         store = _store(source)
         addresses = {store.find(start) for start in address or ()}
         entries = [e for e in store.index.select(entry_filter) if not addresses or e.address in addresses]
-        amend_index(store.index)
         in_time = sorted(entries, key=lambda e: (e.epoch_utc, e.camera, e.head, e.address)) if mcap else entries
         paths = [store.path(e.address) for e in in_time if e.kind != "missing"]
     if not paths:
@@ -200,7 +192,6 @@ def archive_gc(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be removed, and leave it.")] = False,
 ) -> int:
     """Remove what no result of the run names, such as frames that other code rendered; never during a run."""
-    from horizonval.store.manifest import amend_manifest
     from horizonval.store.named import garbage, remove, run_folder_of
 
     store = _store(folder, follow=False)
@@ -226,7 +217,6 @@ def archive_gc(
             print("nothing was removed")
             return 0
         remove(rubbish, run_folder)
-        amend_manifest(run_folder.root, [store.index.path])
         print(f"{what} removed, {rubbish.kept} entries are in use")
     return 0
 
@@ -254,7 +244,7 @@ def archive_rescore(
     The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if an image is
     damaged.
     """
-    from horizonval.jobs.execution import available_cpus
+    from horizonval.jobs.pool import available_cpus
     from horizonval.plugins.supervisor import Limits
     from horizonval.suites.rescore import rescore
 

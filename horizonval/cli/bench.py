@@ -67,7 +67,7 @@ def bench_run(
     workers: Workers = None,
 ) -> int:
     """Run submissions on the frames, each in a process of its own. The same command again finishes them."""
-    from horizonval.jobs.execution import available_cpus
+    from horizonval.jobs.pool import available_cpus
     from horizonval.plugins.supervisor import Limits, can_hide
     from horizonval.spec.suite import ProgramSpec
     from horizonval.studies.bench.submissions import run_submissions

@@ -48,7 +48,7 @@ def observe(
 ) -> None:
     """Detector images of a stored frame, without rendering again: one for every seed, exposure and band."""
     import horizonval as hv
-    from horizonval.scoring.information.of_frame import informed
+    from horizonval.scoring.information import informed
     from horizonval.store.exr import write_image
 
     stored = hv.open_frame(frame)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from horizonval.core.errors import UserError
-from horizonval.jobs.execution import MOST_WORKERS
+from horizonval.jobs.pool import MOST_WORKERS
 
 if TYPE_CHECKING:
     from horizonval.spec.files import Kind

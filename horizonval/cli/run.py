@@ -114,7 +114,7 @@ def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folde
     print(f"report: {build_report(run_folder)}")
     if (run_folder / "study.json").is_file():
         from horizonval.report.study import write_page
-        from horizonval.store.manifest import amend_manifest
+        from horizonval.store.verify import amend_manifest
 
         page = write_page(run_folder)
         amend_manifest(run_folder, [page])

@@ -40,7 +40,7 @@ def serve(
     Each request says where the camera is, how it is turned and how long it is exposed. What it leaves out is as in the
     scene. The same request gives the bytes of `render` and `observe`. See hv.Client, and examples/serve for C.
     """
-    from horizonval.jobs.life import hush
+    from horizonval.jobs.pool import hush
     from horizonval.serve.service import serve as served
     from horizonval.wire import Address
 
@@ -73,7 +73,7 @@ def view(
     Every frame of a run is there with its exact numbers, read from the archive when it is shown: also those that a
     long run's page leaves out.
     """
-    from horizonval.jobs.life import hush
+    from horizonval.jobs.pool import hush
     from horizonval.report.view_server import view as served
     from horizonval.report.view_server import viewable
 

@@ -39,7 +39,7 @@ def keep_json(path: Path, content: Mapping[str, Any]) -> None:
 def cached_json(path: Path) -> dict[str, Any] | None:
     """Return the JSON object that is kept in a cache; None if there is none, or a damaged one, which is logged."""
     data = _cached(path)
-    return None if data is None else sealed.plain_json_object(data, path)
+    return None if data is None else sealed.json_object(data, path)
 
 
 def keep_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
@@ -101,9 +101,6 @@ def _cached(path: Path) -> bytes | None:
         return _checked(path)
     except files.MissingFileError:
         return None
-    except sealed.UnsealedFileError as error:
-        _LOG.info("horizonval: %s", error.line())  # What an earlier version left is no damage.
-        return None
     except UserError as error:
         log_damage(error)
         return None
@@ -118,12 +115,12 @@ def _checked(path: Path) -> bytes:
 def _npz(arrays: Mapping[str, np.ndarray], *, compressed: bool) -> bytes:
     stream = io.BytesIO()
     (np.savez_compressed if compressed else np.savez)(stream, **arrays)  # type: ignore[arg-type]
-    return sealed.with_seal(stream.getvalue())
+    return sealed.fill_in(stream.getvalue() + sealed.TRAILER)
 
 
 def _arrays(data: bytes, path: Path) -> dict[str, np.ndarray]:
     try:
-        with np.load(io.BytesIO(sealed.without_seal(data)), allow_pickle=False) as archive:
+        with np.load(io.BytesIO(data[: -len(sealed.TRAILER)]), allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (ValueError, NotImplementedError) as error:  # Its bytes are those that were written, by another numpy.
         raise DamagedFileError(f"cannot be read as arrays ({error})", where=str(path)) from error

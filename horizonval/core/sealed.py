@@ -1,12 +1,9 @@
-"""Seal a file by a digest inside it, so that no altered byte goes unnoticed where it is read.
+"""Files with a digest of themselves inside, so that an altered byte is noticed where they are read.
 
-A sealed file holds, somewhere, the word ``horizonval:seal`` and soon after it 64 hexadecimal digits: the sha256 of all
-its bytes with those digits blanked, and of its name where it must not lie under another one. JSON has it as a key,
-Parquet in the metadata of its footer, and a file that may have anything after its end (``.npz``) there. Whoever writes
-leaves the digits blank and has them filled in.
-
-Archived images have a seal of their own kind, whose header can be trusted without the pixels
-(:mod:`horizonval.store.seal`).
+A sealed file holds the word ``horizonval:seal`` and soon after it 64 hexadecimal digits: the sha256 of all its bytes
+with those digits blanked, and of its name where it must not lie under another one. JSON has it as a key, Parquet in the
+metadata of its footer, and a file that may have anything after its end (``.npz``) there. Writers leave the digits blank
+and have them filled in. Archived images have digests in their headers (:mod:`horizonval.store.header`).
 """
 
 from __future__ import annotations
@@ -22,13 +19,11 @@ from horizonval.core.errors import DamagedFileError
 
 KEY = "horizonval:seal"
 BLANK = "0" * 64
+TRAILER = f"{KEY}\n{BLANK}".encode()
+"""Blank seal after the end of a file, of a format that allows it."""
 
 # Between key and digits stand the signs of JSON (": ") or Parquet (type and length of the value).
 _SEAL = re.compile(rb"horizonval:seal[^0-9a-z]{1,4}([0-9a-f]{64})")
-
-
-class UnsealedFileError(DamagedFileError):
-    """A file that ought to be sealed has no seal: an earlier version wrote it, or it was altered just there."""
 
 
 def fill_in(data: bytes, name: str = "") -> bytes:
@@ -46,30 +41,12 @@ def fill_in(data: bytes, name: str = "") -> bytes:
 
 
 def check(data: bytes, path: Path, name: str = "") -> None:
-    """Raise unless a file's bytes are those that were sealed under a name; ``path`` is for the message.
-
-    Raises
-    ------
-    UnsealedFileError
-        There is no seal.
-    DamagedFileError
-        The seal is of other bytes.
-    """
+    """Raise ``DamagedFileError`` unless bytes are those that were sealed under a name; ``path`` is for the message."""
     start = _place(data)
     if start is None:
-        raise UnsealedFileError("has no seal: an earlier version wrote it, or it was altered", where=str(path))
+        raise DamagedFileError("has no seal: not written by horizonval, or altered", where=str(path))
     if data[start : start + len(BLANK)] != _digest(data, start, name).encode():
         raise DamagedFileError("altered since it was written: it does not match its seal", where=str(path))
-
-
-def with_seal(data: bytes) -> bytes:
-    """Return the bytes of a file with a seal after their end."""
-    return fill_in(data + _trailer())
-
-
-def without_seal(data: bytes) -> bytes:
-    """Return what :func:`with_seal` was given."""
-    return data[: -len(_trailer())]
 
 
 def json_bytes(data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True, name: str = "") -> bytes:
@@ -84,14 +61,8 @@ def json_bytes(data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bo
     return fill_in(text.encode(), name)
 
 
-def json_object(data: bytes, path: Path, name: str = "") -> dict[str, Any]:
-    """Return the JSON object of a sealed file's bytes, without the seal; raise as :func:`check`."""
-    check(data, path, name)
-    return plain_json_object(data, path)
-
-
-def plain_json_object(data: bytes, path: Path) -> dict[str, Any]:
-    """Return the JSON object in some bytes, whatever they are sealed with; ``DamagedFileError`` if it is none."""
+def json_object(data: bytes, path: Path) -> dict[str, Any]:
+    """Return the JSON object in bytes that were checked, without the seal; ``DamagedFileError`` if there is none."""
     try:
         content = json.loads(data)
     except (ValueError, RecursionError):
@@ -100,10 +71,6 @@ def plain_json_object(data: bytes, path: Path) -> dict[str, Any]:
         raise DamagedFileError("not a JSON object", where=str(path))
     content.pop(KEY, None)
     return content
-
-
-def _trailer() -> bytes:
-    return f"{KEY}\n{BLANK}".encode()
 
 
 def _place(data: bytes) -> int | None:

@@ -18,9 +18,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.clouds.layer_gaps import LayerGaps
+from horizonval.earth.clouds.layers import LayerGaps
 from horizonval.earth.surface.ground_emission import GroundEmission
-from horizonval.earth.weather.column_map import ColumnMap
+from horizonval.earth.weather.field import ColumnMap
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-r"""What a circular cone cannot say of the Earth: how far a limb that is no circle pulls the nadir of a fitted cone.
+"""What a circular cone cannot say of the Earth: how far a limb that is no circle pulls the nadir of a fitted cone.
 
 A limb that stands ``h`` above the sphere at azimuth phi is seen ``delta = h tan(rho) / R`` outside of it. To first
 order the fitted axis ``n`` and half-angle ``rho`` then move by the least-squares answer to
@@ -20,18 +20,75 @@ the temperature of the air. It is taken as a random function of azimuth with a s
 length, ``K(phi) = s^2 exp(-phi^2 / (2 l^2))``.
 
 Second orders are neglected: (delta / rho)^2 is 1e-5.
+
+How the height of the visible limb varies along it: measured on rendered limbs, for estimators and their judges.
+
+Where refracting air shows the hard horizon: at the tangent of the apparent planet.
+
+A ray that grazes the ground has the impact parameter ``n R`` (Bouguer's law), n the index of the air there, and leaves
+the air as a straight line at that distance from the centre. Seen from outside the air, the outline is that of a planet
+whose axes are longer by :math:`(n - 1) R`: 1.77 km in visible light over the US standard atmosphere.
+
+One index serves all bands of a camera, the mean over their wavelengths (1 % of n - 1 at either end of the visible,
+20 m); R is the planet's mean radius (10 m at most on the Earth's ellipsoid). The air is in layers: horizontal gradients
+tilt the horizon by arcseconds.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_relief import Relief
-from horizonval.geometry.directions import fibonacci_sphere, tangent_basis
+from horizonval.earth import atmosphere_file
+from horizonval.earth.atmosphere.air import NO_ATMOSPHERE, air_of
+from horizonval.earth.atmosphere_file import AtmosphereFile
+from horizonval.earth.gases import rayleigh
+from horizonval.earth.spectral import bands
+from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.scene import SceneSpec
+
+
+@dataclass(frozen=True)
+class Relief:
+    """Height of the limb as a random function of azimuth: standard deviation [m], correlation length [rad]."""
+
+    sigma_m: float
+    correlation_rad: float
+
+
+SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
+"""Of the steepest place of the sunlit limb, Sun at 0 to 85 deg from the zenith: a slow change with the Sun's angle
+along the arc, and clouds."""
+
+THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
+"""Of the infrared limb, which follows the temperature of the stratosphere from latitude to latitude."""
+
+CLOUD_RELIEF_SOLAR = Relief(600.0, 0.05)
+"""What clouds at the limb add to it in sunlight."""
+
+CLOUD_RELIEF_THERMAL = Relief(2500.0, 0.05)
+"""What clouds at the limb add to it in window bands, which see their tops; carbon dioxide bands do not."""
+
+SOLAR_HEIGHT_M = (-2e3, 40e3)
+THERMAL_HEIGHT_M = (-2e3, 70e3)
+
+
+def reliefs(band_kind: Literal["solar", "thermal"] | None) -> tuple[Relief, ...]:
+    """Return how the limb's height varies along it; the larger one where the band is not known."""
+    return SOLAR_RELIEF if band_kind == "solar" else THERMAL_RELIEF
+
+
+def limb_height_m(band_kind: Literal["solar", "thermal"] | None) -> tuple[float, float]:
+    """Return the lowest and the highest that the visible limb stands above a sphere of the mean radius, air alone."""
+    return SOLAR_HEIGHT_M if band_kind == "solar" else THERMAL_HEIGHT_M
+
 
 MOST_POINTS = 240
 """Points that stand for all of them: the heights are smooth, and the matrix of their covariance is not made large."""
@@ -51,7 +108,7 @@ def systematic_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.geometry.directions.tangent_basis` of the axis.
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis.
 
     Parameters
     ----------
@@ -144,3 +201,65 @@ def _oblate_moves(
 def _poles() -> FloatArray:
     """Return unit vectors spread evenly over the sphere (Fibonacci's spiral), shape (POLES, 3)."""
     return fibonacci_sphere(POLES)
+
+
+def air_refractivity(
+    scene: SceneSpec, number_density_air: FloatArray, camera_bands: Sequence[Band]
+) -> FloatArray | None:
+    """Return n - 1 of air of some number density [1/m3] for a camera's bands; None where the scene bends no light."""
+    if scene.atmosphere.refraction is False:
+        return None
+    return rayleigh.refractivity(number_density_air, [bands.reference_wavelength_um(band) for band in camera_bands])
+
+
+def file_refractivity(scene: SceneSpec, file: AtmosphereFile, altitude_m: FloatArray, where: str) -> FloatArray | None:
+    """Return n - 1 of an atmosphere file on other altitudes; None where light is not bent.
+
+    Raises
+    ------
+    UserError
+        The scene asks for refraction, and the file does not tell.
+    """
+    wanted = scene.atmosphere.refraction
+    if wanted is False or (wanted is None and file.refractivity is None):
+        return None
+    return atmosphere_file.refractivity(file, altitude_m, where)
+
+
+def horizon_rise_m(
+    scene: SceneSpec, camera: CameraSpec, altitude_m: float, mean_radius_m: float, base_dir: Path | None = None
+) -> float:
+    """Return by how much the refracted horizon stands above the geometric one [m]; 0 where light is not bent.
+
+    Inside the air, at index n(h), light arrives as from a planet larger by ``(n(0) - n(h)) R``.
+
+    Parameters
+    ----------
+    scene, camera
+        Resolved specifications.
+    altitude_m : float
+        Of the camera.
+    mean_radius_m : float
+        Of the planet.
+    base_dir : Path, optional
+        Folder against which files of the atmosphere are resolved; default the current one.
+
+    Raises
+    ------
+    UserError
+        As :func:`horizonval.earth.optical.optical_model` for the air.
+    """
+    atmosphere = scene.atmosphere
+    if not camera.band or atmosphere.refraction is False:
+        return 0.0
+    if atmosphere.file is not None:
+        path = (base_dir or Path()) / atmosphere.file
+        file = atmosphere_file.read_atmosphere(path)
+        level_m = atmosphere_file.altitudes_m(file, thermal=False)
+        index = file_refractivity(scene, file, level_m, str(path))
+    elif atmosphere.profile_file is None and atmosphere.profile == NO_ATMOSPHERE:
+        return 0.0
+    else:
+        air = air_of(scene, base_dir)
+        level_m, index = air.altitude_m, air_refractivity(scene, air.state.number_density_air, camera.band)
+    return 0.0 if index is None else float(index[0] - np.interp(altitude_m, level_m, index)) * mean_radius_m

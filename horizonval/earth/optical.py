@@ -9,7 +9,7 @@ for, or else the fewest that keep ``render.band_error``; see :mod:`horizonval.ea
 
 A solar node has molecules with their depolarisation at its wavelength, ozone, and particles with the asymmetry of what
 scatters at each altitude. Thermal bands become :class:`horizonval.earth.atmosphere.emission.EmittingBand`, see
-:mod:`horizonval.earth.atmosphere.emitting_air`, and what is behind them
+:mod:`horizonval.earth.atmosphere.emission`, and what is behind them
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
 Oxygen and water vapour absorb in bands from 570 nm on, by a few nodes more; see
@@ -32,18 +32,16 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, nearest
 from horizonval.earth import atmosphere_file
 from horizonval.earth.atmosphere import aerosol
-from horizonval.earth.atmosphere.air import NO_ATMOSPHERE, TOP_M, Air, air_of
-from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
-from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.atmosphere.emitting_air import emitting_air, grey_band, no_air_band
+from horizonval.earth.atmosphere.air import AS_IT_IS, NO_ATMOSPHERE, TOP_M, Air, AirChange, air_of
+from horizonval.earth.atmosphere.emission import EmittingBand, emitting_air, grey_band, no_air_band
 from horizonval.earth.atmosphere.node_count import choose_rule
 from horizonval.earth.atmosphere.solar_rule import Measure, SolarRule, gauss, rule_with_gases, solar_measure
 from horizonval.earth.atmosphere.sunlit_gases import GasesInSight, SunlitGases, gases_in_sight
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.gases import ozone, rayleigh
-from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
+from horizonval.earth.limb_heights import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
-from horizonval.earth.surface.emitting_ground import emitting_ground, lowest_air_k
+from horizonval.earth.surface.ground_emission import emitting_ground, lowest_air_k
 from horizonval.earth.surface.ground_map import air_begins_m
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec

@@ -36,8 +36,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
+from horizonval.geometry.rotation import tangent_basis
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession

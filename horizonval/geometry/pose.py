@@ -38,7 +38,7 @@ from horizonval.geometry.frames import (
     lvlh_from_itrs,
     to_yaw_pitch_roll,
 )
-from horizonval.geometry.tle import EARTH_RATE_RAD_S
+from horizonval.geometry.orbit import EARTH_RATE_RAD_S
 from horizonval.spec.camera import CameraSpec, Head
 from horizonval.spec.earth import Earth
 from horizonval.spec.pose import ANGLES, GEODETIC, TABLE_OF, CameraUse, Platform, PoseKeys

@@ -16,8 +16,7 @@ from typing import Any, TypeVar
 from horizonval.core import atomic
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
-from horizonval.jobs.execution import local_workers
-from horizonval.jobs.pool import Results, get_ready
+from horizonval.jobs.pool import Results, get_ready, local_workers
 
 I = TypeVar("I")  # noqa: E741
 T = TypeVar("T")

@@ -3,26 +3,215 @@
 Items go to spawned processes one at a time. When a worker dies (out of memory, a crash inside a library) the others
 finish what they are at; the items whose workers died are then tried once more, each alone, and only one that kills its
 worker again is given up.
+
+A sign of life: one line on standard error where a command has loaded for a while and not yet said anything.
+
+The renderer, and what reads tables and draws figures, take seconds to load from a cold disk. Who shows progress calls
+:func:`hush`, and nothing is said.
+
+Whose turn it is: which item each of several workers takes next, so that what items share is found in memory.
+
+Items of a group go to one worker, one after another, groups in the order of their first items. A worker that would be
+idle takes over the later half of the longest group that another one is at; a last item stays where it is, for what it
+shares is there already. No result depends on any of it.
+
+Where work is done: processes, shards, a cluster.
 """
 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import multiprocessing
 import os
+import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Generator, Hashable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
 from types import ModuleType
-from typing import TypeAlias, TypeVar
+from typing import Generic, TypeAlias, TypeVar
 
-from horizonval.jobs.execution import available_cpus
-from horizonval.jobs.turns import Turns
+from horizonval.core.errors import UserError
+
+AFTER_S = 0.7
+"""From the program's start; the interpreter took up to half a second before, and two are allowed."""
+
+_hushed = threading.Event()
+
+
+@contextmanager
+def sign_of_life(line: str, after_s: float = AFTER_S) -> Iterator[None]:
+    """Write a line to standard error if the work inside goes on for so long without :func:`hush`."""
+    _hushed.clear()
+
+    def tell() -> None:
+        if not _hushed.wait(after_s):
+            sys.stderr.write(line + "\n")
+            sys.stderr.flush()
+
+    threading.Thread(target=tell, daemon=True).start()
+    try:
+        yield
+    finally:
+        hush()
+
+
+def hush() -> None:
+    """Say that there is output of another kind, so that no sign of life is needed."""
+    _hushed.set()
+
 
 I = TypeVar("I")  # noqa: E741
+
+
+class Turns(Generic[I]):
+    """Items that wait for workers.
+
+    Parameters
+    ----------
+    items : iterable
+    group : callable, optional
+        Returns what the items of a group have in common; by default every item is alone.
+    """
+
+    def __init__(self, items: Iterable[I], group: Callable[[I], Hashable] | None = None) -> None:
+        groups: dict[Hashable, deque[I]] = {}
+        for number, item in enumerate(items):
+            groups.setdefault(number if group is None else group(item), deque()).append(item)
+        self._groups = deque(groups.values())
+        self._begun: dict[int, deque[I]] = {}
+
+    def __len__(self) -> int:
+        """Return how many items wait."""
+        return sum(map(len, (*self._groups, *self._begun.values())))
+
+    def take(self, worker: int) -> I | None:
+        """Return a worker's next item; None if it has nothing to do."""
+        if not self._begun.get(worker):
+            self._begun[worker] = self._groups.popleft() if self._groups else self._half_of_the_longest()
+        turns = self._begun[worker]
+        return turns.popleft() if turns else None
+
+    def put_back(self, worker: int, item: I) -> None:
+        """Let an item wait that a worker took and did not begin."""
+        self._begun[worker].appendleft(item)
+
+    def release(self) -> None:
+        """Let the groups that were begun go to whoever comes next: their workers are gone."""
+        self._groups.extendleft(turns for _, turns in sorted(self._begun.items(), reverse=True) if turns)
+        self._begun = {}
+
+    def _half_of_the_longest(self) -> deque[I]:
+        longest = max(self._begun.values(), key=len, default=deque())
+        half: deque[I] = deque()
+        for _ in range(len(longest) // 2):
+            half.appendleft(longest.pop())
+        return half
+
+
+MOST_WORKERS = 4096
+MOST_SHARDS = 1_000_000
+"""As many as a suite may have frames."""
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where the work is done. It changes no result.
+
+    Attributes
+    ----------
+    workers : int, optional
+        Processes on this machine; one per processor by default, as most stages run on a single one.
+    shard : (int, int), optional
+        (i, n): only every n-th item, from the i-th on. Shards can share a folder, also at the same time.
+    dask : str, optional
+        Address of a Dask scheduler, or ``local:N``; its workers must see the run's folder.
+    merge : tuple of Path
+        Folders of other runs of the same suite, whose results are taken over.
+
+    Raises
+    ------
+    UserError
+        No number of processes, or too many; no address of a scheduler, or Dask is not installed.
+    """
+
+    workers: int | None = None
+    shard: tuple[int, int] | None = None
+    dask: str | None = None
+    merge: tuple[Path, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and not 1 <= self.workers <= MOST_WORKERS:
+            raise UserError(
+                f"found {self.workers}", where="--workers", expected=f"a whole number from 1 to {MOST_WORKERS}"
+            )
+        if self.dask is not None:
+            local_workers(self.dask)
+            if importlib.util.find_spec("distributed") is None:
+                raise UserError(
+                    "Dask is not installed",
+                    where="--dask",
+                    fix="pip install 'horizonval[cluster]', or leave --dask out",
+                )
+
+    @property
+    def processes(self) -> int:
+        """Number of processes on this machine."""
+        return self.workers or available_cpus()
+
+    def share(self, items: Sequence[I]) -> list[I]:
+        """Return the items of this shard, or all."""
+        return list(items) if self.shard is None else list(items[self.shard[0] - 1 :: self.shard[1]])
+
+
+def available_cpus() -> int:
+    """Return how many processors this process may use: its affinity, and a container's share of time."""
+    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    with contextlib.suppress(OSError, ValueError), open("/sys/fs/cgroup/cpu.max") as file:
+        quota, period = file.read().split()
+        cpus = min(cpus, max(1, round(int(quota) / int(period))))
+    return cpus
+
+
+def local_workers(address: str) -> int | None:
+    """Return N of the address ``local:N``, ``None`` for that of a Dask scheduler.
+
+    Raises
+    ------
+    UserError
+        If N is no number of processes.
+    """
+    local, _, count = address.partition(":")
+    if local != "local":
+        return None
+    if not re.fullmatch("[0-9]{1,5}", count) or not 1 <= int(count) <= MOST_WORKERS:
+        expected = f"local:N with N from 1 to {MOST_WORKERS}, or an address"
+        raise UserError(f"found {address[:80]!r}", where="--dask", expected=expected)
+    return int(count)
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """Return (i, n) of ``"i/n"``.
+
+    Raises
+    ------
+    UserError
+        If it is not two whole numbers with 1 <= i <= n.
+    """
+    match = re.fullmatch(r"([0-9]{1,7})/([0-9]{1,7})", text)
+    if match and 1 <= int(match[1]) <= int(match[2]) <= MOST_SHARDS:
+        return int(match[1]), int(match[2])
+    expected = f"i/n with i from 1 to n, such as 2/8, and n of at most {MOST_SHARDS}"
+    raise UserError(f"found {text[:40]!r}", where="--shard", expected=expected)
+
+
 T = TypeVar("T")
 R = TypeVar("R")
 Results: TypeAlias = Generator[tuple[I, T], None, R]
@@ -52,7 +241,7 @@ def run_in_processes(
     renderer : bool
         Whether they get a renderer.
     group : callable, optional
-        Returns what an item shares with others: those of a group go to one worker (:mod:`horizonval.jobs.turns`).
+        Returns what an item shares with others: those of a group go to one worker (:mod:`horizonval.jobs.pool`).
 
     Notes
     -----

@@ -1,4 +1,7 @@
-"""Progress of long work on the terminal: a bar for people, plain lines for log files. Written to standard error."""
+"""Progress of long work on the terminal: a bar for people, plain lines for log files. Written to standard error.
+
+Seconds by stage, kept out of everything that must be reproducible.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,12 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.life import hush
+from horizonval.jobs.pool import hush
 
 FEWEST_ALIKE = 3
 """Items that must be done before a mean over them says how long the rest will take."""
@@ -148,3 +152,27 @@ class Terminal:
         else:
             sys.stderr.write(text + "\n")
             sys.stderr.flush()
+
+
+@dataclass
+class Stopwatch:
+    """Seconds that the stages of an item took, by the stages' names."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time spent inside to a stage."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.add(name, time.perf_counter() - start)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Add seconds to a stage."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+    def rounded(self) -> dict[str, float]:
+        """Return the seconds to a tenth of a millisecond."""
+        return {stage: round(spent, 4) for stage, spent in self.seconds.items()}

@@ -30,7 +30,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import ColumnPlaces, SpectralNode
-from horizonval.earth.weather.column_map import ColumnMap
+from horizonval.earth.weather.field import ColumnMap
 from horizonval.renderer.planet import dot
 from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Values, Vec, constant, constant_vector
@@ -77,7 +77,7 @@ class LatitudeRows:
 
 @dataclass(frozen=True)
 class Lattice:
-    """A :class:`horizonval.earth.weather.column_map.ColumnMap` for the kernel; numbers as data."""
+    """A :class:`horizonval.earth.weather.field.ColumnMap` for the kernel; numbers as data."""
 
     axes: tuple[Vec, Vec, Vec]
     half: mi.Float64

@@ -39,7 +39,7 @@ from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
 from horizonval.spec.prior import PriorSpec
-from horizonval.store.manifest import amend_manifest
+from horizonval.store.verify import amend_manifest
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""

@@ -43,10 +43,9 @@ from horizonval.report.words import (
     verdict_of,
 )
 from horizonval.scoring import limits
-from horizonval.scoring.exclusion import exclusion_angle_deg
-from horizonval.scoring.rates import rates
+from horizonval.scoring.expected import exclusion_angle_deg
 from horizonval.scoring.row import Row
-from horizonval.scoring.summary import summarise
+from horizonval.scoring.summary import rates, summarise
 
 PAGE = "campaign.html"
 FIGURES = "figures"
@@ -193,7 +192,7 @@ def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[tuple[str,
 
 
 def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> JsonObject:
-    """Return the words of a line of the table of rates; ``found`` as :func:`horizonval.scoring.rates.rates`."""
+    """Return the words of a line of the table of rates; ``found`` as :func:`horizonval.scoring.summary.rates`."""
     false = found["false_valid"]
     return {
         "estimator": name,

@@ -23,7 +23,7 @@ from horizonval.report.load import CaseView
 from horizonval.report.words import count, number, percent
 from horizonval.spec.camera import Band
 from horizonval.store.folder import read_json
-from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
+from horizonval.truth.infrared_horizon import MAXIMUM_GRADIENT, visible_height_m
 
 TEXT = (
     "A thermal band does not see the hard horizon but the edge of what radiates. The truth of every thermal frame says "

@@ -40,9 +40,9 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, command_line
 from horizonval.earth.spectral import bands, sunlight
-from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.earth.spectral.planck import brightness_temperature_k
 from horizonval.frame import DetectorImage, Hit, RadianceFrame
-from horizonval.geometry.ephemeris import AU_M, sun_itrs
+from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 from horizonval.report import page
 from horizonval.report.load import load_run
 from horizonval.spec.camera import Band

@@ -33,18 +33,18 @@ from numpy.typing import ArrayLike, NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.spectral.bands import width_um
-from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.earth.spectral.planck import brightness_temperature_k
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
-from horizonval.geometry.directions import perpendicular
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import horizon_pixels, tangent_cone
+from horizonval.geometry.rotation import perpendicular
 from horizonval.report import pictures
 from horizonval.report.load import CaseView, ReportRun, load_case, load_run
 from horizonval.report.words import DEG, VERDICTS, verdict_of
 from horizonval.scoring.expected import Expected, expected_outcome
-from horizonval.sensor.calibrated import black_level_dn, radiance_per_dn
-from horizonval.truth.infrared_horizon.curve import curve_cam
+from horizonval.sensor.expected_image import black_level_dn, radiance_per_dn
+from horizonval.truth.infrared_horizon import curve_cam
 
 BUDGET_PX = 12_000_000
 """Pixels whose numbers one page holds: about 20 MB of noisy 12-bit frames."""

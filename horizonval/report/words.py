@@ -13,8 +13,8 @@ import numpy as np
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.scoring import limits
-from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE, in_order, strict_confusion
 from horizonval.scoring.row import Row
+from horizonval.scoring.summary import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE, in_order, strict_confusion
 
 # ------------------------------------------------------------------------------------------------- numbers and units
 

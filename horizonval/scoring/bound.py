@@ -1,6 +1,6 @@
 r"""How exactly the limb of an image can say where the Earth is: the Cramer-Rao bound of a frame.
 
-With the information ``F`` of an image (:mod:`horizonval.scoring.information.limb_information`) and ``P`` of what is
+With the information ``F`` of an image (:mod:`horizonval.scoring.information`) and ``P`` of what is
 known beside it, no unbiased method that looks at the limb has a smaller covariance of the pose than::
 
     C = (F + P)^-1        nadir: N C N^T,    bound = sqrt(trace),    N: how turn and position move it
@@ -37,8 +37,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import DetectorImage, FrameTruth
-from horizonval.geometry.directions import tangent_basis
-from horizonval.scoring.information.information import UNKNOWNS, LimbInformation, carried
+from horizonval.geometry.rotation import tangent_basis
+from horizonval.scoring.information import UNKNOWNS, LimbInformation, carried
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.prior import PriorSpec
 

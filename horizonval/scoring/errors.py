@@ -26,7 +26,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
-from horizonval.geometry.directions import angle_between, tangent_basis
+from horizonval.geometry.rotation import angle_between, tangent_basis
 from horizonval.scoring import limits
 from horizonval.scoring.row import Score, to_digits
 

@@ -31,6 +31,11 @@ would do otherwise: a sensor may refuse them by its rules, and need not. A false
   still in it.
 * The Sun's disc in a thermal linear array is a step that saturates, far larger than the limb's, and a single row does
   not show that it is a disc: ``sun_glare``, and borderline where the limb would do otherwise, as in solar bands.
+
+The exclusion angle: how far from the boresight the Sun must stay.
+
+It is the smallest tested angle from which on *every* frame was answered rightly, with a claim that is not false. One
+wrong or refused frame further out moves it there, because a mission cannot fly round single frames.
 """
 
 from __future__ import annotations
@@ -45,19 +50,18 @@ from numpy.typing import NDArray
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
-from horizonval.earth.limb_heights import systematic_covariance
-from horizonval.earth.limb_relief import (
+from horizonval.earth.limb_heights import (
     CLOUD_RELIEF_SOLAR,
     CLOUD_RELIEF_THERMAL,
     SOLAR_RELIEF,
     THERMAL_RELIEF,
     Relief,
+    systematic_covariance,
 )
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
-from horizonval.geometry.horizon import signed_limb_angle
+from horizonval.geometry.horizon import fit_cone, signed_limb_angle
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 from horizonval.scoring import limits
 from horizonval.scoring.horizon_view import (
     HorizonView,
@@ -72,7 +76,7 @@ from horizonval.scoring.horizon_view import (
 from horizonval.scoring.limb_signal import LimbSignal, limb_signal
 from horizonval.scoring.limits import Thresholds
 from horizonval.spec.camera import Band, CameraSpec
-from horizonval.truth.infrared_horizon.curve import curve_cam
+from horizonval.truth.infrared_horizon import curve_cam
 
 BoolArray = NDArray[np.bool_]
 
@@ -383,3 +387,17 @@ def _band(spec: CameraSpec, name: str | None) -> Band:
     if chosen not in bands:
         raise UserError(f"no band {chosen!r}", where="band", expected=f"one of {sorted(bands)}")
     return bands[chosen]
+
+
+def exclusion_angle_deg(angle_deg: Sequence[float], right: Sequence[bool]) -> float | None:
+    """Return the smallest angle from which on every answer is right; None if the widest one is wrong already.
+
+    Parameters
+    ----------
+    angle_deg : sequence of float
+        Of the Sun from the boresight; several frames may share one.
+    right : sequence of bool
+    """
+    wrong = [angle for angle, good in zip(angle_deg, right, strict=True) if not good]
+    widest_wrong = max(wrong, default=-1.0)
+    return min((angle for angle in angle_deg if angle > widest_wrong), default=None)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.directions import perpendicular
 from horizonval.geometry.horizon import horizon_cam, tangency_points
+from horizonval.geometry.rotation import perpendicular
 from horizonval.scoring import limits
 
 BoolArray = NDArray[np.bool_]

@@ -5,23 +5,278 @@ errors of all claimed attitudes. *Integrity*: how many claims were false, with t
 interval, because none seen in n frames still allows 3/n. *Consistency*: the mean normalised error squared, 2 for an
 honest covariance. ``nees_nadir_total`` is the test of a claim: all errors by all that is claimed. ``nees_nadir`` is the
 same errors by the claimed noise alone: above 2 by what atmosphere and oblateness add, it is no test of the noise. That
-is ``nees_noise``, of several draws of the noise of one frame (:mod:`horizonval.scoring.repeats`).
+is ``nees_noise``, of several draws of the noise of one frame (:mod:`horizonval.scoring.summary`).
+
+Expected against reported outcomes: who says no, and for the right reason?
+
+Counted strictly, a claim that is false is no valid answer, whatever was expected, and is told apart by what makes it
+false; frames that may fairly go either way have a line of their own.
+
+Rates of rare things, with intervals that do not flatter.
+
+The interval is Clopper and Pearson's (Biometrika 26, 404, 1934): it holds at least its confidence for any true rate,
+also where nothing was seen. None in n trials still allows 3 / n (J. A. Hanley and A. Lippman-Hand, JAMA 249, 1743,
+1983).
+
+Frames that are borderline (:mod:`horizonval.scoring.expected`) take no part in availability and refusal. A false claim
+or a crash counts wherever it is made.
+
+Consistency where only noise acts: one frame, many draws of the detector's noise.
+
+``nees_nadir`` of a row (:mod:`horizonval.scoring.errors`) has all errors in it, those of atmosphere and oblateness too,
+over the covariance of noise alone, and ``nees_nadir_total`` has the same errors over all that is claimed. Neither says
+whether the *noise* part is honest. Fits of the same frame that differ in nothing but the noise do: their scatter about
+their own mean is noise alone, whatever they are all off by. With N draws the deviation from the mean has the share
+(N - 1) / N of one draw's covariance, hence
+
+    nees_i = N / (N - 1)  (n_i - mean n)^T C_i^-1 (n_i - mean n)
+
+in the plane across the mean nadir: 2 on average for an honest covariance C_i.
+
+What an estimator does with a camera, in a line: how often it works, where it does not, how far off it is at most.
+
+It *works* where it claims an attitude that is not false. Counted are all frames of an orbit, eclipse included, for a
+satellite flies through all of it; and, apart, the frames that are due an answer. Where it gives no answer or a wrong
+one is told by what was in view, from the truth alone.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from horizonval.scoring.confusion import confusion, in_order, strict_confusion
-from horizonval.scoring.headline import headline
-from horizonval.scoring.rates import rates
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.observation import Fit
+from horizonval.geometry.rotation import tangent_basis
+from horizonval.scoring import limits
+from horizonval.scoring.limits import claim_limits
 from horizonval.scoring.row import Row
+
+BORDERLINE = "borderline"
+"""Line of a matrix for frames that may fairly go either way."""
+BEYOND_LIMIT = "false_beyond_limit"
+BEYOND_SIGMA = "false_beyond_sigma"
+"""Columns of a matrix for claims that are false; the column ``valid`` holds the others."""
+
+
+def why_false(row: Row) -> str | None:
+    """Return what makes a claim false: its error, else an error beyond its own sigma; ``None`` where it is not.
+
+    A claim whose error is no number is beyond every limit.
+    """
+    if not row.false_valid:
+        return None
+    limit_arcsec = math.degrees(claim_limits(row.estimator).nadir_error_rad) * 3600.0
+    if row.nadir_error_arcsec is None or row.nadir_error_arcsec > limit_arcsec:
+        return BEYOND_LIMIT
+    return BEYOND_SIGMA
+
+
+def confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
+    """Return ``{expected: {reported: n}}``, both in the order of the outcomes, empty cells left out."""
+    return _matrix((row.expected, row.status) for row in rows)
+
+
+def strict_confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
+    """Return the same with borderline frames on a line and false claims in a column of their own."""
+    return _matrix((BORDERLINE if row.borderline else row.expected, why_false(row) or row.status) for row in rows)
+
+
+def confusion_by_estimator(rows: Sequence[Row]) -> dict[str, dict[str, dict[str, int]]]:
+    """Return the strict matrix of every estimator, all cameras together."""
+    names = sorted({row.estimator for row in rows})
+    return {name: strict_confusion(row for row in rows if row.estimator == name) for name in names}
+
+
+def _matrix(cells: Iterable[tuple[str, str]]) -> dict[str, dict[str, int]]:
+    counts: dict[str, Counter[str]] = {}
+    for expected, reported in cells:
+        counts.setdefault(expected, Counter())[reported] += 1
+    return {expected: in_order(counts[expected]) for expected in sorted(counts, key=_rank)}
+
+
+def in_order(counts: Mapping[str, int]) -> dict[str, int]:
+    """Return counts in the order of the outcomes, false claims behind the valid ones; anything else last by name."""
+    return {outcome: counts[outcome] for outcome in sorted(counts, key=_rank)}
+
+
+_FIRST = (str(Outcome.VALID), BEYOND_LIMIT, BEYOND_SIGMA)
+_NAMES = (*_FIRST, *(str(outcome) for outcome in Outcome if str(outcome) not in _FIRST), BORDERLINE)
+_ORDER = {name: i for i, name in enumerate(_NAMES)}
+
+
+def _rank(name: str) -> tuple[int, str]:
+    return _ORDER.get(name, len(_ORDER)), name
+
+
+CONFIDENCE = 0.95
+
+
+def proportion(k: int, n: int) -> dict[str, Any]:
+    """``{n: k, of: n, rate, interval}`` with the Clopper-Pearson 95 % interval; ``None`` for 0 of 0."""
+    if n == 0:
+        return {"n": 0, "of": 0, "rate": None, "interval": None}
+    interval = stats.binomtest(k, n).proportion_ci(confidence_level=CONFIDENCE, method="exact")
+    return {"n": k, "of": n, "rate": k / n, "interval": [float(interval.low), float(interval.high)]}
+
+
+def upper_bound(k: int, n: int) -> float | None:
+    """One-sided 95 % upper bound of a rate of which ``k`` of ``n`` were seen: the bound of "below 0.1 %"."""
+    if n == 0:
+        return None
+    one_sided = stats.binomtest(k, n, alternative="less").proportion_ci(confidence_level=CONFIDENCE, method="exact")
+    return float(one_sided.high)
+
+
+def rates(rows: Sequence[Row]) -> dict[str, Any]:
+    """Return what an estimator delivers and at what risk, from rows of results.
+
+    Returns
+    -------
+    dict
+        ``availability``: claims among the frames that should give an attitude. ``refusal``: the rest of them.
+        ``bonus``: claims among the frames that should not. ``false_valid``: false ones among all claims, with
+        ``upper_bound`` and, of them, how many are ``beyond_limit`` and ``beyond_sigma``; ``false_valid_frames``: false
+        ones among all frames. ``claims_without_sigma``: how many claims claim no uncertainty and are judged by the
+        default (:data:`horizonval.scoring.limits.DEFAULT_SIGMA_RAD`). ``crashed``: frames on which the estimator
+        crashed, among all. ``n_borderline``: frames not counted in the first three.
+    """
+    claims = [row for row in rows if row.is_claim]
+    clear = [row for row in rows if not row.borderline]
+    due = [row for row in clear if row.is_due]
+    others = [row for row in clear if not row.is_due]
+    answered = sum(row.is_claim for row in due)
+    reasons = Counter(why_false(row) for row in claims if row.false_valid)
+    false = reasons.total()
+    return {
+        "availability": proportion(answered, len(due)),
+        "refusal": proportion(len(due) - answered, len(due)),
+        "bonus": proportion(sum(row.is_claim for row in others), len(others)),
+        "false_valid": proportion(false, len(claims))
+        | {"upper_bound": upper_bound(false, len(claims))}
+        | {"beyond_limit": reasons[BEYOND_LIMIT], "beyond_sigma": reasons[BEYOND_SIGMA]},
+        "false_valid_frames": proportion(false, len(rows)) | {"upper_bound": upper_bound(false, len(rows))},
+        "claims_without_sigma": sum(row.without_sigma for row in claims),
+        "crashed": proportion(sum(row.status == Outcome.CRASHED for row in rows), len(rows)),
+        "n_borderline": len(rows) - len(clear),
+    }
+
+
+def noise_nees(fits: Sequence[Fit]) -> FloatArray:
+    """Return the normalised error squared of every draw by its ``covariance_nadir_cam``, 2 degrees of freedom.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        Of one frame, N >= 2.
+
+    Raises
+    ------
+    ValueError
+        With fewer than two.
+    """
+    if len(fits) < 2:
+        raise ValueError(f"{len(fits)} draws have no scatter; at least 2 are needed")
+    off, covariances = _across_mean(fits)
+    squares = np.einsum("ij,ij->i", off, np.linalg.solve(covariances, off[..., None])[..., 0])
+    return np.asarray(squares * len(fits) / (len(fits) - 1))
+
+
+def mean_noise_nees(fits: Sequence[Fit]) -> float | None:
+    """Return the mean of :func:`noise_nees`, ``None`` where the fits say nothing of their noise.
+
+    That is with fewer than two of them, and where a claim is not finite or of a direction known perfectly.
+    """
+    if len(fits) < 2 or not all(np.isfinite(fit.nadir_cam).all() for fit in fits):
+        return None
+    _, covariances = _across_mean(fits)
+    if not np.isfinite(covariances).all():
+        return None
+    smaller, larger = np.linalg.eigvalsh((covariances + covariances.swapaxes(1, 2)) / 2).T
+    if not (smaller > limits.SHARPEST * larger).all():
+        return None
+    mean = float(noise_nees(fits).mean())
+    return mean if np.isfinite(mean) else None
+
+
+def _across_mean(fits: Sequence[Fit]) -> tuple[FloatArray, FloatArray]:
+    """Deviations from the mean nadir, shape (n, 2), and covariances, shape (n, 2, 2), in the plane across it."""
+    nadirs = np.array([fit.nadir_cam for fit in fits], dtype=np.float64)
+    mean = nadirs.mean(axis=0)
+    basis = tangent_basis(mean / np.linalg.norm(mean))
+    covariances = np.array([basis.T @ fit.covariance_nadir_cam @ basis for fit in fits], dtype=np.float64)
+    return (nadirs - mean) @ basis, covariances
+
+
+NOT_MADE = "in frames that could not be made"
+NO_LIMB = "with too little limb in view"
+SUN = "with the Sun in the frame"
+NIGHT = "on the night side"
+TERMINATOR = "at the terminator"
+SATURATED = "with a saturated limb"
+CLEAR = "with a clear limb"
+
+
+def condition_of(row: Row) -> str:
+    """Return what was in view, as words of a sentence: the first that applies of those above, in their order."""
+    if row.epoch_utc is None:
+        return NOT_MADE
+    if row.lit_fraction is None or row.expected in (Outcome.NO_LIMB, Outcome.SHORT_ARC):
+        return NO_LIMB
+    if row.sun_in_frame:
+        return SUN
+    if row.lit_fraction < 1.0:
+        return TERMINATOR if row.lit_fraction > 0.0 else NIGHT
+    return SATURATED if row.expected == Outcome.SATURATED else CLEAR
+
+
+def headline(rows: Sequence[Row], orbit: Collection[str] = ()) -> dict[str, Any]:
+    """Return what a line says of rows of one estimator.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+    orbit : collection of str, optional
+        Names of the cases that are samples of an orbit, evenly spread along it.
+
+    Returns
+    -------
+    dict
+        ``orbit`` and ``due``: of the frames along an orbit, and of those that are due an answer, how many it worked in,
+        as :func:`horizonval.scoring.summary.proportion`; samples of an orbit are no random ones, so that its interval
+        is left out. ``false``, ``crashed``, ``silent``: where, as ``[condition, n, of]`` the most first, ``of`` all
+        frames of that condition. ``worst_arcsec``: the largest error of any claim, with ``n``, the claims.
+    """
+    flown = [row for row in rows if row.case in orbit]
+    due = [row for row in rows if row.is_due]
+    errors = [row.nadir_error_arcsec for row in rows if row.is_claim and row.nadir_error_arcsec is not None]
+    crashed = [row for row in rows if row.status == Outcome.CRASHED]
+    silent = [row for row in rows if not row.is_claim and row.status != Outcome.CRASHED]
+    return {
+        "orbit": {**proportion(sum(row.is_right for row in flown), len(flown)), "interval": None},
+        "due": proportion(sum(row.is_right for row in due), len(due)),
+        "false": _where([row for row in rows if row.is_claim and row.false_valid], rows),
+        "crashed": _where(crashed, rows),
+        "silent": _where(silent, rows),
+        "worst_arcsec": max(errors, default=None),
+        "n": len(errors),
+    }
+
+
+def _where(some: Sequence[Row], rows: Sequence[Row]) -> list[list[Any]]:
+    conditions = [condition_of(row) for row in some]
+    everywhere = [condition_of(row) for row in rows]
+    return [
+        [condition, conditions.count(condition), everywhere.count(condition)]
+        for condition in sorted(set(conditions), key=lambda name: (-conditions.count(name), name))
+    ]
+
 
 SUMMARY_SCHEMA = 1
 NEES_EXPECTED = 2.0
@@ -44,9 +299,9 @@ def summarise(rows: Sequence[Row], given_pose: Collection[str] = (), orbit: Coll
     -------
     dict
         JsonObject data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together but those of ``given_pose``
-        as :func:`horizonval.scoring.rates.rates`, and ``groups``, a list sorted by estimator and camera of what
+        as :func:`horizonval.scoring.summary.rates`, and ``groups``, a list sorted by estimator and camera of what
         :func:`summarise_group` returns, each with ``given_pose``, whether its estimator is one of those, and
-        ``headline`` as :func:`horizonval.scoring.headline.headline`.
+        ``headline`` as :func:`horizonval.scoring.summary.headline`.
     """
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
@@ -77,7 +332,7 @@ def summarise_group(rows: Sequence[Row]) -> dict[str, Any]:
     dict
         ``n``; ``n_expected_valid``, borderline frames left out; ``n_valid`` (claims); ``availability``, ``refusal``,
         ``bonus``, ``false_valid``, ``false_valid_frames``, ``claims_without_sigma``, ``crashed``,
-        ``n_borderline`` as :func:`horizonval.scoring.rates.rates`;
+        ``n_borderline`` as :func:`horizonval.scoring.summary.rates`;
         ``nadir_error_arcsec``: ``{n, rms, median, p95, max}``; ``roll_error_arcsec`` and ``pitch_error_arcsec``:
         ``{n, mean, std}``; ``altitude_error_km``: the same; ``refusals``: ``{status: n}``; ``confusion``:
         ``{expected: {reported: n}}``; ``strict_confusion``: the same with borderline frames and false claims apart;

@@ -1,4 +1,4 @@
-r"""What a detector's image is on average, before it is quantised, and how far every pixel scatters about that.
+"""What a detector's image is on average, before it is quantised, and how far every pixel scatters about that.
 
 In digital numbers, with the gain ``g`` in electrons, or in radiance, per number::
 
@@ -10,10 +10,15 @@ differences count as noise: a user of a single image knows no other image to tak
 
 Neglected: hot pixels, protons, and charge that spills out of saturated columns, all of which touch few pixels; that
 rounding of a signal with less noise than a third of a number is no noise any more.
+
+Digital numbers as radiances, as far as a detector states it or its data sheet tells.
+
+What an estimator is told of a camera's lens: what its file says, and nothing that an image would have to show.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,10 +26,12 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.frame import Hit, RadianceFrame
+from horizonval.estimation.lens import Lens
+from horizonval.frame import DetectorImage, Hit, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.sensor.detector import bayer, cmos, converter, thermal, thermal_noise
+from horizonval.sensor.detector import bayer, cmos, readout, thermal
 from horizonval.sensor.lens import optics
+from horizonval.sensor.lens.diffraction import mean_wavelength_m
 from horizonval.sensor.observe import band_named, checked_radiance
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos, LinearArray, ThermalDetector
@@ -83,7 +90,7 @@ def expected_image(frame: RadianceFrame, camera: CameraSpec, band: str | None = 
         mean, variance, reads, zero = _of_warmth(frame, camera, camera.detector, spec)
     else:
         raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
-    full_scale = converter.full_scale(camera.detector.bits)
+    full_scale = readout.full_scale(camera.detector.bits)
     reads &= (mean < full_scale) & (mean > -np.sqrt(variance))
     if "hit" in frame.maps:
         reads &= ~np.isin(frame.maps["hit"], FOREIGN)
@@ -129,6 +136,47 @@ def _of_warmth(
     variance = thermal.noise_radiance(measured_in, detector, camera) ** 2 + (detector.responsivity_rms * signal) ** 2
     if not (isinstance(detector, LinearArray) and detector.sensing == "pyroelectric"):
         drift = detector.drift_pattern_k_per_min * detector.minutes_since_correction
-        per_kelvin = thermal_noise.radiance_per_kelvin(measured_in)
+        per_kelvin = thermal.radiance_per_kelvin(measured_in)
         variance = variance + (detector.residue_k**2 + drift**2) * per_kelvin**2
     return (signal - low) / step, variance / step**2 + ROUNDING, np.ones(signal.shape, dtype=bool), -low / step
+
+
+def radiance_per_dn(image: DetectorImage) -> float | None:
+    """Return the band radiance on the axis that a digital number stands for [W m-2 sr-1]; None without a calibration.
+
+    A thermal detector states it. A photon counting one is taken as calibrated to its data sheet.
+    """
+    stated = image.observation.get("radiance_per_dn")
+    if stated is not None or "camera" not in image.observation:
+        return None if stated is None else float(stated)
+    camera = CameraSpec.model_validate(image.observation["camera"])
+    if not isinstance(camera.detector, Cmos):
+        return None
+    band = next(one for one in camera.band if one.name == image.band)
+    seconds = float(image.observation.get("exposure_s", camera.detector.exposure_s))
+    return cmos.radiance_per_dn(camera, camera.detector, band, seconds)
+
+
+def black_level_dn(image: DetectorImage) -> float:
+    """Return the number that the converter of a photon counting detector adds; 0 where the image does not tell."""
+    if "camera" not in image.observation:
+        return 0.0
+    detector = CameraSpec.model_validate(image.observation["camera"]).detector
+    return detector.black_level_dn if isinstance(detector, Cmos) else 0.0
+
+
+def stated_lens(camera: CameraSpec, band: Band | None) -> Lens | None:
+    """Return what is told of the lens in a band; None of one without diffraction and with one spread over the field.
+
+    Diffraction needs the pitch of the detector's pixels.
+    """
+    optics, pitch_um = camera.optics, None if camera.detector is None else camera.detector.pixel_pitch_um
+    stated = Lens()
+    if any(optics.psf_field_sigma_px):
+        sigmas = np.array(optics.psf_field_sigma_px)
+        angles = np.array([math.radians(angle) for angle in optics.psf_field_deg])
+        stated = Lens(angles, sigmas / math.sqrt(np.mean(sigmas**2)))
+    if optics.diffraction and band is not None and pitch_um is not None:
+        spread_px = mean_wavelength_m(band) * optics.f_number / (1e-6 * pitch_um)
+        stated = Lens(stated.angles_rad, stated.ratios, spread_px)
+    return None if len(stated.ratios) == 1 and not stated.diffraction_px else stated

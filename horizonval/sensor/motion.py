@@ -29,7 +29,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.frames import rotate
-from horizonval.geometry.part.coverage import coverage
+from horizonval.geometry.part import coverage
 
 GM_M3_PER_S2 = 3.986004418e14
 STILL_PX = 0.01

@@ -17,7 +17,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.sensor.detector import cmos, converter, thermal
+from horizonval.sensor.detector import cmos, readout, thermal
 from horizonval.sensor.lens import lens_spread
 from horizonval.sensor.streams import noise_identity, stream
 from horizonval.spec.camera import Band, CameraSpec
@@ -82,7 +82,7 @@ def observe(
         dn=dn,
         band=spec.name,
         truth=frame.truth,
-        full_scale=converter.full_scale(camera.detector.bits),
+        full_scale=readout.full_scale(camera.detector.bits),
         observation={"seed": seed, "noise": noise, "camera": camera.model_dump(mode="json"), **settings},
     )
 

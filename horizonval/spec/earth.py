@@ -62,7 +62,7 @@ class Atmosphere(Model):
     """Carbon dioxide of the lower atmosphere, for thermal bands only; the file of a `profile_file` may have its own."""
     halocarbons: bool = True
     """Whether CFC-11, CFC-12, HCFC-22 and CCl4 absorb in thermal bands, in today's amounts whatever the epoch: +10 % of
-    the 8 to 14 um limb at 10 km, +80 % of 10.5 to 12.5 um. See `horizonval.earth.gases.halocarbons`.
+    the 8 to 14 um limb at 10 km, +80 % of 10.5 to 12.5 um. See `horizonval.earth.gases.gas_state`.
     """
     refraction: bool | None = None
     """Whether the air bends light. Without the key it does where its index is known: not with a `file` without
@@ -212,7 +212,7 @@ class Surface(Model):
     degrees, snow and sea ice by month, ice sheets, and an ocean that glints in the Sun, each with its own spectrum of
     albedo and emissivity, as warm as their latitude, height and month say, land with its day and night
     (`horizonval.earth.surface.surface_temperature`). `chequered` is a test target: squares of two albedos by turns
-    between parallels and meridians (`horizonval.earth.surface.squares`), in thermal bands as `uniform`.
+    between parallels and meridians (`horizonval.earth.surface.ground_map`), in thermal bands as `uniform`.
     """
 
     kind: Literal["uniform", "earth", "chequered"] = "uniform"
@@ -262,7 +262,7 @@ FINE_ICE_UM, COARSE_ICE_UM = 0.2, 10.0
 class CloudLayer(Model):
     """Thin cloud: a shell of particles that light goes through. Opaque clouds are in `[clouds]`.
 
-    Every key but `kind` has a value by the kind (`horizonval.earth.clouds.layer_kinds` has them with their sources),
+    Every key but `kind` has a value by the kind (`horizonval.earth.clouds.layers` has them with their sources),
     the heights of cirrus by the latitude of the satellite too.
     """
 

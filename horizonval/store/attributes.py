@@ -1,8 +1,9 @@
-"""What the header of a file tells other programs: OpenEXR's standard attributes, and typed ones of ours.
+"""What a file tells other programs: OpenEXR's standard attributes, typed ones of ours, and masks.
 
-All of it is made from the truth and the camera file, and nothing here is read back: what scoring reads is the truth in
-``horizonval:truth``. The standard ones are float32 and cannot say everything (lens distortion); meanings and units are
-those of https://openexr.com/en/latest/StandardAttributes.html. Ours are doubles where the format allows.
+All of it is made from the truth, its maps and the camera file, and nothing here is read back: what scoring reads is the
+truth in ``horizonval:truth``. The standard attributes are float32 and cannot say everything (lens distortion); meanings
+and units are those of https://openexr.com/en/latest/StandardAttributes.html. Ours are doubles where the format allows.
+A mask is 1 where pixels have something in common, and 0 elsewhere.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from typing import Any
 
 import erfa
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
-from horizonval.frame import FrameTruth
+from horizonval.frame import FrameTruth, Hit
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.rotation import julian_utc
 from horizonval.spec.camera import Band, CameraSpec
@@ -256,3 +258,34 @@ def _sensor(camera: CameraModel, pitch_um: float) -> dict[str, Any]:
     if camera.projection == "pinhole":
         attributes["pinholeFocalLength"] = camera.fx * pitch_um * 1e-3
     return attributes
+
+
+Mask = NDArray[np.float16]
+
+
+def earth_mask(maps: Mapping[str, NDArray[Any]]) -> Mask:
+    """Return where the ray through the pixel's centre meets the ground or a cloud, shape (H, W)."""
+    return _mask(np.isin(maps["hit"], (Hit.SURFACE, Hit.CLOUD)))
+
+
+def sunlit_mask(maps: Mapping[str, NDArray[Any]], truth: FrameTruth) -> Mask:
+    """Return where the Sun's centre is above the horizon of what the pixel sees, shape (H, W).
+
+    That is the place of ground or cloud, or the lowest point of a ray through air, from whose height ``h`` the horizon
+    dips by ``acos(R / (R + h))`` with the mean radius ``R``. Refraction is left out, as in the truth.
+    """
+    hit = maps["hit"]
+    radius = (2 * truth.ellipsoid_a_m + truth.ellipsoid_b_m) / 3
+    in_air = hit == Hit.ATMOSPHERE
+    height = np.where(in_air, np.maximum(maps["tangent_height"], 0.0), 0.0).astype(np.float64)
+    dip_deg = np.degrees(np.arccos(radius / (radius + height)))
+    return _mask((in_air | (earth_mask(maps) > 0)) & (maps["solar_zenith"] < 90.0 + dip_deg))
+
+
+def saturated_mask(dn: NDArray[Any], full_scale: int) -> Mask:
+    """Return where the converter is at its end, shape (H, W)."""
+    return _mask(np.asarray(dn) >= full_scale)
+
+
+def _mask(where: NDArray[np.bool_]) -> Mask:
+    return np.ascontiguousarray(where, dtype=np.float16)

@@ -8,7 +8,7 @@ said otherwise)::
     energy_radiance.<band>  W m-2 sr-1, of solar bands: the plain integral over wavelength
     behind.<band>       W m-2 sr-1, as radiance, without parts of the spacecraft; in frames that have some
     truth.<map>         see horizonval.frame.MAP_UNITS and PART_MAP
-    mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.masks)
+    mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.attributes)
     dn.<band>           digital numbers
 
 ``horizonval:unit.<channel>`` is the unit of a channel. Digital numbers are stored as floating point, float16 up to a
@@ -24,7 +24,7 @@ Header keys: the standard ones and ours, named ``horizonval:*`` (:mod:`horizonva
 back travels in JSON strings, because the format's own attributes turn Python floats into float32 and integers from 2^31
 into 0; the typed keys and the masks are made from it, for other programs.
 
-Two guards, for two dangers. The seal (:mod:`horizonval.store.seal`) covers the file's bytes: damage on the disk.
+Two guards, for two dangers. The seal (:mod:`horizonval.store.header`) covers the file's bytes: damage on the disk.
 ``horizonval:sha256`` is the digest of the arrays and JSON as they were before they went into the library: damage by
 the library itself (it scrambles non-contiguous arrays, for one), and an identity that survives recompression.
 
@@ -55,9 +55,15 @@ from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import MAP_UNITS, PART_MAP, PART_MAP_UNIT, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.camera import Band, CameraSpec
-from horizonval.store import seal
-from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
-from horizonval.store.masks import earth, saturated, sunlit
+from horizonval.store import header as exr_header
+from horizonval.store.attributes import (
+    camera_of,
+    earth_mask,
+    own_attributes,
+    saturated_mask,
+    standard_attributes,
+    sunlit_mask,
+)
 
 FILE_SCHEMA = 5
 """Of the files' layout. 1 to 3 went with the truth's own schema (:data:`horizonval.frame.FRAME_SCHEMA`): 1 before there
@@ -127,7 +133,7 @@ def write_frame(path: str | os.PathLike[str], frame: RadianceFrame, *, codec: Co
             channels[f"{ENERGY}{band}"] = _float32(values, f"{ENERGY}{band}")
     channels |= {f"truth.{name}": _float32(values, f"truth.{name}") for name, values in frame.maps.items()}
     channels["Y"] = channels[f"radiance.{bands[0]}"]
-    channels |= {"mask.earth": earth(frame.maps), "mask.sunlit": sunlit(frame.maps, frame.truth)}
+    channels |= {"mask.earth": earth_mask(frame.maps), "mask.sunlit": sunlit_mask(frame.maps, frame.truth)}
     own = {"kind": "frame", "bands": ",".join(bands), "truth": _dumps(frame.truth.to_dict())}
     own |= {"render": _dumps(frame.render)}
     own |= {"renderer": _words(frame.render.get(key) for key in ("kind", "version", "variant"))}
@@ -171,7 +177,7 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
     dtype = np.float16 if image.full_scale <= _FLOAT16_INTEGERS else np.float32
     name = f"dn.{image.band}"
     values = np.ascontiguousarray(dn, dtype=dtype)
-    channels: Channels = {name: values, "Y": values, "mask.saturated": saturated(dn, image.full_scale)}
+    channels: Channels = {name: values, "Y": values, "mask.saturated": saturated_mask(dn, image.full_scale)}
     own: dict[str, Any] = {"kind": "image", "bands": image.band, "truth": _dumps(image.truth.to_dict())}
     own |= {"observation": _dumps(image.observation), "full_scale": image.full_scale}
     own |= {"seed": str(image.observation.get("seed", ""))}
@@ -234,6 +240,12 @@ def read_image(path: str | os.PathLike[str]) -> DetectorImage:
     )
 
 
+def read(path: str | os.PathLike[str]) -> RadianceFrame | DetectorImage:
+    """Read and verify a frame or an image, whichever it is; errors as :func:`read_frame`."""
+    path = Path(path)
+    return read_frame(path) if _own_kind(exr_header.read_header(path), path) == "frame" else read_image(path)
+
+
 def read_header(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read and verify the header of one of our files, not its pixels.
 
@@ -244,10 +256,8 @@ def read_header(path: str | os.PathLike[str]) -> dict[str, Any]:
         ``sha256``, and ``render`` or ``observation`` and ``full_scale``: plain data.
     """
     path = Path(path)
-    header = seal.read_header(path)
-    kind = _own_kind(header, path)
-    data = seal.read_bytes(path, header.end)
-    return _decode(data, header, kind, path)
+    header = exr_header.read_header(path)
+    return _decode(header, _own_kind(header, path), path)
 
 
 def kind(path: str | os.PathLike[str]) -> Kind:
@@ -256,7 +266,7 @@ def kind(path: str | os.PathLike[str]) -> Kind:
     Raises ``UserError`` without a file, ``DamagedFileError`` if it is no EXR file or our header is incomplete.
     """
     path = Path(path)
-    header = seal.read_header(path)
+    header = exr_header.read_header(path)
     if not any(name.startswith(_PREFIX) for name in header.attributes):
         return "foreign"
     return _own_kind(header, path)
@@ -273,7 +283,7 @@ def read_foreign_grey(path: str | os.PathLike[str]) -> NDArray[np.float64]:
         As stored; NaN and infinities are left to the estimators, which must refuse them by themselves.
     """
     path = Path(path)
-    _refuse_too_large(seal.read_header(path), path)
+    _refuse_too_large(exr_header.read_header(path), path)
     window, channels = _decode_pixels(path)
     if window is not None:
         raise UserError(f"its pixels are a crop ({window})", where=str(path), expected="the whole image")
@@ -354,7 +364,7 @@ def _words(parts: Iterable[Any]) -> str:
 def _write_sealed(
     path: Path, channels: Channels, own: dict[str, Any], standard: dict[str, Any], codec: Codec = "zip"
 ) -> None:
-    own = own | {"sha256": content_digest(channels, own), "body": seal.BODY_BLANK, "seal": seal.SEAL_BLANK}
+    own = own | {"sha256": content_digest(channels, own), "body": exr_header.BODY_BLANK, "seal": exr_header.SEAL_BLANK}
     header = standard | {_PREFIX + key: value for key, value in own.items()}
     for key, value in header.items():
         if isinstance(value, int) and not -(2**31) <= value < 2**31:
@@ -364,14 +374,14 @@ def _write_sealed(
         with atomic.replacing(path) as temporary:
             with _quiet():
                 OpenEXR.File(header, dict(channels)).write(str(temporary))
-            seal.seal_file(temporary)
+            exr_header.seal_file(temporary)
     except FileNotFoundError:
         raise UserError(f"no folder {path.parent}", where=str(path), fix="create it first") from None
     except OSError as error:
         raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
 
 
-def _own_kind(header: seal.Header, path: Path) -> Literal["frame", "image"]:
+def _own_kind(header: exr_header.Header, path: Path) -> Literal["frame", "image"]:
     attributes = header.attributes
     if not any(name.startswith(_PREFIX) for name in attributes):
         raise DamagedFileError("an EXR file, but not written by horizonval", where=str(path))
@@ -386,7 +396,7 @@ def _own_kind(header: seal.Header, path: Path) -> Literal["frame", "image"]:
     raise DamagedFileError(what, where=str(path), expected="frame or image")
 
 
-def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], path: Path) -> dict[str, Any]:
+def _decode(header: exr_header.Header, kind: Literal["frame", "image"], path: Path) -> dict[str, Any]:
     """Check the header against its seal and return its content as plain data."""
     attributes = header.attributes
     for key in _KEYS[kind]:
@@ -396,7 +406,7 @@ def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], p
     if schema not in READABLE_SCHEMAS:
         expected = " or ".join(str(s) for s in READABLE_SCHEMAS)
         raise DamagedFileError(f"schema {schema}", where=str(path), expected=f"schema {expected}")
-    seal.check_header(data, header, path)
+    exr_header.check_header(header, path)
     if "dataWindow" not in attributes or len(attributes["dataWindow"].raw) != 16:
         raise DamagedFileError("no data window", where=str(path))
     window = np.frombuffer(attributes["dataWindow"].raw, dtype="<i4")
@@ -425,14 +435,14 @@ def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], p
 
 
 def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any], Channels]:
-    data = seal.read_bytes(path)
-    header = seal.parse_header(data, path)
+    data = exr_header.read_bytes(path)
+    header = exr_header.parse_header(data, path)
     kind = _own_kind(header, path)
     if kind != wanted:
         names = {"frame": "a frame (radiance)", "image": "a detector image"}
         raise UserError(f"holds {names[kind]}", where=str(path), expected=names[wanted])
-    content = _decode(data, header, kind, path)
-    seal.check_body(data, header, path)
+    content = _decode(header, kind, path)
+    exr_header.check_body(data, header, path)
     _refuse_too_large(header, path)
     _, channels = _decode_pixels(path)
     own = {
@@ -454,7 +464,7 @@ def _truth(header: dict[str, Any], path: Path) -> FrameTruth:
         raise DamagedFileError(f"the truth cannot be read: {error}", where=str(path)) from None
 
 
-def _refuse_too_large(header: seal.Header, path: Path) -> None:
+def _refuse_too_large(header: exr_header.Header, path: Path) -> None:
     """Raise ``UserError`` where memory does not hold the pixels that a header speaks of: a few bytes can be many."""
     window, channels = (header.attributes.get(name) for name in ("dataWindow", "channels"))
     if window is None or channels is None or len(window.raw) != 16:

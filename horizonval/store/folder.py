@@ -8,7 +8,7 @@
     state/<name>.json  address of a frame that is rendered, whether or not it is scored yet
     stability/         the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
-    timings*.json      seconds; with the archive's index the only files that two equal runs do not share
+    timings*.json      seconds; with the manifest the only files that two equal runs do not share
     manifest.json      digest of every file, written last
 
 Every JSON file and the table hold a seal (:mod:`horizonval.core.sealed`), which is checked where they are read.
@@ -20,7 +20,6 @@ import contextlib
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -179,8 +178,7 @@ def read_json(path: Path, *, bound: bool = True, fix: str = "run it again, and i
     ----------
     path : Path
     bound : bool
-        Whether it was written so. One that was not, a document that is kept, may be a link, and may have no seal at
-        all, as earlier versions wrote it.
+        Whether it was written so. One that was not, a document that is kept, may be a link, and may have no seal.
     fix : str
         What the error advises.
 
@@ -196,11 +194,9 @@ def read_json(path: Path, *, bound: bool = True, fix: str = "run it again, and i
     except files.MissingFileError:
         return None
     try:
-        return sealed.json_object(data, path, path.name if bound else "")
-    except sealed.UnsealedFileError as error:
-        if not bound:
-            return sealed.plain_json_object(data, path)
-        raise sealed.UnsealedFileError(error.what, where=error.where, fix=fix) from None
+        if bound or sealed.KEY.encode() in data:
+            sealed.check(data, path, path.name if bound else "")
+        return sealed.json_object(data, path)
     except DamagedFileError as error:
         raise DamagedFileError(error.what, where=error.where, fix=fix) from None
 
@@ -212,16 +208,6 @@ def intact_json(path: Path) -> Any:
     """
     try:
         return read_json(path)
-    except sealed.UnsealedFileError:
-        _log_unsealed(path.parent, path.suffix)
-        return None
     except UserError as error:
         log_damage(error)
         return None
-
-
-@cache
-def _log_unsealed(folder: Path, suffix: str) -> None:
-    """Log once of a folder what would be said of every file that an earlier version left in it."""
-    what = f"a {suffix} file without a seal, which an earlier version wrote, or which was altered"
-    log_damage(UserError(what, where=str(folder)))

@@ -123,7 +123,7 @@ def _read_exr(path: Path) -> GreyImage:
 
 
 def _read_fits(path: Path) -> GreyImage:
-    from horizonval.store.export.fits import read_fits
+    from horizonval.store.fits import read_fits
 
     pixels, full_scale, source = read_fits(path)
     return GreyImage(to_grey(pixels), full_scale, None) if source is None else picture_of_source(source)
@@ -132,7 +132,7 @@ def _read_fits(path: Path) -> GreyImage:
 def _read_common(path: Path) -> GreyImage:
     import cv2
 
-    from horizonval.store.export.exported import read_beside
+    from horizonval.store.exported import read_beside
 
     data = np.frombuffer(files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED), dtype=np.uint8)
     pixels: NDArray[Any] | None = None
@@ -174,7 +174,7 @@ def size_of(path: Path) -> tuple[int, int]:
     with path.open("rb") as file:
         magic = file.read(4)
     if magic == FITS_MAGIC:
-        from horizonval.store.export import fits
+        from horizonval.store import fits
 
         return fits.size_of(path)
     return _exr_size(path) if magic == EXR_MAGIC else _common_size(path, magic)
@@ -192,9 +192,9 @@ def refuse_too_large(width: int, height: int, path: Path) -> None:
 
 
 def _exr_size(path: Path) -> tuple[int, int]:
-    from horizonval.store import seal
+    from horizonval.store.header import read_header
 
-    window = seal.read_header(path).attributes.get("dataWindow")
+    window = read_header(path).attributes.get("dataWindow")
     if window is None or len(window.raw) != 16:
         raise DamagedFileError("the header has no data window", where=str(path))
     x_min, y_min, x_max, y_max = struct.unpack("<4i", window.raw)

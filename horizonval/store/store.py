@@ -20,7 +20,7 @@ from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.entry import StoreEntry, describe, place, places
 from horizonval.store.index import Index
-from horizonval.store.verify import StoreFinding, verify
+from horizonval.store.verify import Finding, verify_archive
 
 
 class Store:
@@ -57,7 +57,6 @@ class Store:
             if not self.is_intact(address):
                 self._make_way(path)
                 atomic.move(temporary, path)
-        self.index.record(describe(path))
         return address
 
     def _make_way(self, path: Path) -> None:
@@ -145,6 +144,6 @@ class Store:
         for path in places(self.root):
             yield describe(path)
 
-    def verify(self, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[StoreFinding]:
-        """Read everything and return what is wrong; see :func:`horizonval.store.verify.verify`."""
-        return verify(self.root, named, progress)
+    def verify(self, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[Finding]:
+        """Read everything and return what is wrong; see :func:`horizonval.store.verify.verify_archive`."""
+        return verify_archive(self.root, named, progress)

@@ -1,61 +1,69 @@
-"""Look for everything in an archive that should not be so, and for everything that should be there and is not.
+"""Everything in an archive or a folder of results that should not be so, and everything that is missing there.
 
-Bytes are compared with addresses, so that a file under a wrong name is recognised by what it holds::
+An entry of an archive is named by the digest of its bytes. For the rest of a folder of results ``manifest.json`` has
+one digest per file; it is written last, and withdrawn before anything in the folder changes. So a folder with a
+manifest is whole, and one without was cut off (or is being worked on): then only sealed files
+(:mod:`horizonval.core.sealed`) can be checked. The index of the archive is sealed and may change at any time, so the
+manifest has its name alone. Findings::
 
-    damaged     at an entry's place, but not what was added there; a link, a folder, a FIFO or a device included
-    misplaced   an intact entry under a name that is not its own
-    missing     not at its place, and not misplaced, though the index or somebody else names it
-    duplicate   a copy of an intact entry, or the same pixels and truth as another entry
-    foreign     anything else that is no entry
+    damaged     not what was written there; a link, a folder, a FIFO or a device included
+    missing     not there, though the manifest, the index or somebody else names it
+    foreign     anything that does not belong there
     leftover    of an interrupted write
-    unreadable  a folder that may not be looked into, or a file that may not be read: nobody knows what is there
-    index       a row of the index that is not what the header says
+    unreadable  a folder that may not be looked into, or an entry that may not be read: nobody knows what is there
+    index       the index cannot be used
+    unfinished  there is no manifest
+
+Only regular files are opened, no link is followed, and nothing is changed.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from horizonval.core import atomic, files
-from horizonval.core.errors import UserError, command_line, printable
+from horizonval.core import atomic, files, sealed
+from horizonval.core.errors import DamagedFileError, UserError, printable
 from horizonval.core.progress import Progress, Silent
-from horizonval.store import exr
-from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, is_address, place
-from horizonval.store.index import NAME, Index
+from horizonval.store import exr, index
+from horizonval.store.entry import INDEX_PREFIX, describe, is_address, place
+from horizonval.store.folder import RunFolder, read_json, write_json
 
-Problem = Literal[
-    "damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "unreadable", "index", "unfinished", "older"
-]
+NAME = "manifest.json"
+SCHEMA = 2
+HEADS = (NAME, "run.json", "night.json")
+"""Files by any of which a folder is known for one of results."""
+
+_RECORDS = ("cases", "state", "stability", "information")
+"""Rooms whose records say their own names: those of cases that are no part of the suite any more may stay there."""
+_ROOMS = {*_RECORDS, "report", ".work"}
+_LOCK = re.compile(r"(\.work/)?\.lock(-\d+-of-\d+)?")
+_KNOWN = re.compile(
+    r"(run|summary|timings(-\d+-of-\d+)?|study|study-plan|study-costs|study-information|night|verdict|stability/result)\.json"
+    r"|results\.parquet|designs\.csv|junit\.xml|index\.html|history\.jsonl|(report|\.work)/.*"
+)
+"""What the folder of a run that was cut off may hold beside its records."""
+_FOREIGN = "does not belong here"
 
 
 @dataclass(frozen=True)
-class StoreFinding:
+class Finding:
     """One thing that should not be so; ``message`` is one line, ``address`` the entry that is concerned, if any."""
 
     path: Path
-    problem: Problem
+    problem: Literal["damaged", "missing", "foreign", "leftover", "unreadable", "index", "unfinished"]
     message: str
     address: str = ""
 
 
-@dataclass(frozen=True)
-class _File:
-    """A file of the folder: its digest, and why it is not an intact file of ours (empty if it is one)."""
-
-    path: Path
-    digest: str
-    reason: str
-    readable: bool = True
-
-
-def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[StoreFinding]:
-    """Read everything below ``root`` and return what is wrong, in the order of paths; nothing is changed.
-
-    Only regular files are opened and no link is followed; whatever else lies there is a finding.
+def verify_archive(
+    root: Path, named: Mapping[str, str] | None = None, progress: Progress | None = None
+) -> list[Finding]:
+    """Read everything below ``root`` and return what is wrong, in the order of paths.
 
     Parameters
     ----------
@@ -64,159 +72,182 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
         Addresses that somebody counts on, and who that is; those of the index are added.
     progress : Progress, optional
     """
-    findings, known = _known(root)
-    paths, unreadable = _walk(root)
-    findings += unreadable
-    expected = dict.fromkeys(known, "the index") | dict(named or {})
-    intact: dict[str, StoreEntry] = {}
-    strays: list[_File] = []
-    listener = progress or Silent()
-    listener.start(len(paths), 0)
-    for path in paths:
-        listener.done(printable(path.name))
+    findings: list[Finding] = []
+    expected: dict[str, str] = {}
+    try:
+        expected = dict.fromkeys(index.Index(root).known() or {}, "the index")
+    except UserError as error:
+        findings.append(_finding(root / index.NAME, root, "index", f"{error.what}; {error.fix}"))
+    expected |= named or {}
+    seen: set[Path] = set()
+    for path in _walk(root, lambda folder: not _is_place(folder, root), findings, progress):
         if path.parent == root and path.name.startswith(INDEX_PREFIX):
             continue
-        if atomic.is_temporary(path):
-            findings.append(
-                StoreFinding(path, "leftover", f"{_shown(path, root)}: left by an interrupted write; delete it")
-            )
+        if not _is_place(path, root):
+            findings.append(_finding(path, root, "foreign", _FOREIGN))
             continue
-        file = _looked_at(path)
-        if _is_place(path, root) and file.digest == path.stem and not file.reason:
-            entry = describe(path)
-            if entry.kind != "damaged":
-                intact[path.stem] = entry
-                continue
-            file = replace(file, reason="its header says what no writer of ours writes")
-        strays.append(file)
-    home: dict[str, Path] = {}
-    for file in strays:
-        findings.append(_stray(file, root, intact, expected, home))
-    findings += _same_content(root, intact, expected)
-    findings += _stale_rows(root, intact, known)
-    bytes_at = {file.digest: file.path for file in strays if not file.reason}
-    accounted = {f.address for f in findings if f.problem in ("damaged", "misplaced", "unreadable")}
-    closed = {f.path for f in unreadable}
+        seen.add(path)
+        try:
+            digest = files.sha256_of(path, links=False)
+            exr.read(path)
+            if digest != path.stem:
+                raise DamagedFileError("its bytes are not those of its address")
+            if describe(path).kind == "damaged":
+                raise DamagedFileError("its header says what no writer of ours writes")
+        except files.UnreadableFileError as error:
+            findings.append(_finding(path, root, "unreadable", error.what, path.stem))
+        except UserError as error:
+            findings.append(_finding(path, root, "damaged", error.what, path.stem))
+    closed = {finding.path for finding in findings if finding.problem == "unreadable"}
     for address, who in expected.items():
-        if address not in intact and address not in accounted and is_address(address):
-            where = place(root, address)
-            if closed & {root, where.parent}:
-                continue
-            hint = f"; its bytes lie at {_shown(bytes_at[address], root)}" if address in bytes_at else ""
-            message = f"{_shown(where, root)}: not there, though {who} names it{hint}"
-            findings.append(StoreFinding(where, "missing", message, address))
+        if is_address(address) and (path := place(root, address)) not in seen and not closed & {root, path.parent}:
+            findings.append(_finding(path, root, "missing", f"not there, though {who} names it", address))
     return sorted(findings, key=lambda finding: finding.path)
 
 
-def _walk(root: Path) -> tuple[list[Path], list[StoreFinding]]:
-    """Return, in order, everything that is no folder or lies where an entry should, and the folders that stay closed.
+def is_results_folder(root: Path) -> bool:
+    """Whether a folder is one of results, by the names in it."""
+    return any(files.kind_at(root / name) for name in HEADS)
 
-    A link to a folder is not followed, for what it leads to is none of ours.
+
+def files_of_run(folder: RunFolder) -> list[Path]:
+    """Return what the folder of every run holds in the end, but for the records of its cases and its pages."""
+    timings = sorted(folder.root.glob("timings-*-of-*.json"))
+    return [folder.suite, folder.summary, folder.results, folder.timings, *timings, folder.archive / index.NAME]
+
+
+def write_manifest(root: Path, paths: Iterable[Path]) -> None:
+    """Write down what a folder holds: files of it that are there, those that are not left out."""
+    _write(root, {_name(path, root): _digest(path) for path in paths if files.kind_at(path) == "a file"})
+
+
+def amend_manifest(root: Path, paths: Iterable[Path]) -> None:
+    """Write down that files of a finished folder were made again, or removed; nothing where there is no manifest."""
+    try:
+        before = _entries(root)
+    except UserError:
+        return
+    if before is None:
+        return
+    paths = [*paths]
+    kept = {name: digest for name, digest in before.items() if name not in {_name(path, root) for path in paths}}
+    entries = kept | {_name(path, root): _digest(path) for path in paths if files.kind_at(path) == "a file"}
+    if entries != before:
+        _write(root, entries)
+
+
+def withdraw_manifest(root: Path) -> None:
+    """Take the manifest away before the folder changes."""
+    path = root / NAME
+    if files.kind_at(path) == "a folder":
+        path.rmdir()
+    else:
+        path.unlink(missing_ok=True)
+
+
+def verify_folder(root: Path, progress: Progress | None = None) -> list[Finding]:
+    """Return what is wrong in a folder of results but for the entries of its archive, in the order of paths."""
+    findings: list[Finding] = []
+    entries: dict[str, str] | None = None
+    try:
+        entries = _entries(root)
+        if entries is None:
+            findings.append(_finding(root / NAME, root, "unfinished", "not there; the run is to be finished"))
+    except UserError as error:
+        findings.append(_finding(root / NAME, root, "damaged", error.what))
+    rooms = _ROOMS | {parent.as_posix() for name in entries or {} for parent in Path(name).parents}
+    rooms -= {"archive"}
+    seen = {NAME, "archive"}
+    for path in _walk(root, lambda folder: _name(folder, root) in rooms, findings, progress):
+        name = _name(path, root)
+        if name not in seen and (problem := _problem(path, name, entries)):
+            findings.append(_finding(path, root, "foreign" if problem == _FOREIGN else "damaged", problem))
+        seen.add(name)
+    for name in sorted(set(entries or {}) - seen):
+        if not files.kind_at(root / name):
+            findings.append(_finding(root / name, root, "missing", "not there, though the manifest names it"))
+    return sorted(findings, key=lambda finding: finding.path)
+
+
+def _problem(path: Path, name: str, entries: Mapping[str, str] | None) -> str:
+    """Return what is wrong with something that lies in a folder of results, or nothing."""
+    try:
+        if _LOCK.fullmatch(name):
+            return "the file of a lock is empty" if files.read_bytes(path, largest=1 << 20, links=False) else ""
+        if entries is not None and name in entries:
+            return "" if _digest(path) == entries[name] else "altered since the folder was finished"
+        room, _, rest = name.rpartition("/")
+        if room in _RECORDS and rest.endswith(".json") and name != "stability/result.json":
+            return "" if read_json(path).get("case") == path.stem else _FOREIGN
+        if entries is not None or not _KNOWN.fullmatch(name):
+            return _FOREIGN
+        if path.suffix in (".json", ".parquet", ".npz"):
+            bound = path.name if path.suffix == ".json" else ""
+            sealed.check(files.read_bytes(path, largest=1 << 34, links=False), path, bound)
+        else:
+            files.ensure_file(path, links=False)
+    except UserError as error:
+        return error.what
+    return ""
+
+
+def _walk(
+    root: Path, enters: Callable[[Path], bool], findings: list[Finding], progress: Progress | None
+) -> Iterator[Path]:
+    """Yield what lies below a folder, in order, but for the folders that are entered, which are no links.
+
+    Folders that stay closed and what interrupted writes left are findings.
     """
-    paths: list[Path] = []
-    closed: list[StoreFinding] = []
 
     def refused(error: OSError) -> None:
-        if isinstance(error, FileNotFoundError):
-            return
-        path = Path(os.fsdecode(error.filename))
-        closed.append(StoreFinding(path, "unreadable", f"{_shown(path, root)}: cannot be listed: {error.strerror}"))
+        if not isinstance(error, FileNotFoundError):
+            path = Path(os.fsdecode(error.filename))
+            findings.append(_finding(path, root, "unreadable", f"cannot be listed: {error.strerror}"))
 
+    found = []
     for folder, folders, names in os.walk(root, onerror=refused):
-        paths += [Path(folder, name) for name in names]
-        inside = [Path(folder, name) for name in folders]
-        paths += [path for path in inside if path.is_symlink() or _is_place(path, root)]
-    return sorted(paths), closed
-
-
-def _shown(path: Path, root: Path) -> str:
-    return printable(path.relative_to(root).as_posix())
+        closed = [name for name in folders if Path(folder, name).is_symlink() or not enters(Path(folder, name))]
+        folders[:] = [name for name in folders if name not in closed]
+        found += [Path(folder, name) for name in (*names, *closed)]
+    listener = progress or Silent()
+    listener.start(len(found), 0)
+    for path in sorted(found):
+        listener.done(printable(path.name))
+        if atomic.is_temporary(path):
+            findings.append(_finding(path, root, "leftover", "left by an interrupted write; delete it"))
+        else:
+            yield path
 
 
 def _is_place(path: Path, root: Path) -> bool:
     return path.suffix == ".exr" and is_address(path.stem) and path == place(root, path.stem)
 
 
-def _looked_at(path: Path) -> _File:
-    try:
-        digest = files.sha256_of(path, links=False)
-    except UserError as error:
-        return _File(path, "", error.what, readable=not isinstance(error, files.UnreadableFileError))
-    try:
-        return _File(path, digest, _damage(path))
-    except UserError as error:
-        return _File(path, digest, error.what)
+def _entries(root: Path) -> dict[str, str] | None:
+    content = read_json(root / NAME)
+    if content is None:
+        return None
+    entries = content.get("files")
+    if not isinstance(entries, dict) or not all(
+        isinstance(digest, str) and not Path(name).is_absolute() and ".." not in Path(name).parts
+        for name, digest in entries.items()
+    ):
+        raise DamagedFileError("names what is no file of the folder", where=str(root / NAME))
+    return dict(entries)
 
 
-def _damage(path: Path) -> str:
-    """Return why a file is not what a writer of ours wrote, or nothing; it may be raised as well."""
-    kind = exr.kind(path)
-    if kind == "foreign":
-        return "an EXR file, but not written by horizonval"
-    if kind == "image":
-        exr.read_image(path)
-    else:
-        exr.read_frame(path)
-    return ""
+def _write(root: Path, entries: Mapping[str, str]) -> None:
+    write_json(root / NAME, {"schema": SCHEMA, "files": entries})
 
 
-def _stray(
-    file: _File, root: Path, intact: Mapping[str, StoreEntry], expected: Mapping[str, str], home: dict[str, Path]
-) -> StoreFinding:
-    """Say what a file is that is no intact entry at its place.
-
-    ``home`` has the files that were told to be misplaced entries; this one is added if it is one.
-    """
-    path, shown = file.path, _shown(file.path, root)
-    if not file.readable:
-        return StoreFinding(path, "unreadable", f"{shown}: {file.reason}", path.stem if _is_place(path, root) else "")
-    if file.reason or not file.digest:
-        if _is_place(path, root):
-            return StoreFinding(path, "damaged", f"{shown}: {file.reason}", path.stem)
-        return StoreFinding(path, "foreign", f"{shown}: does not belong here: {file.reason}")
-    proper = _shown(place(root, file.digest), root)
-    if _is_place(path, root) and path.stem in expected:
-        message = f"{shown}: its bytes are not those of its address, but those of {proper}"
-        return StoreFinding(path, "damaged", message, path.stem)
-    if file.digest in intact:
-        return StoreFinding(path, "duplicate", f"{shown}: a copy of {proper}", file.digest)
-    if file.digest in home:
-        return StoreFinding(path, "duplicate", f"{shown}: a copy of {_shown(home[file.digest], root)}", file.digest)
-    home[file.digest] = path
-    return StoreFinding(path, "misplaced", f"{shown}: belongs at {proper}", file.digest)
+def _digest(path: Path) -> str:
+    """Return a file's digest; of the archive's index nothing, which changes whenever somebody lists the archive."""
+    return "" if path.parent.name == "archive" and path.name == index.NAME else files.sha256_of(path, links=False)
 
 
-def _same_content(root: Path, intact: Mapping[str, StoreEntry], expected: Mapping[str, str]) -> list[StoreFinding]:
-    """Tell entries whose pixels and truth are those of another one, compressed otherwise; one that is named stays."""
-    groups: dict[str, list[str]] = {}
-    for address, entry in intact.items():
-        groups.setdefault(entry.content, []).append(address)
-    findings = []
-    for addresses in groups.values():
-        first, *others = sorted(addresses, key=lambda address: (address not in expected, address))
-        for address in others:
-            path = place(root, address)
-            message = f"{_shown(path, root)}: the pixels and truth of {_shown(place(root, first), root)} once more"
-            findings.append(StoreFinding(path, "duplicate", message, address))
-    return findings
+def _name(path: Path, root: Path) -> str:
+    return path.relative_to(root).as_posix()
 
 
-def _known(root: Path) -> tuple[list[StoreFinding], dict[str, StoreEntry]]:
-    index = Index(root)
-    try:
-        return [], index.known() or {}
-    except UserError as error:
-        fix = f"; {error.fix}" if error.fix else ""
-        return [StoreFinding(index.path, "index", f"{NAME}: {error.what}{fix}")], {}
-
-
-def _stale_rows(root: Path, intact: Mapping[str, StoreEntry], known: Mapping[str, StoreEntry]) -> list[StoreFinding]:
-    stale = [address for address, entry in known.items() if address in intact and intact[address] != entry]
-    stale += [address for address in known if not is_address(address)]
-    if not stale:
-        return []
-    message = (
-        f"{NAME}: {len(stale)} rows are not what the headers say, such as that of {stale[0]}; "
-        f"run {command_line('archive', 'reindex', root)}"
-    )
-    return [StoreFinding(root / NAME, "index", message)]
+def _finding(path: Path, root: Path, problem: str, what: str, address: str = "") -> Finding:
+    return Finding(path, problem, f"{printable(_name(path, root))}: {what}", address)  # type: ignore[arg-type]

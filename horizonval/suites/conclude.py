@@ -32,8 +32,8 @@ def conclude(
         What else the summary holds.
     """
     from horizonval.report.build import write_report
+    from horizonval.scoring.row import write_results
     from horizonval.scoring.summary import summarise
-    from horizonval.scoring.table import write_results
 
     about = read_json(folder.suite) or {}
     statistics = summarise(rows, about.get("given_pose") or (), frozenset(about.get("orbit") or ()))

@@ -18,16 +18,20 @@ from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
-from horizonval.formats.motion.aem import attitude_of_aem
-from horizonval.formats.motion.kvn import kind_of
-from horizonval.formats.motion.motion_csv import attitude_of_csv, orbit_of_csv
-from horizonval.formats.motion.oem_file import orbit_of_oem
-from horizonval.formats.motion.omm import satellite_of_omm
-from horizonval.formats.motion.spice import SpiceOrbit, span_of
-from horizonval.geometry import attitude_profile, orbit, tle
+from horizonval.formats.attitude import attitude_of_aem
+from horizonval.formats.ccsds import kind_of
+from horizonval.formats.trajectory import (
+    SpiceOrbit,
+    attitude_of_csv,
+    orbit_of_csv,
+    orbit_of_oem,
+    satellite_of_omm,
+    span_of,
+)
+from horizonval.geometry import attitude_profile, orbit
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
-from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme
+from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.spec.expand import seed_of
 from horizonval.spec.orbit import OrbitAttitude, OrbitSpec
 
@@ -188,7 +192,7 @@ def _track_of_elements(spec: OrbitSpec) -> _Track:
 
 def _track_of_lines(spec: OrbitSpec, beside: Path) -> _Track:
     try:
-        found = tle.ElementSet(*_lines(spec.tle, beside))
+        found = orbit.ElementSet(*_lines(spec.tle, beside))
         return _track_of_satellite(spec, Satrec.twoline2rv(found.line1, found.line2))
     except UserError as e:
         raise e.at("tle") from e
@@ -198,7 +202,7 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
     epoch = spec.epoch_utc or sat_epoch_datetime(satellite).astimezone(UTC)
 
     def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return tle.satellite_states(satellite, epoch, seconds)
+        return orbit.satellite_states(satellite, epoch, seconds)
 
     def itrs(seconds: FloatArray) -> FloatArray:
         return itrs_from_teme(epoch, seconds)

@@ -14,8 +14,7 @@ from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
 from horizonval.renderer.scene.frame_memory import refuse_too_large
-from horizonval.sensor.knowledge import refuse_unknown_climate
-from horizonval.sensor.miscalibration import drawn_errors
+from horizonval.sensor.knowledge import drawn_errors, refuse_unknown_climate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.prior import PriorSpec, is_limb_table

@@ -16,9 +16,8 @@ from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.sensor import knowledge
-from horizonval.sensor.calibrated import radiance_per_dn
-from horizonval.sensor.miscalibration import believed_prior, calibration_of, errors_of, stated_sigmas
-from horizonval.sensor.stated_lens import stated_lens
+from horizonval.sensor.expected_image import radiance_per_dn, stated_lens
+from horizonval.sensor.knowledge import believed_prior, calibration_of, errors_of, stated_sigmas
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.prior import PriorSpec
 
@@ -33,7 +32,7 @@ def observation_of(
     """Return the observation of a detector image, or of one band of a frame (radiance, without a converter).
 
     The truth in the header gives the calibrated camera and its mounting, which a flight computer knows too, with the
-    errors that ``[calibration]`` of the scene says (:mod:`horizonval.sensor.miscalibration`); the pose itself is handed
+    errors that ``[calibration]`` of the scene says (:mod:`horizonval.sensor.knowledge`); the pose itself is handed
     only to an estimator that is ideal by definition. Of the rest of the truth it has what ``[prior]`` of the scene
     says, or ``known`` in its place: the same whenever it is asked for.
     """

@@ -16,16 +16,16 @@ from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress, Silent
 from horizonval.estimation.observation import Estimator
 from horizonval.jobs.engine import Recorded, do
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.pool import Execution
+from horizonval.jobs.progress import Stopwatch
 from horizonval.plugins import supervisor
 from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 from horizonval.store.index import Filter
-from horizonval.store.manifest import amend_index, files_of_run, withdraw_manifest, write_manifest
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
+from horizonval.store.verify import files_of_run, withdraw_manifest, write_manifest
 from horizonval.suites.again import command_of_rescoring
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
@@ -113,7 +113,6 @@ def rescore(
         raise UserError("which estimators?", where="--estimator", fix="see `horizonval list estimators`")
     entries = [entry for entry in store.index.select() if entry.kind == "frame"]
     entries += [entry for entry in store.index.select(wanted) if entry.kind == "image"]
-    amend_index(store.index)
     items = items_of(entries, chosen)
     # In the order of the suite, as far as it is known.
     place = {name: number for number, name in enumerate(head.get("cases", ()))}

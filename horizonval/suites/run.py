@@ -6,7 +6,6 @@ unfinished ones are made, and the outcome is the same bytes as of a run that was
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,13 +16,12 @@ from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.engine import Done, OnStart, stream
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.kept import Record
+from horizonval.jobs.engine import Done, OnStart, Record, stream
+from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index
-from horizonval.store.manifest import files_of_run, withdraw_manifest, write_manifest
+from horizonval.store.verify import files_of_run, withdraw_manifest, write_manifest
 from horizonval.suites.again import command_of_suite
 from horizonval.suites.axes import figure_plans
 from horizonval.suites.conclude import conclude
@@ -221,8 +219,7 @@ def _conclude(
     ordered = {name: briefs[name] for unit in units for name in unit.names}
     failed = {name: brief.error for name, brief in ordered.items() if brief.error is not None}
     rows = [row for brief in ordered.values() for row in brief.rows]
-    with contextlib.suppress(UserError):  # An index that cannot be written is made by whoever asks for it.
-        Index(folder.archive).update()
+    Index(folder.archive).update()
     stability, months = study
     summary, pages = conclude(folder, suite.name, rows, failed, {"stability": stability} if months else {})
     failed |= {f"stability/{month}": one.error for month, one in months.items() if one.error is not None}

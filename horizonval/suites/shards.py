@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from horizonval.core.errors import UserError
-from horizonval.jobs.kept import take_over
+from horizonval.jobs.engine import take_over
 from horizonval.spec.load import Suite
 from horizonval.store.entry import INDEX_PREFIX
 from horizonval.store.folder import RunFolder, read_json

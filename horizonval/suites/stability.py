@@ -3,7 +3,7 @@
 A suite with a table ``[stability]`` gets, besides the rows of its frames, the horizon of the clear limb for every
 month: along parallels, and as four heads see it that look forward, right, aft and left from positions round the orbit.
 The radiances come from the renderer's own march; half of the plateau and the steepest fall are those of a frame's truth
-(:mod:`horizonval.truth.infrared_horizon.locators`). The planet does not turn below the orbit: nothing depends on
+(:mod:`horizonval.truth.infrared_horizon`). The planet does not turn below the orbit: nothing depends on
 longitude. Each month is a record of its own, so that an interrupted run resumes::
 
     stability/<month>.json     profiles of all bands
@@ -39,14 +39,13 @@ from horizonval.core.code import code_digest
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress
-from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
+from horizonval.earth.spectral.thermal_absorption import thermal_accuracy
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import north_east
 from horizonval.geometry.horizon import rays_along_parallels
-from horizonval.jobs.engine import Done, Recorded, do
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.kept import Record
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.engine import Done, Record, Recorded, do
+from horizonval.jobs.pool import Execution
+from horizonval.jobs.progress import Stopwatch
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.earth import Atmosphere
 from horizonval.spec.load import Suite
@@ -54,8 +53,8 @@ from horizonval.spec.pose import CameraUse, Platform
 from horizonval.spec.scene import SceneName, SceneSpec
 from horizonval.spec.suite import StabilitySpec
 from horizonval.store.folder import RunFolder, write_json
-from horizonval.truth.infrared_horizon import locators
-from horizonval.truth.infrared_horizon.rays import angle_of_height, directions
+from horizonval.truth import infrared_horizon
+from horizonval.truth.infrared_radiance import angle_of_height, directions
 
 if TYPE_CHECKING:
     from horizonval.earth.column import OpticalModel
@@ -279,9 +278,9 @@ def locate(height_m: FloatArray, radiance: FloatArray) -> tuple[str, FloatArray,
     Whether the air is the horizon is decided for all profiles of a month together; "mixed" where months differ.
     """
     shape = radiance.shape[:-1]
-    below, above = int(np.argmin(np.abs(height_m - locators.GROUND_RAY_M))), height_m > 0.0
+    below, above = int(np.argmin(np.abs(height_m - infrared_horizon.GROUND_RAY_M))), height_m > 0.0
     blocks = radiance.reshape(shape[0], -1, len(height_m))
-    found = [locators.locate(height_m[above], block[:, above], block[:, below]) for block in blocks]
+    found = [infrared_horizon.locate(height_m[above], block[:, above], block[:, below]) for block in blocks]
     kinds = {one.kind for one in found}
     plateau, half, gradient = (
         np.stack([getattr(one, name) for one in found]).reshape(shape)

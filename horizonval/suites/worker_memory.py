@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from horizonval.core import memory
 from horizonval.core.errors import UserError
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 from horizonval.renderer.scene.frame_memory import frame_bytes
 from horizonval.spec.load import Case, Suite
 

@@ -10,7 +10,7 @@ from typing import Any
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.execution import available_cpus
+from horizonval.jobs.pool import available_cpus
 from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.systems.key_figures import INPUTS, STORED_OF, make_inputs, write_inputs
 from horizonval.systems.pages import write_first_page, write_reproduction

@@ -18,10 +18,9 @@ import numpy as np
 from horizonval.core.code import code_digest
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.engine import Recorded, do
-from horizonval.jobs.execution import Execution, available_cpus
-from horizonval.jobs.kept import Record
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.engine import Record, Recorded, do
+from horizonval.jobs.pool import Execution, available_cpus
+from horizonval.jobs.progress import Stopwatch
 
 
 @dataclass(frozen=True)

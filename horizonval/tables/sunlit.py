@@ -43,7 +43,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
 from horizonval.earth.atmosphere.aerosol import MEAN_DEPTH_BELOW_10_KM
 from horizonval.earth.column import OpticalModel
-from horizonval.earth.limb_relief import CLOUD_RELIEF_SOLAR
+from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.weather import real_states

@@ -2,7 +2,7 @@
 
 Every place of the table has
 
-- the calm climate of the weather model, :func:`horizonval.earth.atmosphere.columns.weather_columns`;
+- the calm climate of the weather model, :func:`horizonval.earth.atmosphere.air.weather_columns`;
 - *air*: :data:`WEATHERS` days drawn with it, one draw serving all latitudes of its month, at two places of a
   parallel, and as one more the blend of the AFGL climates, without the colder poles that scenes have below 8 km. Days
   come in pairs, each with its opposite, and warmings in as many of them as they have of all days, so that the mean of
@@ -35,17 +35,16 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
-from horizonval.earth.atmosphere import columns
 from horizonval.earth.atmosphere.aerosol import MEAN_DEPTH_BELOW_10_KM, aerosol
+from horizonval.earth.atmosphere.air import weather_columns
 from horizonval.earth.atmosphere.climate import climate_weights
-from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.atmosphere.emitting_air import EmittingAir
-from horizonval.earth.clouds import layer_kinds, layer_optics, relief
+from horizonval.earth.atmosphere.emission import EmittingAir, EmittingBand
+from horizonval.earth.clouds import layers, relief
 from horizonval.earth.clouds.layers import ThinLayer
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.gases import afgl, rayleigh
 from horizonval.earth.gases.gas_state import GasState
-from horizonval.earth.limb_relief import CLOUD_RELIEF_THERMAL
+from horizonval.earth.limb_heights import CLOUD_RELIEF_THERMAL
 from horizonval.earth.spectral import bands
 from horizonval.earth.surface import surface_temperature
 from horizonval.earth.surface.ground_emission import uniform_ground
@@ -121,12 +120,12 @@ def is_cloudy(month: float, number: int) -> bool:
 def has_cirrus(latitude_deg: float, month: float, number: int) -> bool:
     """Return whether one of the states has thin clouds of any kind at a latitude."""
     lots = draws("cover", month, number).random(3)[1:]
-    return any(lot < layer_kinds.occurrence(kind, latitude_deg, month) for kind, lot in zip(CIRRUS, lots, strict=True))
+    return any(lot < layers.occurrence(kind, latitude_deg, month) for kind, lot in zip(CIRRUS, lots, strict=True))
 
 
 def cirrus_chance(latitude_deg: float, month: float) -> float:
     """Return how often there are any, of the kinds by themselves."""
-    return 1.0 - math.prod(1.0 - layer_kinds.occurrence(kind, latitude_deg, month) for kind in CIRRUS)
+    return 1.0 - math.prod(1.0 - layers.occurrence(kind, latitude_deg, month) for kind in CIRRUS)
 
 
 def cover_of(latitude_deg: float, month: float, number: int) -> Cover:
@@ -137,18 +136,18 @@ def cover_of(latitude_deg: float, month: float, number: int) -> Cover:
     # the quantiles of a month's states are spread evenly
     quantile = (number + phase) / COVERS
     top = float(np.quantile(_tops(month, latitude_deg), quantile)) if cloudy < CLOUDS else 0.0
-    layers = []
+    thin_layers = []
     for kind, lot in zip(CIRRUS, (cirrus, thin), strict=True):
-        if lot < layer_kinds.occurrence(kind, latitude_deg, month):
-            usual = layer_kinds.KINDS[kind]
+        if lot < layers.occurrence(kind, latitude_deg, month):
+            usual = layers.KINDS[kind]
             level = float(relief.tropopause_m(latitude_deg)) + 500.0 * float(height)
             tau = usual.optical_depth * math.exp(HAZE_SIGMA * float(depth))
             base, highest = level + usual.base_m, level + usual.top_m
-            particle = layer_optics.particle(usual.phase, usual.effective_radius_um)
-            layers.append(ThinLayer(base, highest, tau / (highest - base), particle))
+            particle = layers.particle(usual.phase, usual.effective_radius_um)
+            thin_layers.append(ThinLayer(base, highest, tau / (highest - base), particle))
     name = "volcanic_moderate" if volcanic < VOLCANIC else "background"
     amount = MEAN_DEPTH_BELOW_10_KM * math.exp(HAZE_SIGMA * float(haze))
-    return Cover(max(top, 0.0), tuple(layers), (name, amount), GROUND_SIGMA_K * float(warmer), float(land < 0.5))
+    return Cover(max(top, 0.0), tuple(thin_layers), (name, amount), GROUND_SIGMA_K * float(warmer), float(land < 0.5))
 
 
 @cache
@@ -175,7 +174,7 @@ def clouds_in_the_way(month: float, latitude_deg: FloatArray, longitude_deg: Flo
 def calm_air(latitude_deg: float, month: float, altitude_m: FloatArray) -> GasState:
     """Return the climate of the weather model at a place, arrays of shape (1, k)."""
     place = np.array([latitude_deg]), np.array([0.0])
-    return columns.weather_columns(WeatherField(0, month), *place, altitude_m, calm=True)
+    return weather_columns(WeatherField(0, month), *place, altitude_m, calm=True)
 
 
 def air_of_state(
@@ -192,7 +191,7 @@ def air_of_state(
     if aside:
         longitude += math.degrees(float(aside_rad(math.radians(latitude_deg))))
     field = WeatherField(seed_of("weather", month, pair), month, _warming_k(month, number), bool(number % 2))
-    return columns.weather_columns(field, np.array([latitude_deg]), np.array([longitude]), altitude_m)
+    return weather_columns(field, np.array([latitude_deg]), np.array([longitude]), altitude_m)
 
 
 def aside_rad(latitude_rad: ArrayLike) -> FloatArray:

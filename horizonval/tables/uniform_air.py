@@ -24,13 +24,12 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
-from horizonval.earth.atmosphere import climate_rows
+from horizonval.earth.atmosphere import climate
 from horizonval.earth.atmosphere.air import air_of
-from horizonval.earth.atmosphere.emitting_air import emitting_air
+from horizonval.earth.atmosphere.emission import emitting_air
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands
-from horizonval.earth.surface.emitting_ground import climate_ground
-from horizonval.earth.surface.ground_emission import emitting_places, ground_k
+from horizonval.earth.surface.ground_emission import climate_ground, emitting_places, ground_k
 from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.camera import Band
@@ -70,7 +69,7 @@ class UniformAir:
         asked = cls({"profile_file" if is_climate_file(name) else "profile": name}, clear)
         scene = asked._scene()
         try:
-            varies = air_of(scene).columns is not None or climate_rows.varies(scene)
+            varies = air_of(scene).columns is not None or climate.varies(scene)
         except UserError as e:
             raise e.inside("--air") from None
         if varies:

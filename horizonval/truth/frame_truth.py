@@ -1,6 +1,8 @@
 """The exact truth of a frame, from its specification alone: float64, closed form, no renderer.
 
 This room stands above ``infrared_horizon``, which adds what thermal bands see of the horizon.
+
+What parts of the spacecraft hide from the camera: their outline, and how much of limb and Sun lies behind it.
 """
 
 from __future__ import annotations
@@ -8,33 +10,120 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.limb_heights import horizon_rise_m
 from horizonval.earth.optical import OpticalModel, optical_model
-from horizonval.earth.refracted_horizon import horizon_rise_m
-from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
+from horizonval.earth.spectral.thermal_absorption import thermal_accuracy
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
-from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.geometry.eclipse import sun_visible_fraction
+from horizonval.geometry.camera import CameraModel, camera_from_spec, check_invertible, project
 from horizonval.geometry.ellipsoid import Ellipsoid, geocentric_nadir, geodetic_nadir
-from horizonval.geometry.ephemeris import (
+from horizonval.geometry.frames import rotate
+from horizonval.geometry.horizon import angular_radius, horizon_cam
+from horizonval.geometry.part import Outline, all_triangles_cam, blocked, outline_of
+from horizonval.geometry.pose import Pose, direction_from_horizontal, place_from_spec, pose_from_spec
+from horizonval.geometry.rotation import tangent_basis
+from horizonval.geometry.sun_and_moon import (
+    AU_M,
     MOON_RADIUS_M,
     moon_itrs,
     phase_angle,
     sun_angular_radius,
     sun_itrs,
+    sun_visible_fraction,
 )
-from horizonval.geometry.frames import rotate
-from horizonval.geometry.horizon import angular_radius
-from horizonval.geometry.pose import Pose, direction_from_horizontal, place_from_spec, pose_from_spec
 from horizonval.spec.camera import Band, CameraSpec
-from horizonval.spec.scene import SceneSpec
-from horizonval.truth.infrared_horizon.around import infrared_horizon
-from horizonval.truth.parts_in_view import parts_truth
+from horizonval.spec.scene import SceneSpec, SpacecraftPart
+from horizonval.truth.infrared_horizon import infrared_horizon
+
+LIMB_SAMPLES = 3600
+_RINGS, _TURNS = 4, 16
+
+
+def parts_truth(scene: SceneSpec, camera: CameraSpec, pose: Pose, sun_itrs: ArrayLike) -> dict[str, Any]:
+    """Return :attr:`horizonval.frame.FrameTruth.parts` of a scene that has parts.
+
+    Parameters
+    ----------
+    scene, camera
+        Resolved specifications.
+    pose : Pose
+    sun_itrs : array_like, shape (3,)
+        Unit vector towards the Sun.
+
+    Raises
+    ------
+    UserError
+        As :func:`horizonval.geometry.part.triangles_cam` and
+        :func:`horizonval.geometry.part.outline_of`.
+    """
+    model = camera_from_spec(camera.camera)
+    triangles = part_triangles(scene.part, pose.q_cam_from_body)
+    outline = _outline(_key(scene.part), tuple(float(c) for c in pose.q_cam_from_body), model)
+    sun = rotate(pose.q_cam_from_itrs, sun_itrs)
+    return {
+        "names": [part.name for part in scene.part],
+        "outline": outline.to_dict(),
+        "hidden_limb": _hidden_limb(outline, model, pose),
+        "hidden_sun": float(blocked(np.concatenate(triangles), _disc(sun, float(sun_angular_radius(AU_M)))).mean()),
+    }
+
+
+def part_triangles(parts: Sequence[SpacecraftPart], q_cam_from_body: ArrayLike) -> list[FloatArray]:
+    """Return the triangles of parts in camera axes [m], shape (n, 3, 3) each; those of the last mountings stay."""
+    return _triangles(_key(parts), tuple(float(c) for c in np.asarray(q_cam_from_body)))
+
+
+def _key(parts: Sequence[SpacecraftPart]) -> str:
+    """Return what a part's shape depends on; of files also when they were changed."""
+    changed = [_stamp(part.file) for part in parts if part.file is not None]
+    return json.dumps([[part.model_dump(mode="json") for part in parts], changed])
+
+
+def _stamp(file: str) -> list[int]:
+    try:
+        status = Path(file).stat()
+    except OSError:
+        return []
+    return [status.st_size, status.st_mtime_ns]
+
+
+@lru_cache(maxsize=16)
+def _triangles(key: str, q_cam_from_body: tuple[float, ...]) -> list[FloatArray]:
+    parts = [SpacecraftPart.model_validate(data) for data in json.loads(key)[0]]
+    return all_triangles_cam(parts, q_cam_from_body)
+
+
+@lru_cache(maxsize=16)
+def _outline(key: str, q_cam_from_body: tuple[float, ...], camera: CameraModel) -> Outline:
+    return outline_of(_triangles(key, q_cam_from_body), camera)
+
+
+def _hidden_limb(outline: Outline, camera: CameraModel, pose: Pose) -> float | None:
+    limb = horizon_cam(pose.r_itrs, pose.q_cam_from_itrs, pose.ellipsoid, LIMB_SAMPLES)
+    uv, _ = project(camera, limb)
+    # comparisons with NaN, the mark of a direction without an image, are False
+    inside = (
+        np.abs(uv - [(camera.width - 1) / 2, (camera.height - 1) / 2]) <= [camera.width / 2, camera.height / 2]
+    ).all(axis=-1)
+    return float(outline.covers(limb[inside]).mean()) if inside.any() else None
+
+
+def _disc(centre: FloatArray, radius_rad: float) -> FloatArray:
+    """Return directions over a disc, each for the same solid angle."""
+    radius = radius_rad * np.sqrt((np.arange(_RINGS) + 0.5) / _RINGS)
+    turn = math.tau * (np.arange(_TURNS) + 0.5) / _TURNS
+    x, y = np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()
+    return np.asarray(centre + np.column_stack([x, y]) @ tangent_basis(centre).T)
+
 
 BESIDE = ("prior", "calibration")
 """Tables of a scene that change neither frame nor noise."""
@@ -195,9 +284,10 @@ def _components(v: ArrayLike) -> Any:
 def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     """Return a truth with the infrared horizon of the optical model that belongs to its scene and camera.
 
-    Beside what :func:`horizonval.truth.infrared_horizon.around.infrared_horizon` finds, every band has ``accuracy``:
-    what :func:`horizonval.earth.spectral.thermal_accuracy.thermal_accuracy` states of it (``heights_km``, ``relative``,
-    ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an atmosphere file.
+    Beside what :func:`horizonval.truth.infrared_horizon.infrared_horizon` finds, every band has ``accuracy``:
+    what :func:`horizonval.earth.spectral.thermal_absorption.thermal_accuracy` states of it (``heights_km``,
+    ``relative``, ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an
+    atmosphere file.
     """
     ellipsoid = truth.ellipsoid
     horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs)

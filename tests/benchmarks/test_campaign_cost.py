@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from horizonval.jobs.execution import available_cpus
+from horizonval.jobs.pool import available_cpus
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.suite import load_suite

@@ -25,8 +25,8 @@ from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
-from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.ellipsoid import WGS84
+from horizonval.geometry.rotation import off_axis_angle
 from horizonval.plugins import registry
 
 OFF_RAD, TURN_RAD = math.radians(62.0), 0.2

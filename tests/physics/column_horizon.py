@@ -16,8 +16,7 @@ from horizonval.earth.spectral import thermal_absorption
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.spec.camera import CameraSpec
 from horizonval.suites.stability import highest_crossing
-from horizonval.truth.infrared_horizon.radiance import BandMedium, limb_radiance
-from horizonval.truth.infrared_horizon.rays import RayPath, ray_paths
+from horizonval.truth.infrared_radiance import BandMedium, RayPath, limb_radiance, ray_paths
 
 EARTH = sphere(6.371e6)
 CAMERA_M = np.array([6.371e6 + 500e3, 0.0, 0.0])

@@ -13,7 +13,7 @@ import monte_carlo
 import numpy as np
 from reference_rays import DATA, limb_ray, vector
 
-from horizonval.earth.clouds import layer_optics
+from horizonval.earth.clouds import layers
 from horizonval.earth.clouds.layers import layers_of
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
@@ -53,7 +53,7 @@ def air_of(optical_depth: float) -> monte_carlo.Air:
     node, z = model_of(0.0).nodes[0], model_of(0.0).altitude_m / 1e3
     edges = [BASE_KM - 1e-3, BASE_KM + 1e-3, TOP_KM - 1e-3, TOP_KM + 1e-3]
     heights = np.unique(np.concatenate([z, edges]))
-    extinction, scattering, g = (float(v) for v in layer_optics.sunlit("ice 30", node.wavelength_um))
+    extinction, scattering, g = (float(v) for v in layers.sunlit("ice 30", node.wavelength_um))
     inside = ((heights > BASE_KM) & (heights < TOP_KM)) * optical_depth / (TOP_KM - BASE_KM)
     gas = np.interp(heights, z, node.extinction_per_m - node.molecular_per_m)
     return monte_carlo.make_air(

@@ -14,7 +14,7 @@ import numpy as np
 from column_horizon import LEVEL_M, half_plateau_m, level_m, limb
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere import columns
+from horizonval.earth.atmosphere.air import real_profile, weather_columns
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.weather import hydrostatic, real_states
@@ -50,7 +50,7 @@ def class_of_state(latitude_deg: float, month: int) -> str:
 def real_heights() -> dict[str, tuple[FloatArray, FloatArray]]:
     """Return heights of half of the plateau [km] and plateaus of the 96 states, by class."""
     names = real_states.names()
-    states = [columns.real_profile(name).at(LEVEL_M).gas_state().columns() for name in names]
+    states = [real_profile(name).at(LEVEL_M).gas_state().columns() for name in names]
     height, plateau = half_plateau_m(limb(together(states)))
     about = [real_states.real_state(name) for name in names]
     owner = np.array([class_of_state(s.latitude_deg, s.date.month) for s in about])
@@ -64,7 +64,7 @@ def drawn(
     pair = []
     for calm in (False, True):
         some = [
-            columns.weather_columns(
+            weather_columns(
                 WeatherField(seed, month, warming_k), np.array([latitude]), np.array([longitude]), LEVEL_M, calm=calm
             )
             for latitude, longitude, month, seed in places

@@ -17,11 +17,11 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.ground_emission import uniform_ground
-from horizonval.earth.weather.column_map import ColumnMap, latitude_longitude_deg
+from horizonval.earth.weather.field import ColumnMap, latitude_longitude_deg
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_geodetic
 from horizonval.renderer.rays.thermal_radiance import thermal_radiance
-from horizonval.truth.infrared_horizon.around import infrared_horizon
-from horizonval.truth.infrared_horizon.rays import angle_of_height, directions
+from horizonval.truth.infrared_horizon import infrared_horizon
+from horizonval.truth.infrared_radiance import angle_of_height, directions
 
 Z_M = np.linspace(0.0, 1e5, 201)
 PLACES = [(84.0, 100.0), (-30.0, 179.0)]

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.clouds import layer_gaps
-from horizonval.earth.clouds.lattice_noise import even_points
-from horizonval.earth.clouds.layer_gaps import LayerGaps
+from horizonval.earth.clouds import layers
+from horizonval.earth.clouds.earth_pattern import even_points
+from horizonval.earth.clouds.layers import LayerGaps
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height, surface_normal
-from horizonval.geometry.ephemeris import AU_M, sun_itrs
+from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 from horizonval.renderer.plugin.backend import activate
 
 activate()
@@ -29,7 +29,6 @@ activate()
 from scipy.spatial.transform import Rotation  # noqa: E402
 from table_and_march import GREEN, camera_of, compare, rendered, scene_of  # noqa: E402
 
-from horizonval.renderer.plugin.model_text import dump_model, load_model  # noqa: E402
 from horizonval.spec.camera import CameraSpec  # noqa: E402
 from horizonval.spec.scene import SceneSpec  # noqa: E402
 
@@ -61,7 +60,7 @@ def pieces(
 
 
 def cloud_per_mean(gaps: LayerGaps, normal: FloatArray) -> FloatArray:
-    return layer_gaps.cloudiness(gaps, normal) / gaps.cover
+    return layers.cloudiness(gaps, normal) / gaps.cover
 
 
 def window_radiance(model: OpticalModel, height: FloatArray, normal: FloatArray) -> float:
@@ -128,7 +127,7 @@ def green_radiance(
 @pytest.mark.parametrize(("cover", "scale_km"), [(0.4, 100.0), (0.05, 300.0), (0.9, 1000.0)])
 def test_mean_over_the_globe_is_the_cover(cover: float, scale_km: float) -> None:
     gaps = LayerGaps(cover, scale_km * 1e3, 7)
-    f = layer_gaps.cloudiness(gaps, even_points(60_000))
+    f = layers.cloudiness(gaps, even_points(60_000))
     assert f.min() < 1e-3
     assert f.max() == 1.0
     # 60 000 places, and as many cells as the globe has
@@ -138,9 +137,7 @@ def test_mean_over_the_globe_is_the_cover(cover: float, scale_km: float) -> None
 def test_edges_are_soft_over_a_sixth_of_the_scale() -> None:
     gaps = LayerGaps(0.5, 100e3, 3)
     angle = np.arange(0.0, 2.0 * math.pi, 0.5e3 / 6371e3)
-    f = layer_gaps.cloudiness(
-        gaps, np.stack([np.cos(angle), np.sin(angle), 0.3 * np.ones_like(angle)], axis=-1) / 1.044
-    )
+    f = layers.cloudiness(gaps, np.stack([np.cos(angle), np.sin(angle), 0.3 * np.ones_like(angle)], axis=-1) / 1.044)
     edge = (f > 0.0) & (f < 1.0)
     starts = np.count_nonzero(edge[1:] & ~edge[:-1])
     width_km = 0.5 * np.count_nonzero(edge) / starts
@@ -196,11 +193,3 @@ def test_seed_draws_the_gaps() -> None:
     a, b, c = (rendered(scene({**BROKEN, "seed": n}), LIMB).radiance["window"] for n in (1, 1, 2))
     assert a.tobytes() == b.tobytes()
     assert a.tobytes() != c.tobytes()
-
-
-def test_models_with_gaps_travel_as_text() -> None:
-    model = optical_model(scene(BROKEN), LIMB)
-    again = load_model(dump_model(model))
-    assert again.gaps == model.gaps
-    assert again.has_gaps
-    assert dump_model(again) == dump_model(model)

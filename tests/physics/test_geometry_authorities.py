@@ -11,12 +11,11 @@ from astropy.coordinates import EarthLocation, get_sun
 from astropy.time import Time
 from astropy.utils import iers
 
-from horizonval.geometry.eclipse import sun_visible_fraction
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_geodetic, sphere, tangent_height
 from horizonval.geometry.ellipsoid import geodetic_height as height_of
-from horizonval.geometry.ephemeris import AU_M, sun_angular_radius, sun_gcrs
 from horizonval.geometry.frames import body_from_lvlh, lvlh_from_itrs, roll_pitch_of_nadir, rotate
 from horizonval.geometry.horizon import angular_radius, horizon_directions
+from horizonval.geometry.sun_and_moon import AU_M, sun_angular_radius, sun_gcrs, sun_visible_fraction
 
 ALTITUDES_KM = (300.0, 500.0, 800.0, 3000.0, 20_200.0, 35_786.0)
 

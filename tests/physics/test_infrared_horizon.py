@@ -23,9 +23,8 @@ from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import truth_of
-from horizonval.truth.infrared_horizon.around import infrared_horizon
-from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance, limb_radiances
-from horizonval.truth.infrared_horizon.rays import ray_paths
+from horizonval.truth.infrared_horizon import infrared_horizon
+from horizonval.truth.infrared_radiance import BandMedium, ground_ray, limb_radiance, limb_radiances, ray_paths
 
 SPHERE = sphere(6_371_230.0)
 CAMERA_M = np.array([6_371_230.0 + 500e3, 0.0, 0.0])

@@ -14,7 +14,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.optical import optical_model
-from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.earth.spectral.planck import brightness_temperature_k
 from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import pixel_grid, unproject
 from horizonval.geometry.ellipsoid import geodetic_from_itrs

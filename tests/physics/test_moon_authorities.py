@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.ellipsoid import itrs_from_geodetic
-from horizonval.geometry.ephemeris import AU_M, moon_itrs, phase_angle, sun_itrs
+from horizonval.geometry.sun_and_moon import AU_M, moon_itrs, phase_angle, sun_itrs
 
 ARCSEC = np.pi / 180 / 3600
 

@@ -14,8 +14,8 @@ from astropy.time import Time
 from astropy.utils import iers
 
 from horizonval.core.errors import UserError
+from horizonval.geometry.orbit import ElementSet, gcrs_states, itrs_states, teme_states
 from horizonval.geometry.rotation import itrs_from_gcrs
-from horizonval.geometry.tle import ElementSet, gcrs_states, itrs_states, teme_states
 
 ENVISAT = ElementSet(
     "1 27386U 02009A   20001.54192287  .00000005  00000-0  15038-4 0  9994",

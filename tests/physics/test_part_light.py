@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import horizonval as hv
-from horizonval.earth.spectral.brightness import black_body_radiance
+from horizonval.earth.spectral.planck import black_body_radiance
 from horizonval.sensor.lens.stray_light import band_irradiance
 
 ALTITUDE_KM, RADIUS_KM = 500.0, 6371.0

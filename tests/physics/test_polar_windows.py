@@ -14,7 +14,7 @@ from horizonval.geometry.ellipsoid import WGS84
 from horizonval.renderer.rays.thermal_radiance import thermal_radiance
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.truth.infrared_horizon.rays import angle_of_height
+from horizonval.truth.infrared_radiance import angle_of_height
 
 # Monthly means, K, of air or ice at the ground: South Pole (READER), Arctic Ocean (Rigor and others 2000), Greenland's
 # summit (Steffen and Box 2001), whose table the ground itself has.

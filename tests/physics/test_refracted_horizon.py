@@ -11,7 +11,7 @@ from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import truth_of
-from horizonval.truth.infrared_horizon.bent_rays import straight_heights
+from horizonval.truth.infrared_radiance import straight_heights
 
 AIR = Air()
 Z = np.linspace(0.0, 1e5, 1001)

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from scipy import constants, ndimage, stats
 
-from horizonval.sensor.detector import bayer, charge, protons
+from horizonval.sensor.detector import bayer, protons, readout
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
 
@@ -198,20 +198,20 @@ def test_smear_against_packets_shifted_row_by_row():
     for row in range(37):
         storage[row] = packets[0]
         packets = np.vstack([packets[1:], np.zeros((1, 3))]) + rate * row_time
-    ours = rate * exposure + charge.smear_e(rate, row_time)
+    ours = rate * exposure + readout.smear_e(rate, row_time)
     np.testing.assert_allclose(ours, storage, rtol=1e-12)
 
 
 def test_blooming_keeps_charge_and_its_length_is_the_excess_over_the_well():
     held = np.zeros((401, 5))
     held[200, 2] = 101.0 * 1000.0
-    bloomed = charge.bloom(held, 1000.0)
+    bloomed = readout.bloom(held, 1000.0)
     assert bloomed.sum() == pytest.approx(held.sum(), rel=1e-12)
     np.testing.assert_array_equal(np.flatnonzero(bloomed[:, 2]), np.arange(150, 251))
     assert bloomed.max() == 1000.0
     crowded = np.random.default_rng(1).uniform(0.0, 600.0, (400, 50))
     crowded[20:380:40] += 4000.0
-    after = charge.bloom(crowded, 1000.0)
+    after = readout.bloom(crowded, 1000.0)
     assert after.max() <= 1000.0
     assert (after >= np.minimum(crowded, 1000.0) - 1e-9).all()
     # a row hands some 1600 e each way to neighbours with 700 e of room on average: none reaches the border

@@ -12,7 +12,7 @@ from scipy import constants, integrate
 from scipy.special import j0, j1
 
 from horizonval.geometry.camera import CameraModel
-from horizonval.sensor.lens import core_spread, lens_spread
+from horizonval.sensor.lens import lens_spread
 from horizonval.sensor.lens.stray_light import band_irradiance
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import Band, CameraSpec
@@ -68,9 +68,9 @@ def test_spread_against_a_direct_sum_with_the_sun_at_1e9():
 def test_encircled_energy_of_the_airy_pattern(f_number):
     """Rayleigh's 1 - J0^2 - J1^2. Pixels of 0.5 um sample lambda N = 2.2 or 4.4 um; its pixels are cut to 1 / 8."""
     pitch = 0.5e-6
-    spread = core_spread.spread_px(NARROW, f_number, pitch)
-    reach = core_spread.reach_px(0.0, 0.0, spread)
-    kernel = core_spread.kernel(0.0, 0.0, NARROW, f_number, pitch, reach)
+    spread = lens_spread.core_spread_px(NARROW, f_number, pitch)
+    reach = lens_spread.core_reach_px(0.0, 0.0, spread)
+    kernel = lens_spread.core_kernel(0.0, 0.0, NARROW, f_number, pitch, reach)
     fine = (np.arange(8 * (2 * reach + 1)) + 0.5) / 8 - reach - 0.5
     radius = np.hypot(fine[:, None], fine[None, :])
     for rings in (0.5, 1.0, 1.22, 2.233, 3.238, 6.0, 9.0):
@@ -100,10 +100,10 @@ def test_defocused_modulation_against_the_exact_theory(waves, tolerance):
     f_number, wavelength = 4.0, 0.55e-6
     pitch = wavelength * f_number / 4
     radius = waves * wavelength * 8 * f_number**2 / (2 * f_number) / pitch
-    spread = core_spread.spread_px(NARROW, f_number, pitch)
+    spread = lens_spread.core_spread_px(NARROW, f_number, pitch)
     assert spread == pytest.approx(4.0, rel=1e-3)
-    reach = core_spread.reach_px(0.0, radius, spread)
-    kernel = core_spread.kernel(0.0, radius, NARROW, f_number, pitch, reach)
+    reach = lens_spread.core_reach_px(0.0, radius, spread)
+    kernel = lens_spread.core_kernel(0.0, radius, NARROW, f_number, pitch, reach)
     line = kernel.sum(axis=0)
     offset = np.arange(-reach, reach + 1)
     for s in (0.03, 0.08, 0.14, 0.22, 0.4, 0.7):

@@ -15,9 +15,8 @@ from horizonval.earth.light import airglow, limb_darkening, moonlight
 from horizonval.earth.optical import optical_model
 from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
-from horizonval.geometry.eclipse import sun_visible_fraction
 from horizonval.geometry.ellipsoid import Ellipsoid
-from horizonval.geometry.ephemeris import AU_M, sun_itrs
+from horizonval.geometry.sun_and_moon import AU_M, sun_itrs, sun_visible_fraction
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.camera import CameraSpec

@@ -10,7 +10,7 @@ import pytest
 from side_by_side import NORTH, RADIUS_M, SOUTH, TOP_M, scattered_once
 
 from horizonval.earth.column import ColumnPlaces, OpticalModel, SpectralNode
-from horizonval.earth.weather.column_map import ColumnMap
+from horizonval.earth.weather.field import ColumnMap
 from horizonval.renderer.plugin.backend import activate
 
 activate()

@@ -16,8 +16,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.renderer.plugin.backend import activate
-from horizonval.truth.infrared_horizon.radiance import BandMedium, layer_edges_m, limb_radiance
-from horizonval.truth.infrared_horizon.rays import ray_paths
+from horizonval.truth.infrared_radiance import BandMedium, layer_edges_m, limb_radiance, ray_paths
 
 activate()
 
@@ -25,7 +24,6 @@ from make_thin_cloud_limb import TABLE, model_of  # noqa: E402
 from reference_rays import limb_ray, vector  # noqa: E402
 from table_and_march import FINER, GREEN, NODES, camera_of, compare, rendered, scene_of, table_errors  # noqa: E402
 
-from horizonval.renderer.plugin.model_text import dump_model, load_model  # noqa: E402
 from horizonval.renderer.rays.radiance import radiance_along_rays  # noqa: E402
 from horizonval.renderer.scattering.quality import LAYERED, Quality  # noqa: E402
 
@@ -129,13 +127,6 @@ def test_layer_of_nothing_is_clear_air() -> None:
 def test_same_scene_gives_same_bytes() -> None:
     scene = scene_of(50.0, layer=[cirrus(0.1)], render={"orders": "single"})
     assert rendered(scene, LIMB).radiance["green"].tobytes() == rendered(scene, LIMB).radiance["green"].tobytes()
-
-
-def test_models_with_layers_travel_as_text() -> None:
-    scene = scene_of(50.0, layer=[cirrus(0.1), {"kind": "noctilucent"}])
-    model = optical_model(scene, camera_of(GREEN, WINDOW))
-    assert dump_model(load_model(dump_model(model))) == dump_model(model)
-    assert load_model(dump_model(model)).layers == model.layers
 
 
 def test_truth_cuts_its_rays_at_the_edges_of_layers_up_to_the_top_of_the_air() -> None:

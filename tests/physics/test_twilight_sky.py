@@ -87,7 +87,7 @@ def test_haze_brightens_twilight(sun_depression_deg, more):
 @pytest.mark.slow
 def test_the_stations_sky_is_what_the_ray_integrator_gives():
     from horizonval.earth.optical import optical_model
-    from horizonval.geometry.ephemeris import AU_M, sun_itrs
+    from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
     from horizonval.renderer.rays.radiance import radiance_along_rays
     from horizonval.renderer.scattering.quality import STANDARD
     from horizonval.systems.e.ground.ground_camera import tracker

@@ -24,7 +24,7 @@ write_frame(Path("frame.exr"), render_frame(suite.cases[0].scene, suite.cases[0]
 ROW = """
 from pathlib import Path
 from horizonval.store.folder import RunFolder
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.progress import Stopwatch
 from horizonval.suites.units.case import records_of
 from horizonval.suites.plan import plan_of, units_of
 plan, folder = plan_of(suite), RunFolder(Path("out"))

@@ -14,7 +14,7 @@ import pytest
 from conftest import MINI_CAMERA, assert_one_line
 
 from horizonval.api.info import LISTS
-from horizonval.scoring.table import read_results
+from horizonval.scoring.row import read_results
 from horizonval.spec.files import shipped_names
 from horizonval.store import exr
 

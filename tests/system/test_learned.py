@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 
 import horizonval as hv
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
-from horizonval.geometry.directions import angle_between, tangent_basis
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import compose
 from horizonval.geometry.horizon import signed_limb_angle
+from horizonval.geometry.rotation import angle_between, tangent_basis
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "examples" / "learned"))

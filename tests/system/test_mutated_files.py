@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 from mutated_files import COMMANDS, Judged, faults, judge, mutant, write_sound_files
 
-from horizonval.store.export.export_files import export_file
+from horizonval.store.export import export_file
 from horizonval.store.exr import write_frame, write_image
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits and memory of a process as Linux tells them")

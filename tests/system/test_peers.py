@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 import horizonval as hv
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.directions import angle_between
+from horizonval.geometry.rotation import angle_between
 from horizonval.plugins import registry
 
 PEERS = Path(__file__).parents[2] / "examples" / "peers"

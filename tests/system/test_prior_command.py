@@ -12,7 +12,7 @@ from conftest import MINI_CAMERA, assert_one_line
 
 from horizonval.plugins import registry
 from horizonval.plugins.program import prior_file
-from horizonval.scoring.table import read_results
+from horizonval.scoring.row import read_results
 from horizonval.store import exr
 from horizonval.store.store import Store
 from horizonval.suites.observation import observation_of

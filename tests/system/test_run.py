@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from conftest import PROGRAM, assert_one_line, outcome_of
 
-from horizonval.scoring.table import read_results
+from horizonval.scoring.row import read_results
 
 
 def test_a_run_is_complete(mini_run):

@@ -10,10 +10,10 @@ import pytest
 from conftest import MINI_CAMERA, assert_one_line, outcome_of
 
 from horizonval.core.progress import Silent
-from horizonval.jobs.execution import Execution
-from horizonval.scoring.table import read_results
-from horizonval.store.manifest import verify_folder
+from horizonval.jobs.pool import Execution
+from horizonval.scoring.row import read_results
 from horizonval.store.store import Store
+from horizonval.store.verify import verify_folder
 from horizonval.suites.run import run_suite
 from horizonval.suites.suite import load_suite
 

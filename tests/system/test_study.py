@@ -14,7 +14,7 @@ import pytest
 from conftest import assert_one_line
 
 from horizonval import cli
-from horizonval.store.manifest import verify_folder
+from horizonval.store.verify import verify_folder
 
 CAMERA = """
 [camera]

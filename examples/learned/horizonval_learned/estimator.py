@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import horizonval as hv
-from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
+from horizonval.geometry.rotation import tangent_basis
 from horizonval_learned.first_cone import first_cone
 from horizonval_learned.fit import rows_of, solve
 from horizonval_learned.network import Network, features

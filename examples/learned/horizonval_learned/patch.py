@@ -14,10 +14,10 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 import horizonval as hv
 from horizonval.geometry.camera import project
-from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import north_east, rotate
 from horizonval.geometry.horizon import horizon_by_azimuth
+from horizonval.geometry.rotation import tangent_basis
 
 AZIMUTHS = 360
 OFFSETS_RAD = np.radians(np.linspace(-4.0, 4.0, 25))

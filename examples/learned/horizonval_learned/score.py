@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import horizonval as hv
-from horizonval.geometry.directions import angle_between, tangent_basis
+from horizonval.geometry.rotation import angle_between, tangent_basis
 from horizonval.spec.files import shipped_path
 from horizonval.store.index import Filter
 from horizonval.store.store import Store

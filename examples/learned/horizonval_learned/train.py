@@ -19,10 +19,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 import horizonval as hv
-from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import north_east, rotate
 from horizonval.geometry.horizon import horizon_by_azimuth
+from horizonval.geometry.rotation import tangent_basis
 from horizonval_learned.estimator import EARTH_KM, Seen, settle
 from horizonval_learned.first_cone import first_cone
 from horizonval_learned.fit import Model, solve

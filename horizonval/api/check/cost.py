@@ -26,9 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from horizonval.earth.atmosphere.air import TOP_M
+from horizonval.earth.atmosphere.air import TOP_M, WEATHER
 from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
-from horizonval.earth.atmosphere.columns import WEATHER
 from horizonval.earth.atmosphere.profile_file import has_places
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject

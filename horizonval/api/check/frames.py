@@ -14,7 +14,7 @@ from horizonval.api.check.limb import LimbView, Needs, group_line, limb_views
 from horizonval.api.check.rules import findings_of
 from horizonval.core.errors import UserError
 from horizonval.earth.optical import node_counts, optical_model
-from horizonval.jobs.remaining import ExpectedTime
+from horizonval.jobs.engine import ExpectedTime
 from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.scoring import limits

@@ -8,7 +8,7 @@ a run what its score would say after it.
 the black level. Where clouds or snow may be in view there are two: over ground of the Earth's albedo, and over the
 brightest thing there can be. Rendered and observed limbs by day are within 5 % in clear air and with the default haze,
 those before clouds and the brightest of them within 30 %, in twilight within a factor of two: what the table of
-:mod:`horizonval.scoring.limb_radiance` promises.
+:mod:`horizonval.scoring.limb_signal` promises.
 
 **Level** of a thermal band: the plateau of the limb between the converter's ends, from the truth's infrared horizon.
 Rendered limbs are within 10 % in the clear: the warmer ground below adds, the blur of the edge takes. Without the
@@ -27,13 +27,13 @@ import numpy as np
 
 from horizonval.api.check.findings import median, percent
 from horizonval.core.outcome import Outcome
-from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.earth.spectral.planck import brightness_temperature_k
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Examined, Expected, examine
 from horizonval.scoring.limb_signal import ground_and_air, limb_signal
-from horizonval.sensor.detector.thermal_noise import blackbody_radiance
+from horizonval.sensor.detector.thermal import blackbody_radiance
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos
 

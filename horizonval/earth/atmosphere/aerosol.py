@@ -45,6 +45,7 @@ wrong by tens of per cent, more for dust, whose grains are no spheres.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,7 +54,7 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, nearest
-from horizonval.earth.clouds import layer_optics
+from horizonval.earth.clouds import layers
 from horizonval.earth.tables import json_object
 
 _TABLE = "aerosol.json"
@@ -175,7 +176,7 @@ def _depth(levels_km: FloatArray, extinction_per_m: FloatArray) -> float:
     lower, upper = below[:-1], below[1:]
     changes = lower != upper
     # the logarithmic mean; of two that agree, their value
-    ratio = np.where(changes, lower / upper, np.e)
+    ratio = np.where(changes, lower / upper, math.e)
     mean = np.where(changes, (lower - upper) / np.log(ratio), lower)
     return float(np.sum(mean * np.diff(levels_km[levels_km <= _TROPOSPHERE_KM]) * 1e3))
 
@@ -191,7 +192,7 @@ def optics(kind: str, wavelength_um: ArrayLike) -> AerosolOptics:
     Parameters
     ----------
     kind : str
-        One of :func:`kinds`, or a particle of thin cloud (:mod:`horizonval.earth.clouds.layer_optics`).
+        One of :func:`kinds`, or a particle of thin cloud (:mod:`horizonval.earth.clouds.layers`).
     wavelength_um : array_like
 
     Raises
@@ -199,8 +200,8 @@ def optics(kind: str, wavelength_um: ArrayLike) -> AerosolOptics:
     UserError
         Wavelength outside 0.2 to 18.5 um.
     """
-    if layer_optics.is_particle(kind):
-        return AerosolOptics(*layer_optics.sunlit(kind, wavelength_um))
+    if layers.is_particle(kind):
+        return AerosolOptics(*layers.sunlit(kind, wavelength_um))
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     tolerance = 1e-12
     if wavelength.size and not (wavelength.min() >= MIN_UM - tolerance and wavelength.max() <= MAX_UM + tolerance):

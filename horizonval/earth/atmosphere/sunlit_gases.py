@@ -6,7 +6,7 @@ At a wavelength, with number densities n, cross sections s, and absorption per a
     k_absorption = n_ozone s_ozone(T) + n_NO2 s_NO2 + a_mixed (air mass per metre) + a_water (water per metre)
 
 Where the air varies, its columns stand as those of the thermal bands do
-(:mod:`horizonval.earth.atmosphere.emitting_air`): on rows of equal latitude, or on a map of what is in sight. They are
+(:mod:`horizonval.earth.atmosphere.emission`): on rows of equal latitude, or on a map of what is in sight. They are
 kept as what they have more of than the column below the camera, on levels of :data:`STEP_M`: the difference of two
 columns is smooth where a layer of thin cloud, the same in both, is not. Linear between levels it is off by 6e-4 of
 itself at most (a scale height of 7 km).
@@ -22,16 +22,15 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere import climate, climate_rows, columns
-from horizonval.earth.atmosphere.air import TOP_M, Air
-from horizonval.earth.atmosphere.air_change import AirChange
-from horizonval.earth.atmosphere.emitting_air import map_in_sight
+from horizonval.earth.atmosphere import climate
+from horizonval.earth.atmosphere.air import TOP_M, Air, AirChange, as_profile
+from horizonval.earth.atmosphere.emission import map_in_sight
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile
 from horizonval.earth.atmosphere.solar_rule import SolarRule
 from horizonval.earth.column import ColumnPlaces
 from horizonval.earth.gases import nitrogen_dioxide, ozone, rayleigh, sunlight_absorption
 from horizonval.earth.gases.gas_state import GasState
-from horizonval.earth.weather.column_map import latitude_longitude_deg
+from horizonval.earth.weather.field import latitude_longitude_deg
 from horizonval.spec.scene import SceneSpec
 
 STEP_M = 500.0
@@ -117,9 +116,9 @@ def gases_in_sight(air: Air, scene: SceneSpec, change: AirChange) -> GasesInSigh
     if air.columns is not None:
         place = map_in_sight(scene, MAP_STEP_DEG)
         states = _profiles(air.columns(*latitude_longitude_deg(place.normals()), z))
-    elif climate_rows.varies(scene):
-        rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
-        states = [climate.blended(weights) for weights in climate_rows.weights(rows, climate_rows.month(scene))]
+    elif climate.varies(scene):
+        rows = climate.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
+        states = [climate.blended(weights) for weights in climate.row_weights(rows, climate.month_of_rows(scene))]
     else:
         return None
 
@@ -139,8 +138,6 @@ def gases_in_sight(air: Air, scene: SceneSpec, change: AirChange) -> GasesInSigh
 
 def _profiles(state: GasState) -> Sequence[AtmosphereProfile]:
     return [
-        columns.as_profile(
-            GasState(state.altitude_m, p, kelvin, {gas: values[i] for gas, values in state.vmr.items()}), ""
-        )
+        as_profile(GasState(state.altitude_m, p, kelvin, {gas: values[i] for gas, values in state.vmr.items()}), "")
         for i, (p, kelvin) in enumerate(zip(state.pressure_pa, state.temperature_k, strict=True))
     ]

@@ -1,4 +1,4 @@
-r"""Clouds as the Earth has them: where, of which kind, how high and how bright, from a seed and a month.
+"""Clouds as the Earth has them: where, of which kind, how high and how bright, from a seed and a month.
 
 **Where.** Gradient noise of ten octaves n, looked up where whirls brought the air from (:mod:`.whirls`), plus what
 fronts add. u is its rank among its values over the globe, F the fraction of :mod:`.climatology`. A place is cloudy
@@ -19,6 +19,27 @@ to 23, 0.09 thicker (W. B. Rossow and R. A. Schiffer, Bull. Am. Meteorol. Soc. 8
 
 The coarse part (origin of the air, fronts, fraction, kinds) is a map of one degree, bilinear between its nodes, so
 that only noise is left to do where a place is looked up. The arithmetic is written once, for numpy and Dr.Jit.
+
+Gradient noise on a cubic lattice, one octave at a time, and its rank over the globe.
+
+The lattice is hashed, not stored. The arithmetic is written once and runs on numpy and on Dr.Jit arrays alike.
+
+The stirring of clouds: whirls that wind bands up to fronts, and the fronts themselves.
+
+Every whirl turns the sphere about its own axis c by an angle that falls off with distance r from it::
+
+    alpha(r) = alpha_0 exp(-(r / R)^2)
+
+A turn keeps areas, and so does a chain of turns: a random field that is looked up at the turned places keeps its
+distribution and gets filaments, hooks and spirals, as air does in two dimensions. There are two sorts: cyclones in the
+storm tracks, which turn with the Earth (counterclockwise in the north), and lesser whirls of either sense everywhere.
+
+Through each cyclone runs a front: a ridge of cloud, wound up with everything else to a comma, with a clear slot behind.
+
+Coarse maps of clouds on disk: made once for a seed, a month and a cover, found again by their content.
+
+A map takes a second to make and 2 MB to keep, so that the last :data:`KEPT` of them stay. The key is a hash of all that
+a map depends on, its own code included; a damaged file is made again.
 """
 
 from __future__ import annotations
@@ -26,22 +47,203 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.cache import cached_arrays, keep_arrays, keep_newest
+from horizonval.core.code import FRAME_ROOMS, code_digest
+from horizonval.core.digests import content_digest
+from horizonval.core.environment import cache_folder
 from horizonval.earth.clouds.climatology import cloud_kinds
-from horizonval.earth.clouds.lattice_noise import (
-    EARTH_RADIUS_M,
-    FALLOFF,
-    even_points,
-    lattice_noise,
-    numpy_split,
-    ranked,
-)
-from horizonval.earth.clouds.whirls import stirred
+from horizonval.geometry.rotation import GOLDEN_ANGLE_RAD
+
+EARTH_RADIUS_M = 6.371e6
+FALLOFF = 0.5 ** (1.0 / 3.0)
+"""Of amplitudes from one octave to the next: the -5/3 law of cloud fields (R. F. Cahalan and J. B. Snider, Remote Sens.
+Environ. 28, 95 (1989))."""
+_LATTICE_OFFSET = 8192.0
+_FACTORS = (0x8DA6B343, 0xD8163841, 0xCB1AB31F)
+
+
+def lattice_noise(
+    position: tuple[Any, Any, Any],
+    octave: int,
+    seed: Any,
+    split: Callable[[Any], tuple[Any, Any]],
+    real: Callable[[Any], Any],
+) -> Any:
+    """Return one octave of noise at positions in lattice cells, in no particular unit.
+
+    Parameters
+    ----------
+    position : three arrays
+        Above minus 8192.
+    octave : int
+        Octaves have lattices of their own.
+    seed : int or unsigned 32-bit array
+    split : callable
+        Splits an array of positive floats into whole part (unsigned 32-bit) and fraction.
+    real : callable
+        Turns unsigned 32-bit arrays into floats.
+    """
+    offset = _LATTICE_OFFSET + 0.37 * octave
+    cells, parts = zip(*(split(v + offset) for v in position), strict=True)
+    seed = (seed + (0x9E3779B9 * (octave + 1) & 0xFFFFFFFF)) & 0xFFFFFFFF
+    fade = [t * t * t * (t * (t * 6.0 - 15.0) + 10.0) for t in parts]
+    away = [(t, t - 1.0) for t in parts]
+    # What the eight corners of a cell have in common is hashed once.
+    x_key, y_key, z_key = ((c * factor, c * factor + factor) for c, factor in zip(cells, _FACTORS, strict=True))
+    xy_key = [[x ^ y for y in y_key] for x in x_key]
+    z_key = tuple(z ^ seed for z in z_key)
+
+    def corner(i: int, j: int, k: int) -> Any:
+        h = _stirred(xy_key[i][j] ^ z_key[k])
+        slopes = [real((h >> shift) & 1023) * (1.0 / 511.5) - 1.0 for shift in (0, 10, 20)]
+        return slopes[0] * away[0][i] + slopes[1] * away[1][j] + slopes[2] * away[2][k]
+
+    def mixed(a: Any, b: Any, w: Any) -> Any:
+        return a + w * (b - a)
+
+    x = [[mixed(corner(0, j, k), corner(1, j, k), fade[0]) for j in (0, 1)] for k in (0, 1)]
+    y = [mixed(a, b, fade[1]) for a, b in x]
+    return mixed(y[0], y[1], fade[2])
+
+
+def _stirred(h: Any) -> Any:
+    h = (h ^ (h >> 16)) * 0x85EBCA6B
+    h = (h ^ (h >> 13)) * 0xC2B2AE35
+    return h ^ (h >> 16)
+
+
+def numpy_split(v: FloatArray) -> tuple[Any, Any]:
+    """Return whole part and fraction of positive floats."""
+    whole = np.floor(v)
+    return whole.astype(np.uint32), v - whole
+
+
+def even_points(count: int) -> FloatArray:
+    """Return unit vectors spread evenly over the globe, shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    phi = GOLDEN_ANGLE_RAD * k
+    s = np.sqrt(1.0 - z * z)
+    return np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=1)
+
+
+def ranked(noise: FloatArray, steps: int) -> tuple[float, float, FloatArray]:
+    """Return ``(lowest, highest, rank)`` of values over the globe: their rank at even steps from lowest to highest."""
+    values = np.sort(noise)
+    places = np.linspace(values[0], values[-1], steps + 1)
+    rank = np.interp(places, values, (np.arange(len(values)) + 0.5) / len(values))
+    rank[0], rank[-1] = 0.0, 1.0
+    rank.setflags(write=False)
+    return float(values[0]), float(values[-1]), rank
+
+
+CYCLONES = 11
+"""In each hemisphere, as a map of the weather shows."""
+CYCLONE_RADIUS_KM, CYCLONE_TURN_RAD = (450.0, 950.0), (1.0, 3.3)
+CYCLONE_LATITUDE_DEG, CYCLONE_SPREAD_DEG = 51.0, 7.0
+LESSER, LESSER_RADIUS_KM, LESSER_TURN_RAD = 120, (250.0, 1100.0), 0.8
+FRONT_LENGTH_KM, FRONT_WIDTH_KM, FRONT_HEIGHT, SLOT_DEPTH = 1500.0, 170.0, 1.5, 1.1
+"""Half length and half width (standard deviations), and heights in standard deviations of the noise."""
+EARTH_RADIUS_KM = 6371.0
+REACH = 3.0
+"""Radii beyond which a whirl turns nothing."""
+
+
+@dataclass(frozen=True)
+class Whirl:
+    """One whirl: its axis, and the R and alpha_0 of the module text; positive turns are counterclockwise."""
+
+    axis: FloatArray
+    radius_rad: float
+    turn_rad: float
+    front: bool
+
+
+def whirls(seed: int) -> list[Whirl]:
+    """Draw the whirls of a seed: cyclones last."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 0x57484952]))
+    found = []
+    for _ in range(LESSER):
+        z, longitude = rng.uniform(-1.0, 1.0), rng.uniform(-math.pi, math.pi)
+        radius = rng.uniform(*LESSER_RADIUS_KM) / EARTH_RADIUS_KM
+        found.append(Whirl(_unit(math.asin(z), longitude), radius, rng.normal() * LESSER_TURN_RAD, False))
+    for sense in (1.0, -1.0):
+        first = rng.uniform(-math.pi, math.pi)
+        for k in range(CYCLONES):
+            latitude = math.radians(CYCLONE_LATITUDE_DEG + CYCLONE_SPREAD_DEG * float(np.clip(rng.normal(), -2.0, 2.0)))
+            longitude = first + 2.0 * math.pi * (k + rng.uniform(-0.35, 0.35)) / CYCLONES
+            radius = rng.uniform(*CYCLONE_RADIUS_KM) / EARTH_RADIUS_KM
+            turn = sense * rng.uniform(*CYCLONE_TURN_RAD)
+            found.append(Whirl(_unit(sense * latitude, longitude), radius, turn, True))
+    return found
+
+
+def stirred(position: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Return where the air of places came from, and what fronts add to the noise.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n, 3)
+        Unit vectors.
+    seed : int
+
+    Returns
+    -------
+    origin : ndarray, shape (n, 3)
+        Unit vectors.
+    lift : ndarray, shape (n,)
+        In standard deviations of the noise.
+    """
+    origin, lift = np.array(position), np.zeros(len(position))
+    for whirl in reversed(whirls(seed)):
+        near = np.flatnonzero(origin @ whirl.axis > math.cos(REACH * whirl.radius_rad))
+        turned = _turned(origin[near], whirl)
+        if whirl.front:
+            lift[near] += _front(turned, whirl)
+        origin[near] = turned
+    return origin, lift
+
+
+def _turned(p: FloatArray, whirl: Whirl) -> FloatArray:
+    """Return places turned back about the axis (Rodrigues' formula)."""
+    along = p @ whirl.axis
+    distance = np.arccos(np.clip(along, -1.0, 1.0))
+    # nothing jumps where the whirl ends
+    fade = np.exp(-((distance / whirl.radius_rad) ** 2)) - math.exp(-(REACH**2))
+    angle = -whirl.turn_rad * np.maximum(fade, 0.0)
+    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    return p * cosine + np.cross(whirl.axis, p) * sine + whirl.axis * (along[:, None] * (1.0 - cosine))
+
+
+def _front(p: FloatArray, whirl: Whirl) -> FloatArray:
+    """Return the ridge of a cyclone's front before it was wound up, and the slot to its west."""
+    east = np.cross([0.0, 0.0, 1.0], whirl.axis)
+    east /= np.linalg.norm(east)
+    north = np.cross(whirl.axis, east)
+    # from the centre towards the equator and back west, as cold fronts trail
+    poleward = math.copysign(1.0, float(whirl.axis[2]))
+    x, y = p @ east * EARTH_RADIUS_KM, poleward * (p @ north) * EARTH_RADIUS_KM
+    along, across = 0.8 * y + 0.6 * x, 0.8 * x - 0.6 * y
+    end = 1.0 - np.clip(np.hypot(x, y) / (REACH * whirl.radius_rad * EARTH_RADIUS_KM), 0.0, 1.0) ** 4
+    length = np.exp(-0.5 * (along / FRONT_LENGTH_KM) ** 2) * end
+
+    def ridge(middle_km: float, width_km: float) -> FloatArray:
+        return np.exp(-0.5 * ((across - middle_km) / width_km) ** 2)
+
+    slot = ridge(-2.2 * FRONT_WIDTH_KM, 1.2 * FRONT_WIDTH_KM)
+    return length * (FRONT_HEIGHT * ridge(0.0, FRONT_WIDTH_KM) - SLOT_DEPTH * slot)
+
+
+def _unit(latitude_rad: float, longitude_rad: float) -> FloatArray:
+    c = math.cos(latitude_rad)
+    return np.array([c * math.cos(longitude_rad), c * math.sin(longitude_rad), math.sin(latitude_rad)])
+
 
 BASE_M = 500.0
 LARGEST_M, OCTAVES = 2_400_000.0, 10
@@ -283,3 +485,23 @@ def _shift(u: FloatArray, fraction: FloatArray, wanted: float) -> float:
     if wanted >= 1.0:
         return LARGEST_LOGIT
     return float(np.quantile(threshold, wanted))
+
+
+KEPT = 64
+
+
+@lru_cache(maxsize=4)
+def kept_coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
+    """Return :func:`horizonval.earth.clouds.earth_pattern.coarse_map` from memory, from disk, or made now."""
+    method = code_digest(rooms=FRAME_ROOMS)
+    path = cache_folder() / "clouds" / f"{content_digest(method, seed, month, cover)[:32]}.npz"
+    kept = cached_arrays(path)
+    if kept is None:
+        made = coarse_map(seed, month, cover)
+        keep_arrays(path, {"values": made.values, "ends": np.array([made.lowest, made.highest]), "rank": made.rank})
+        keep_newest(path.parent, KEPT)
+        return made
+    for array in kept.values():
+        array.setflags(write=False)
+    lowest, highest = kept["ends"]
+    return Coarse(kept["values"], float(lowest), float(highest), kept["rank"])

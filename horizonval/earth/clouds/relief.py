@@ -28,12 +28,13 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.clouds import earth_pattern
-from horizonval.earth.clouds.coarse_store import kept_coarse_map
-from horizonval.earth.clouds.earth_pattern import BASE_M, Coarse
-from horizonval.earth.clouds.lattice_noise import (
+from horizonval.earth.clouds.earth_pattern import (
+    BASE_M,
     EARTH_RADIUS_M,
     FALLOFF,
+    Coarse,
     even_points,
+    kept_coarse_map,
     lattice_noise,
     numpy_split,
     ranked,

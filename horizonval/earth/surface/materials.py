@@ -1,7 +1,7 @@
 """Materials: what kinds of ground are made of, and how much each reflects from 0.3 to 2.5 um.
 
 Fifteen kinds of ground are mixtures of few things. So there are few materials, each with a spectrum, and a kind of
-ground is a mixture of them (:mod:`horizonval.earth.surface.ground_cover`).
+ground is a mixture of them (:mod:`horizonval.earth.surface.ground_map`).
 
 The spectra are round numbers that follow published measurements, not the measurement of one place:
 

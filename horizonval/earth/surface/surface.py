@@ -15,7 +15,7 @@ a beam below one. Light reflected twice is lost. The index of sea water is taken
 
 Of skylight water reflects what a flat surface reflects of a uniform sky (6.7 %; roughness lowers it by about a sixth).
 
-What land is made of, where snow lies and the sea is frozen: :mod:`horizonval.earth.surface.ground_cover`; the spectra:
+What land is made of, where snow lies and the sea is frozen: :mod:`horizonval.earth.surface.ground_map`; the spectra:
 :mod:`horizonval.earth.surface.materials`. Foam: cover of E. C. Monahan and I. O'Muircheartaigh (J. Phys. Oceanogr. 10,
 2094 (1980)).
 """
@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 from scipy.special import erfc
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere import climate_rows
+from horizonval.earth.atmosphere import climate
 from horizonval.earth.clouds.relief import CloudField, cloud_field
 from horizonval.earth.surface.materials import DRY, FOAM_ALBEDO, spectrum
 from horizonval.spec.scene import SceneSpec
@@ -102,7 +102,13 @@ def ground_model(scene: SceneSpec) -> GroundModel:
     wind = WIND_SPEED_M_S if surface.wind_speed_m_s is None else surface.wind_speed_m_s
     squares = surface.albedo_other or 0.0, surface.square_km or 0.0
     return GroundModel(
-        surface.kind, surface.albedo, wind, climate_rows.month(scene), surface.city_lights, cloud_field(scene), *squares
+        surface.kind,
+        surface.albedo,
+        wind,
+        climate.month_of_rows(scene),
+        surface.city_lights,
+        cloud_field(scene),
+        *squares,
     )
 
 

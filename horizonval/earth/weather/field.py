@@ -1,6 +1,6 @@
-r"""Weather: fields of temperature, ozone, water vapour and surface pressure over the globe, drawn from a seed.
+"""Weather: fields of temperature, ozone, water vapour and surface pressure over the globe, drawn from a seed.
 
-Every vertical mode of :mod:`horizonval.earth.weather.modes` has a random number at each place. It is a sum over zonal
+Every vertical mode of :mod:`horizonval.earth.weather.field` has a random number at each place. It is a sum over zonal
 wave numbers m = 0 to 7 of Gaussian processes A, B over latitude, turned westward with height z::
 
     a(z) = sum_m sqrt(w_m) c_m(phi) [A_m(phi) cos(m lambda + t_m z) + B_m(phi) sin(m lambda + t_m z)]
@@ -15,20 +15,119 @@ A and B have the covariance ``sum_j v_j cos(j pi (s - s') / 2)`` in s = sin(phi)
 longitude for wave 1: the tilt of waves that carry heat poleward. Waves are drawn without a preferred longitude.
 
 The pressure at sea level has a field of its own with the shares of the troposphere, and 2 to 10 hPa.
+
+How the air of one column varies: vertical modes and standard deviations by class of latitude and season.
+
+The deviation of temperature, ln ozone and ln water vapour (q = 0, 1, 2) from the climate is a sum over classes c and
+modes k with random numbers a of unit variance::
+
+    d_q(z) = sum_c sqrt(W_c) sigma_cq(z) sum_k e_ckq(z) a_ck,         sum_k e_ckq^2 = 1,    sum_c W_c = 1
+
+so that its standard deviation is ``sqrt(sum_c W_c sigma_cq^2)`` exactly. z is the log-pressure height of the climate,
+``7 km ln(p_0 / p)``. The modes (``data/weather_modes.npz``) are singular vectors of the 96 real states' deviations
+from the climate, all three quantities together, so that warm layers are dry or rich in ozone as they really are.
+
+The states were chosen to be diverse, and so their spread is that of extremes: sigma is :data:`DAYS` of it. The figure
+was set before any horizon was looked at: at 10 and 30 hPa the states of polar winters spread by 14 and 12 K, where days
+of a winter at 60 to 80 deg spread by some 11 and 9 K (round numbers of the size that reference atmospheres give; A. E.
+Cole and A. J. Kantor, Air Force Reference Atmospheres, 1978).
+
+Beyond 65 km, where half of the states end, deviations fade as :data:`FADING_M` says; nothing is known there.
+
+Where columns of air stand over a part of the globe that a camera sees: a square lattice on a map.
+
+The map is the stereographic projection about the place c below the camera: a place with the ellipsoid's unit normal n,
+and axes e, f across c, lies at::
+
+    x = n . e / (1 + n . c),    y = n . f / (1 + n . c),        sqrt(x^2 + y^2) = tan(theta / 2)
+
+with theta the angle from c. It is smooth everywhere but opposite of c: neither poles nor the date line are in its way,
+which a lattice of latitudes and longitudes would have. What is given at the columns is taken as bilinear in (x, y)
+between them, and beyond the outermost ones as on them.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.tables import npz
 from horizonval.earth.weather import warming
-from horizonval.earth.weather.modes import CLASSES, MODES, class_weights, vertical_modes
+from horizonval.geometry.rotation import perpendicular
+
+TABLE = "weather_modes.npz"
+CLASSES = ("tropics", "midlatitudes", "polar winter", "polar summer")
+MODES = 6
+DAYS = 0.8
+SCALE_M = 7000.0
+FADING_M = 15_000.0
+QUIET_NORTH, QUIET_SOUTH = 7.5, 2.0
+"""Month at which a hemisphere's stratosphere is quietest; half a year later its waves are strongest: at the end of
+January, in the south in late winter (W. J. Randel, J. Atmos. Sci. 45, 1988)."""
+_TROPICS_DEG, _POLAR_DEG = (20.0, 32.0), (45.0, 57.0)
+
+
+@dataclass(frozen=True)
+class VerticalModes:
+    """``level_m`` (k,): log-pressure height. ``spread`` (c, 3, k): sigma. ``modes`` (c, m, 3, k)."""
+
+    level_m: FloatArray
+    spread: FloatArray
+    modes: FloatArray
+
+    def at(self, height_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return spread (c, 3, n) and modes (c, m, 3, n) at log-pressure heights (n,), linear between levels."""
+        z = np.clip(height_m, self.level_m[0], self.level_m[-1])
+        i = np.clip(np.searchsorted(self.level_m, z, side="right") - 1, 0, len(self.level_m) - 2)
+        w = (z - self.level_m[i]) / (self.level_m[i + 1] - self.level_m[i])
+        fading = np.exp(-np.maximum(height_m - self.level_m[-1], 0.0) / FADING_M)
+        spread, modes = (v[..., i] * (1.0 - w) + v[..., i + 1] * w for v in (self.spread, self.modes))
+        length = np.sqrt(np.sum(modes**2, axis=1, keepdims=True))
+        return spread * fading, modes / np.maximum(length, 1e-9)
+
+
+@cache
+def vertical_modes() -> VerticalModes:
+    """Return the shipped modes with the deviations of days."""
+    table = npz(TABLE)
+    level, spread, modes = (
+        np.asarray(table[key], dtype=np.float64) for key in ("log_pressure_altitude_m", "spread", "modes")
+    )
+    smooth = np.pad(spread, ((0, 0), (0, 0), (1, 1)), mode="edge")
+    smooth = 0.25 * smooth[..., :-2] + 0.5 * smooth[..., 1:-1] + 0.25 * smooth[..., 2:]
+    return VerticalModes(level, DAYS * smooth, modes)
+
+
+def winter_share(latitude_deg: ArrayLike, month: float) -> FloatArray:
+    """Return how far a hemisphere is in the season of waves, 0 to 1."""
+    north, south = (
+        0.5 * (1.0 - math.cos(2.0 * math.pi * (month - quiet) / 12.0)) for quiet in (QUIET_NORTH, QUIET_SOUTH)
+    )
+    return np.where(np.asarray(latitude_deg, dtype=np.float64) >= 0.0, north, south)
+
+
+def class_weights(latitude_deg: ArrayLike, month: float) -> FloatArray:
+    """Return W_c of the module text, shape (4, n), for latitudes (n,)."""
+    latitude = np.abs(np.asarray(latitude_deg, dtype=np.float64))
+
+    def smooth(low: float, high: float) -> FloatArray:
+        x = np.clip((latitude - low) / (high - low), 0.0, 1.0)
+        return x * x * (3.0 - 2.0 * x)
+
+    away, polar = smooth(*_TROPICS_DEG), smooth(*_POLAR_DEG)
+    winter = winter_share(latitude_deg, month)
+    return np.stack([1.0 - away, away * (1.0 - polar), away * polar * winter, away * polar * (1.0 - winter)])
+
+
+def class_of(latitude_deg: float, month: float) -> int:
+    """Return the class that a place and month belong to most."""
+    return int(np.argmax(class_weights(np.array([latitude_deg]), month)[:, 0]))
+
 
 WAVES = 8
 SHARES_HIGH = {
@@ -174,3 +273,71 @@ def _random(seed: int, what: str) -> np.random.Generator:
     """Return a stream of its own for each thing that is drawn."""
     key = int.from_bytes(what.encode(), "big")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, key])))
+
+
+COARSER = 4
+"""What varies little needs a column in so many each way; maps have a whole number of them along a side."""
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """``axes`` (3, 3): e, f and c as rows. ``half``: largest x and y, and smallest. ``count``: columns along a side."""
+
+    axes: FloatArray
+    half: float
+    count: int
+
+    @classmethod
+    def around(cls, centre: FloatArray, reach_rad: float, step_rad: float) -> ColumnMap:
+        """Return the map of all places within ``reach_rad`` of a unit normal, columns ``step_rad`` apart at most."""
+        half = math.tan(0.5 * min(reach_rad, 0.95 * math.pi))
+        # a step of the map is widest at its centre: 2 dx
+        count = 1 + COARSER * math.ceil(2.0 * half / (COARSER * math.tan(0.5 * step_rad)) - 1e-9)
+        c = centre / np.linalg.norm(centre)
+        e = perpendicular(c)
+        return cls(np.stack([e, np.cross(c, e), c]), half, count)
+
+    @property
+    def columns(self) -> int:
+        """How many columns there are; those of a row of equal y lie side by side."""
+        return self.count**2
+
+    def coarser(self) -> tuple[ColumnMap, np.ndarray]:
+        """Return the map of every :data:`COARSER` th column each way, and which columns those are."""
+        side = np.arange(0, self.count, COARSER)
+        return ColumnMap(self.axes, self.half, len(side)), (side[:, None] * self.count + side).ravel()
+
+    def plane(self, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return x and y of unit normals (..., 3)."""
+        across, along, up = (normal @ axis for axis in self.axes)
+        return across / (1.0 + up), along / (1.0 + up)
+
+    def normals(self) -> FloatArray:
+        """Return the unit normals of the columns, shape (columns, 3)."""
+        side = np.linspace(-self.half, self.half, self.count)
+        y, x = (v.ravel() for v in np.meshgrid(side, side, indexing="ij"))
+        squared = x**2 + y**2
+        place = np.stack([2.0 * x, 2.0 * y, 1.0 - squared], axis=-1) / (1.0 + squared)[:, None]
+        return np.asarray(place @ self.axes)
+
+    def corners(self, x: FloatArray, y: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
+        """Return the four columns around places, and their weights."""
+        (i, u), (j, v) = (self._along(value) for value in (x, y))
+        start = j * self.count + i
+        return [
+            (start, (1.0 - u) * (1.0 - v)),
+            (start + 1, u * (1.0 - v)),
+            (start + self.count, (1.0 - u) * v),
+            (start + self.count + 1, u * v),
+        ]
+
+    def _along(self, value: FloatArray) -> tuple[np.ndarray, FloatArray]:
+        step = np.clip((value + self.half) * ((self.count - 1) / (2.0 * self.half)), 0.0, self.count - 1.0)
+        i = np.minimum(step.astype(np.intp), self.count - 2)
+        return i, step - i
+
+
+def latitude_longitude_deg(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return geodetic latitude and longitude of unit normals (..., 3)."""
+    latitude = np.degrees(np.arctan2(normal[..., 2], np.hypot(normal[..., 0], normal[..., 1])))
+    return latitude, np.degrees(np.arctan2(normal[..., 1], normal[..., 0]))

@@ -1,4 +1,4 @@
-r"""Pressure over geodetic height from temperature, in hydrostatic balance.
+"""Pressure over geodetic height from temperature, in hydrostatic balance.
 
 With the virtual temperature ``T_v = T (1 + 0.378 x)`` of moist air (x: mole fraction of water vapour)::
 
@@ -10,6 +10,8 @@ as ``g(phi, 0) (r / (r + z))^2``; its value at sea level and the radius r that g
 
     g = 9.80616 (1 - 0.0026373 cos 2 phi + 0.0000059 cos^2 2 phi),
     r = 2 g / (3.085462e-6 + 2.27e-9 cos 2 phi)
+
+How much water vapour air can hold.
 """
 
 from __future__ import annotations
@@ -62,3 +64,19 @@ def pressure_pa(
     fall = 0.5 * (weight[:, :-1] + weight[:, 1:]) * inverse * np.diff(altitude_m)
     total = np.concatenate([np.zeros((len(fall), 1)), np.cumsum(fall, axis=1)], axis=1)
     return np.asarray(np.reshape(ground_pa, (-1, 1)) * np.exp(-total))
+
+
+ICE_POINT_K = 273.15
+
+
+def saturated_share(pressure_pa: FloatArray, temperature_k: FloatArray) -> FloatArray:
+    """Return the mole fraction of saturated water vapour, over ice below the ice point and over water above.
+
+    D. M. Murphy and T. Koop, Q. J. R. Meteorol. Soc. 131, 1539 (2005), eq. 7, over ice; over water the formula of
+    Magnus with Sonntag's constants, 0.3 % to 45 C. At most 1.
+    """
+    t = np.maximum(temperature_k, 110.0)
+    ice = np.exp(9.550426 - 5723.265 / t + 3.53068 * np.log(t) - 0.00728332 * t)
+    celsius = np.maximum(t - ICE_POINT_K, 0.0)
+    water = 611.2 * np.exp(17.62 * celsius / (243.12 + celsius))
+    return np.minimum(np.where(t < ICE_POINT_K, ice, water) / pressure_pa, 1.0)

@@ -61,8 +61,8 @@ from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertai
 from horizonval.estimation.limb.smaller import in_whole
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
-from horizonval.geometry.cone import Cone, fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.horizon import Cone, fit_cone
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 
 @dataclass(frozen=True)

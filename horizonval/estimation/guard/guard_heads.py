@@ -27,8 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_heights import systematic_covariance
-from horizonval.earth.limb_relief import limb_height_m, reliefs
+from horizonval.earth.limb_heights import limb_height_m, reliefs, systematic_covariance
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
@@ -41,8 +40,8 @@ from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA
 from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty, limb_directions
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 MOVED_RAD = 1e-4
 """How far the limb is moved to see what a method makes of it: a hundredth of a pixel and more, a hundredth of rho."""

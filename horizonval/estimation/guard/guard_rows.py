@@ -26,14 +26,13 @@ from scipy.stats import chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_heights import oblate_limbs, relief_covariance
-from horizonval.earth.limb_relief import reliefs
+from horizonval.earth.limb_heights import oblate_limbs, relief_covariance, reliefs
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
 from horizonval.estimation.limb.model.trusted import SATURATED_SHARE
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import unproject
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 
 @dataclass(frozen=True)

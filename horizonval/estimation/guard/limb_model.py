@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_heights import systematic_covariance
-from horizonval.earth.limb_relief import Relief, reliefs
+from horizonval.earth.limb_heights import Relief, reliefs, systematic_covariance
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.model.steepest import SIGMA_PX
@@ -18,7 +17,7 @@ from horizonval.estimation.limb.model.sunlit import blur_rad
 from horizonval.estimation.limb.model.trusted import SMOOTHED_RAD, smoothed
 from horizonval.estimation.limb.shape.cone import SLOW_PX, slow_error
 from horizonval.estimation.observation import Observation
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 
 def model_covariance(
@@ -32,7 +31,7 @@ def model_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.geometry.directions.tangent_basis` of the axis.
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_relief import limb_height_m
+from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, EdgeProfile, edge_profile
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge
@@ -32,7 +32,7 @@ from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
 from horizonval.estimation.likelihood.pixels import image_scale, near_pixels
 from horizonval.estimation.limb.model.sunlit import sun_angles
 from horizonval.estimation.observation import Observation
-from horizonval.geometry.directions import tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 
 BoolArray = NDArray[np.bool_]
 

@@ -31,7 +31,7 @@ from scipy.stats import binom, chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_relief import limb_height_m
+from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.limb_pieces import LimbPieces, limb_pieces
 from horizonval.estimation.guard.wider_pixels import in_wider_pixels
@@ -44,8 +44,8 @@ from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
 from horizonval.estimation.limb.finder import LARGEST_RHO_RAD
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import unproject
-from horizonval.geometry.cone import Cone
-from horizonval.geometry.directions import angle_between, off_axis_angle, tangent_basis
+from horizonval.geometry.horizon import Cone
+from horizonval.geometry.rotation import angle_between, off_axis_angle, tangent_basis
 
 PROFILE_SHARE = 0.15
 """Root mean square by which the light across a limb departs from an exponential through lens and pixel, of its step:

@@ -8,7 +8,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
-from horizonval.earth.limb_relief import limb_height_m, reliefs
+from horizonval.earth.limb_heights import limb_height_m, reliefs
 from horizonval.estimation.likelihood.height.band_heights import band_heights
 from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD, UnevenLimb
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose

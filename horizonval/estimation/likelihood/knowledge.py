@@ -12,11 +12,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.likelihood.height.limb_places import LimbHeights
 from horizonval.estimation.observation import Observation
-from horizonval.geometry.directions import rotation_vector
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, sphere
+from horizonval.geometry.rotation import rotation_vector
 
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 """Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius, 6.4 km, that of the

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.directions import cross
+from horizonval.geometry.rotation import cross
 
 
 @dataclass(frozen=True)

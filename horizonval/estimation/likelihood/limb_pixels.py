@@ -15,7 +15,7 @@ from horizonval.estimation.likelihood.pixels import NearPixels, image_scale, in_
 from horizonval.estimation.likelihood.relief_modes import modes_of, oblate_covariance, relief_modes, relief_nodes
 from horizonval.estimation.likelihood.sectors import Sectors, sectors_of
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.directions import tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 
 OUTSIDE_PX, INSIDE_PX = 12.0, 8.0
 """Of a sharp limb, from it into space and into the Earth. Where every sector has levels of its own, known from ``w``

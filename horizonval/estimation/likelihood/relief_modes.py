@@ -1,7 +1,7 @@
 r"""The uneven height of the limb as modes, unknowns of a fit whose prior is one row each.
 
 Along the limb the height departs from its mean by a random function of azimuth with the covariance ``K(phi) = s^2
-exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_relief`). On ``m`` nodes ``K = V diag(w) V^T``, and ::
+exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_heights`). On ``m`` nodes ``K = V diag(w) V^T``, and ::
 
     height(phi_j) = sum over modes of  z_i sqrt(w_i) V_ji,      z_i ~ N(0, 1)
 
@@ -20,8 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_heights import oblate_limbs
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_heights import Relief, oblate_limbs
 
 LEFT_OUT = 1e-3
 """Of the variance of the heights: 3 % of their standard deviation, spread over waves too short to act as a tilt."""

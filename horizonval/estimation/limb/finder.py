@@ -47,8 +47,8 @@ from horizonval.estimation.limb.subpixel import half_window, refine
 from horizonval.estimation.limb.sun import find_sun
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.cone import Cone, fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.horizon import Cone, fit_cone
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 STILL_SHOWN = float(np.sqrt(0.5))
 """Of the largest likelihood of all sizes that one must have to be gone on to, where the edge is as wide there as any

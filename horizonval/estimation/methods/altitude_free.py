@@ -37,9 +37,9 @@ from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, arc_order, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.cone import cones_through, fit_cone
-from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
+from horizonval.geometry.horizon import cones_through, fit_cone
+from horizonval.geometry.rotation import off_axis_angle
 
 MAX_STEPS = 20
 """Newton's method doubles its digits with every step: five from a tenth of a radian, some to get there."""

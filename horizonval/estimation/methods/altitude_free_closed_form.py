@@ -15,7 +15,7 @@ noise and ``m`` shrinks (attenuation). A point displaced by the angle ``e`` acro
 
 It is nothing on a long arc, and on a short one, where ``U^T U`` is nearly singular, it outgrows the scatter; at rho =
 90 deg ``m`` does not exist. Newton's method and the orthogonal regression of
-:func:`horizonval.geometry.cone.fit_cone` (which are one: both minimise the sum of ``(u . n - cos rho)^2``
+:func:`horizonval.geometry.horizon.fit_cone` (which are one: both minimise the sum of ``(u . n - cos rho)^2``
 over unit ``n``) suffer ``cos^2 rho`` times as much. The bias is not taken away here; its outer product is in the
 covariance.
 """
@@ -32,7 +32,7 @@ from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter
 from horizonval.estimation.methods.altitude_free import fit_of_cone
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.rotation import off_axis_angle
 
 
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float]:

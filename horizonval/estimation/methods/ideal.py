@@ -34,8 +34,8 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.geometry.rotation import off_axis_angle
 
 SIGMA_RAD = 1e-12
 """Standard deviation the oracle claims: rounding of float64 over its few operations."""

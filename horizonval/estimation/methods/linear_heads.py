@@ -33,9 +33,9 @@ from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 QUARTER_TOLERANCE_RAD = np.radians(1.0)
 """Of heads' azimuths, for a formula in which they are a quarter turn apart. Chosen."""

@@ -45,9 +45,9 @@ from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.limb.shape.cone import SLOW_PX, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import CameraModel, project, unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle
 
 HEADS = 2
 """As published."""

@@ -1,4 +1,4 @@
-"""What the ground below rays is made of: :mod:`horizonval.earth.surface.ground_cover`, written again for the kernel.
+"""What the ground below rays is made of: :mod:`horizonval.earth.surface.ground_map`, written again for the kernel.
 
 The map is a table of words, eight cells in each. Kinds of ground are looked up in a table of mixtures, four cells a
 ray, and blended; the ice of the sea in the latitudes of its edges in the month at hand.
@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.earth.surface import city_lights as city_lights_map
-from horizonval.earth.surface import ground_cover, ground_map, sea_ice
+from horizonval.earth.surface import ground_map, sea_ice
 from horizonval.earth.surface.materials import DRY
 from horizonval.earth.surface.snow_reflectance import mean_reflection
 from horizonval.renderer.types import Vec
@@ -45,10 +45,10 @@ class GroundTable:
         north, south = sea_ice.white_shares(month)
         return cls(
             mi.UInt32(ground_map.packed_words()),
-            mi.Float64(ground_cover.mixtures().ravel()),
+            mi.Float64(ground_map.mixtures().ravel()),
             mi.Float64(edges),
             mi.Float32(ground_map.heights_m().ravel()),
-            dr.opaque(mi.Float64, ground_cover.snow_line_deg(month), 1),
+            dr.opaque(mi.Float64, ground_map.snow_line_deg(month), 1),
             dr.opaque(mi.Float64, north, 1),
             dr.opaque(mi.Float64, south, 1),
             mi.Float64(mean_reflection()),
@@ -122,11 +122,11 @@ def look_alike(table: GroundTable, places: Places) -> tuple[mi.UInt32, mi.Bool]:
 
 
 def cover(table: GroundTable, places: Places) -> tuple[mi.Bool, dict[str, mi.Float64]]:
-    """Return :func:`horizonval.earth.surface.ground_cover.ground_cover`: whether there is land, and the shares."""
+    """Return :func:`horizonval.earth.surface.ground_map.ground_cover`: whether there is land, and the shares."""
     cells = cells_around(table, places)
     land = cells.on_land > 0.5
     scale = dr.select(land, 1.0 / dr.maximum(cells.on_land, 0.5), 0.0)
-    columns = len(ground_cover.mixtures()[0])
+    columns = len(ground_map.mixtures()[0])
 
     def blended(column: int) -> mi.Float64:
         total = mi.Float64(0.0)
@@ -143,8 +143,8 @@ def cover(table: GroundTable, places: Places) -> tuple[mi.Bool, dict[str, mi.Flo
 
 
 def snow_share(table: GroundTable, places: Places) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.ground_cover.snow_share`."""
-    into = (places.latitude - table.snow_line_deg) * (0.5 / ground_cover.SNOW_EDGE_DEG) + 0.5
+    """Return :func:`horizonval.earth.surface.ground_map.snow_share`."""
+    into = (places.latitude - table.snow_line_deg) * (0.5 / ground_map.SNOW_EDGE_DEG) + 0.5
     return dr.clip(into, 0.0, 1.0)
 
 

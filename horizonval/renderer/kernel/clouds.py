@@ -30,7 +30,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.clouds import earth_pattern, relief
 from horizonval.earth.clouds.earth_pattern import Arithmetic, Coarse, Local
 from horizonval.earth.clouds.relief import BASE_M, CloudField
-from horizonval.geometry.directions import perpendicular
+from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.refraction.bending import BendingField, EnteringAngles, turn_between, vertical_of
 from horizonval.renderer.tables import gather_row, table_of

@@ -1,7 +1,7 @@
 """Where a layer of thin cloud is cloudy, as a map around the point below the camera that the march looks up.
 
 An equal-area map (Lambert's) of everything in sight, made once per camera position by the same arithmetic as
-:mod:`horizonval.earth.clouds.layer_gaps`, bilinear between its nodes. It has :data:`NODES_PER_SCALE` nodes per scale of
+:mod:`horizonval.earth.clouds.layers`, bilinear between its nodes. It has :data:`NODES_PER_SCALE` nodes per scale of
 the gaps, and :data:`MOST_NODES` along a side at most: from 500 km that is enough for scales of 50 km and more; of
 smaller ones, and from far, the finest edges are blurred to a node, 2 km from 500 km and 4 km from 36 000.
 
@@ -20,9 +20,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from horizonval.earth.clouds import layer_gaps
-from horizonval.earth.clouds.layer_gaps import LayerGaps
-from horizonval.geometry.directions import perpendicular
+from horizonval.earth.clouds import layers
+from horizonval.earth.clouds.layers import LayerGaps
+from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.kernel.clouds import kernel_arithmetic, rank_of
 from horizonval.renderer.planet import Planet, dot
 from horizonval.renderer.types import Vec, constant, constant_vector
@@ -92,8 +92,8 @@ def _make_map(gaps: LayerGaps, planet: Planet, origin: tuple[float, float, float
     u, v, w = (x * shrink * e + y * shrink * n + rise * z for e, n, z in zip(*axes, vertical, strict=True))
     arithmetic = kernel_arithmetic()
     seed = dr.opaque(mi.UInt32, gaps.seed, 1)
-    noise = layer_gaps.noise(gaps, (u, v, w), seed, arithmetic.split, arithmetic.real)
-    rank = rank_of(mi.Float64(noise), *layer_gaps.rank_table(gaps))
+    noise = layers.gap_noise(gaps, (u, v, w), seed, arithmetic.split, arithmetic.real)
+    rank = rank_of(mi.Float64(noise), *layers.rank_table(gaps))
     cloudy = dr.clip((rank - constant(1.0 - gaps.cover)) / constant(gaps.softness) + 0.5, 0.0, 1.0)
     values = mi.Float32(cloudy / constant(gaps.cover) - 1.0)
     dr.eval(values)

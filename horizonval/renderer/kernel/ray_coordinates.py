@@ -23,7 +23,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.directions import perpendicular
+from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.planet import Planet, cross_squared, dot
 from horizonval.renderer.types import Vec, constant, constant_vector, inverse_root
 

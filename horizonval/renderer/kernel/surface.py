@@ -21,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.earth.clouds.relief import BASE_M
-from horizonval.earth.surface import squares, surface
+from horizonval.earth.surface import ground_map, surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
 from horizonval.renderer.ground.cover import GroundTable, Places, cover, luminance
 from horizonval.renderer.ground.reflectance import fresnel, glint_brdf, snow_factor
@@ -131,7 +131,7 @@ def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, 
     if model.plain:
         return None
     table = GroundTable.of(model.month, model.city_lights) if model.kind == "earth" else None
-    pieces = table_of(mi.Float64, squares.piece_counts(model.square_km)) if model.kind == "chequered" else None
+    pieces = table_of(mi.Float64, ground_map.piece_counts(model.square_km)) if model.kind == "chequered" else None
     return Ground(model, table, cloud_table(model.clouds, planet, origin) if model.clouds else None, pieces)
 
 
@@ -241,7 +241,7 @@ def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:
 
 
 def is_first_square(pieces: mi.Float64, normal: Vec) -> mi.Bool:
-    """Return whether unit normals stand on a square of the first kind (:mod:`horizonval.earth.surface.squares`)."""
+    """Return whether unit normals stand on a square of the first kind (:mod:`horizonval.earth.surface.ground_map`)."""
     # as data: any number of belts shares the kernel
     belts = constant(dr.width(pieces))
     latitude = dr.asin(dr.clip(normal[2], -1.0, 1.0)) * (1.0 / math.pi) + 0.5

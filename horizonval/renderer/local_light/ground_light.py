@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.surface import surface
-from horizonval.geometry.directions import perpendicular
+from horizonval.geometry.rotation import perpendicular
 from horizonval.renderer.kernel.node_batches import Bounce
 from horizonval.renderer.kernel.surface import Ground, shares_from_above
 from horizonval.renderer.planet import Planet, dot

@@ -1,6 +1,6 @@
 """Parts laid over a frame: ``L = c L_part + (1 - c) L_earth``, with the exact covered share c of every pixel.
 
-The share is that of the truth (:mod:`horizonval.geometry.part.coverage`) and not of the rays that lit the parts.
+The share is that of the truth (:mod:`horizonval.geometry.part`) and not of the rays that lit the parts.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.frame import PART_MAP, FrameTruth, Hit, RadianceFrame
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
-from horizonval.geometry.part.coverage import coverage
+from horizonval.geometry.part import coverage
 from horizonval.renderer.parts.part_light import PartScene
 from horizonval.renderer.parts.sky_light import SkyLight
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.truth.parts_in_view import part_triangles
+from horizonval.truth.frame_truth import part_triangles
 
 
 def with_parts(

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.spectral.brightness import black_body_radiance
+from horizonval.earth.spectral.planck import black_body_radiance
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.parts.materials import emissivity_of, solar_bsdf, thermal_bsdf

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.directions import perpendicular, tangent_basis
+from horizonval.geometry.rotation import perpendicular, tangent_basis
 from horizonval.renderer.kernel.cells import group_cells
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import SolarNodes

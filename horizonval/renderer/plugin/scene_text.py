@@ -1,4 +1,4 @@
-"""The plugins' settings as text properties of Mitsuba, for scene files; exact to the last bit."""
+"""The plugins' settings as text properties of Mitsuba, for scene files."""
 
 from __future__ import annotations
 
@@ -8,57 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from horizonval.earth.clouds.relief import CloudField
-from horizonval.earth.surface.surface import GroundModel
 from horizonval.geometry.camera import CameraModel
-from horizonval.renderer.planet import Planet
-from horizonval.renderer.plugin.model_text import dump_model, load_model
-from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings, MoonSettings
+from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
+from horizonval.renderer.scene.description import describe
 from horizonval.renderer.types import PluginDict
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec
 
 INTEGRATOR, SENSOR = "horizon_limb", "horizon_camera"
 
 
-def scene_properties(limb: LimbSettings, camera: CameraSettings) -> PluginDict:
-    """Return a scene of both plugins as a dictionary of text, fit for a file."""
-    return {"type": "scene", "integrator": limb_properties(limb), "sensor": camera_properties(camera)}
-
-
-def limb_properties(limb: LimbSettings) -> PluginDict:
-    """Return the integrator's properties."""
-    sun = {"direction_itrs": list(limb.sun_itrs), "angular_radius_rad": limb.sun_angular_radius_rad}
-    return {
-        **({} if limb.ground is None else {"ground": json.dumps(asdict(limb.ground), sort_keys=True)}),
-        "type": INTEGRATOR,
-        "planet": json.dumps(asdict(limb.planet)),
-        "model": dump_model(limb.model),
-        "sun": json.dumps(sun),
-        "moon": json.dumps(None if limb.moon is None else asdict(limb.moon)),
-        "sunless": limb.sunless,
-        "subsamples": limb.subsamples,
-        "nodes": limb.nodes,
-        "orders": limb.orders,
-        "method": limb.method,
-    }
+def limb_properties(scene: SceneSpec, camera: CameraSpec) -> PluginDict:
+    """Return the integrator's properties for a file: the scene as its specification."""
+    text = {k: v.model_dump(mode="json", exclude_unset=True) for k, v in (("scene", scene), ("camera", camera))}
+    return {"type": INTEGRATOR, "scene": json.dumps(text, sort_keys=True)}
 
 
 def limb_settings(properties: Any) -> LimbSettings:
-    """Return the settings written by :func:`limb_properties`; ``properties`` is Mitsuba's object."""
-    sun = json.loads(properties.get("sun"))
-    moon = json.loads(properties.get("moon", "null"))
-    return LimbSettings(
-        load_model(properties.get("model")),
-        Planet(**json.loads(properties.get("planet"))),
-        tuple(sun["direction_itrs"]),
-        float(sun["angular_radius_rad"]),
-        int(properties.get("subsamples", 2)),
-        int(properties.get("nodes", 64)),
-        str(properties.get("orders", "all")),
-        _load_ground(properties.get("ground")) if "ground" in properties else None,
-        None if moon is None else MoonSettings(**_with_tuples(moon)),
-        bool(properties.get("sunless", False)),
-        str(properties.get("method", "table")),
-    )
+    """Return the settings of :func:`limb_properties`; ``properties`` is Mitsuba's object."""
+    text = json.loads(properties.get("scene"))
+    return describe(SceneSpec.model_validate(text["scene"]), CameraSpec.model_validate(text["camera"])).limb
 
 
 def camera_properties(camera: CameraSettings) -> PluginDict:
@@ -91,12 +60,6 @@ def camera_settings(properties: Any) -> CameraSettings:
     pose = json.loads(properties.get("pose"))
     camera = CameraModel(**_with_tuples(json.loads(properties.get("camera"))))
     return CameraSettings(camera, np.array(pose["r_itrs_m"]), np.array(pose["itrs_from_cam"]).reshape(3, 3))
-
-
-def _load_ground(text: str) -> GroundModel:
-    data = json.loads(text)
-    clouds = data.pop("clouds")
-    return GroundModel(**data, clouds=CloudField(**clouds) if clouds else None)
 
 
 def _with_tuples(data: dict[str, Any]) -> dict[str, Any]:

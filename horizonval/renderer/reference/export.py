@@ -37,14 +37,16 @@ def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Pat
         As :func:`horizonval.renderer.scene.frame.render_frame`.
     """
     described = describe(scene, camera)
-    from horizonval.renderer.plugin.scene_text import scene_properties
+    from horizonval.renderer.plugin.scene_text import camera_properties, limb_properties
     from horizonval.renderer.reference.scene_xml import scene_xml
 
     folder.mkdir(exist_ok=True)
     bands = ", ".join(described.model.bands)
-    about = f'{SCENE} (needs horizonval): python -c "{LOAD}" gives radiance [W m-2 sr-1] of band {bands}.'
+    needs = "needs horizonval and the data files of the scene"
+    about = f'{SCENE} ({needs}): python -c "{LOAD}" gives radiance [W m-2 sr-1] of band {bands}.'
     head = f"horizonval scene {scene.scene.name}: deterministic limb march; W m-2 sr-1; bands {bands}"
-    atomic.write_text(folder / SCENE, scene_xml(scene_properties(described.limb, described.sensor), head))
+    plugins = {"integrator": limb_properties(scene, camera), "sensor": camera_properties(described.sensor)}
+    atomic.write_text(folder / SCENE, scene_xml({"type": "scene", **plugins}, head))
     reference = _write_reference(scene, described, folder)
     atomic.write_text(folder / README, f"{about}\n{reference}\n")
     return sorted(folder.iterdir())

@@ -1,6 +1,7 @@
 """A scene dictionary as Mitsuba's XML.
 
-Mitsuba's own writer refuses plugins written in Python and shortens numbers; this one keeps what the dictionary says.
+Mitsuba's own writer (``mi.parser.write_file``, 3.9.1) takes transforms apart and writes a wrong scale for the
+ellipsoid, and it does not know plugins written in Python.
 """
 
 from __future__ import annotations

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
+from horizonval.earth.atmosphere.air import AS_IT_IS, AirChange
 from horizonval.earth.light import moonlight, sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import surface_normal
-from horizonval.geometry.ephemeris import AU_M, phase_angle, sun_itrs
+from horizonval.geometry.sun_and_moon import AU_M, phase_angle, sun_itrs
 from horizonval.renderer.plugin.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec

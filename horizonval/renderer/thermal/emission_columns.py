@@ -17,9 +17,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.clouds.layer_gaps import LayerGaps
-from horizonval.earth.clouds.layers import merged_bands
-from horizonval.earth.weather.column_map import ColumnMap
+from horizonval.earth.clouds.layers import LayerGaps, merged_bands
+from horizonval.earth.weather.field import ColumnMap
 from horizonval.renderer.column_air import Lattice
 from horizonval.renderer.kernel.gap_map import GapMap
 from horizonval.renderer.layer_steps import Bands, layer_bands

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.digests import content_digest
 from horizonval.earth.atmosphere.emission import EmittingBand, SourceSpline
-from horizonval.earth.clouds.layer_gaps import LayerGaps
+from horizonval.earth.clouds.layers import LayerGaps
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.gap_map import GapMap
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates

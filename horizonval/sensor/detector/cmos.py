@@ -23,16 +23,7 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.sensor import motion
-from horizonval.sensor.detector import (
-    auto_exposure,
-    bayer,
-    charge,
-    converter,
-    exposure,
-    fixed_pattern,
-    protons,
-    readout,
-)
+from horizonval.sensor.detector import bayer, exposure, fixed_pattern, protons, readout
 from horizonval.sensor.lens import image_plane, optics
 from horizonval.sensor.lens.stray_light import sun_of
 from horizonval.spec.camera import Band, CameraSpec
@@ -80,12 +71,12 @@ def respond(
     if noisy and detector.dsnu_e > 0.0:
         collected = collected + fixed_pattern.dark_offset_e(unit, detector.serial, shape, detector.dsnu_e)
     collected = _with_protons(collected, detector, truth, seconds, rng("protons"))
-    spill = charge.bloom if detector.blooming == "column" else readout.saturate
+    spill = readout.bloom if detector.blooming == "column" else readout.saturate
     held = spill(collected, full_well)
     if read_rng is not None:
         held = readout.add_read_noise(held, detector.read_noise_e, read_rng)
     gain = electrons_per_dn(detector)
-    dn = converter.digitise(held, gain, black, bits)
+    dn = readout.digitise(held, gain, black, bits)
     if detector.bayer is not None:
         whole = bayer.plane(dn.astype(np.float64), detector.bayer, bayer.colour_of(band.name))
         dn = np.floor(whole + 0.5).astype(np.uint16)
@@ -116,7 +107,7 @@ class ExpectedCharge:
 
 def electrons_per_dn(detector: Cmos) -> float:
     """Return the converter's gain: the detector's own, or the one that lays a full well on the largest number."""
-    gain = converter.default_gain(detector.full_well_e, detector.bits, detector.black_level_dn)
+    gain = readout.default_gain(detector.full_well_e, detector.bits, detector.black_level_dn)
     return detector.gain_e_per_dn or gain
 
 
@@ -166,7 +157,7 @@ def expected_charge(
     if detector.auto_exposure is not None:
         # From the camera at rest: how far it turns depends on the exposure, and hardly changes a percentile.
         rate = _electrons(power_w, colours, detector, 1.0) + dark_rate
-        seconds = auto_exposure.exposure_s(rate, detector.full_well_e, detector.auto_exposure)
+        seconds = exposure.exposure_s(rate, detector.full_well_e, detector.auto_exposure)
     turn = motion.rate_cam_rad_s(truth)
     row_time_s = detector.row_time_s if detector.shutter == "rolling" and detector.row_time_s is not None else 0.0
 
@@ -180,7 +171,7 @@ def expected_charge(
     moved_w = {letter: moved(power, colours[letter]) for letter, power in power_w.items()}
     electrons = _electrons(moved_w, colours, detector, seconds)
     if detector.shutter == "frame_transfer" and detector.row_time_s is not None:
-        electrons = electrons + charge.smear_e(electrons / seconds, detector.row_time_s)
+        electrons = electrons + readout.smear_e(electrons / seconds, detector.row_time_s)
     if unlike and detector.prnu > 0.0:
         electrons = electrons * fixed_pattern.response(unit, detector.serial, shape, detector.prnu)
     dark = np.broadcast_to(dark_rate * seconds, shape)

@@ -7,6 +7,12 @@ over ``lambda_ref`` (:mod:`horizonval.earth.spectral.bands`), so that the mean c
 
 Photoelectrons and dark electrons are Poisson distributed, each from its own stream. The dark current doubles every few
 kelvin. The silicon is taken as linear up to the full well; neglected is its memory of the last exposure.
+
+The exposure a camera chooses for itself.
+
+From the expected image: the given percentile of the pixels' electrons, which grow in proportion to the exposure, shall
+be the target share of the full well. A dark frame gets the longest exposure; a sunlit one that would saturate even with
+the shortest keeps that.
 """
 
 from __future__ import annotations
@@ -15,6 +21,7 @@ import numpy as np
 from scipy import constants
 
 from horizonval.core.arrays import FloatArray
+from horizonval.spec.detector import AutoExposure
 
 
 def photoelectrons(
@@ -41,3 +48,11 @@ def count(expected: FloatArray, full_well_e: float, rng: np.random.Generator) ->
     """
     limit = 100 * full_well_e + 1000
     return np.where(expected > limit, expected, rng.poisson(np.minimum(expected, limit)))
+
+
+def exposure_s(rate_e_per_s: FloatArray, full_well_e: float, rule: AutoExposure) -> float:
+    """Return the exposure [s] for expected rates of electrons, dark current included, shape (H, W)."""
+    rate = float(np.percentile(rate_e_per_s, rule.percentile))
+    if rate * rule.max_s <= rule.target * full_well_e:
+        return rule.max_s
+    return max(rule.target * full_well_e / rate, rule.min_s)

@@ -13,25 +13,80 @@ larger, and it has no offsets. The converter's ends are the band radiances of bl
 
 Neglected: the lens's own glow (subtracted with the shutter's reading; what changes of it since is the drift), heat
 flowing between pixels, and the bend of the response over the converter's range.
+
+Noise and scale of thermal detectors, in units of the scene's band radiance.
+
+The noise is that of the resistor and the read-out, hence independent of the scene. It is given
+
+- as the temperature difference NETD of a 300 K scene that equals it, seen through a loss-free lens of f-number N0. A
+  slower or darker lens brings less power per radiance to the detector::
+
+      sigma_L = NETD dL/dT(300 K) (N / N0)^2 / tau
+
+- or as detectivity D* of an element of area A read with bandwidth B::
+
+      NEP = sqrt(A B) / D*,      sigma_L = NEP / (tau A pi / (4 N^2))
+
+(R. C. Jones's D*; the etendue of a pixel on the axis is that of :mod:`horizonval.sensor.lens.optics`.) Photon noise is
+two orders below.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.spectral import bands, planck
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel
 from horizonval.sensor import motion
-from horizonval.sensor.detector import converter, fixed_pattern, thermal_noise
-from horizonval.sensor.lens import image_plane, point_spread
+from horizonval.sensor.detector import fixed_pattern, readout
+from horizonval.sensor.lens import image_plane, lens_spread
 from horizonval.sensor.lens.stray_light import sun_of
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import LinearArray, Microbolometer, ThermalDetector, Thermopile
+
+NETD_SCENE_K = 300.0
+_STEP_K = 0.05
+
+
+def blackbody_radiance(band: Band, temperature_k: float) -> float:
+    """Return the response-weighted radiance [W m-2 sr-1] of a black body; 0 at 0 K."""
+    # Bands hold lists and cannot be keys of a cache; their text can.
+    return 0.0 if temperature_k == 0 else _blackbody_radiance(band.model_dump_json(), temperature_k)
+
+
+@lru_cache(maxsize=64)
+def _blackbody_radiance(band_text: str, temperature_k: float) -> float:
+    wavelength_um, weight_um = bands.sampled(Band.model_validate_json(band_text))
+    return float(np.sum(weight_um * planck.radiance_per_um(wavelength_um, temperature_k)))
+
+
+def radiance_per_kelvin(band: Band, temperature_k: float = NETD_SCENE_K) -> float:
+    """Return dL/dT [W m-2 sr-1 K-1]; the central difference is good to 1e-7."""
+    upper, lower = (blackbody_radiance(band, temperature_k + step) for step in (_STEP_K, -_STEP_K))
+    return (upper - lower) / (2 * _STEP_K)
+
+
+def from_netd(band: Band, netd_k: float, relative_f_number: float, transmission: float) -> float:
+    """Return the standard deviation of the signal [W m-2 sr-1]; f-number relative to that of the NETD."""
+    return netd_k * radiance_per_kelvin(band) * relative_f_number**2 / transmission
+
+
+def from_detectivity(
+    d_star_cm_rthz_per_w: float, bandwidth_hz: float, pitch_um: float, f_number: float, transmission: float
+) -> float:
+    """Return the same from the detectivity of a square element."""
+    area_m2 = (pitch_um * 1e-6) ** 2
+    nep_w = math.sqrt(area_m2 * bandwidth_hz) / (d_star_cm_rthz_per_w * 1e-2)
+    return nep_w / (transmission * area_m2 * math.pi / (4.0 * f_number**2))
+
 
 SIGMA_PER_FWHM = 1.0 / np.sqrt(8.0 * np.log(2.0))
 LAGUERRE_POINTS = 16
@@ -62,12 +117,12 @@ def respond(
         unit, shape = fixed_pattern.unit(camera.camera.name, truth), (geometry.height, geometry.width)
         if detector.responsivity_rms > 0.0:
             signal = signal * fixed_pattern.response(unit, detector.serial, shape, detector.responsivity_rms)
-        per_kelvin = thermal_noise.radiance_per_kelvin(measured_in)
+        per_kelvin = radiance_per_kelvin(measured_in)
         signal = signal + offsets_k(detector, shape, residue_rng, drift_rng) * per_kelvin
         signal = signal + sigma * thermal_rng.standard_normal(shape)
     low, step = converter_range(detector, band)
     settings = {"radiance_at_zero": low, "radiance_per_dn": step, "sigma_radiance": sigma}
-    return converter.digitise(signal - low, step, 0.0, detector.bits), settings
+    return readout.digitise(signal - low, step, 0.0, detector.bits), settings
 
 
 def expected_signal(
@@ -89,7 +144,7 @@ def expected_signal(
         still = image_plane.radiance_on_axis(behind, geometry, camera.optics, pitch_m, band, sun_of(truth))
         dragged = lag_by_time_constant(still, geometry, turn, detector.time_constant_s)
         signal = motion.behind_still_parts(signal, still, dragged, truth, geometry)
-    return point_spread.blur(signal, detector.response_fwhm_px * SIGMA_PER_FWHM)
+    return lens_spread.blur(signal, detector.response_fwhm_px * SIGMA_PER_FWHM)
 
 
 def measured_band(camera: CameraSpec, detector: ThermalDetector, band: Band) -> Band:
@@ -99,30 +154,30 @@ def measured_band(camera: CameraSpec, detector: ThermalDetector, band: Band) -> 
 
 def converter_range(detector: ThermalDetector, band: Band) -> tuple[float, float]:
     """Return the radiance of the digital number 0, and that of one step [W m-2 sr-1]."""
-    low = thermal_noise.blackbody_radiance(band, detector.scene_min_k)
-    high = thermal_noise.blackbody_radiance(band, detector.scene_max_k)
-    return low, (high - low) / converter.full_scale(detector.bits)
+    low = blackbody_radiance(band, detector.scene_min_k)
+    high = blackbody_radiance(band, detector.scene_max_k)
+    return low, (high - low) / readout.full_scale(detector.bits)
 
 
 def noise_radiance(band: Band, detector: ThermalDetector, camera: CameraSpec) -> float:
     """Return the standard deviation of the temporal noise [W m-2 sr-1]; ``band`` is that of the NETD."""
     lens = camera.optics
     if isinstance(detector, Thermopile):
-        return thermal_noise.from_netd(band, detector.netd_k, 1.0, 1.0)
+        return from_netd(band, detector.netd_k, 1.0, 1.0)
     if isinstance(detector, Microbolometer):
         speed = lens.f_number / detector.netd_f_number
-        return thermal_noise.from_netd(band, detector.netd_k, speed, lens.transmission)
+        return from_netd(band, detector.netd_k, speed, lens.transmission)
     if not isinstance(detector, LinearArray):
         raise TypeError(f"no noise model for {type(detector).__name__}")
     looks = np.sqrt(2.0) if detector.sensing == "pyroelectric" else 1.0
     if detector.netd_k is not None:
         speed = lens.f_number / detector.netd_f_number
-        return float(looks * thermal_noise.from_netd(band, detector.netd_k, speed, lens.transmission))
+        return float(looks * from_netd(band, detector.netd_k, speed, lens.transmission))
     assert detector.d_star_cm_rthz_per_w is not None
     assert detector.bandwidth_hz is not None
     return float(
         looks
-        * thermal_noise.from_detectivity(
+        * from_detectivity(
             detector.d_star_cm_rthz_per_w,
             detector.bandwidth_hz,
             detector.pixel_pitch_um,

@@ -24,7 +24,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.sensor.lens import ghosts, lens_spread, optics, stray_light
+from horizonval.sensor.lens import lens_spread, optics, stray_light
 from horizonval.sensor.lens.stray_light import Sun
 from horizonval.spec.camera import Band
 from horizonval.spec.optics import Optics
@@ -88,7 +88,7 @@ def _through(
     detector into the light's unit.
     """
     if lens.ghost:
-        light = light + sum(ghosts.ghost_image(light, geometry, ghost) for ghost in lens.ghost)
+        light = light + sum(stray_light.ghost_image(light, geometry, ghost) for ghost in lens.ghost)
     out = lens_spread.spread(light, geometry, lens, band, pixel_pitch_m)
     if sun is None or band is None or sun.visible_fraction == 0:
         return out

@@ -16,6 +16,19 @@ part outside goes through this table.
 Neglected: sunlight on its way through the Earth's air keeps its full strength as long as the disc is seen past the
 solid Earth; the share of the disc behind the Earth is taken as evenly spread over the parts inside and outside the
 image; stray light of the Earth and the Moon outside the image.
+
+Ghosts: faint images of the scene by two reflections between lens surfaces or the detector's window.
+
+A ghost is the image scaled about the principal point c, seldom in focus::
+
+    ghost(p) = ratio / scale^2 * image(c + (p - c) / scale),   then blurred
+
+Every pixel of the image is taken as evenly lit, and its light is shared among the pixels that its scaled square covers:
+the ghost of all that stays in the image holds ``ratio`` times its light, exactly, and nothing is below 0. The light is
+added: what reflections take from the image is in the lens's measured transmission.
+
+Neglected: change of the ratio over the field and of the shape (a pupil's image, mostly); ghosts of what is outside the
+image.
 """
 
 from __future__ import annotations
@@ -24,14 +37,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.directions import GOLDEN_ANGLE_RAD, perpendicular
+from horizonval.geometry.rotation import GOLDEN_ANGLE_RAD, perpendicular
 from horizonval.spec.camera import Band
-from horizonval.spec.optics import Stray
+from horizonval.spec.optics import Ghost, Stray
 
 _DISC_POINTS = 2048
 
@@ -105,3 +120,32 @@ def detector_irradiance(stray: Stray, camera: CameraModel, band: Band, sun: Sun)
     share, _ = outside_image(camera, sun)
     arriving = band_irradiance(band, sun.angular_radius_rad) * sun.visible_fraction * share
     return transmittance(stray, sun.off_axis_rad) * arriving
+
+
+_CUT_SIGMA = 5.0
+
+
+def ghost_image(image: FloatArray, camera: CameraModel, ghost: Ghost) -> FloatArray:
+    """Return what the ghost adds to the image, shape (H, W)."""
+    rows = _axis_map(camera.height, camera.cy, ghost.scale)
+    columns = _axis_map(camera.width, camera.cx, ghost.scale)
+    out = np.asarray((columns @ (rows @ image).T).T) * ghost.ratio
+    if ghost.blur_px > 0:
+        out = gaussian_filter(out, ghost.blur_px, mode="constant", truncate=_CUT_SIGMA)
+    return out
+
+
+def _axis_map(size: int, centre: float, scale: float) -> csr_array:
+    """Return the matrix that takes light along one axis to its places in the ghost; columns sum to 1 or less."""
+    source = np.arange(size)
+    ends = centre + (np.stack([source - 0.5, source + 0.5]) - centre) * scale
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    first = np.floor(low + 0.5).astype(np.intp)
+    entries = []
+    for step in range(int(np.ceil(abs(scale))) + 1):
+        target = first + step
+        overlap = np.minimum(high, target + 0.5) - np.maximum(low, target - 0.5)
+        good = (overlap > 0) & (target >= 0) & (target < size)
+        entries.append((overlap[good] / abs(scale), target[good], source[good]))
+    values, to, origin = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+    return csr_array((values, (to, origin)), shape=(size, size))

@@ -17,7 +17,7 @@ from horizonval.core import atomic
 from horizonval.core.digests import content_digest
 from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 from horizonval.plugins import supervisor
 from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.row import Row

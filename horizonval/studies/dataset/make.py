@@ -13,7 +13,7 @@ from horizonval.core.digests import content_digest
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.jobs.engine import do
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.studies.dataset.columns import COLUMNS

@@ -11,9 +11,8 @@ import numpy as np
 
 from horizonval.core import atomic, files
 from horizonval.core.digests import content_digest
-from horizonval.jobs.engine import Done, Recorded
-from horizonval.jobs.kept import Record
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.engine import Done, Record, Recorded
+from horizonval.jobs.progress import Stopwatch
 from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.sensor.observe import observe
 from horizonval.spec.suite import DatasetSpec

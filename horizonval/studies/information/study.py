@@ -26,10 +26,10 @@ from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import do
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Case
 from horizonval.store.folder import RunFolder, read_json, write_json
-from horizonval.store.manifest import amend_manifest
+from horizonval.store.verify import amend_manifest
 from horizonval.studies.information.work import InformationWork
 from horizonval.studies.trade.conclude import RESULT
 from horizonval.studies.trade.design import Study

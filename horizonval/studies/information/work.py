@@ -8,16 +8,16 @@ from typing import Any
 
 from horizonval.core.code import code_digest
 from horizonval.jobs.engine import Recorded
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.progress import Stopwatch
 from horizonval.renderer.scene.frame import render_in_turn
 from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.scoring.bound import bound_of
 from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.information.of_frame import information_of
+from horizonval.scoring.information import information_of
 from horizonval.spec.load import Case
 from horizonval.suites.identity import frame_identity
 
-CODE = ("horizonval.scoring.bound", "horizonval.scoring.expected", "horizonval.scoring.information.of_frame")
+CODE = ("horizonval.scoring.bound", "horizonval.scoring.expected", "horizonval.scoring.information")
 """What makes a record, beside the frame."""
 
 

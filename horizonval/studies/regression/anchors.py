@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from scipy import constants, integrate
 
-from horizonval.geometry.directions import angle_between
+from horizonval.geometry.rotation import angle_between
 from horizonval.studies.regression.statistics.decide import Verdict
 
 Anchor = dict[str, Any]

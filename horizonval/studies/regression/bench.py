@@ -16,9 +16,8 @@ import numpy as np
 
 from horizonval.core.cache import is_intact, read_arrays, write_arrays
 from horizonval.core.code import code_digest
-from horizonval.jobs.engine import Recorded
-from horizonval.jobs.kept import Record
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.engine import Record, Recorded
+from horizonval.jobs.progress import Stopwatch
 from horizonval.spec.load import Case
 from horizonval.studies.regression.baseline.pack import read_pack
 from horizonval.studies.regression.heads import render_heads, replay_heads

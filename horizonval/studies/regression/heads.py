@@ -23,7 +23,7 @@ from horizonval.scoring.bound import bound_of
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_of_heads, expected_outcome
 from horizonval.scoring.row import rounded
-from horizonval.sensor.calibrated import radiance_per_dn
+from horizonval.sensor.expected_image import radiance_per_dn
 from horizonval.sensor.observe import observe as observe_frame
 from horizonval.spec.load import Case
 from horizonval.studies.regression.baseline.pack import Pack, digest

@@ -18,7 +18,7 @@ from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, write_json
-from horizonval.store.manifest import withdraw_manifest, write_manifest
+from horizonval.store.verify import withdraw_manifest, write_manifest
 from horizonval.studies.regression.baseline import history
 from horizonval.studies.regression.baseline.baseline import read_baseline, release_path
 from horizonval.studies.regression.bench import NightWork, Task, sweep

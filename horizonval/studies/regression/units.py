@@ -20,10 +20,9 @@ from horizonval.plugins.supervisor import supervisor_of
 from horizonval.scoring.bound import bound_of
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.information.information import LimbInformation
-from horizonval.scoring.information.of_frame import information_of
+from horizonval.scoring.information import LimbInformation, information_of
 from horizonval.scoring.row import rounded
-from horizonval.sensor.calibrated import radiance_per_dn
+from horizonval.sensor.expected_image import radiance_per_dn
 from horizonval.sensor.observe import observe as observe_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case

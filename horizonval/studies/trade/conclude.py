@@ -18,8 +18,7 @@ from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
-from horizonval.scoring.row import Row
-from horizonval.scoring.table import read_results
+from horizonval.scoring.row import Row, read_results
 from horizonval.spec.suite import Requirement
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.studies.trade import cost

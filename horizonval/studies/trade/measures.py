@@ -122,7 +122,7 @@ def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
 def exclusion_angle(angle: FloatArray, right: NDArray[np.bool_], weights: FloatArray) -> FloatArray:
     """Return for every line of weights the smallest angle from which on every answer is right, NaN where there is none.
 
-    The same as :func:`horizonval.scoring.exclusion.exclusion_angle_deg`, for all draws at once.
+    The same as :func:`horizonval.scoring.expected.exclusion_angle_deg`, for all draws at once.
     """
     if angle.size == 0:
         return np.full(len(weights), np.nan)

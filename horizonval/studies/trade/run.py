@@ -11,12 +11,12 @@ from typing import Any
 from horizonval.core.cache import log_damage
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.remaining import ExpectedTime
+from horizonval.jobs.engine import ExpectedTime
+from horizonval.jobs.pool import Execution
 from horizonval.report import study as study_page
 from horizonval.spec.suite import Requirement
 from horizonval.store.folder import RunFolder, intact_json
-from horizonval.store.manifest import amend_manifest
+from horizonval.store.verify import amend_manifest
 from horizonval.studies.trade.conclude import Data, conclude, files_of_study, query, read_data
 from horizonval.studies.trade.design import Study, expand, read_study
 from horizonval.studies.trade.plan import FILE, StudyPlan, plan_of_study, read_plan, write_plan

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from horizonval.core.errors import UserError
 from horizonval.estimation.observation import Estimator
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.progress import Stopwatch
 from horizonval.spec.prior import is_climate_file
 from horizonval.store.entry import StoreEntry
 from horizonval.store.exr import read_header

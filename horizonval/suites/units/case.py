@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from horizonval.core.errors import UserError, one_line
 from horizonval.frame import RadianceFrame
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.progress import Stopwatch
 from horizonval.spec.load import Case
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.store import Store
@@ -89,7 +89,7 @@ def failed_records(unit: Unit, plan: CasePlan, errors: Mapping[str, str]) -> dic
 
 
 def _make(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> _Made:
-    from horizonval.scoring.information.of_frame import informed
+    from horizonval.scoring.information import informed
     from horizonval.sensor.observe import observe
 
     frame, address = _frame(case, plan, folder, watch)

@@ -13,14 +13,14 @@ from typing import Any, Literal
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.progress import Stopwatch
 from horizonval.plugins.supervisor import supervisor_of
 from horizonval.scoring.bound import Bound, bound_of, together
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
-from horizonval.scoring.information.information import carried
-from horizonval.scoring.repeats import mean_noise_nees
+from horizonval.scoring.information import carried
 from horizonval.scoring.row import Row, make_row
+from horizonval.scoring.summary import mean_noise_nees
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import details_of

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from horizonval.jobs.engine import Done, Work
-from horizonval.jobs.kept import keep, kept
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.engine import Done, Work, keep, kept
+from horizonval.jobs.progress import Stopwatch
 from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json

@@ -26,8 +26,8 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.frames import nadir_of_roll_pitch
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec

@@ -34,7 +34,7 @@ from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.methods import altitude_free_closed_form, altitude_free_published
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 from horizonval.spec.scene import SceneSpec
 from horizonval.systems.a.bank import ARCSEC, camera_of, grid, radius_of, scene_of, set_ups
 

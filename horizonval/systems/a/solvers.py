@@ -7,8 +7,8 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle
 from horizonval.systems.a.bank import ARCSEC
 from horizonval.systems.task_cache import rng_of
 

@@ -9,7 +9,7 @@ import numpy as np
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods import ideal
 from horizonval.estimation.observation import Fit
-from horizonval.geometry.directions import angle_between
+from horizonval.geometry.rotation import angle_between
 from horizonval.plugins import registry
 from horizonval.scoring.errors import ARCSEC, score
 from horizonval.spec.load import load_camera

@@ -20,8 +20,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods.ideal import ideal_horizon_sensor
 from horizonval.geometry.camera import camera_from_spec, unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.suites.observation import oracle_pose

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods.ideal import HorizonReading, ReadingStatus, ideal_horizon_sensor
-from horizonval.geometry.directions import angle_between, perpendicular
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.horizon import horizon_directions, limb_side
+from horizonval.geometry.rotation import angle_between, perpendicular
 from horizonval.systems.task_cache import rng_of
 
 RADIUS_M = 6371e3

@@ -22,9 +22,9 @@ from horizonval.estimation.methods import linear_heads
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.geometry.directions import angle_between
-from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.horizon import horizon_columns
+from horizonval.geometry.rotation import angle_between
+from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.scoring.errors import score
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera

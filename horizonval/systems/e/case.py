@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.tle import ElementSet, gcrs_states, itrs_states
+from horizonval.geometry.orbit import ElementSet, gcrs_states, itrs_states
 from horizonval.systems.e.localisation.pipeline import TwoStationPass
 from horizonval.systems.e.localisation.stations import Station
 from horizonval.systems.published import published

@@ -10,7 +10,7 @@ import pytest
 import horizonval as hv
 from horizonval.api.derivatives import image_derivatives, level_axes
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
+from horizonval.earth.atmosphere.air import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.profiles import profile
 
 SIZE = 20

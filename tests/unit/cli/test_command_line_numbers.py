@@ -8,7 +8,7 @@ import pytest
 
 from horizonval import cli
 from horizonval.core.errors import UserError
-from horizonval.jobs.execution import Execution, parse_shard
+from horizonval.jobs.pool import Execution, parse_shard
 from horizonval.spec.explain import with_option
 from horizonval.spec.suite import Requirement, SobolSpec, SuiteHead
 

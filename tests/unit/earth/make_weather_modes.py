@@ -18,7 +18,7 @@ import horizonval.earth
 from horizonval.earth.atmosphere import climate
 from horizonval.earth.tables import npz
 from horizonval.earth.weather import real_states, zonal_climate
-from horizonval.earth.weather.modes import CLASSES, MODES, class_of
+from horizonval.earth.weather.field import CLASSES, MODES, class_of
 
 STEP_M, TOP_M, SCALE_M = 2500.0, 65e3, 7000.0
 WATER_TOP_M, OZONE_FLOOR_M = 15e3, 8e3

@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 from scipy import constants
 
-from horizonval.earth.spectral.brightness import COLDEST_K, HOTTEST_K, black_body_radiance, brightness_temperature_k
-from horizonval.earth.spectral.planck import band_radiance
+from horizonval.earth.spectral.planck import (
+    COLDEST_K,
+    HOTTEST_K,
+    band_radiance,
+    black_body_radiance,
+    brightness_temperature_k,
+)
 from horizonval.spec.camera import Band
 from horizonval.spec.load import load_camera
 

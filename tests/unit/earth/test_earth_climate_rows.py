@@ -3,11 +3,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth.atmosphere import climate_rows
+from horizonval.earth.atmosphere import climate
 from horizonval.earth.gases import afgl
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import thermal_absorption
-from horizonval.earth.weather.cold_poles import with_cold_poles
+from horizonval.earth.weather.zonal_climate import with_cold_poles
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -34,7 +34,7 @@ def scene(
 @pytest.mark.parametrize("latitude", [-90.0, -62.0, 0.0, 33.3, 85.0])
 @pytest.mark.parametrize("height_km", [80.0, 500.0, 2000.0, 35_786.0])
 def test_rows_reach_as_far_as_the_rays(latitude: float, height_km: float) -> None:
-    rows = climate_rows.rows_in_sight(latitude, height_km * 1e3)
+    rows = climate.rows_in_sight(latitude, height_km * 1e3)
     np.testing.assert_allclose(np.diff(rows), 0.01, atol=1e-12)
     # Rays in all directions from the satellite that graze the ground, followed to where they leave the air at 100 km.
     radius, top = 6371.0, 6471.0
@@ -82,11 +82,11 @@ def test_seasons_are_opposite_in_the_two_hemispheres() -> None:
 
 
 def test_half_way_between_rows() -> None:
-    rows = climate_rows.all_rows()
+    rows = climate.all_rows()
     middle = (rows[1:] + rows[:-1]) / 2
     points = thermal_absorption.g_points(CAMERA.band[0])
     z = afgl.levels_m()
-    at_rows, between = (afgl.blended(climate_rows.weights(sines, 1.0), z) for sines in (rows, middle))
+    at_rows, between = (afgl.blended(climate.row_weights(sines, 1.0), z) for sines in (rows, middle))
     t = at_rows.temperature_k
     assert np.abs((t[1:] + t[:-1]) / 2 - between.temperature_k).max() < 0.05
     k, exact = (np.exp(points.ln_absorption(state)) for state in (at_rows, between))

@@ -5,11 +5,11 @@ import pytest
 
 from horizonval.earth.gases import afgl
 from horizonval.earth.surface import surface_temperature
-from horizonval.earth.surface.emitting_ground import emitting_ground
 from horizonval.earth.surface.ground_emission import (
     KINDS,
     EmittingPlaces,
     GroundEmission,
+    emitting_ground,
     ground_emissivity,
 )
 from horizonval.earth.surface.ground_emission import ground_k as at_places

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.earth import tables
-from horizonval.earth.surface import ground_cover, ground_map, sea_ice
+from horizonval.earth.surface import ground_map, sea_ice
 from horizonval.earth.surface.materials import DRY, spectrum
 
 LATITUDE = np.arange(-89.875, 90.0, 0.25)
@@ -114,7 +114,7 @@ def test_kinds_are_as_bright_as_published(kind: str) -> None:
     wavelength, irradiance = (np.asarray(v) for v in tables.csv("solar_spectrum.csv")[:2])
     um = wavelength / 1000.0 if wavelength.max() > 100.0 else wavelength
     used = (um > 0.3) & (um < 2.5)
-    mixture = ground_cover.mixtures()[ground_map.KINDS.index(kind)]
+    mixture = ground_map.mixtures()[ground_map.KINDS.index(kind)]
     albedo = sum(mixture[i] * spectrum(name, um[used]) for i, name in enumerate(("vegetation", "soil", "sand", "firn")))
     widths = np.gradient(um[used])
     mean = np.average(albedo, weights=irradiance[used] * widths)
@@ -126,15 +126,15 @@ def test_shares_make_up_the_ground() -> None:
     rng = np.random.default_rng(np.random.SeedSequence(11))
     latitude, longitude = np.degrees(np.arcsin(rng.uniform(-1, 1, 20000))), rng.uniform(-180, 180, 20000)
     for month in (1.0, 7.0):
-        cover = ground_cover.ground_cover(latitude, longitude, month)
+        cover = ground_map.ground_cover(latitude, longitude, month)
         total = sum(cover.shares.values())
         assert total[~cover.land] == pytest.approx(1.0)
         assert total.max() < 1.0 + 1e-9
         assert total[cover.land].min() > 0.4
         assert set(cover.shares) == {*DRY, "water"}
-    winter, summer = (ground_cover.ground_cover([62.0, 62.0], [105.0, 30.5], m).shares["snow"] for m in (1.0, 7.0))
+    winter, summer = (ground_map.ground_cover([62.0, 62.0], [105.0, 30.5], m).shares["snow"] for m in (1.0, 7.0))
     assert (summer == 0.0).all()
     assert (winter > 0.2).all()
-    prairie = ground_cover.ground_cover(52.0, -106.0, 1.0).shares["snow"]
-    taiga = ground_cover.ground_cover(60.0, 45.0, 1.0).shares["snow"]
+    prairie = ground_map.ground_cover(52.0, -106.0, 1.0).shares["snow"]
+    taiga = ground_map.ground_cover(60.0, 45.0, 1.0).shares["snow"]
     assert float(prairie) > 0.8 > 0.5 > float(taiga)

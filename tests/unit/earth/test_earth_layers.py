@@ -11,15 +11,13 @@ import pytest
 from pydantic import ValidationError
 
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere.air import air_of
-from horizonval.earth.atmosphere.air_change import AirChange
-from horizonval.earth.clouds import layer_kinds, layer_optics
-from horizonval.earth.clouds.layer_gaps import LayerGaps
-from horizonval.earth.clouds.layers import ThinLayer, layers_of, merged_bands
+from horizonval.earth.atmosphere.air import AirChange, air_of
+from horizonval.earth.clouds import layers
+from horizonval.earth.clouds.layers import LayerGaps, ThinLayer, layers_of, merged_bands
 from horizonval.spec.scene import SceneSpec
 
 GRID_M = np.linspace(0.0, 100e3, 1001)
-KINDS = sorted(layer_kinds.KINDS)
+KINDS = sorted(layers.KINDS)
 
 
 def scene(*layers: dict[str, Any], latitude_deg: float = 37.0, month: int = 7, **tables: Any) -> SceneSpec:
@@ -42,7 +40,7 @@ def test_columns_keep_optical_depth_and_mean_height(base_m, top_m, raised_m):
 def test_columns_are_nothing_beyond_their_layer():
     """To the last bit, under any tropopause: what looks for a layer's edges looks for the first node that has none."""
     for latitude_deg in np.linspace(-90.0, 90.0, 181):
-        base_m, top_m = layer_kinds.heights_m(scene({"kind": "cirrus"}).layer[0], float(latitude_deg))
+        base_m, top_m = layers.heights_m(scene({"kind": "cirrus"}).layer[0], float(latitude_deg))
         inside = GRID_M[ThinLayer(base_m, top_m, 1e-4, "ice 30").column(GRID_M) != 0.0]
         assert base_m - 100.0 < inside[0] <= base_m + 100.0
         assert top_m - 100.0 <= inside[-1] < top_m + 100.0
@@ -65,13 +63,13 @@ def test_optics_are_the_tables():
     for phase in ("ice", "water"):
         rows = table[phase]
         for i, radius in enumerate(rows["effective_radius_um"]):
-            kind = layer_optics.particle(phase, radius)
+            kind = layers.particle(phase, radius)
             mass = np.array(rows["mass_extinction_m2_kg"][i])
-            extinction, scattering, g = layer_optics.sunlit(kind, rows["wavelength_um"])
+            extinction, scattering, g = layers.sunlit(kind, rows["wavelength_um"])
             np.testing.assert_allclose(extinction, mass / mass[1], rtol=1e-12)
             np.testing.assert_allclose(1 - scattering / extinction, rows["one_minus_ssa"][i], atol=1e-9)
             np.testing.assert_allclose(g, rows["asymmetry"][i], rtol=1e-12)
-            absorbed = layer_optics.infrared_absorption(kind, [1e4 / 900.0, 1e4 / 660.0])
+            absorbed = layers.infrared_absorption(kind, [1e4 / 900.0, 1e4 / 660.0])
             expected = np.array(rows["infrared_absorption_m2_kg"][i])[[3, 1]] / mass[1]
             np.testing.assert_allclose(absorbed, expected, rtol=1e-12)
 
@@ -79,19 +77,19 @@ def test_optics_are_the_tables():
 def test_infrared_depth_is_about_half_the_visible_one():
     """Both are near geometric optics, where extinction is twice the cross section and absorption once."""
     for kind in ("ice 30", "ice 50", "water 10"):
-        assert 0.4 < layer_optics.infrared_absorption(kind, [11.0])[0] < 0.56
+        assert 0.4 < layers.infrared_absorption(kind, [11.0])[0] < 0.56
 
 
 def test_finest_ice_scatters_as_rayleigh():
-    extinction, _, g = layer_optics.sunlit("ice 0.02", [0.45, 0.9])
+    extinction, _, g = layers.sunlit("ice 0.02", [0.45, 0.9])
     assert np.log(extinction[0] / extinction[1]) / np.log(2.0) == pytest.approx(4.0, abs=0.15)
     assert (g < 0.05).all()
-    assert not layer_optics.infrared_absorption("ice 0.05", [11.0]).any()
+    assert not layers.infrared_absorption("ice 0.05", [11.0]).any()
 
 
 def test_wavelengths_beyond_the_tables_are_refused():
     with pytest.raises(UserError, match="no optical properties of thin cloud"):
-        layer_optics.sunlit("ice 30", [1.3])
+        layers.sunlit("ice 30", [1.3])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -99,9 +97,9 @@ def test_every_kind_has_a_layer_of_its_own(kind):
     (layer,) = layers_of(scene({"kind": kind}))
     assert layer.top_m - layer.base_m >= 400.0
     depth = layer.extinction_550_per_m * (layer.top_m - layer.base_m)
-    assert depth == pytest.approx(layer_kinds.KINDS[kind].optical_depth)
+    assert depth == pytest.approx(layers.KINDS[kind].optical_depth)
     if kind != "noctilucent":
-        layer_optics.sunlit(layer.particle, [0.45, 1.0])
+        layers.sunlit(layer.particle, [0.45, 1.0])
 
 
 def test_cirrus_follows_the_tropopause():
@@ -120,7 +118,7 @@ def test_occurrence_means_over_the_globe():
     latitude = np.degrees(np.arcsin(np.linspace(-0.999, 0.999, 1001)))
 
     def mean(kind: str) -> float:
-        return float(np.mean([[layer_kinds.occurrence(kind, v, m) for v in latitude[::10]] for m in range(1, 13)]))
+        return float(np.mean([[layers.occurrence(kind, v, m) for v in latitude[::10]] for m in range(1, 13)]))
 
     # Sassen, Wang and Liu (2008): 16.7 % of the globe, from 10 to 35 %
     assert mean("cirrus") == pytest.approx(0.167, abs=0.02)
@@ -129,12 +127,12 @@ def test_occurrence_means_over_the_globe():
 
 @pytest.mark.parametrize("month", range(1, 13))
 def test_polar_clouds_keep_their_seasons(month):
-    at = {v: layer_kinds.occurrence("polar_stratospheric", v, month) for v in (-80.0, -50.0, 80.0)}
+    at = {v: layers.occurrence("polar_stratospheric", v, month) for v in (-80.0, -50.0, 80.0)}
     assert at[-50.0] == 0.0
     assert (at[-80.0] > 0.4) == (month in (6, 7, 8, 9))
     assert (at[80.0] > 0.0) == (month in (11, 12, 1, 2, 3))
-    assert (layer_kinds.occurrence("noctilucent", 80.0, month) > 0.5) == (month in (6, 7))
-    assert layer_kinds.occurrence("noctilucent", 50.0, month) == 0.0
+    assert (layers.occurrence("noctilucent", 80.0, month) > 0.5) == (month in (6, 7))
+    assert layers.occurrence("noctilucent", 50.0, month) == 0.0
 
 
 def test_climate_decides_the_cover():

@@ -9,12 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.clouds import coarse_store, earth_pattern, relief
+from horizonval.earth.clouds import earth_pattern, relief
 from horizonval.earth.clouds.climatology import cloud_kinds
-from horizonval.earth.clouds.coarse_store import kept_coarse_map
-from horizonval.earth.clouds.earth_pattern import BASE_M, Coarse
+from horizonval.earth.clouds.earth_pattern import BASE_M, Coarse, kept_coarse_map, stirred
 from horizonval.earth.clouds.relief import CloudField
-from horizonval.earth.clouds.whirls import stirred
 from horizonval.earth.surface.ground_map import is_land
 from horizonval.spec.earth import Clouds
 from horizonval.spec.scene import SceneSpec
@@ -152,14 +150,14 @@ def test_a_seed_and_a_month_fix_the_clouds(places: FloatArray) -> None:
 def test_a_map_is_found_again_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And not another's, nor a damaged one, nor more of them than are kept."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(coarse_store, "KEPT", 2)
+    monkeypatch.setattr(earth_pattern, "KEPT", 2)
     made: list[int] = []
 
     def counted(seed: int, month: int, cover: float | None) -> Coarse:
         made.append(seed)
         return earth_pattern.coarse_map(seed, month, cover)
 
-    monkeypatch.setattr(coarse_store, "coarse_map", counted)
+    monkeypatch.setattr(earth_pattern, "coarse_map", counted)
 
     def found(seed: int) -> Coarse:
         kept_coarse_map.cache_clear()

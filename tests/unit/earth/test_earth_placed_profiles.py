@@ -14,7 +14,7 @@ from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.atmosphere.placed_profiles import PlacedProfiles
 from horizonval.earth.atmosphere.profile_file import has_places, read_profiles
 from horizonval.earth.optical import optical_model
-from horizonval.earth.weather.column_map import latitude_longitude_deg
+from horizonval.earth.weather.field import latitude_longitude_deg
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

@@ -9,8 +9,7 @@ import pytest
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.gases import afgl, rrtmg
-from horizonval.earth.gases.gas_state import GasState
-from horizonval.earth.gases.halocarbons import halocarbons
+from horizonval.earth.gases.gas_state import GasState, halocarbons
 
 DATA = Path(__file__).parents[2] / "data"
 GASES = ("h2o", "co2", "o3", "n2o", "ch4")

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.earth.surface import surface
-from horizonval.earth.surface.ground_cover import snow_line_deg, snow_share
-from horizonval.earth.surface.ground_map import is_land
+from horizonval.earth.surface.ground_map import is_land, snow_line_deg, snow_share
 from horizonval.earth.surface.materials import NAMES, spectrum
 from horizonval.spec.scene import SceneSpec
 

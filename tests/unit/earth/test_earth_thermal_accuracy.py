@@ -11,8 +11,7 @@ import pytest
 from horizonval.core.errors import UserError
 from horizonval.earth.gases import afgl
 from horizonval.earth.spectral import thermal_absorption
-from horizonval.earth.spectral.limb_shares import limb_radiances
-from horizonval.earth.spectral.thermal_accuracy import NAMED, RANGES_KM, thermal_accuracy
+from horizonval.earth.spectral.thermal_absorption import NAMED, RANGES_KM, limb_radiances, thermal_accuracy
 from horizonval.spec.camera import Band
 
 TABLE = Path(__file__).parents[2] / "data" / "thermal_verification.csv"

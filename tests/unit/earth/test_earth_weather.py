@@ -14,16 +14,15 @@ from make_weather_modes import made
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere import climate, columns
+from horizonval.earth.atmosphere import air, climate
 from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.tables import npz
-from horizonval.earth.weather import field, modes, real_states, warming, zonal_climate
-from horizonval.earth.weather.cold_poles import with_cold_poles
+from horizonval.earth.weather import field, real_states, warming, zonal_climate
 from horizonval.earth.weather.field import WeatherField
-from horizonval.earth.weather.humidity import saturated_share
-from horizonval.earth.weather.hydrostatic import pressure_pa
+from horizonval.earth.weather.hydrostatic import pressure_pa, saturated_share
+from horizonval.earth.weather.zonal_climate import with_cold_poles
 from horizonval.spec.load import load_suite
 from horizonval.spec.scene import SceneSpec
 
@@ -42,7 +41,7 @@ def test_drawn_columns_are_in_hydrostatic_balance() -> None:
 
     Gravity by Somigliana's formula and the free-air gradient; the code has List's.
     """
-    state = columns.weather_columns(WeatherField(11, 1.5), LATITUDE, LONGITUDE, Z_M)
+    state = air.weather_columns(WeatherField(11, 1.5), LATITUDE, LONGITUDE, Z_M)
     moist = 28.9644e-3 - state.vmr["h2o"] * (28.9644e-3 - 18.0153e-3)
     density = state.pressure_pa * moist / (8.314462618 * state.temperature_k)
     s2 = np.sin(np.radians(LATITUDE))[:, None] ** 2
@@ -72,8 +71,8 @@ def test_variances_are_those_asked_for() -> None:
     """400 draws: the standard deviation within 12 % (3.4 standard errors), everywhere, poles included."""
     height = np.array([5e3, 25e3, 35e3, 60e3])
     drawn = np.array([WeatherField(s, 1.5, 0.0).at(LATITUDE, LONGITUDE, height).temperature_k for s in range(400)])
-    spread, _ = modes.vertical_modes().at(height)
-    wanted = np.sqrt(np.einsum("cn,ck->nk", modes.class_weights(LATITUDE, 1.5), spread[:, 0] ** 2))
+    spread, _ = field.vertical_modes().at(height)
+    wanted = np.sqrt(np.einsum("cn,ck->nk", field.class_weights(LATITUDE, 1.5), spread[:, 0] ** 2))
     np.testing.assert_allclose(drawn.std(axis=0), wanted, rtol=0.12)
     np.testing.assert_allclose(drawn.mean(axis=0) / wanted, 0.0, atol=0.2)
 
@@ -112,7 +111,7 @@ def test_waves_tilt_westward_with_height() -> None:
 @pytest.mark.parametrize("pole", [-90.0, 90.0])
 def test_a_pole_has_one_column(pole: float) -> None:
     weather = WeatherField(4, 1.5, 40.0)
-    state = columns.weather_columns(weather, np.full(5, pole), np.array([-180.0, -20.0, 0.0, 77.0, 180.0]), Z_M)
+    state = air.weather_columns(weather, np.full(5, pole), np.array([-180.0, -20.0, 0.0, 77.0, 180.0]), Z_M)
     np.testing.assert_allclose(state.temperature_k, state.temperature_k[:1].repeat(5, axis=0), rtol=0, atol=1e-9)
     np.testing.assert_allclose(state.vmr["o3"], state.vmr["o3"][:1].repeat(5, axis=0), rtol=1e-12)
 
@@ -143,10 +142,10 @@ def test_the_same_seed_draws_the_same_air() -> None:
 
 def test_the_antarctic_winter_is_cold() -> None:
     """Lower stratosphere over the Antarctic in July: below 200 K, where the blend of AFGL climates has 215."""
-    state = columns.weather_columns(WeatherField(1, 7.0), np.array([-85.0]), np.zeros(1), Z_M, calm=True)
+    state = air.weather_columns(WeatherField(1, 7.0), np.array([-85.0]), np.zeros(1), Z_M, calm=True)
     kelvin = np.interp([20e3], Z_M, state.temperature_k[0])[0]
     assert 175.0 < kelvin < 195.0
-    arctic = columns.weather_columns(WeatherField(1, 1.0), np.array([85.0]), np.zeros(1), Z_M, calm=True)
+    arctic = air.weather_columns(WeatherField(1, 1.0), np.array([85.0]), np.zeros(1), Z_M, calm=True)
     assert np.interp(20e3, Z_M, arctic.temperature_k[0]) > kelvin + 8.0
     assert zonal_climate.sea_level_pa(-65.0) < zonal_climate.sea_level_pa(-30.0) - 2000.0
 
@@ -227,8 +226,8 @@ def test_air_is_not_wetter_than_saturated() -> None:
     """And ice at the ice point has 611 Pa, at -40 C 12.8 Pa (Murphy and Koop 2005, table C1)."""
     assert float(saturated_share(np.array(1e5), np.array(273.149))) * 1e5 == pytest.approx(611.1, abs=0.5)
     assert float(saturated_share(np.array(1e5), np.array(233.15))) * 1e5 == pytest.approx(12.84, abs=0.05)
-    state = columns.weather_columns(WeatherField(2, 1.5), LATITUDE, LONGITUDE, Z_M)
-    low = Z_M <= columns.SATURATED_TO_M
+    state = air.weather_columns(WeatherField(2, 1.5), LATITUDE, LONGITUDE, Z_M)
+    low = Z_M <= air.SATURATED_TO_M
     limit = saturated_share(state.pressure_pa, state.temperature_k)[:, low]
     assert np.all(state.vmr["h2o"][:, low] <= limit * (1 + 1e-12))
     assert state.vmr["h2o"][3, 0] > 5e-3
@@ -243,7 +242,7 @@ def test_real_states_are_columns_of_a_scene() -> None:
     assert state.pressure_pa[0] == pytest.approx(101325.0, rel=1e-3)
     assert len(real_states.names()) == 96
     for name in real_states.names()[::7]:
-        other = columns.real_profile(name)
+        other = air.real_profile(name)
         assert np.all(np.diff(other.pressure_pa) < 0.0)
         assert np.all(other.number_density_h2o > 0.0)
         assert np.all(other.number_density_o3 > 0.0)
@@ -259,7 +258,7 @@ def test_an_unknown_state_is_refused_in_one_line() -> None:
 
 def test_the_modes_are_made_of_the_states() -> None:
     """The shipped table is what its maker makes; signs of singular vectors are fixed, their last digits are not."""
-    again, shipped = made(), npz(modes.TABLE)
+    again, shipped = made(), npz(field.TABLE)
     np.testing.assert_allclose(again["spread"], shipped["spread"], rtol=0, atol=2e-4)
     product = np.einsum("cmqk,cmqk->cm", again["modes"], shipped["modes"])
     length = np.einsum("cmqk,cmqk->cm", shipped["modes"], shipped["modes"])

@@ -7,13 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.earth.limb_heights import systematic_covariance
-from horizonval.earth.limb_relief import Relief
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import tangent_basis
+from horizonval.earth.limb_heights import Relief, systematic_covariance
 from horizonval.geometry.ellipsoid import WGS84, geocentric_nadir, geodetic_nadir, itrs_from_geodetic
-from horizonval.geometry.horizon import horizon_by_azimuth
-from horizonval.truth.infrared_horizon.rays import directions
+from horizonval.geometry.horizon import fit_cone, horizon_by_azimuth
+from horizonval.geometry.rotation import tangent_basis
+from horizonval.truth.infrared_radiance import directions
 
 R = 6371008.8
 FLATTENING = 1 / 298.257223563

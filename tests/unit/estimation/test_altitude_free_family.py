@@ -14,9 +14,9 @@ from horizonval.estimation.methods.altitude_free import newton, solve, step_by_q
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle
 
 RADIUS_M = MEAN_RADIUS_M
 NADIR = nadir_of_roll_pitch(np.radians(20.0), np.radians(30.0))

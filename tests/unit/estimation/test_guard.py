@@ -22,9 +22,9 @@ from horizonval.estimation.methods import altitude_free, altitude_free_published
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
-from horizonval.scoring.repeats import noise_nees
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.scoring.summary import noise_nees
 
 SIZE = 160
 CAMERA = CameraModel(width=SIZE, height=SIZE, fx=140.0, fy=140.0, cx=(SIZE - 1) / 2, cy=(SIZE - 1) / 2)

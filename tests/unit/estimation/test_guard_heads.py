@@ -20,8 +20,8 @@ from horizonval.estimation.methods import linear_heads, video_vertical
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch
+from horizonval.geometry.rotation import off_axis_angle
 from horizonval.scoring.errors import is_false
 
 DARK, BRIGHT, FULL = 40.0, 1600.0, 4095.0

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_relief import limb_height_m
+from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_heads import (
     _angular_radius,
@@ -27,7 +27,7 @@ from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 RADIUS_M = MEAN_RADIUS_M

@@ -17,8 +17,8 @@ from horizonval.estimation.limb.model.steepest import REACH_PX, STEP_PX, profile
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.cone import Cone, fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.horizon import Cone, fit_cone
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 LINE = CameraModel(160, 1, 570.0, 570.0, 79.5, 0.0)
 PIXELS = np.arange(160.0)

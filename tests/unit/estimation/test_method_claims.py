@@ -17,8 +17,8 @@ from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sen
 from horizonval.estimation.methods.linear_heads import HeadRow, fit_crossings, head_rows
 from horizonval.estimation.observation import Fit, Observation, OraclePose
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.geometry.horizon import fit_cone
 
 RADIUS_M = 6371008.8
 CAMERA = CameraModel(64, 48, 55.0, 55.0, 31.5, 23.5)

@@ -17,7 +17,7 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.directions import angle_between, tangent_basis
+from horizonval.geometry.rotation import angle_between, tangent_basis
 
 WIDTH = 512
 CAMERA = CameraModel(WIDTH, WIDTH, 215.0, 215.0, (WIDTH - 1) / 2, (WIDTH - 1) / 2)

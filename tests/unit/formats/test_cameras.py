@@ -11,7 +11,7 @@ import pytest
 
 from horizonval.api.calibrate import camera_text
 from horizonval.core.errors import UserError
-from horizonval.formats.lens.cameras import read_camera
+from horizonval.formats.lens import read_camera
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.sensor.lens.optics import relative_illumination
 from horizonval.spec.load import load_camera

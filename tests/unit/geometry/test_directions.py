@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from horizonval.geometry.directions import (
+from horizonval.geometry.rotation import (
     GOLDEN_ANGLE_RAD,
     angle_between,
     fibonacci_sphere,

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.geometry.eclipse import sun_visible_fraction
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, sphere
+from horizonval.geometry.sun_and_moon import sun_visible_fraction
 
 SUN_RAD = 0.00465
 SLICES = 128

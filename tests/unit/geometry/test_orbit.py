@@ -10,8 +10,8 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.geometry import orbit
-from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.frames import lvlh_from_itrs, rotate
+from horizonval.geometry.sun_and_moon import sun_itrs
 
 EPOCH = datetime(2026, 3, 20, 6, 30, tzinfo=UTC)
 

@@ -9,9 +9,7 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.part.coverage import coverage, polygon_coverage
-from horizonval.geometry.part.outline import Outline, outline_of
-from horizonval.geometry.part.placed import blocked, triangles_cam
+from horizonval.geometry.part import Outline, blocked, coverage, outline_of, polygon_coverage, triangles_cam
 from horizonval.spec.scene import SpacecraftPart as Part
 
 AHEAD = (0.0, 0.0, 0.0, 1.0)

@@ -14,11 +14,9 @@ import horizonval
 from horizonval.core import sealed
 from horizonval.core.progress import Silent
 from horizonval.jobs import engine
-from horizonval.jobs.engine import Recorded, do, stream
-from horizonval.jobs.execution import Execution, parse_shard
-from horizonval.jobs.kept import Record, keep, kept
-from horizonval.jobs.remaining import ExpectedTime
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.engine import ExpectedTime, Record, Recorded, do, keep, kept, stream
+from horizonval.jobs.pool import Execution, parse_shard
+from horizonval.jobs.progress import Stopwatch
 
 PACKAGE = Path(horizonval.__file__).parent
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from horizonval.jobs.life import hush, sign_of_life
+from horizonval.jobs.pool import hush, sign_of_life
 from horizonval.jobs.progress import Terminal
 
 SLOW = """

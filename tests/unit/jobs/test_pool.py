@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from horizonval.jobs.execution import available_cpus
-from horizonval.jobs.pool import run_in_processes
+from horizonval.jobs.pool import available_cpus, run_in_processes
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from horizonval.core import progress
+from horizonval.jobs.engine import ExpectedTime, Remaining, SpentTime
 from horizonval.jobs.progress import about
-from horizonval.jobs.remaining import ExpectedTime, Remaining, SpentTime
 from horizonval.renderer.plugin.compiling import compiling_counted
 
 PROCESSES = 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from horizonval.jobs.execution import Execution, parse_shard
+from horizonval.jobs.pool import Execution, parse_shard
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5, 8])

@@ -8,8 +8,7 @@ import random
 from functools import partial
 from pathlib import Path
 
-from horizonval.jobs.pool import run_in_processes
-from horizonval.jobs.turns import Turns
+from horizonval.jobs.pool import Turns, run_in_processes
 
 
 def _group(item: str) -> str:

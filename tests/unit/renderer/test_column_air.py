@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.core.digests import content_digest
 from horizonval.earth.optical import optical_model
 from horizonval.renderer.plugin.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
 activate()
-from horizonval.renderer.plugin.model_text import dump_model, load_model  # noqa: E402
 from horizonval.renderer.scene.frame import render_frame  # noqa: E402
 
 CAMERA = CameraSpec.model_validate(
@@ -40,14 +38,6 @@ def _scene(atmosphere: dict[str, Any], latitude_deg: float = 40.0, **render: Any
 
 CLIMATES = {"profile": "by_latitude_month"}
 WEATHER = {"profile": "weather", "seed": 4}
-
-
-@pytest.mark.parametrize("atmosphere", [CLIMATES, WEATHER], ids=["rows", "map"])
-def test_columns_survive_text_bit_by_bit(atmosphere: dict[str, Any]) -> None:
-    model = optical_model(_scene(atmosphere), CAMERA)
-    assert model.columns is not None
-    assert (model.columns.column_map is None) == (atmosphere is CLIMATES)
-    assert content_digest(load_model(dump_model(model))) == content_digest(model)
 
 
 def test_the_column_below_the_camera_is_no_different() -> None:

@@ -20,7 +20,6 @@ from horizonval.earth.optical import optical_model
 from horizonval.frame import Hit
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.plugin.model_text import dump_model, load_model
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.load import load_suite
 
@@ -178,16 +177,6 @@ def test_one_table_serves_scenes_that_differ_in_what_it_does_not_hold() -> None:
     assert frames[0].radiance["b"].tobytes() == frames[1].radiance["b"].tobytes()
     render_frame(scene(platform={"altitude_km": 501.0}), spec)
     assert len(TABLES) == 4
-
-
-def test_bands_survive_text_bit_by_bit() -> None:
-    air = optical_model(scene(**VARYING, surface={"kind": "earth"}), camera(CO2, WINDOW | {"name": "w"}))
-    again = load_model(dump_model(air))
-    assert again.emission == air.emission
-    assert again.bands == air.bands == ("b", "w")
-    for a, b in zip(again.thermal, air.thermal, strict=True):
-        assert (a.name, a.ln_extinction.shape) == (b.name, b.ln_extinction.shape)
-        assert all(np.array_equal(getattr(a, k), getattr(b, k)) for k in vars(b) if k != "name")
 
 
 def _cloudy(air: OpticalModel, emissivity: float, spec: Any, **changes: Any) -> FloatArray:

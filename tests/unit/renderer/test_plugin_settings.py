@@ -1,4 +1,4 @@
-"""What the plugins are told: objects in process, the same as text in scene files, tables found by their digest."""
+"""Settings of the plugins: objects in process, the same from a scene file; tables found by their digest."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before Dr.Jit is imported)
-from horizonval.core.arrays import FloatArray
-from horizonval.renderer.plugin import integrator, model_text, scene_text
+from horizonval.renderer.plugin import integrator, scene_text
 from horizonval.renderer.plugin.plugins import mitsuba_scene
 from horizonval.renderer.plugin.settings import LimbSettings
 from horizonval.renderer.scene.description import Described, describe
@@ -25,9 +24,8 @@ CAMERA = CameraSpec.model_validate(
 )
 
 
-@pytest.fixture(scope="module")
-def described() -> Described:
-    scene = {
+SCENE = SceneSpec.model_validate(
+    {
         "camera": {"file": "test", "mount_roll_deg": 66.0},
         "platform": {"altitude_km": 500.0, "latitude_deg": 20.0, "longitude_deg": -160.0},
         "sun": {"zenith_deg": 40.0, "azimuth_deg": 60.0},
@@ -35,43 +33,28 @@ def described() -> Described:
         "clouds": {"cover": 0.3},
         "render": {"subsamples": 1, "orders": "single"},
     }
-    return describe(SceneSpec.model_validate(scene), CAMERA)
+)
 
 
-def _image(mi: Any, scene: Any) -> FloatArray:
-    return np.array(mi.render(scene, spp=1))
+@pytest.fixture(scope="module")
+def described() -> Described:
+    return describe(SCENE, CAMERA)
 
 
-def test_text_and_objects_are_the_same_settings_and_the_same_image(described: Described) -> None:
+def test_a_scene_file_has_the_same_settings_and_the_same_image(described: Described) -> None:
     import mitsuba as mi
 
-    scene = mi.load_dict(scene_text.scene_properties(described.limb, described.sensor))
+    properties = {
+        "integrator": scene_text.limb_properties(SCENE, CAMERA),
+        "sensor": scene_text.camera_properties(described.sensor),
+    }
+    scene = mi.load_dict({"type": "scene", **properties})
     settings = scene.integrator().settings
     assert settings.tables_digest == described.limb.tables_digest
     assert (settings.ground, settings.moon) == (described.limb.ground, described.limb.moon)
-    assert settings.moon is not None
-    direct = _image(mi, mitsuba_scene(described.limb, described.sensor))
+    direct = np.array(mi.render(mitsuba_scene(described.limb, described.sensor), spp=1))
     assert direct.any()
-    assert np.array_equal(_image(mi, scene), direct)
-
-
-@pytest.mark.parametrize("method", ["table", "march"])
-def test_the_method_goes_through_text(described: Described, method: str) -> None:
-    import mitsuba as mi
-
-    limb = replace(described.limb, method=method)
-    assert mi.load_dict(scene_text.limb_properties(limb)).settings.method == method
-
-
-def test_nothing_is_written_as_text_in_process(described: Described, monkeypatch: pytest.MonkeyPatch) -> None:
-    import mitsuba as mi
-
-    def refuse(*_: Any) -> None:
-        raise AssertionError("the optical model was written as text")
-
-    for module, name in ((model_text, "dump_model"), (scene_text, "dump_model"), (scene_text, "load_model")):
-        monkeypatch.setattr(module, name, refuse)
-    assert _image(mi, mitsuba_scene(described.limb, described.sensor)).any()
+    assert np.array_equal(np.array(mi.render(scene, spp=1)), direct)
 
 
 def test_tables_are_made_once_for_the_same_content(described: Described, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,13 +14,13 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.clouds import relief
 from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.earth.optical import optical_model
-from horizonval.earth.surface import ground_map, squares, surface
-from horizonval.earth.surface.ground_cover import ground_cover
+from horizonval.earth.surface import ground_map, surface
+from horizonval.earth.surface.ground_map import ground_cover
 from horizonval.frame import Hit
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, surface_normal
-from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.geometry.frames import rotate
+from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.camera import CameraSpec
@@ -106,8 +106,8 @@ def test_kernel_squares_equal_numpy(mi: Any, square_km: float) -> None:
 
     normal = _places(20_000, 9)
     latitude, longitude = np.degrees(np.arcsin(normal[:, 2])), np.degrees(np.arctan2(normal[:, 1], normal[:, 0]))
-    ours = np.array(is_first_square(mi.Float64(squares.piece_counts(square_km)), _vec(mi, normal)))
-    assert np.array_equal(ours, squares.first_squares(square_km, latitude, longitude))
+    ours = np.array(is_first_square(mi.Float64(ground_map.piece_counts(square_km)), _vec(mi, normal)))
+    assert np.array_equal(ours, ground_map.first_squares(square_km, latitude, longitude))
     assert 0.45 < ours.mean() < 0.55
 
 

@@ -158,7 +158,7 @@ def test_the_sun_carries_its_irradiance_wherever_it_stands(mi: Any, off_axis_deg
     spec = CameraSpec.model_validate({"camera": FISHEYE, "band": [SOLAR]})
     frame, camera = frame_of(FISHEYE, SOLAR, **scene)
     from horizonval.earth.optical import optical_model
-    from horizonval.geometry.ephemeris import AU_M, sun_itrs
+    from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
     full = SceneSpec.model_validate(frame.truth.scene)
     _, distance_m = sun_itrs(full.platform.epoch_utc)

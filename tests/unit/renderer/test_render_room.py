@@ -145,7 +145,7 @@ def test_sun_in_the_frame_carries_the_solar_constant(mi: Any) -> None:
     cosine = unproject(camera, np.stack([u, v], axis=-1))[..., 2]
     irradiance = float((frame.radiance["vis"] * cosine**3).sum() / camera.fx**2)
     from horizonval.earth.optical import optical_model
-    from horizonval.geometry.ephemeris import AU_M, sun_itrs
+    from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
     _, distance_m = sun_itrs(scene.platform.epoch_utc)
     model = optical_model(scene, spec, distance_m / AU_M)

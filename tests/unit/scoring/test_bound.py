@@ -16,15 +16,12 @@ from scipy.special import ndtr
 from scipy.stats import chi2
 from synthetic import truth_at
 
-from horizonval.earth.limb_heights import systematic_covariance
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_heights import Relief, systematic_covariance
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.horizon import horizon_directions
 from horizonval.scoring.bound import ARCSEC, NO_BOUND, bound_of
-from horizonval.scoring.information.information import LimbInformation
-from horizonval.scoring.information.limb_information import SHAPES, limb_information
-from horizonval.scoring.information.limb_motion import limb_motion
+from horizonval.scoring.information import SHAPES, LimbInformation, limb_information, limb_motion
 from horizonval.sensor.expected_image import ExpectedImage
 
 SIGMA = 2.55

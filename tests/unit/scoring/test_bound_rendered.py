@@ -12,9 +12,7 @@ import horizonval as hv
 from horizonval.api.derivatives import level_axes
 from horizonval.frame import RadianceFrame
 from horizonval.scoring.bound import bound_of
-from horizonval.scoring.information.information import carried
-from horizonval.scoring.information.limb_motion import limb_motion
-from horizonval.scoring.information.of_frame import information_of, informed
+from horizonval.scoring.information import carried, information_of, informed, limb_motion
 from horizonval.sensor.expected_image import expected_image
 from horizonval.sensor.observe import observe
 from horizonval.store.exr import read_image, write_image

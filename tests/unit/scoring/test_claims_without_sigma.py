@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from synthetic import estimator, fit_of, result_row, toy_image, truth_at
 
 from horizonval.estimation.methods import ideal
-from horizonval.geometry.directions import tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 from horizonval.scoring import limits
-from horizonval.scoring.confusion import BEYOND_SIGMA, why_false
 from horizonval.scoring.errors import has_sigma, score
-from horizonval.scoring.rates import rates
+from horizonval.scoring.summary import BEYOND_SIGMA, rates, why_false
 from horizonval.suites.observation import observation_of
 
 TRUTH = truth_at(roll_deg=40.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from horizonval.scoring.exclusion import exclusion_angle_deg
+from horizonval.scoring.expected import exclusion_angle_deg
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import pytest
 from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, truth_at
 
 from horizonval.core.outcome import Outcome
-from horizonval.earth.limb_relief import Relief
-from horizonval.geometry.cone import fit_cone
+from horizonval.earth.limb_heights import Relief
+from horizonval.geometry.horizon import fit_cone
 from horizonval.scoring import expected as module
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, examine, expected_of_heads, expected_outcome

@@ -9,10 +9,9 @@ from synthetic import result_row
 
 from horizonval.report.words import DEG
 from horizonval.report.words import headline as words_of
-from horizonval.scoring import headline as module
-from horizonval.scoring.headline import condition_of, headline
+from horizonval.scoring import summary as module
 from horizonval.scoring.row import Row
-from horizonval.scoring.summary import summarise
+from horizonval.scoring.summary import condition_of, headline, summarise
 
 
 def row(case: str, status: str, error_deg: float | None = None, **changes: Any) -> Row:

@@ -13,8 +13,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.scoring.expected import expected_of_heads, expected_outcome
 from horizonval.scoring.horizon_view import horizon_view
-from horizonval.scoring.limb_radiance import brightest_reflectance, limb_reflectance
-from horizonval.scoring.limb_signal import limb_signal
+from horizonval.scoring.limb_signal import brightest_reflectance, limb_reflectance, limb_signal
 from horizonval.sensor.lens import optics
 from horizonval.spec.camera import CameraSpec
 

@@ -15,9 +15,14 @@ from horizonval.frame import MAP_UNITS, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.scoring import limits
 from horizonval.scoring.horizon_view import HorizonView, horizon_view
-from horizonval.scoring.limb_radiance import brightest_reflectance, limb_reflectance
-from horizonval.scoring.limb_signal import LimbSignal, ground_and_air, limb_signal
-from horizonval.sensor.detector import thermal_noise
+from horizonval.scoring.limb_signal import (
+    LimbSignal,
+    brightest_reflectance,
+    ground_and_air,
+    limb_reflectance,
+    limb_signal,
+)
+from horizonval.sensor.detector import thermal
 from horizonval.sensor.lens import stray_light
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
@@ -198,7 +203,7 @@ def test_without_a_detector_what_shines_is_seen() -> None:
     assert (signal.veil_filling == 0.0).all()
 
 
-def thermal(**detector: Any) -> dict[str, Any]:
+def thermal_camera(**detector: Any) -> dict[str, Any]:
     keys = {"kind": "microbolometer", "pixel_pitch_um": 17.0, "netd_k": 0.08, "bits": 14, "netd_f_number": 1.0}
     return {
         "camera": {"name": "lwir", "width": 160, "height": 120, "fov_deg": 57.0},
@@ -210,19 +215,19 @@ def thermal(**detector: Any) -> dict[str, Any]:
 
 def test_a_thermal_limb_stands_before_cold_space() -> None:
     """220 K over the NETD of a slower and darker lens; pixels' offsets add to it as independent errors do."""
-    truth, spec, _, plain = seen(thermal(residue_k=0.0, minutes_since_correction=0.0))
+    truth, spec, _, plain = seen(thermal_camera(residue_k=0.0, minutes_since_correction=0.0))
     band = spec.band[0]
-    per_kelvin = thermal_noise.blackbody_radiance(band, 300.5) - thermal_noise.blackbody_radiance(band, 299.5)
-    coldest = thermal_noise.blackbody_radiance(band, limits.COLDEST_LIMB_K)
+    per_kelvin = thermal.blackbody_radiance(band, 300.5) - thermal.blackbody_radiance(band, 299.5)
+    coldest = thermal.blackbody_radiance(band, limits.COLDEST_LIMB_K)
     noise_k = 0.08 * 1.4**2 / 0.8
     assert plain.lit == pytest.approx(coldest / (noise_k * per_kelvin), rel=1e-4)
     assert (plain.seen == plain.lit).all()
     assert (plain.filling == 0.0).all()
     assert (plain.veil_filling == 0.0).all()
     keys = {"residue_k": 0.2, "drift_pattern_k_per_min": 0.05, "minutes_since_correction": 6.0}
-    drifted = seen(thermal(**keys))[3]
+    drifted = seen(thermal_camera(**keys))[3]
     assert drifted.lit == pytest.approx(coldest / (math.sqrt(noise_k**2 + 0.2**2 + 0.3**2) * per_kelvin), rel=1e-4)
-    free = seen({key: value for key, value in thermal().items() if key != "detector"})[3]
+    free = seen({key: value for key, value in thermal_camera().items() if key != "detector"})[3]
     assert np.isinf(free.lit).all()
     assert truth.sun_visible_fraction == 1.0
 

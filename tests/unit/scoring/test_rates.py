@@ -5,8 +5,14 @@ from __future__ import annotations
 import pytest
 from synthetic import result_row
 
-from horizonval.scoring.confusion import confusion_by_estimator, strict_confusion, why_false
-from horizonval.scoring.rates import proportion, rates, upper_bound
+from horizonval.scoring.summary import (
+    confusion_by_estimator,
+    proportion,
+    rates,
+    strict_confusion,
+    upper_bound,
+    why_false,
+)
 
 
 @pytest.mark.parametrize(

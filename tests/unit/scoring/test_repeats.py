@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.estimation.observation import Fit
-from horizonval.scoring.repeats import mean_noise_nees, noise_nees
+from horizonval.scoring.summary import mean_noise_nees, noise_nees
 
 SIGMA = np.array([2e-4, 5e-5])
 

@@ -19,9 +19,8 @@ from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import horizon_by_azimuth
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.row import COLUMNS, Row, make_row
-from horizonval.scoring.table import read_results, write_results
-from horizonval.truth.infrared_horizon.curve import visible_height_m
+from horizonval.scoring.row import COLUMNS, Row, make_row, read_results, write_results
+from horizonval.truth.infrared_horizon import visible_height_m
 
 SCHEMA = """
 case VARCHAR

@@ -11,8 +11,8 @@ from scipy import stats
 from synthetic import estimator, fit_of, truth_at
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.geometry.directions import angle_between
 from horizonval.geometry.ellipsoid import sphere
+from horizonval.geometry.rotation import angle_between
 from horizonval.scoring import limits
 from horizonval.scoring.errors import ARCSEC, METHOD_RADIUS_M, is_false, score, sigma_nadir_rad
 

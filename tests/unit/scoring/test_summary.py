@@ -10,9 +10,8 @@ import pytest
 from synthetic import result_row
 
 from horizonval.cli.output import print_summary
-from horizonval.scoring.rates import proportion
 from horizonval.scoring.row import Row
-from horizonval.scoring.summary import summarise
+from horizonval.scoring.summary import proportion, summarise
 
 
 def row(case: str, expected: str, status: str, error: float | None = None, **changes: Any) -> Row:

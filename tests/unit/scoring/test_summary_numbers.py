@@ -9,9 +9,7 @@ import pytest
 from scipy import stats
 from synthetic import result_row
 
-from horizonval.scoring.rates import proportion, upper_bound
-from horizonval.scoring.repeats import mean_noise_nees, noise_nees
-from horizonval.scoring.summary import summarise_group
+from horizonval.scoring.summary import mean_noise_nees, noise_nees, proportion, summarise_group, upper_bound
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 30])

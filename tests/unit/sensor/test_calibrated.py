@@ -11,7 +11,7 @@ from scipy import constants
 
 from horizonval.frame import DetectorImage
 from horizonval.report.viewer import heat_of
-from horizonval.sensor.calibrated import black_level_dn, radiance_per_dn
+from horizonval.sensor.expected_image import black_level_dn, radiance_per_dn
 
 
 def test_a_number_is_the_radiance_that_fills_it(make_truth, camera_tables):

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project, unproject
 from horizonval.sensor import motion
-from horizonval.sensor.detector import auto_exposure, bayer, charge, exposure, fixed_pattern, protons
+from horizonval.sensor.detector import bayer, exposure, fixed_pattern, protons, readout
 from horizonval.sensor.observe import observe
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import CameraSpec
@@ -136,7 +136,7 @@ def test_hot_pixels(shoot):
 def test_smear_of_a_frame_transfer():
     rate = np.zeros((60, 5))
     rate[10, 2] = 1e6
-    smeared = charge.smear_e(rate, 1e-6)
+    smeared = readout.smear_e(rate, 1e-6)
     expected = np.zeros((60, 5))
     expected[:, 2] = 1.0
     expected[10, 2] = 0.0
@@ -160,7 +160,7 @@ def test_smear_in_an_image(shoot):
 def test_blooming_keeps_charge_and_runs_along_the_column():
     electrons = np.zeros((201, 3))
     electrons[100, 1] = 10_500.0
-    held = charge.bloom(electrons, 1000.0)
+    held = readout.bloom(electrons, 1000.0)
     assert held.sum() == pytest.approx(10_500.0, rel=1e-12)
     np.testing.assert_array_equal(np.flatnonzero(held[:, 1] >= 1000.0), np.arange(96, 105))
     assert held[95, 1] == held[105, 1] == pytest.approx(750.0)
@@ -170,7 +170,7 @@ def test_blooming_keeps_charge_and_runs_along_the_column():
 def test_blooming_at_the_edge_loses_charge():
     electrons = np.zeros((50, 2))
     electrons[0, 0] = 1e5
-    held = charge.bloom(electrons, 1000.0)
+    held = readout.bloom(electrons, 1000.0)
     # the upper half of the excess leaves the array, the lower half fills 49 rows and leaves too
     assert held[:, 0].tolist() == [1000.0] * 50
     assert held.max() <= 1000.0
@@ -179,7 +179,7 @@ def test_blooming_at_the_edge_loses_charge():
 def test_overfull_neighbours_share_the_room():
     rng = np.random.default_rng(3)
     electrons = rng.uniform(0, 3000, (300, 7))
-    held = charge.bloom(electrons, 2000.0)
+    held = readout.bloom(electrons, 2000.0)
     assert held.max() <= 2000.0
     assert held.sum() <= electrons.sum() * (1 + 1e-12)
     assert held.sum() > electrons.sum() * 0.98  # only what leaves at the ends is lost
@@ -188,9 +188,9 @@ def test_overfull_neighbours_share_the_room():
 def test_automatic_exposure():
     rule = AutoExposure(target=0.5, percentile=90.0, min_s=1e-4, max_s=1e-1)
     rate = np.concatenate([np.full(95, 1e6), np.full(5, 1e12)])
-    assert auto_exposure.exposure_s(rate, 10_000.0, rule) == pytest.approx(5e-3)
-    assert auto_exposure.exposure_s(rate * 1e6, 10_000.0, rule) == 1e-4
-    assert auto_exposure.exposure_s(rate * 0.0, 10_000.0, rule) == 1e-1
+    assert exposure.exposure_s(rate, 10_000.0, rule) == pytest.approx(5e-3)
+    assert exposure.exposure_s(rate * 1e6, 10_000.0, rule) == 1e-4
+    assert exposure.exposure_s(rate * 0.0, 10_000.0, rule) == 1e-1
 
 
 def test_a_camera_with_automatic_exposure_says_what_it_chose(make_frame):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.camera import CameraModel, field_angles
-from horizonval.sensor.lens import field_spread, ghosts, lens_spread, optics
+from horizonval.sensor.lens import lens_spread, optics, stray_light
 from horizonval.spec.optics import Ghost, Optics
 
 CAMERA = CameraModel(width=81, height=61, fx=60.0, fy=60.0, cx=40.0, cy=30.0)
@@ -39,7 +39,7 @@ def test_a_constant_pupil_leaves_the_cosine_out():
 
 def test_field_shares_have_the_wanted_variance():
     angle = np.linspace(0, 50, 101)
-    shares = field_spread.shares(angle, [5, 20, 40], [0.7, 1.0, 2.5])
+    shares = lens_spread.field_shares(angle, [5, 20, 40], [0.7, 1.0, 2.5])
     total = sum(share for _, share in shares)
     variance = sum(sigma**2 * share for sigma, share in shares)
     np.testing.assert_allclose(total, 1, rtol=1e-14)
@@ -73,13 +73,15 @@ def test_points_far_from_the_axis_are_wider():
 
 def test_mirrored_ghost_is_the_image_turned_about_the_principal_point():
     image = RNG.random((61, 81))
-    found = ghosts.ghost_image(image, CAMERA, Ghost(ratio=0.01))
+    found = stray_light.ghost_image(image, CAMERA, Ghost(ratio=0.01))
     np.testing.assert_allclose(found, 0.01 * image[::-1, ::-1], rtol=1e-12)
 
 
 def test_upright_ghost_of_the_same_size_is_the_image():
     image = RNG.random((61, 81))
-    np.testing.assert_allclose(ghosts.ghost_image(image, CAMERA, Ghost(ratio=0.5, scale=1.0)), image / 2, rtol=1e-12)
+    np.testing.assert_allclose(
+        stray_light.ghost_image(image, CAMERA, Ghost(ratio=0.5, scale=1.0)), image / 2, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("scale", [-0.8, 0.37, 1.7, -2.5, 0.05])
@@ -87,7 +89,7 @@ def test_upright_ghost_of_the_same_size_is_the_image():
 def test_ghosts_keep_their_light_and_their_place(scale, blur):
     image = np.zeros((61, 81))
     image[28:33, 44:47] = 1e9
-    found = ghosts.ghost_image(image, CAMERA, Ghost(ratio=1e-4, scale=scale, blur_px=blur))
+    found = stray_light.ghost_image(image, CAMERA, Ghost(ratio=1e-4, scale=scale, blur_px=blur))
     assert found.min() >= 0
     assert found.sum() == pytest.approx(1e-4 * image.sum(), rel=1e-9)
     y, x = np.mgrid[:61, :81]
@@ -100,4 +102,4 @@ def test_ghosts_keep_their_light_and_their_place(scale, blur):
 def test_ghost_light_off_the_image_is_lost():
     image = np.zeros((61, 81))
     image[30, 60] = 1.0
-    assert ghosts.ghost_image(image, CAMERA, Ghost(ratio=0.1, scale=3.0)).sum() == 0
+    assert stray_light.ghost_image(image, CAMERA, Ghost(ratio=0.1, scale=3.0)).sum() == 0

@@ -18,7 +18,7 @@ from horizonval.estimation.miscalibrated import k1_per_px, miscalibrated
 from horizonval.estimation.observation import Observation
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
-from horizonval.sensor.miscalibration import along_orbit, errors_of, stated_sigmas
+from horizonval.sensor.knowledge import along_orbit, errors_of, stated_sigmas
 from horizonval.spec.prior import CalibrationSpec
 from horizonval.suites.observation import observation_of
 

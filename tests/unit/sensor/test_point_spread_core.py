@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import j0, j1
 
-from horizonval.sensor.lens import core_spread, diffraction
+from horizonval.sensor.lens import diffraction, lens_spread
 from horizonval.spec.camera import Band
 
 GREEN = Band(name="green", kind="solar", lo_um=0.5499, hi_um=0.5501)
@@ -25,7 +25,7 @@ def offsets(kernel: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def airy() -> np.ndarray:
     """One wavelength with lambda N = 10 pixels: the pattern is carried by whole pixels as it is."""
-    return core_spread.kernel(0.0, 0.0, GREEN, 10.0, 0.55e-6, 150)
+    return lens_spread.core_kernel(0.0, 0.0, GREEN, 10.0, 0.55e-6, 150)
 
 
 def test_airy_pattern_of_one_wavelength(airy):
@@ -94,9 +94,9 @@ def test_band_is_the_mean_of_its_wavelengths_counted_as_photons():
     ],
 )
 def test_kernels_hold_all_light_and_none_below_zero(sigma, radius, band, f_number, pitch):
-    spread = 0.0 if band is None else core_spread.spread_px(band, f_number, pitch)
-    reach = core_spread.reach_px(sigma, radius, spread)
-    kernel = core_spread.kernel(sigma, radius, band, f_number, pitch, reach)
+    spread = 0.0 if band is None else lens_spread.core_spread_px(band, f_number, pitch)
+    reach = lens_spread.core_reach_px(sigma, radius, spread)
+    kernel = lens_spread.core_kernel(sigma, radius, band, f_number, pitch, reach)
     assert kernel.min() >= 0
     beyond = diffraction.share_outside(reach + 0.5, reach + 0.5, spread)
     assert kernel.sum() + beyond == pytest.approx(1, abs=1e-12)
@@ -112,7 +112,7 @@ def test_kernels_hold_all_light_and_none_below_zero(sigma, radius, band, f_numbe
 
 
 def test_gaussian_alone_has_its_variance():
-    kernel = core_spread.kernel(1.2, 0.0, None, 2.0, 5e-6, 11)
+    kernel = lens_spread.core_kernel(1.2, 0.0, None, 2.0, 5e-6, 11)
     x = np.arange(-11, 12)
     assert (kernel.sum(axis=0) * x * x).sum() == pytest.approx(1.44, rel=1e-3)
 
@@ -120,7 +120,7 @@ def test_gaussian_alone_has_its_variance():
 @pytest.mark.parametrize("sigma", [0.7, 1.0])
 def test_pixel_average_is_taken_off_the_gaussian(sigma):
     """A fine Airy pattern adds nothing to the modulation of a coarse Gaussian but its own loss."""
-    kernel = core_spread.kernel(sigma, 0.0, VISIBLE, 4.0, 5.5e-6, 16)
+    kernel = lens_spread.core_kernel(sigma, 0.0, VISIBLE, 4.0, 5.5e-6, 16)
     x = np.arange(-16, 17)
     for f in (0.1, 0.2):
         measured = (kernel.sum(axis=0) * np.cos(2 * math.pi * f * x)).sum()
@@ -132,7 +132,7 @@ def test_pixel_average_is_taken_off_the_gaussian(sigma):
 
 def test_defocus_is_an_even_disc():
     """Radius 12 px: 98 % of the disc's area is evenly lit, the rest is its ragged edge."""
-    kernel = core_spread.kernel(0.0, 12.0, None, 2.0, 5e-6, 16)
+    kernel = lens_spread.core_kernel(0.0, 12.0, None, 2.0, 5e-6, 16)
     r = offsets(kernel)
     np.testing.assert_allclose(kernel[r < 10.5], 1 / (math.pi * 12**2), rtol=0.03)
     assert kernel[r > 13.5].sum() < 0.005

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.camera import CameraModel, pixel_grid
-from horizonval.sensor.detector import converter, exposure, readout, thermal_noise
-from horizonval.sensor.lens import optics, point_spread
+from horizonval.sensor.detector import exposure, readout, thermal
+from horizonval.sensor.lens import lens_spread, optics
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import Band
 from horizonval.spec.optics import Optics
@@ -69,7 +69,7 @@ def test_distortion_carries_light_with_it():
 def test_point_spread_of_a_point(sigma):
     image = np.zeros((61, 71))
     image[30, 35] = 5.0
-    spread = point_spread.blur(image, sigma)
+    spread = lens_spread.blur(image, sigma)
     assert spread.sum() == pytest.approx(5.0, rel=1e-12)
     y, x = np.mgrid[:61, :71] - np.array([30, 35])[:, None, None]
     assert (spread * x * x).sum() / 5 == pytest.approx(sigma**2, rel=3e-3)
@@ -81,16 +81,16 @@ def test_point_spread_of_a_point(sigma):
 def test_point_spread_keeps_faint_things_beside_the_sun():
     image = np.full((80, 80), 1e-3)
     image[40, 40] = 1e6
-    spread = point_spread.blur(image, 1.2)
+    spread = lens_spread.blur(image, 1.2)
     assert spread.min() >= 1e-3 * (1 - 1e-12)
     far = np.hypot(*(np.mgrid[:80, :80] - 40)) > 10
     np.testing.assert_allclose(spread[far], 1e-3, rtol=1e-5)
 
 
 def test_point_spread_leaves_uniform_images_alone_to_the_border():
-    np.testing.assert_allclose(point_spread.blur(np.full((20, 30), 3.3), 2.0), 3.3, rtol=1e-14)
+    np.testing.assert_allclose(lens_spread.blur(np.full((20, 30), 3.3), 2.0), 3.3, rtol=1e-14)
     image = np.random.default_rng(0).random((5, 6))
-    assert point_spread.blur(image, 0.0) is image
+    assert lens_spread.blur(image, 0.0) is image
 
 
 def test_one_watt_of_green_light():
@@ -120,12 +120,12 @@ def test_readout():
 
 
 def test_converter():
-    gain = converter.default_gain(13500.0, 10, 32.0)
-    dn = converter.digitise(np.array([-1e6, 0.0, 0.49 * gain, 0.51 * gain, 13500.0, 1e9]), gain, 32.0, 10)
+    gain = readout.default_gain(13500.0, 10, 32.0)
+    dn = readout.digitise(np.array([-1e6, 0.0, 0.49 * gain, 0.51 * gain, 13500.0, 1e9]), gain, 32.0, 10)
     assert dn.dtype == np.uint16
     assert dn.tolist() == [0, 32, 32, 33, 1023, 1023]
-    assert converter.digitise(np.array([1e9]), 1.0, 0.0, 16).tolist() == [65535]
-    assert converter.digitise(np.array([0.4, 0.6]), 1.0, 0.0, 1).tolist() == [0, 1]
+    assert readout.digitise(np.array([1e9]), 1.0, 0.0, 16).tolist() == [65535]
+    assert readout.digitise(np.array([0.4, 0.6]), 1.0, 0.0, 1).tolist() == [0, 1]
 
 
 BAND = Band(name="lwir", kind="thermal", lo_um=8.0, hi_um=14.0)
@@ -140,22 +140,22 @@ def test_black_body_radiance_in_the_band():
         return 2 * constants.h * constants.c**2 / wavelength_m**5 / math.expm1(x)
 
     at = {t: integrate.quad(planck, 8e-6, 14e-6, args=(t,), epsrel=1e-12)[0] for t in (299.0, 300.0, 301.0)}
-    assert thermal_noise.blackbody_radiance(BAND, 300.0) == pytest.approx(at[300.0], rel=1e-9)
+    assert thermal.blackbody_radiance(BAND, 300.0) == pytest.approx(at[300.0], rel=1e-9)
     # A central difference over 2 K against one over 0.1 K.
-    assert thermal_noise.radiance_per_kelvin(BAND) == pytest.approx((at[301.0] - at[299.0]) / 2, rel=1e-5)
-    assert thermal_noise.blackbody_radiance(BAND, 0.0) == 0
+    assert thermal.radiance_per_kelvin(BAND) == pytest.approx((at[301.0] - at[299.0]) / 2, rel=1e-5)
+    assert thermal.blackbody_radiance(BAND, 0.0) == 0
 
 
 def test_a_weaker_response_brings_less_signal_and_the_same_netd():
     half = Band(name="h", kind="thermal", wavelength_um=[8.0, 11.0, 14.0], response=[0.0, 0.5, 0.0])
     full = Band(name="f", kind="thermal", wavelength_um=[8.0, 11.0, 14.0], response=[0.0, 1.0, 0.0])
     # Responses are relative: their peak is 1 either way.
-    assert thermal_noise.blackbody_radiance(half, 300.0) == thermal_noise.blackbody_radiance(full, 300.0)
-    sigma = thermal_noise.from_netd(full, 0.05, 1.0, 1.0)
-    assert sigma / thermal_noise.radiance_per_kelvin(full) == pytest.approx(0.05)
+    assert thermal.blackbody_radiance(half, 300.0) == thermal.blackbody_radiance(full, 300.0)
+    sigma = thermal.from_netd(full, 0.05, 1.0, 1.0)
+    assert sigma / thermal.radiance_per_kelvin(full) == pytest.approx(0.05)
 
 
 def test_slow_and_dark_lenses_raise_the_noise():
-    sigma = thermal_noise.from_netd(BAND, 0.05, 1.0, 1.0)
-    assert thermal_noise.from_netd(BAND, 0.05, 2.0, 1.0) == pytest.approx(4 * sigma)
-    assert thermal_noise.from_netd(BAND, 0.05, 1.0, 0.5) == pytest.approx(2 * sigma)
+    sigma = thermal.from_netd(BAND, 0.05, 1.0, 1.0)
+    assert thermal.from_netd(BAND, 0.05, 2.0, 1.0) == pytest.approx(4 * sigma)
+    assert thermal.from_netd(BAND, 0.05, 1.0, 0.5) == pytest.approx(2 * sigma)

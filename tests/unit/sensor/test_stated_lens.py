@@ -10,7 +10,7 @@ import pytest
 import horizonval as hv
 from horizonval.estimation.methods.limb_profile import ESTIMATOR
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.sensor.stated_lens import stated_lens
+from horizonval.sensor.expected_image import stated_lens
 from horizonval.spec.load import load_camera
 from horizonval.suites.observation import observation_of
 

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from scipy import constants
 
 from horizonval.geometry.camera import CameraModel
-from horizonval.sensor.detector import thermal, thermal_noise
+from horizonval.sensor.detector import thermal
 from horizonval.sensor.observe import observe
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import Band, CameraSpec
@@ -37,11 +37,11 @@ def kelvin(make_frame):
         scene_k: float, detector: dict[str, Any], *, seed: int = 0, noise: bool = True, **camera: Any
     ) -> np.ndarray:
         made = tables(detector, **camera)
-        frame = make_frame(thermal_noise.blackbody_radiance(BAND, scene_k), made)
+        frame = make_frame(thermal.blackbody_radiance(BAND, scene_k), made)
         image = observe(frame, CameraSpec.model_validate(made), seed=seed, noise=noise)
         note = image.observation
         radiance = note["radiance_at_zero"] + image.dn.astype(float) * note["radiance_per_dn"]
-        return (radiance - thermal_noise.blackbody_radiance(BAND, 300.0)) / thermal_noise.radiance_per_kelvin(BAND)
+        return (radiance - thermal.blackbody_radiance(BAND, 300.0)) / thermal.radiance_per_kelvin(BAND)
 
     return run
 
@@ -64,11 +64,11 @@ def test_netd_of_every_kind(kelvin, detector, netd_k):
 
 def test_noise_of_a_detectivity():
     """By hand: 1 cm2 element of D* = 1e9, 1 Hz, f/1 without losses: NEP 1e-9 W over an etendue of pi/4 cm2 sr."""
-    sigma = thermal_noise.from_detectivity(1e9, 1.0, 1e4, 1.0, 1.0)
+    sigma = thermal.from_detectivity(1e9, 1.0, 1e4, 1.0, 1.0)
     assert sigma == pytest.approx(1e-9 / (1e-4 * constants.pi / 4), rel=1e-12)
-    assert thermal_noise.from_detectivity(1e9, 4.0, 1e4, 2.0, 0.5) == pytest.approx(2 * 4 * 2 * sigma)
+    assert thermal.from_detectivity(1e9, 4.0, 1e4, 2.0, 0.5) == pytest.approx(2 * 4 * 2 * sigma)
     # smaller elements: NEP falls with the side, the power with the area
-    assert thermal_noise.from_detectivity(1e9, 1.0, 1e3, 1.0, 1.0) == pytest.approx(10 * sigma)
+    assert thermal.from_detectivity(1e9, 1.0, 1e3, 1.0, 1.0) == pytest.approx(10 * sigma)
 
 
 def test_a_linear_array_by_detectivity(make_frame):
@@ -78,7 +78,7 @@ def test_a_linear_array_by_detectivity(make_frame):
         size=(160, 1),
     )
     spec = CameraSpec.model_validate(made)
-    frame = make_frame(thermal_noise.blackbody_radiance(BAND, 280.0), made)
+    frame = make_frame(thermal.blackbody_radiance(BAND, 280.0), made)
     images = np.array([observe(frame, spec, seed=s).dn.astype(float) for s in range(100)])
     note = observe(frame, spec).observation
     expected = math.sqrt(1e-2**2 * 30.0) / 5e8 / (0.8 * 1e-8 * math.pi / 4)
@@ -91,7 +91,7 @@ def test_responsivity_shows_in_contrast(kelvin):
     """At 320 K the pattern is that of the radiance; it is the same in every frame of a unit."""
     keys = {"kind": "microbolometer", "netd_k": 0.001, "responsivity_rms": 0.01}
     images = [kelvin(320.0, keys, seed=s) for s in (1, 2)]
-    level = thermal_noise.blackbody_radiance(BAND, 320.0) / thermal_noise.radiance_per_kelvin(BAND)
+    level = thermal.blackbody_radiance(BAND, 320.0) / thermal.radiance_per_kelvin(BAND)
     assert images[0].std() == pytest.approx(0.01 * level, rel=0.025)
     assert np.corrcoef(images[0].ravel(), images[1].ravel())[0, 1] > 0.999
 
@@ -154,7 +154,7 @@ def test_the_time_constant_drags_an_edge():
 def test_wide_pixels_blur(make_frame):
     """A pixel response of 3 px full width: a line gets the variance of that Gaussian, 3^2 / (8 ln 2)."""
     made = tables({"kind": "thermopile", "netd_k": 0.1, "response_fwhm_px": 3.0})
-    scene = np.full((120, 160), thermal_noise.blackbody_radiance(BAND, 250.0))
+    scene = np.full((120, 160), thermal.blackbody_radiance(BAND, 250.0))
     scene[:, 80] *= 1.5
     image = observe(make_frame(scene, made), CameraSpec.model_validate(made), noise=False).dn.astype(float)
     line = image[60] - image[60, 40]

@@ -18,9 +18,9 @@ from horizonval.frame import FrameTruth, Hit
 from horizonval.geometry import frames
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.store import exr, masks
+from horizonval.store import attributes, exr
 from horizonval.store.attributes import UNITS, camera_of, own_attributes, standard_attributes
-from horizonval.store.show import shown
+from horizonval.store.entry import shown
 
 conf.auto_download = False
 
@@ -172,9 +172,9 @@ def test_masks_follow_the_maps(truth: FrameTruth) -> None:
         "tangent_height": np.array([[-5e4, -1e4, 30e3, 30e3, 30e3, 30e3]]),
         "solar_zenith": np.array([[89.0, 91.0, 90.0 + dip - 0.1, 90.0 + dip + 0.1, 91.0, 10.0]]),
     }
-    assert masks.earth(maps).tolist() == [[1, 1, 0, 0, 1, 0]]
-    assert masks.sunlit(maps, truth).tolist() == [[1, 0, 1, 0, 0, 0]]
-    assert masks.saturated(np.array([[0, 1022, 1023, 1024]]), 1023).tolist() == [[0, 0, 1, 1]]
+    assert attributes.earth_mask(maps).tolist() == [[1, 1, 0, 0, 1, 0]]
+    assert attributes.sunlit_mask(maps, truth).tolist() == [[1, 0, 1, 0, 0, 0]]
+    assert attributes.saturated_mask(np.array([[0, 1022, 1023, 1024]]), 1023).tolist() == [[0, 0, 1, 1]]
 
 
 def test_the_ideal_sensors_reading_is_in_the_header(truth: FrameTruth) -> None:

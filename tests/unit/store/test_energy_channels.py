@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.frame import RadianceFrame
 from horizonval.store import exr
-from horizonval.store.export.fits import fits_bytes, read_fits
+from horizonval.store.fits import fits_bytes, read_fits
 
 TWO_KINDS = {
     "camera": {"name": "both", "width": 12, "height": 8, "fov_deg": 60.0},

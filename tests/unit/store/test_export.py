@@ -24,8 +24,8 @@ from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry import frames
 from horizonval.geometry.camera import unproject
 from horizonval.store import exr
-from horizonval.store.export.export_files import export_file
-from horizonval.store.export.fits import fits_bytes
+from horizonval.store.export import export_file
+from horizonval.store.fits import fits_bytes
 from horizonval.store.store import Store
 
 conf.auto_download = False

@@ -13,9 +13,7 @@ from PIL import Image
 from horizonval.core.errors import UserError
 from horizonval.frame import Hit
 from horizonval.store import exr
-from horizonval.store.export.coco import CATEGORIES, masks_of, run_lengths
-from horizonval.store.export.export_files import export_file, write_masks
-from horizonval.store.export.xarray_view import dataset_of
+from horizonval.store.export import CATEGORIES, dataset_of, export_file, masks_of, run_lengths, write_masks
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from synthetic import toy_image, truth_at
 from horizonval.api.estimate import estimate_report
 from horizonval.core.errors import UserError
 from horizonval.store import exr
-from horizonval.store.export.export_files import export_file
+from horizonval.store.export import export_file
 from horizonval.store.picture import read_picture
 
 

@@ -165,7 +165,7 @@ def test_every_flipped_byte_is_noticed(stored, capfd):
 
 def test_every_flipped_header_byte_is_noticed_without_the_pixels(stored):
     good = stored.read_bytes()
-    end = exr.seal.read_header(stored).end
+    end = len(exr.exr_header.read_header(stored).data)
     for position in range(0, end, 7):
         bad = bytearray(good)
         bad[position] ^= 0x20
@@ -350,7 +350,7 @@ def test_a_failed_write_keeps_the_old_file(stored, make_frame, monkeypatch):
     def fail(path: Path) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(exr.seal, "seal_file", fail)
+    monkeypatch.setattr(exr.exr_header, "seal_file", fail)
     with pytest.raises(UserError, match="No space left"):
         exr.write_frame(stored, make_frame(1.0))
     assert stored.read_bytes() == before

@@ -20,15 +20,14 @@ import pytest
 
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.jobs.kept import take_over
+from horizonval.jobs.engine import take_over
 from horizonval.report.load import load_run
 from horizonval.store import exr
-from horizonval.store.export.export_files import export_file
+from horizonval.store.export import export_file
 from horizonval.store.folder import RunFolder, write_json
-from horizonval.store.index import NAME
-from horizonval.store.manifest import verify_folder
 from horizonval.store.named import Garbage, archive_of, garbage, remove
 from horizonval.store.store import Store
+from horizonval.store.verify import verify_folder
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="FIFOs, devices and links of POSIX")
 PATIENCE_S = 30.0
@@ -52,7 +51,7 @@ def in_time(call: Callable[[], object]) -> object:
 
 
 def contents(root: Path) -> dict[str, bytes]:
-    """Every file but the index, whose bytes count its transactions."""
+    """Every file but the index."""
     paths = [path for path in root.rglob("*") if path.is_file() and not path.name.startswith("index.")]
     return {path.relative_to(root).as_posix(): path.read_bytes() for path in paths}
 
@@ -80,6 +79,7 @@ def test_whatever_is_at_an_entrys_place_is_found_and_made_again(tmp_path, make_f
     store = Store(tmp_path / "archive")
     frame, image = make_frame(), make_image()
     address, other = store.add_frame(frame), store.add_image(image)
+    store.index.update()
     before = contents(tmp_path)
     path = store.path(address)
     path.unlink()
@@ -110,6 +110,7 @@ def test_whatever_is_at_an_entrys_place_is_found_and_made_again(tmp_path, make_f
 def test_what_stands_for_a_folder_of_entries_is_found_and_replaced(tmp_path, make_frame, make):
     store, outside = Store(tmp_path / "archive"), tmp_path / "outside"
     address = store.add_frame(make_frame())
+    store.index.update()
     folder = store.path(address).parent
     folder.rename(outside)
     before = contents(outside)
@@ -205,7 +206,6 @@ def test_a_folder_that_cannot_be_listed_is_a_finding_and_the_walk_goes_on(tmp_pa
 def test_an_entry_that_may_not_be_read_is_not_called_damaged_and_not_overlooked(tmp_path, make_frame, monkeypatch):
     store = Store(tmp_path / "archive")
     closed, other = (store.path(store.add_frame(make_frame(value))) for value in (1.0, 2.0))
-    (store.root / NAME).unlink()
     opening = os.open
 
     def refusing(path, *arguments, **options):
@@ -243,7 +243,6 @@ def test_a_report_reads_no_record_that_lies_elsewhere(tmp_path):
 def test_another_archive_that_a_run_names_is_read_and_never_written(tmp_path, make_frame, make_image):
     other, *_ = a_run(tmp_path / "other", make_frame)
     address = Store(other.archive).add_image(make_image())
-    (other.archive / NAME).unlink()
     before = sorted(other.root.rglob("*"))
     folder = RunFolder(tmp_path / "run")
     folder.create()

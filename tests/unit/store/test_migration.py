@@ -56,7 +56,7 @@ def test_written_again_it_has_the_layout_of_today(store, tmp_path):
     again = new.read_frame(address)
     assert again.truth == old.truth
     np.testing.assert_array_equal(again.radiance["red"], old.radiance["red"])
-    header = exr.seal.read_header(new.path(address)).attributes
+    header = exr.exr_header.read_header(new.path(address)).attributes
     assert {"horizonval:itrs_to_camera", "worldToNDC"} <= set(header)
     assert b"mask.sunlit" in header["channels"].raw
 

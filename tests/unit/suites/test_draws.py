@@ -10,8 +10,8 @@ import pytest
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Fit
-from horizonval.jobs.stopwatch import Stopwatch
-from horizonval.scoring.repeats import noise_nees
+from horizonval.jobs.progress import Stopwatch
+from horizonval.scoring.summary import noise_nees
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case, load_suite
 from horizonval.store.folder import RunFolder

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic
-from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.suites.flight import fly
 

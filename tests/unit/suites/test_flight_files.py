@@ -10,10 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
-from horizonval.formats.motion.aem import aem_text
+from horizonval.formats.attitude import aem_text
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.geometry.orbit import lvlh_matrices
-from horizonval.geometry.tle import ElementSet, gcrs_states
+from horizonval.geometry.orbit import ElementSet, gcrs_states, lvlh_matrices
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.suites.flight import fly
 

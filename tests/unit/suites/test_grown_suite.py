@@ -15,7 +15,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.core.progress import Silent
 from horizonval.jobs import engine
-from horizonval.scoring.table import read_results
+from horizonval.scoring.row import read_results
 from horizonval.suites.run import run_suite
 from horizonval.suites.suite import load_suite, with_options
 from horizonval.suites.units import case as of_case

@@ -18,7 +18,7 @@ from horizonval.report import infrared
 from horizonval.spec.suite import StabilityBand, StabilitySpec
 from horizonval.store.folder import write_json
 from horizonval.suites import stability
-from horizonval.truth.infrared_horizon.rays import directions
+from horizonval.truth.infrared_radiance import directions
 
 SPEC = StabilitySpec(
     altitude_km=900.0,

@@ -17,8 +17,8 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.jobs.execution import local_workers, parse_shard
-from horizonval.jobs.kept import keep, kept, take_over
+from horizonval.jobs.engine import keep, kept, take_over
+from horizonval.jobs.pool import local_workers, parse_shard
 from horizonval.plugins import registry
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.suites.axes import figure_plans, value_at
@@ -208,7 +208,7 @@ def test_the_summary_knows_the_orbit_and_who_is_told_the_pose(tmp_path: Path) ->
         write_json(folder.suite, about | more)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("horizonval.report.build.write_report", lambda *a, **k: [])
-            patch.setattr("horizonval.scoring.table.write_results", lambda *a, **k: None)
+            patch.setattr("horizonval.scoring.row.write_results", lambda *a, **k: None)
             patch.setattr("horizonval.scoring.summary.summarise", lambda *a, told=calls: told.append(a) or {})
             conclude(folder, "s", rows, {})
         found[key] = [set(x) for x in calls[0][1:]]

@@ -13,7 +13,7 @@ import horizonval as hv
 from horizonval.api.check import check
 from horizonval.core import memory
 from horizonval.core.errors import UserError
-from horizonval.jobs.execution import Execution
+from horizonval.jobs.pool import Execution
 from horizonval.renderer.scene.frame_memory import frame_bytes, refuse_too_large
 from horizonval.spec.load import load_scene
 from horizonval.suites.suite import load_suite
@@ -86,7 +86,7 @@ def test_there_are_as_many_workers_as_memory_holds(suite, monkeypatch):
     largest = largest_frame(suite)
     assert largest is not None
     monkeypatch.setattr(memory, "available_bytes", lambda: 3.5 * frame_bytes(largest.scene, largest.camera))
-    monkeypatch.setattr("horizonval.jobs.execution.available_cpus", lambda: 64)
+    monkeypatch.setattr("horizonval.jobs.pool.available_cpus", lambda: 64)
     assert within_memory(Execution(), suite).workers == 3
     assert within_memory(Execution(3), suite) == Execution(3)
     assert within_memory(Execution(dask="local:9"), suite) == Execution(dask="local:9")

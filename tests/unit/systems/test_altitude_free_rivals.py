@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 from horizonval.systems.a.rivals import SeenPixels, known_altitude, straight_line, two_sensors
 
 CAMERA = CameraModel(400, 400, 346.0, 346.0, 199.5, 199.5)

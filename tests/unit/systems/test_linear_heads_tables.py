@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.systems.d.figures import widest_in_field
 from horizonval.systems.d.frames import EPOCH, orbit_place
 from horizonval.systems.d.rows import moment_rows

@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_geodetic, sphere, tangent_point
 from horizonval.geometry.horizon import horizon_by_azimuth
-from horizonval.truth.infrared_horizon.rays import angle_of_height, directions, ground_points, ray_paths
+from horizonval.truth.infrared_radiance import angle_of_height, directions, ground_points, ray_paths
 
 AZIMUTH = np.radians(np.arange(0.0, 360.0, 40.0))
 

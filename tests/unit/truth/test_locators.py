@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.truth.infrared_horizon.locators import locate, profile_heights_m
+from horizonval.truth.infrared_horizon import locate, profile_heights_m
 
 HEIGHT = profile_heights_m(100e3)
 

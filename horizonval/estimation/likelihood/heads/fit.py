@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.likelihood.fit import (
     CONVERGED,
@@ -50,7 +50,7 @@ from horizonval.estimation.likelihood.limb_pixels import FEWEST_LIMB_PX, LimbPix
 from horizonval.estimation.likelihood.relief_modes import relief_modes
 from horizonval.estimation.likelihood.sectors import eliminated
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.directions import tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 
 SHARED = POSE + 1
 """Pose of the body, height of the limb, scale height; the modes of the relief follow, then a blur for each head."""

@@ -8,7 +8,7 @@ with functions ``g_k`` of variance 1, alike at two places as :mod:`.alike` has i
 it, too: the error of a Sun sensor as two patterns more, and where there is none every Sun that lights the whole arc,
 all alike likely. The same where a thermal band's place is not known: of all latitudes and months the spread is one
 number for the whole arc, and what changes along it is the relief that was measured
-(:mod:`horizonval.earth.limb_relief`).
+(:mod:`horizonval.earth.limb_heights`).
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.likelihood.height.alike import correlations
 from horizonval.estimation.likelihood.height.band_heights import BandHeights, EdgeHeights
 from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
-from horizonval.geometry.directions import fibonacci_sphere, tangent_basis
+from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
 SUN_SIGMA_RAD = math.radians(0.5)
 """Of a coarse Sun sensor, right to a degree."""

@@ -33,7 +33,7 @@ from horizonval.estimation.likelihood.profile.air import (
     node_air,
 )
 from horizonval.estimation.likelihood.templates import LimbTemplates
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.rotation import off_axis_angle
 
 FARTHEST_RAD, STEPS = 0.25, 6
 """Of the ends of lines before their lowest points, and at how many places tables are read up to there: deeper lines,

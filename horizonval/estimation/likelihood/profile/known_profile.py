@@ -24,7 +24,7 @@ from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import BY_LATITUDE_MONTH
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.ephemeris import AU_M, sun_itrs
+from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
 LIFT_SIGMA_M = 300.0
 """Of the height of all air: what is left when its profile is known. The pressure at sea level differs from the

@@ -27,7 +27,7 @@ from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.pixels import profile_pixels
 from horizonval.estimation.likelihood.profile.ray_height import level_distance
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.rotation import off_axis_angle
 
 AXIS_CAM = np.array([0.0, 0.0, 1.0])
 EIGHTHS = 9

@@ -14,8 +14,8 @@ from horizonval.estimation.likelihood.profile.knowledge import NoLimbError
 from horizonval.estimation.likelihood.profile.ray_height import RayHeight, level_distance, ray_height
 from horizonval.estimation.likelihood.sectors import divided
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.directions import cross, tangent_basis
 from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.rotation import cross, tangent_basis
 
 NODE_RAD = 0.035
 """Between nodes, at the Earth's centre: a sixth of the length over which air is alike. Straight lines between nodes

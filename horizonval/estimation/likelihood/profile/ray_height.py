@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.directions import cross
+from horizonval.geometry.rotation import cross
 
 LEAST_ROOT = 0.01
 """Of a height as seen from itself: rays that high pass above the observer."""

@@ -29,8 +29,8 @@ from horizonval.estimation.likelihood.profile.knowledge import NoLimbError
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
 from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.rotation import tangent_basis
 
 COARSE_PX = 56
 """Of the longer side of the coarse copy: some thousand pixels."""

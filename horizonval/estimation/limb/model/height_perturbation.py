@@ -14,7 +14,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.height.uneven_limb import SUNS
 from horizonval.estimation.limb.model.sunlit import height_under
-from horizonval.geometry.directions import fibonacci_sphere, tangent_basis
+from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
 MOST_POINTS = 60
 """Points that stand for all of them: heights are smooth along the limb."""

@@ -35,7 +35,7 @@ from horizonval.estimation.limb.picture import IMMERKAER
 from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
 from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, median
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 NEAREST_PX, FARTHEST_PX = 5.0, 30.0
 """Distance from the limb of the pixels that noise is read from: none of the limb's own profile, the same light."""
@@ -115,7 +115,7 @@ def noise_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.geometry.directions.tangent_basis` of the axis.
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis.
 
     Parameters
     ----------

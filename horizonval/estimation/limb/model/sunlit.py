@@ -22,7 +22,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.model.sunlit_heights import EARTH_RADIUS_M, heights_of
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.directions import tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 
 LENS_PX = 0.8
 """Blur of a usual lens (0.7 px), of the pixel's own width and of reading between pixels."""

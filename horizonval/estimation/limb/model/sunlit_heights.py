@@ -15,7 +15,7 @@ Heights are those of limbs without clouds: the mean of limbs with and without is
 two places. What a sensor cannot know is taken from the table's modes: those that are alike along the limb of a low
 orbit or more (haze, whether there are clouds at all, ground). A pattern is half of what the height changes by from one
 standard deviation of a mode below to one above the mean. Air and single clouds, which vary along the limb, are left to
-its relief (:mod:`horizonval.earth.limb_relief`).
+its relief (:mod:`horizonval.earth.limb_heights`).
 """
 
 from __future__ import annotations

@@ -27,8 +27,8 @@ from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.ranks import ROSE_SIGMAS
 from horizonval.estimation.limb.shape.cone import arc_order
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import tangent_basis
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import tangent_basis
 
 BoolArray = NDArray[np.bool_]
 

@@ -45,8 +45,8 @@ from horizonval.estimation.limb.search.pyramid import PyramidLevel
 from horizonval.estimation.limb.search.trace import Trace, trace_limb
 from horizonval.estimation.limb.subpixel import half_window
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle
 
 STEPS = 4
 """Of Gauss-Newton, from a pixel away: the next would move nothing by a hundredth of a pixel."""

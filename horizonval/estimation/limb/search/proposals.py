@@ -2,7 +2,7 @@
 
 Edge points are Canny's (IEEE Trans. PAMI 8, 679, 1986) where the gradient stands out of the noise. Of them those come
 first that have a calm side, since space is calm: mean gradient of the calmer side over their own. Three lines of sight
-determine a cone (:mod:`horizonval.geometry.cone`); of random triples (Fischler and Bolles, Communications of the ACM
+determine a cone (:mod:`horizonval.geometry.horizon`); of random triples (Fischler and Bolles, Communications of the ACM
 24, 381, 1981) those are kept whose gradients stand across the cone's limb, all with the bright side on the same side of
 it, and they are asked how many of the other points agree.
 
@@ -23,7 +23,7 @@ from horizonval.estimation.limb.ranks import ROSE_SIGMAS
 from horizonval.estimation.limb.result import FEWEST_POINTS
 from horizonval.estimation.limb.search.pyramid import PyramidLevel
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.cone import cones_through, fit_cone
+from horizonval.geometry.horizon import cones_through, fit_cone
 
 INT16 = np.iinfo(np.int16)
 UNITS = 8.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.ranks import median
 from horizonval.geometry.camera import CameraModel, project, unproject
-from horizonval.geometry.directions import tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 
 AZIMUTHS = 768
 """At which a cone is looked at first. They are dense towards the middle of the image: a telescope sees a degree."""

@@ -5,7 +5,7 @@ squares of its gradient, which is the distance of the points to first order (Tau
 On centred points with ``z = x^2 + y^2`` the minimum is the smallest singular vector of three columns,
 ``((z - mean z) / (2 sqrt(mean z)), x, y)``: closed form, no start, and a straight line is only the circle ``a = 0``.
 
-A horizon in an image is a conic, not a circle: see :mod:`horizonval.geometry.cone` for the curve that it
+A horizon in an image is a conic, not a circle: see :mod:`horizonval.geometry.horizon` for the curve that it
 is.
 """
 

@@ -1,7 +1,7 @@
 """How well points of a limb determine the cone fitted to them, and where a cone's limb lies in an image.
 
-The fit itself is :func:`horizonval.geometry.cone.fit_cone`. Its residual ``u . n - cos rho`` is ``sin rho`` times the
-angle between the point and the fitted limb, for every point alike.
+The fit itself is :func:`horizonval.geometry.horizon.fit_cone`. Its residual ``u . n - cos rho`` is ``sin rho`` times
+the angle between the point and the fitted limb, for every point alike.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 AZIMUTHS = 7200
 """Round a limb: a full disc of 2000 px has fewer pixels of it."""

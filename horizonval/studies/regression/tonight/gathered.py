@@ -12,9 +12,8 @@ from typing import Any
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress
-from horizonval.jobs.engine import do
-from horizonval.jobs.execution import Execution
-from horizonval.jobs.kept import Record
+from horizonval.jobs.engine import Record, do
+from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import RegressionSpec
 from horizonval.studies.regression.baseline.baseline import Baseline

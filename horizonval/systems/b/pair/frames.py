@@ -19,10 +19,9 @@ from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, f
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.camera import project, unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import angle_between
 from horizonval.geometry.frames import inverse, rotate
-from horizonval.geometry.horizon import horizon_cam
+from horizonval.geometry.horizon import fit_cone, horizon_cam
+from horizonval.geometry.rotation import angle_between
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.scoring.errors import score
 from horizonval.sensor.observe import observe

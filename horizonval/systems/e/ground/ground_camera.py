@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.sensor.detector import converter, exposure, fixed_pattern, readout
+from horizonval.sensor.detector import exposure, fixed_pattern, readout
 from horizonval.sensor.lens import optics
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import CameraSpec
@@ -102,15 +102,13 @@ def digital_numbers(
     held = readout.add_read_noise(
         readout.saturate(counted + dark, detector.full_well_e), detector.read_noise_e, rng("read")
     )
-    return converter.digitise(held, gain_e_per_dn(camera), detector.black_level_dn, detector.bits)
+    return readout.digitise(held, gain_e_per_dn(camera), detector.black_level_dn, detector.bits)
 
 
 def gain_e_per_dn(camera: CameraSpec) -> float:
     """Return the converter's electrons per digital number."""
     detector = detector_of(camera)
-    return detector.gain_e_per_dn or converter.default_gain(
-        detector.full_well_e, detector.bits, detector.black_level_dn
-    )
+    return detector.gain_e_per_dn or readout.default_gain(detector.full_well_e, detector.bits, detector.black_level_dn)
 
 
 def electrons_of_dn(dn: NDArray[np.uint16], camera: CameraSpec) -> FloatArray:

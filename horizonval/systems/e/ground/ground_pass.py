@@ -17,9 +17,8 @@ from scipy.constants import speed_of_light
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.gases import rayleigh
-from horizonval.geometry.eclipse import sun_visible_fraction
-from horizonval.geometry.ephemeris import sun_angular_radius, sun_itrs
-from horizonval.geometry.tle import ElementSet, itrs_states
+from horizonval.geometry.orbit import ElementSet, itrs_states
+from horizonval.geometry.sun_and_moon import sun_angular_radius, sun_itrs, sun_visible_fraction
 from horizonval.systems.e.ground.refraction import Correction, RefractingAir, apparent_elevation
 from horizonval.systems.e.ground.sky import sky_scene
 from horizonval.systems.e.localisation.stations import Station, enu_directions

@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.projections.polar import PolarAxes
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.systems.e.ground import ground_camera as cam
 from horizonval.systems.e.ground.frames import ARCSEC
 from horizonval.systems.e.localisation.stations import enu_directions

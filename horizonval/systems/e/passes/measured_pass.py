@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.geometry.tle import ElementSet
+from horizonval.geometry.orbit import ElementSet
 from horizonval.spec.camera import CameraSpec
 from horizonval.systems.e.ground import ground_camera as cam
 from horizonval.systems.e.ground.detection import NoDetection

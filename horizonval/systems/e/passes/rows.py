@@ -10,7 +10,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.geometry.tle import ElementSet
+from horizonval.geometry.orbit import ElementSet
 from horizonval.systems.e.ground.frames import ARCSEC
 from horizonval.systems.e.ground.ground_camera import detector_of
 from horizonval.systems.e.ground.satellite import ENVISAT, standard_magnitude

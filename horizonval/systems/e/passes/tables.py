@@ -8,7 +8,7 @@ from datetime import timedelta
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.systems.e.ground.frames import ARCSEC
 from horizonval.systems.e.ground.ground_pass import azimuth_elevation
 from horizonval.systems.e.ground.reduction import REFRACTION_RAD

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, edge_profile
 from horizonval.estimation.likelihood.light import brightness, light_basis, weighed
 from horizonval.estimation.likelihood.relief_modes import relief_modes

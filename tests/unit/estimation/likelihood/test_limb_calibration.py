@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_relief import reliefs
+from horizonval.earth.limb_heights import reliefs
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.likelihood.calibration.shared import seen_by_changed
 from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
@@ -26,9 +26,9 @@ from horizonval.estimation.miscalibrated import miscalibrated
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
-from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import compose
+from horizonval.geometry.rotation import tangent_basis
 
 CAMERA = CameraModel(width=320, height=320, fx=240.0, fy=240.0, cx=160.3, cy=158.8)
 MOUNT = Rotation.from_euler("x", -65.0, degrees=True)

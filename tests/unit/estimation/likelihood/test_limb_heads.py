@@ -11,7 +11,7 @@ from limb_image import RADIUS_M, Sphere, noisy, picture
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_relief import SOLAR_RELIEF
+from horizonval.earth.limb_heights import SOLAR_RELIEF
 from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M
 from horizonval.estimation.likelihood.height.band_heights import band_heights
 from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
@@ -21,7 +21,7 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.scoring.information.limb_information import limb_information
+from horizonval.scoring.information import limb_information
 from horizonval.sensor.expected_image import ExpectedImage
 
 ALTITUDE_M = 500e3

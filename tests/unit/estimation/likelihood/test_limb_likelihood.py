@@ -13,7 +13,7 @@ import pytest
 from limb_image import RADIUS_M, Sphere, bound_rad, noisy, picture
 from scipy.ndimage import gaussian_filter
 
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, sphere_knowledge
 from horizonval.geometry.camera import CameraModel

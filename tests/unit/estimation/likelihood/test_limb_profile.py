@@ -45,8 +45,8 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84, sphere
-from horizonval.sensor.lens import core_spread
-from horizonval.sensor.stated_lens import stated_lens
+from horizonval.sensor.expected_image import stated_lens
+from horizonval.sensor.lens import lens_spread
 from horizonval.spec.load import load_camera
 
 ARCSEC = np.radians(1.0 / 3600.0)
@@ -432,8 +432,8 @@ def test_a_sampled_lens_behind_its_aperture_is_the_simulated_one(name: str, sigm
     assert lens is not None
     assert camera.detector is not None
     pitch_m, f_number = 1e-6 * camera.detector.pixel_pitch_um, camera.optics.f_number
-    reach = core_spread.reach_px(sigma_px, 0.0, lens.diffraction_px)
-    kernel = core_spread.kernel(sigma_px, 0.0, camera.band[0], f_number, pitch_m, reach)
+    reach = lens_spread.core_reach_px(sigma_px, 0.0, lens.diffraction_px)
+    kernel = lens_spread.core_kernel(sigma_px, 0.0, camera.band[0], f_number, pitch_m, reach)
     step, pixel_m = 500.0, 10e3
     boxes = np.array([[0.8, 0.6], [1.0, 0.0]]) * pixel_m
     grid = step * np.arange(2001)

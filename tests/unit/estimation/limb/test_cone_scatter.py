@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from horizonval.estimation.limb.shape.cone import cone_scatter, cone_uncertainty, noise_bias
-from horizonval.geometry.cone import fit_cone
+from horizonval.geometry.horizon import fit_cone
 
 RHO = 1.1
 SIGMA = 2e-4

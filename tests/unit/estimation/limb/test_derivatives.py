@@ -13,7 +13,7 @@ from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.steepest_noise import _bilinear, _response, pixel_variance
 from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.rotation import off_axis_angle
 
 CAMERA = CameraModel(width=90, height=70, fx=80.0, fy=80.0, cx=44.0, cy=36.0)
 RHO = math.radians(66.0)

@@ -12,7 +12,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.geometry.camera import CameraModel, in_image_circle, pixel_grid, unproject
-from horizonval.geometry.cone import fit_cone
+from horizonval.geometry.horizon import fit_cone
 
 RHO = math.radians(68.0)
 

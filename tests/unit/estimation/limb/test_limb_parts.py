@@ -20,7 +20,7 @@ from horizonval.estimation.limb.shape.cone import (
     slow_error,
 )
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.cone import fit_cone
+from horizonval.geometry.horizon import fit_cone
 
 CAMERA = CameraModel(256, 200, 180.0, 180.0, 127.5, 99.5)
 RHO = 1.1

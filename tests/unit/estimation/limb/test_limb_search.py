@@ -25,8 +25,8 @@ from horizonval.estimation.methods import altitude_free
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle
 
 RHO = math.radians(66.0)
 CAMERA = CameraModel(240, 180, 200.0, 200.0, 119.5, 89.5)

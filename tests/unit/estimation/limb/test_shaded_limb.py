@@ -8,7 +8,7 @@ import pytest
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.rotation import off_axis_angle
 
 SIDE = 240
 CAMERA = CameraModel(SIDE, SIDE, 300.0, 300.0, 119.5, 119.5)

@@ -11,7 +11,7 @@ from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.rotation import off_axis_angle
 
 CAMERA = CameraModel(width=256, height=256, fx=222.0, fy=222.0, cx=127.5, cy=127.5)
 RHO = math.radians(68.0)

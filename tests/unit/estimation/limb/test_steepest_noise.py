@@ -12,8 +12,8 @@ from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 SIZE = 128
 CAMERA = CameraModel(width=SIZE, height=SIZE, fx=111.0, fy=111.0, cx=63.5, cy=63.5)

@@ -15,8 +15,8 @@ from horizonval.estimation.limb.model.sunlit import blur_rad, sun_angles, sunlit
 from horizonval.estimation.limb.model.sunlit_heights import heights_of
 from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.cone import fit_cone
-from horizonval.geometry.directions import off_axis_angle, tangent_basis
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 RADIUS_M = 6371008.8
 BLUE_UM, RED_UM = (load_templates(FOLDER / f"limb-{name}.npz").band_um for name in ("blue", "red"))

@@ -10,7 +10,7 @@ import pytest
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.jobs import engine
-from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.jobs.progress import Stopwatch
 from horizonval.plugins import registry
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.studies.regression.accept import accept

@@ -16,7 +16,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.frame import FrameTruth
 from horizonval.jobs import engine
 from horizonval.store.folder import read_json, write_json
-from horizonval.store.manifest import verify_folder
+from horizonval.store.verify import verify_folder
 from horizonval.studies.regression import bench
 from horizonval.studies.regression.accept import accept
 from horizonval.studies.regression.baseline import history

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.scoring.exclusion import exclusion_angle_deg
+from horizonval.scoring.expected import exclusion_angle_deg
 from horizonval.studies.trade.measures import bias_and_noise, exclusion_angle, measures_of, quantile, rms
 from horizonval.studies.trade.sample import cluster_draws
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from horizonval.geometry.orbit import gcrs_states
 from horizonval.geometry.rotation import itrs_from_gcrs
-from horizonval.geometry.tle import gcrs_states
 from horizonval.systems.e.case import ENVISAT, EPOCH_UTC, STATIONS, exact_pass
 from horizonval.systems.e.localisation.batch import OrbitFit, fit_orbit
 from horizonval.systems.e.localisation.celestial import ARCSEC, celestial, celestial_errors, normalised_squares, rms

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.frames import lvlh_from_itrs
-from horizonval.geometry.tle import ElementSet
+from horizonval.geometry.orbit import ElementSet
 from horizonval.systems.e.ground import ground_camera as cam
 from horizonval.systems.e.ground.detection import NoDetection
 from horizonval.systems.e.ground.frames import Frames, StationErrors

@@ -8,8 +8,8 @@ import erfa
 import numpy as np
 import pytest
 
-from horizonval.geometry.ephemeris import sun_itrs
-from horizonval.geometry.tle import ElementSet, itrs_states
+from horizonval.geometry.orbit import ElementSet, itrs_states
+from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation, standard_air
 from horizonval.systems.e.ground.refraction import Correction, RefractingAir, apparent_elevation, true_elevation
 from horizonval.systems.e.ground.satellite import Brightness, box_cross_section_m2, magnitude, sunlight_share

@@ -1,1 +1,0 @@
-"""Cameras as calibration programs write them."""

@@ -1,1 +1,0 @@
-"""Orbits and attitudes as flight dynamics writes them."""

@@ -1,0 +1,460 @@
+"""A satellite's states between those that a file has: the polynomial through the nearest of them.
+
+With velocities it is Hermite's through the four nearest states, of degree 7, else Lagrange's through the eight nearest
+positions, whose derivative is the velocity. Of a circular orbit of 6 928 km, states a minute apart are met between them
+to 0.1 um with velocities and to 40 um without. Of states five minutes apart the first are off by 7 mm in the middle of
+a piece and 2 cm at its ends, the second by 1 m and 12 m.
+Pieces do not know each other: a manoeuvre lies between two.
+
+An interval in which the polynomial may be more than 100 m off is a gap, and no place in it is flown. How far it may be
+off is told by the remainder of interpolation for a circular orbit: in low orbit the largest steps are 16 minutes with
+velocities and 8 without, and near the ends of a piece, where states stand to one side only, 14 and 6.
+
+Orbit ephemeris messages (CCSDS 502.0-B), KVN and XML, read by the library ``oem``.
+
+Its states are taken as they stand; between them :mod:`horizonval.formats.trajectory` interpolates, whatever
+method the message names. States outside the usable span are used for that and not flown. Covariances are not read.
+
+Orbit mean-elements messages (CCSDS 502.0-B), KVN and XML: the elements of SGP4 with all their digits.
+
+Orbits and attitudes as tables of text, whose columns say axes, units, direction and order.
+
+An orbit has ``time_utc`` and ``x_gcrs_km``, ``y_gcrs_km``, ``z_gcrs_km``, or the same with ``itrs``; with
+``vx_gcrs_km_s`` and so on the velocities. An attitude has ``time_utc`` and ``q_body_from_gcrs_x``, ``_y``, ``_z``,
+``_w`` (the scalar), or the same with ``itrs``: the turn that takes components in those axes to those in the body's.
+
+Orbit and attitude from SPICE kernels, read by ``spiceypy``: SPK, and CK with the clock and frame kernels it needs.
+
+Geometric states of the spacecraft about the Earth in ``J2000``, which is taken for ``gcrs``; no light time. Kernels are
+loaded for each question and unloaded after it: they are a state of the whole process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import KroghInterpolator
+from sgp4 import omm
+from sgp4.api import SGP4_ERRORS, Satrec
+
+from horizonval.core import files
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.formats.attitude import AttitudeHistory, Axes, attitudes_of, axes_of, states_in_gcrs
+from horizonval.formats.ccsds import (
+    MAX_FILE_BYTES,
+    Coverage,
+    check_earth,
+    check_utc,
+    coverage_of,
+    is_xml,
+    lines_of,
+    needed,
+    seconds_after,
+    together,
+    utc_of,
+    xml_of,
+)
+from horizonval.formats.csv_table import CsvTable, read_csv
+from horizonval.geometry.orbit import GM_M3_PER_S2
+
+WITH_VELOCITY, WITHOUT = 4, 8
+"""Nearest states that a polynomial goes through."""
+FEWEST = 2
+LARGEST_OFF_M = 100.0
+"""Three arc seconds of the way round the Earth, in low orbit."""
+
+
+@dataclass(frozen=True)
+class TrajectoryPiece:
+    """States without a manoeuvre between them.
+
+    ``seconds`` after the trajectory's epoch, shape (m,), rising; ``r_gcrs`` [m] and ``v_gcrs`` [m/s], shape (m, 3).
+    ``coverage``: the times that may be asked for.
+    """
+
+    seconds: FloatArray
+    r_gcrs: FloatArray
+    v_gcrs: FloatArray | None
+    coverage: Coverage
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Where a satellite is; ``where`` names the file for messages."""
+
+    epoch_utc: datetime
+    pieces: tuple[TrajectoryPiece, ...]
+    where: str
+
+    @cached_property
+    def coverage(self) -> Coverage:
+        """The times that may be asked for."""
+        return together([piece.coverage for piece in self.pieces])
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time that may be asked for."""
+        if not len(self.coverage.begins):
+            raise UserError("no state that may be used", where=self.where, expected="states in the usable span")
+        return float(self.coverage.begins[0]), float(self.coverage.ends[-1])
+
+    def states(self, seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return positions [m] and velocities [m/s] in ``gcrs``, shape (n, 3) each, at times (n,) after the epoch.
+
+        Raises
+        ------
+        UserError
+            A time outside all pieces, or in a gap.
+        """
+        t = np.asarray(seconds, dtype=np.float64)
+        r, v = np.full((len(t), 3), np.nan), np.full((len(t), 3), np.nan)
+        for piece in self.pieces:
+            inside = np.isfinite(piece.coverage.around(t)[0])
+            if inside.any():
+                r[inside], v[inside] = _between(piece, t[inside])
+        if np.isnan(r).any():
+            first = float(t[int(np.flatnonzero(np.isnan(r[:, 0]))[0])])
+            known = zip(self.coverage.begins, self.coverage.ends, strict=True)
+            spans = [f"{self._time(begin)} to {self._time(end)}" for begin, end in known]
+            more = ", ..." if len(spans) > 3 else ""
+            raise UserError(f"no state for {self._time(first)}", where=self.where, expected=", ".join(spans[:3]) + more)
+        return r, v
+
+    def _time(self, seconds: float) -> str:
+        return (self.epoch_utc + timedelta(seconds=float(seconds))).isoformat()
+
+
+def piece_of(
+    seconds: FloatArray,
+    r_gcrs: FloatArray,
+    v_gcrs: FloatArray | None,
+    where: str,
+    usable_s: tuple[float, float] | None = None,
+) -> TrajectoryPiece:
+    """Return a piece, or a :class:`UserError` where its states are no way round the Earth.
+
+    States outside ``usable_s`` are interpolated through, and not flown.
+    """
+    if len(seconds) < FEWEST:
+        raise UserError(f"{len(seconds)} states", where=where, expected=f"{FEWEST} and more")
+    steps = np.diff(seconds)
+    if (steps <= 0.0).any():
+        number = int(np.flatnonzero(steps <= 0.0)[0]) + 2
+        raise UserError(f"state {number} is not after the one before", where=where, expected="rising times")
+    distance_km = np.linalg.norm(r_gcrs, axis=1) / 1e3
+    if distance_km.min() < 6200.0:
+        number = int(np.argmin(distance_km)) + 1
+        raise UserError(
+            f"state {number} is {distance_km[number - 1]:.6g} km from the Earth's centre",
+            where=where,
+            expected="a place above the ground; are these kilometres?",
+        )
+    gaps = _gaps(seconds, r_gcrs, v_gcrs is not None)
+    return TrajectoryPiece(seconds, r_gcrs, v_gcrs, coverage_of(seconds, gaps, usable_s))
+
+
+def _nodes(total: int, interval: NDArray[np.intp], with_velocity: bool) -> tuple[int, NDArray[np.intp]]:
+    """Return how many states the polynomials of intervals go through, and the first of them."""
+    count = min(WITH_VELOCITY if with_velocity else WITHOUT, total)
+    return count, np.clip(interval - (count // 2 - 1), 0, total - count)
+
+
+def _gaps(seconds: FloatArray, r_gcrs: FloatArray, with_velocity: bool) -> NDArray[np.bool_]:
+    """Return whether the polynomial of each interval, shape (m - 1,), may be too far off.
+
+    A circle of radius R and rate w has n-th derivatives of R w^n, so that the remainder of a polynomial through n
+    values is ``R prod|w (t - t_i)| / n!``, here at the middle. The rate is that of a circular orbit as high.
+    """
+    interval = np.arange(len(seconds) - 1)
+    count, first = _nodes(len(seconds), interval, with_velocity)
+    middle = (seconds[1:] + seconds[:-1]) / 2.0
+    lowest = np.minimum(np.linalg.norm(r_gcrs[1:], axis=1), np.linalg.norm(r_gcrs[:-1], axis=1))
+    rate = np.sqrt(GM_M3_PER_S2 / lowest**3)
+    turns = np.abs(rate[:, None] * (middle[:, None] - seconds[first[:, None] + np.arange(count)]))
+    values = 2 if with_velocity else 1
+    off = lowest * np.prod(turns, axis=1) ** values / math.factorial(values * count)
+    return np.asarray(off > LARGEST_OFF_M)
+
+
+def _between(piece: TrajectoryPiece, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the states at times (n,) within a piece: those between the same two states by one polynomial."""
+    interval = np.clip(np.searchsorted(piece.seconds, t, side="right") - 1, 0, len(piece.seconds) - 2)
+    count, first = _nodes(len(piece.seconds), interval, piece.v_gcrs is not None)
+    r, v = np.empty((len(t), 3)), np.empty((len(t), 3))
+    for start in np.unique(first):
+        here = first == start
+        rows = slice(int(start), int(start) + count)
+        origin, scale = piece.seconds[rows][0], float(np.ptp(piece.seconds[rows]))
+        x = (piece.seconds[rows] - origin) / scale
+        if piece.v_gcrs is None:
+            polynomial = KroghInterpolator(x, piece.r_gcrs[rows])
+        else:
+            # A node that stands twice has its derivative as the second value.
+            values = np.stack([piece.r_gcrs[rows], scale * piece.v_gcrs[rows]], axis=1).reshape(-1, 3)
+            polynomial = KroghInterpolator(np.repeat(x, 2), values)
+        at = (t[here] - origin) / scale
+        r[here], v[here] = polynomial.derivatives(at, der=2)[:2] / np.array([1.0, scale])[:, None, None]
+    return r, v
+
+
+OEM_EXPECTED = "an orbit ephemeris message, KVN or XML"
+
+
+def orbit_of_oem(path: Path) -> Trajectory:
+    """Return the orbit in a message.
+
+    Raises
+    ------
+    UserError
+        With file and key: another centre, axes that are not known, states out of order; ``oem`` is not installed.
+    """
+    try:
+        from oem import OrbitEphemerisMessage
+    except ImportError:
+        raise UserError("oem is not installed", where=str(path), fix='run `pip install "horizonval[ccsds]"`') from None
+    files.read_bytes(path, largest=MAX_FILE_BYTES, expected=OEM_EXPECTED)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            message = OrbitEphemerisMessage.open(str(path))
+            segments = list(message)
+            read = [(segment.metadata, *_states(segment)) for segment in segments]
+        except Exception as error:
+            text = " ".join(str(error).split())[:120] or type(error).__name__
+            raise UserError(f"cannot be read: {text}", where=str(path), expected=OEM_EXPECTED) from error
+    epoch = read[0][1][0]
+    pieces = tuple(_piece(path, number, epoch, *one) for number, one in enumerate(read, 1))
+    return Trajectory(epoch, pieces, str(path))
+
+
+def _states(segment: Any) -> tuple[list[datetime], np.ndarray, np.ndarray]:
+    """Return times, positions [m] and velocities [m/s] of all states."""
+    states = list(segment.states)
+    times = [state.epoch.utc.to_datetime(timezone=UTC) for state in states]
+    r_km, v_km_s = (np.array([getattr(state, name) for state in states]) for name in ("position", "velocity"))
+    return times, 1e3 * r_km, 1e3 * v_km_s
+
+
+def _piece(
+    path: Path, number: int, epoch: datetime, metadata: Any, times: list[datetime], r: np.ndarray, v: np.ndarray
+) -> TrajectoryPiece:
+    where = f"{path}: segment {number}"
+    check_earth({"CENTER_NAME": str(metadata["CENTER_NAME"])}, where)
+    axes = axes_of(str(metadata["REF_FRAME"]), f"{where}: REF_FRAME")
+    seconds = seconds_after(epoch, times)
+    usable = [
+        (time.utc.to_datetime(timezone=UTC) - epoch).total_seconds()
+        for time in (metadata.useable_start_time, metadata.useable_stop_time)
+    ]
+    return piece_of(seconds, *states_in_gcrs(axes, epoch, seconds, r, v), where, (usable[0], usable[1]))
+
+
+OMM_EXPECTED = "an orbit mean-elements message of SGP4, KVN or XML"
+NEEDED = ("EPOCH", "MEAN_MOTION", "ECCENTRICITY", "INCLINATION", "RA_OF_ASC_NODE", "ARG_OF_PERICENTER", "MEAN_ANOMALY")
+UNITS = {
+    "MEAN_MOTION": "rev/day",
+    "INCLINATION": "deg",
+    "RA_OF_ASC_NODE": "deg",
+    "ARG_OF_PERICENTER": "deg",
+    "MEAN_ANOMALY": "deg",
+}
+"""Those of the standard, which a message may leave out."""
+DEFAULTS = {
+    "CLASSIFICATION_TYPE": "U",
+    "OBJECT_ID": "0000-000A",
+    "EPHEMERIS_TYPE": "0",
+    "ELEMENT_SET_NO": "0",
+    "REV_AT_EPOCH": "0",
+    "NORAD_CAT_ID": "0",
+    "BSTAR": "0",
+    "MEAN_MOTION_DOT": "0",
+    "MEAN_MOTION_DDOT": "0",
+}
+"""What a message may leave out, and SGP4 needs no value of."""
+
+
+def satellite_of_omm(path: Path) -> Satrec:
+    """Return the satellite in a message, for SGP4; a mistake is a :class:`UserError` with file and key."""
+    where = str(path)
+    fields = _fields(path)
+    check_earth(fields, where)
+    check_utc(fields, where)
+    if (axes := needed(fields, "REF_FRAME", where, "TEME")).upper() != "TEME":
+        raise UserError(f"found {axes!r}", where=f"{where}: REF_FRAME", expected="TEME")
+    theory = needed(fields, "MEAN_ELEMENT_THEORY", where, "SGP4")
+    if theory.upper() not in ("SGP4", "SGP", "SGP/SGP4"):
+        raise UserError(f"found {theory!r}", where=f"{where}: MEAN_ELEMENT_THEORY", expected="SGP4")
+    for key in NEEDED:
+        needed(fields, key, where, "an element of SGP4")
+    epoch = utc_of(fields["EPOCH"], f"{where}: EPOCH")
+    fields = {**DEFAULTS, **fields, "EPOCH": epoch.strftime("%Y-%m-%dT%H:%M:%S.%f")}
+    satellite = Satrec()
+    try:
+        omm.initialize(satellite, fields)
+    except (ValueError, KeyError) as error:
+        raise UserError(f"elements that are no numbers: {error}", where=where, expected=OMM_EXPECTED) from error
+    if satellite.error:
+        raise UserError(SGP4_ERRORS[satellite.error], where=where, expected="elements of a satellite")
+    return satellite
+
+
+def _fields(path: Path) -> dict[str, str]:
+    with path.open("rb") as file:
+        head = file.read(256).decode("utf-8", errors="replace")
+    found: dict[str, str] = {}
+    if is_xml(head):
+        for element in xml_of(path, OMM_EXPECTED).iter():
+            if len(element) == 0 and element.text and element.tag not in found:
+                found[element.tag] = element.text.strip()
+                _check_unit(path, element.tag, element.get("units", ""))
+        return found
+    for _, line in lines_of(path, OMM_EXPECTED):
+        key, equals, value = line.partition("=")
+        if equals:
+            # Units stand behind the value, in brackets.
+            number, _, unit = value.partition("[")
+            found.setdefault(key.strip(), number.strip())
+            _check_unit(path, key.strip(), unit.rstrip(" ]"))
+    return found
+
+
+def _check_unit(path: Path, key: str, unit: str) -> None:
+    if unit and key in UNITS and unit.strip().lower() != UNITS[key]:
+        raise UserError(f"in {unit.strip()!r}", where=f"{path}: {key}", expected=UNITS[key])
+
+
+AXES: tuple[Axes, ...] = ("gcrs", "itrs")
+
+
+def orbit_of_csv(path: Path) -> Trajectory:
+    """Return the orbit in a table; a mistake is a :class:`UserError` with line and column."""
+    moving = [("time_utc", *_place(axes), *_velocity(axes)) for axes in AXES]
+    table = read_csv(path, *moving, *(("time_utc", *_place(axes)) for axes in AXES), texts=("time_utc",))
+    axes: Axes = "gcrs" if "x_gcrs_km" in table.numbers else "itrs"
+    times = _times(table)
+    seconds = seconds_after(times[0], times)
+    r = 1e3 * table.together(*_place(axes))
+    v = 1e3 * table.together(*_velocity(axes)) if f"vx_{axes}_km_s" in table.numbers else None
+    return Trajectory(
+        times[0], (piece_of(seconds, *states_in_gcrs(axes, times[0], seconds, r, v), str(path)),), str(path)
+    )
+
+
+def attitude_of_csv(path: Path) -> AttitudeHistory:
+    """Return the attitudes in a table; a mistake is a :class:`UserError` with line and column."""
+    table = read_csv(path, *(("time_utc", *_quaternion(axes)) for axes in AXES), texts=("time_utc",))
+    axes: Axes = "gcrs" if "q_body_from_gcrs_x" in table.numbers else "itrs"
+    times = _times(table)
+    q = table.together(*_quaternion(axes))
+    piece = attitudes_of(seconds_after(times[0], times), q, str(path))
+    return AttitudeHistory(times[0], (piece,), axes, str(path))
+
+
+def _place(axes: Axes) -> tuple[str, ...]:
+    return tuple(f"{letter}_{axes}_km" for letter in "xyz")
+
+
+def _velocity(axes: Axes) -> tuple[str, ...]:
+    return tuple(f"v{letter}_{axes}_km_s" for letter in "xyz")
+
+
+def _quaternion(axes: Axes) -> tuple[str, ...]:
+    return tuple(f"q_body_from_{axes}_{letter}" for letter in "xyzw")
+
+
+def _times(table: CsvTable) -> list[datetime]:
+    return [utc_of(text, table.place(row, "time_utc")) for row, text in enumerate(table.texts["time_utc"])]
+
+
+LARGEST_BYTES = 4 * 1024**3
+
+
+@dataclass(frozen=True)
+class SpiceOrbit:
+    """A spacecraft, by name or number, in kernels; ``body_axes`` names the frame of its attitude."""
+
+    kernels: tuple[Path, ...]
+    spacecraft: str
+    epoch_utc: datetime
+    body_axes: str | None = None
+
+    def states(self, seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return positions [m] and velocities [m/s] in ``gcrs``, shape (n, 3) each, at times (n,) after the epoch."""
+        with _loaded(self.kernels) as spice:
+            found = [
+                spice.spkezr(self.spacecraft, et, "J2000", "NONE", "EARTH")[0] for et in self._times(spice, seconds)
+            ]
+        states = 1e3 * np.array(found)
+        return states[:, :3], states[:, 3:]
+
+    def body_from_gcrs(self, epoch_utc: datetime, seconds: FloatArray) -> FloatArray:
+        """Return matrices, shape (n, 3, 3), at times (n,) after an epoch."""
+        offset = (epoch_utc - self.epoch_utc).total_seconds()
+        with _loaded(self.kernels) as spice:
+            times = self._times(spice, np.asarray(seconds) + offset)
+            return np.array([spice.pxform("J2000", self.body_axes, et) for et in times])
+
+    def _times(self, spice: Any, seconds: FloatArray) -> list[float]:
+        at = [self.epoch_utc + timedelta(seconds=float(t)) for t in seconds]
+        return [
+            spice.str2et(time.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")) for time in at
+        ]
+
+
+def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[datetime, datetime]:
+    """Return first and last time of the spacecraft's states in the kernels, to whole microseconds within them."""
+    with _loaded(kernels) as spice:
+        number = spice.bods2c(spacecraft)
+        window: Any = None
+        for index in range(spice.ktotal("SPK")):
+            path = spice.kdata(index, "SPK")[0]
+            if number in list(spice.spkobj(path)):
+                window = spice.spkcov(path, number) if window is None else spice.spkcov(path, number, window)
+        if window is None or spice.wncard(window) == 0:
+            raise UserError(f"no states of {spacecraft!r}", where=_names(kernels), expected="an SPK of the spacecraft")
+        first, last = spice.wnfetd(window, 0)[0], spice.wnfetd(window, spice.wncard(window) - 1)[1]
+        stamps = [spice.et2utc(et, "ISOC", 6) for et in (first, last)]
+    ends = [datetime.fromisoformat(stamp).replace(tzinfo=UTC) for stamp in stamps]
+    # The last digit is rounded, and may lie outside.
+    return ends[0] + timedelta(microseconds=1), ends[1] - timedelta(microseconds=1)
+
+
+@contextlib.contextmanager
+def _loaded(kernels: Sequence[Path]) -> Iterator[Any]:
+    """Load kernels, and turn what the library says of them into one line."""
+    where = _names(kernels)
+    try:
+        import spiceypy
+    except ImportError:
+        raise UserError("spiceypy is not installed", where=where, fix='run `pip install "horizonval[spice]"`') from None
+    for path in kernels:
+        with files.open_file(path, expected="a SPICE kernel"):
+            pass
+    loaded: list[str] = []
+    try:
+        for path in kernels:
+            spiceypy.furnsh(str(path))
+            loaded.append(str(path))
+        yield spiceypy
+    except spiceypy.utils.exceptions.SpiceyError as error:
+        short = " ".join(str(getattr(error, "short", "") or error).split())
+        long = " ".join(str(getattr(error, "long", "") or "").split())
+        raise UserError(f"SPICE: {short} {long}"[:300], where=where, expected="kernels that cover the orbit") from error
+    finally:
+        for name in loaded:
+            spiceypy.unload(name)
+
+
+def _names(kernels: Sequence[Path]) -> str:
+    return ", ".join(str(path) for path in kernels)

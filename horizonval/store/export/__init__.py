@@ -1,1 +1,0 @@
-"""Frames and images as files of other programs, and those that can be read back."""
