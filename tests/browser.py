@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import select
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -23,7 +23,7 @@ def chromium_path() -> str | None:
 class Browser:
     """One page. ``requests`` and ``complaints`` collect what the page asked for and what it had to say."""
 
-    def __init__(self, profile: Path, width: int = 1400, height: int = 1000) -> None:
+    def __init__(self, profile: Path, width: int = 1400) -> None:
         path = chromium_path()
         assert path is not None
         to_child, self._write = os.pipe()
@@ -38,7 +38,7 @@ class Browser:
 
         command = [path, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--disable-extensions"]
         command += ["--disable-background-networking", "--no-first-run", "--remote-debugging-pipe"]
-        command += [f"--user-data-dir={profile}", f"--window-size={width},{height}", "about:blank"]
+        command += [f"--user-data-dir={profile}", f"--window-size={width},1000", "about:blank"]
         self._process = subprocess.Popen(
             command, preexec_fn=as_three_and_four, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
@@ -53,7 +53,7 @@ class Browser:
         self._session = self.call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.resize(width)
 
     def __enter__(self) -> Browser:
         return self
@@ -84,10 +84,41 @@ class Browser:
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, modifiers=8 if shift else 0)
 
-    def screenshot(self, path: Path, *, whole_page: bool = True) -> None:
-        """Write a PNG of the page."""
-        data = self.call("Page.captureScreenshot", captureBeyondViewport=whole_page)["data"]
-        path.write_bytes(base64.b64decode(data))
+    def choose(self, select: str, value: str) -> None:
+        """Choose a value of the ``select`` element with an id."""
+        set_value = f"s.value = '{value}'; s.dispatchEvent(new Event('change'))"
+        self.evaluate(f"{{const s = document.getElementById('{select}'); {set_value}}}")
+
+    def click(self, element: str) -> None:
+        """Click with the mouse where an element, given in JavaScript, is seen."""
+        x, y = self.evaluate(
+            f"(() => {{ const e = {element}; e.scrollIntoView({{block: 'center'}});"
+            "const b = e.getBoundingClientRect(); return [b.left + b.width / 2, b.top + b.height / 2]; })()"
+        )
+        for kind in ("mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def resize(self, width: int) -> None:
+        """Give the window another width."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=1000, deviceScaleFactor=1, mobile=False)
+
+    def faults(self, url: str, widths: Sequence[int] = (1400, 700)) -> list[str]:
+        """Open a page at several widths and return what it asked for outside, complained of, or could not hold."""
+        found = []
+        for width in widths:
+            self.resize(width)
+            self.requests.clear()
+            self.complaints.clear()
+            self.open("about:blank")
+            self.open(url)
+            found += [f"asks for {one[:80]}" for one in self.requests if not one.startswith(("data:", "about:", url))]
+            found += self.complaints
+            if (reach := self.evaluate("document.documentElement.scrollWidth")) > width:
+                found.append(f"reaches to {reach} of {width} px")
+            if not self.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 100)"):
+                found.append("a picture is not decoded")
+        self.resize(widths[0])
+        return found
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Send one command of the DevTools protocol and return its answer."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from horizonval.api.templates import mission_table, write_table
+from horizonval.api.estimate import mission_table
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.likelihood.profile import known_profile
 from horizonval.estimation.methods import limb_profile
@@ -29,6 +29,7 @@ from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case
 from horizonval.suites.observation import observation_of
 from horizonval.suites.suite import load_suite
+from horizonval.tables.mission import write_table
 
 SOURCE = Path(__file__).parents[1] / "examples" / "onboard" / "limb_fit.c"
 KEPT = Path(__file__).parent / "data" / "onboard_frames.npz"

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from horizonval.sensor.expected_image import stated_lens
 from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import find
-from horizonval.spec.load import load_prior, read_toml, validate
+from horizonval.spec.load import load_frames, load_prior, read_toml, validate
 from horizonval.spec.prior import PriorSpec, is_limb_table
 from horizonval.spec.suite import StudyHead, StudySpec, SuiteHead, SuiteSpec
 from horizonval.store import exr
@@ -46,6 +46,10 @@ from horizonval.suites.observation import (
     oracle_pose,
     with_altitude_of,
 )
+
+if TYPE_CHECKING:
+    from horizonval.core.progress import Progress
+    from horizonval.tables.mission import MissionTable
 
 AnyImage: TypeAlias = DetectorImage | RadianceFrame | str | Path | NDArray[Any]
 AnyEstimator: TypeAlias = str | Estimator | Callable[[Observation], Fit | Refusal]
@@ -196,6 +200,46 @@ def horizon_sensor(image: Source | FrameTruth | str | Path) -> dict[str, Any]:
         "pitch_deg": math.degrees(truth.pitch_rad),
         "altitude_km": truth.altitude_m / 1e3,
     }
+
+
+def mission_table(
+    target: str,
+    band: str | None = None,
+    error: float = 0.005,
+    air: str | None = None,
+    clear: bool = False,
+    progress: Progress | None = None,
+) -> MissionTable:
+    """Return the profiles of the limb that a fit needs for the frames of a suite or scene: one table.
+
+    Parameters
+    ----------
+    target : str
+        File or shipped name of a suite or scene.
+    band : str, optional
+        Needed where the cameras have several bands.
+    error : float
+        Largest share of a profile's largest value by which the table may differ from the whole one.
+    air : str, optional
+        Name of an atmosphere, or a profile file: the table is made for this air, known, in place of the shipped one.
+    clear : bool
+        Whether it has no clouds.
+    progress : Progress, optional
+
+    Raises
+    ------
+    UserError
+        No such file; several bands; no table for the band; no limb in view; an air that is none, or varies.
+    """
+    from horizonval.api.check import kind_of
+    from horizonval.suites.suite import load_suite
+    from horizonval.tables import mission
+
+    kind, path = kind_of(target)
+    if kind == "study":
+        raise UserError("is a study", where=target, expected="a suite or a scene")
+    cases = load_suite(path).cases if kind == "suite" else load_frames(path)
+    return mission.mission_table(cases, target, band, error, air, clear, progress)
 
 
 def estimator_of(estimator: AnyEstimator, suite: str | Path | None = None) -> Estimator:

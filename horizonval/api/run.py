@@ -284,7 +284,7 @@ def study(
 
     execution, folder = execution_of(workers, shard, dask, merge), Path(out)
     if dry_run:
-        planned = study_in(study, folder, frames)
+        planned = study_in(study, frames)
         return _dry_run(planned.suite, folder, execution, check_suite(planned, infrared=False))
     with shown(progress, "study") as listener:
         return run_study(
@@ -363,9 +363,9 @@ def baseline_of(suite: str) -> Path:
 
 
 def _published(workers: int | None, folder: Path, progress: Progress) -> list[JsonObject]:
-    from horizonval.systems.key_figures import key_figures
+    from horizonval.systems.quick import quick_figures
 
-    return key_figures(TaskCache(folder, workers=workers or available_cpus(), progress=progress), PAGES)
+    return quick_figures(TaskCache(folder, workers=workers or available_cpus(), progress=progress), PAGES)
 
 
 def reproduce(

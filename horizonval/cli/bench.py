@@ -146,7 +146,7 @@ def dataset(
     """
     from horizonval.api.run import execution_of
     from horizonval.studies.dataset.make import make_dataset
-    from horizonval.studies.dataset.seeds import list_of, read_list
+    from horizonval.studies.dataset.scenes import list_of, read_list
 
     if seeds is not None:
         given = {

@@ -100,7 +100,8 @@ def templates(
     and modes than the error asks for. Prints the size in memory and the error. As `.npz` it is what the key `climate`
     of a prior takes.
     """
-    from horizonval.api.templates import mission_table, write_table
+    from horizonval.api.estimate import mission_table
+    from horizonval.tables.mission import write_table
 
     with watched("marching the air" if air else "cutting") as progress:
         made = mission_table(target, band, error, air, clear, progress)

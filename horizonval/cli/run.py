@@ -229,7 +229,8 @@ def study(
 
 
 def _by_information(study: str, out: Path, execution: Any, frames: int | None, as_json: bool) -> int:
-    from horizonval.studies.information.study import information_lines, run_information
+    from horizonval.studies.trade.formatting import information_lines
+    from horizonval.studies.trade.information import run_information
 
     with resumable("study", kept="frames") as progress:
         result = run_information(study, out, execution=execution, progress=progress, frames=frames)

@@ -105,6 +105,7 @@ def write_report(run_dir: Path) -> list[Path]:
             **common,
             **content,
             **viewer.striking_frames(run),
+            filters=campaign.FILTERS,
         )
         texts |= {figure["file"]: figure["svg"] for section in content["sections"] for figure in section["figures"]}
     folder = run_dir / "report"

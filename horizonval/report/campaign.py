@@ -99,10 +99,10 @@ def page_of(run: ReportRun) -> JsonObject:
         "sections": [_section(run, plan, index, link) for index, plan in enumerate(run.figures)],
         "confusions": confusion_tables(rows, names),
         "rates": [
-            *(_rates(name, "", rates(own), len(own)) for name, own in pooled),
-            *(_rates(group["estimator"], group["camera"], group, group["n"]) for group in groups),
+            *({"estimator": name, "camera": "", "n": len(own), **rates(own)} for name, own in pooled),
+            *groups,
         ],
-        "errors": [_errors(group) for group in groups],
+        "groups": groups,
         "figures": [tails, *(bias if spread else ())],
         "worst": _worst(rows, link),
         "drawn": _has_draws(run),
@@ -191,65 +191,38 @@ def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[tuple[str,
     return spans
 
 
-def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> JsonObject:
-    """Return the words of a line of the table of rates; ``found`` as :func:`horizonval.scoring.summary.rates`."""
-    false = found["false_valid"]
-    return {
-        "estimator": name,
-        "camera": camera,
-        "n": n,
-        "borderline": found["n_borderline"],
-        "crashed": found["crashed"]["n"],
-        "without_sigma": found["claims_without_sigma"],
-        **{key: share(found[key]) for key in ("availability", "refusal", "bonus", "false_valid")},
-        "bound": "" if false["upper_bound"] is None else _bound(false["upper_bound"]),
-        "beyond_limit": false["beyond_limit"],
-        "beyond_sigma": false["beyond_sigma"],
-    }
-
-
 def _bound(rate: float) -> str:
     """Return an upper bound in per cent, rounded up: it must not look better than it is."""
     digits = 1 if rate >= 0.01 else 3
     return f"{math.ceil(100 * rate * 10**digits - 1e-9) / 10**digits:.{digits}f} %"
 
 
-def _errors(group: Mapping[str, Any]) -> JsonObject:
-    """Return the words of a line of the table of errors."""
-    error = group["nadir_error_arcsec"]
-    return {
-        "estimator": group["estimator"],
-        "camera": group["camera"],
-        "n": error["n"],
-        **{key: DEG.number(error[key]) for key in ("median", "p95", "max")},
-        **{key: _bias(group[f"{key}_error_arcsec"]) for key in ("roll", "pitch")},
-        **{key: _consistency(group[key]) for key in ("nees_noise", "nees_nadir", "nees_nadir_total")},
-    }
-
-
-def _bias(found: Mapping[str, Any]) -> JsonObject:
+def _bias(found: Mapping[str, Any]) -> str:
     """Return the words of a bias, to a thousandth of a degree: below that it is nothing to anyone."""
-    mean = DASH if found["mean"] is None else f"{DEG.of(found['mean']):+.3f}".replace("-", "\N{MINUS SIGN}")
-    return {"mean": mean, "std": DEG.number(found["std"])}
+    return DASH if found["mean"] is None else f"{DEG.of(found['mean']):+.3f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _consistency(found: Mapping[str, Any]) -> JsonObject:
+def _consistency(found: Mapping[str, Any]) -> dict[str, str]:
     """Return the words of a mean normalised error squared, per degree of freedom."""
     if not found["n"]:
-        return {"mean": DASH, "n": 0, "interval": "", "glyph": "", "error": ""}
+        return {"mean": DASH, "interval": "", "glyph": ""}
     dof = found["expected"]
     mean = found["mean"] / dof
     glyph = "" if 0.5 <= mean <= 2.0 else ("\N{UPWARDS ARROW}" if mean > 1.0 else "\N{DOWNWARDS ARROW}")
-    bounds = [value / dof for value in found["interval"]]
-    error = found.get("standard_error")
-    return {
-        "mean": number(mean),
-        "n": found["n"],
-        "draws": found.get("draws"),
-        "error": "" if error is None else number(error / dof, 2),
-        "interval": interval(bounds),
-        "glyph": glyph,
-    }
+    words = number(mean)
+    if found.get("standard_error") is not None:
+        words += f" ± {number(found['standard_error'] / dof, 2)}"
+    return {"mean": words, "interval": interval([value / dof for value in found["interval"]]), "glyph": glyph}
+
+
+FILTERS: dict[str, Callable[..., Any]] = {
+    "share": share,
+    "bound": _bound,
+    "bias": _bias,
+    "consistency": _consistency,
+    "degrees": DEG.number,
+}
+"""Filters of the page's template."""
 
 
 def _worst(rows: Sequence[Row], link: Link) -> list[JsonObject]:

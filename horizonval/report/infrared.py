@@ -12,16 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from horizonval.core.errors import DamagedFileError
 from horizonval.core.json_types import JsonObject
+from horizonval.earth.spectral.bands import limits_um
 from horizonval.frame import FrameTruth
 from horizonval.report import plots
 from horizonval.report.load import CaseView
-from horizonval.report.words import count, number, percent
-from horizonval.spec.camera import Band
+from horizonval.report.words import DASH, count, number, percent
 from horizonval.store.folder import read_json
 from horizonval.truth.infrared_horizon import MAXIMUM_GRADIENT, visible_height_m
 
@@ -42,23 +41,41 @@ _SEASONS = (3, 6, 9, 12)
 
 def section_of_frames(views: Sequence[CaseView]) -> dict[str, Any] | None:
     """Return what the template shows of the infrared horizon; None for runs whose truths have none."""
-    shown = [v for v in views if v.image is not None and v.band in v.image.truth.infrared_horizon]
-    if not shown:
+    frames = [
+        (view.case, view.band, view.image.truth, view.image.truth.infrared_horizon[view.band])
+        for view in views
+        if view.image is not None and view.band in view.image.truth.infrared_horizon
+    ]
+    if not frames:
         return None
-    kinds = sorted({_stored(v)["kind"] for v in shown})
+    places: list[str] = []
+    sentences: dict[str, list[str]] = {}
+    rows: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for _, name, truth, stored in frames:
+        lo, hi = limits_um(next(band for band in truth.camera_spec.band if band.name == name))
+        row = {"band": name, "range": f"{lo:g} to {hi:g} um", "kind": stored["kind"], "radiance": [], "height": DASH}
+        if accuracy := stored.get("accuracy"):
+            places = places or [_place(*pair) for pair in accuracy["heights_km"]]
+            sentences[name] = accuracy["sentences"]
+            row["radiance"] = [percent(None if x is None else round(x, 3)) for x in accuracy["relative"]]
+            if accuracy["half_height_km"] is not None:
+                row["height"] = f"{accuracy['half_height_km']:g} km"
+        rows.setdefault((name, row["range"], row["kind"]), row)
+    for row in rows.values():
+        row["radiance"] = row["radiance"] or [DASH] * len(places)
+    kinds = sorted({stored["kind"] for *_, stored in frames})
     caption = (
         "Lowest height of the ray against azimuth about the nadir; solid: half of the plateau, dotted: steepest fall. "
-        f"{count(len(shown), 'frame')}, true and clear-sky; (+n): so many more with the same curve."
+        f"{count(len(frames), 'frame')}, true and clear-sky; (+n): so many more with the same curve."
     )
-    stated = [accuracy for v in shown if (accuracy := _stored(v).get("accuracy"))]
+    curves = [(stored["kind"], band, case, stored) for case, band, _, stored in frames]
+    drawn = _curves_of_frames(curves, kinds)
     return {
         "text": TEXT,
-        "notes": _notes({v.band: accuracy["sentences"] for v in shown if (accuracy := _stored(v).get("accuracy"))}),
-        "places": [_place(*pair) for pair in stated[0]["heights_km"]] if stated else [],
-        "figure": plots.figure(
-            "Height of the infrared horizon", caption, _curves_of_frames(shown, kinds), 5.8, 1.2 + 2.6 * len(kinds)
-        ),
-        "rows": _accuracy_rows(shown, len(stated[0]["heights_km"]) if stated else 0),
+        "notes": _notes(sentences),
+        "places": places,
+        "figure": plots.figure("Height of the infrared horizon", caption, drawn, 5.8, 1.2 + 2.6 * len(kinds)),
+        "rows": [rows[key] for key in sorted(rows)],
     }
 
 
@@ -67,38 +84,33 @@ def facts_of(truth: FrameTruth, band: str) -> list[tuple[str, str]]:
     half, steepest = (visible_height_m(truth, band, *locator) for locator in ((), (MAXIMUM_GRADIENT,)))
     if half is None or steepest is None:
         return []
-    return [
-        (
-            "infrared horizon in view",
-            f"half of the plateau at {number(half / 1e3)} km, steepest fall at {number(steepest / 1e3)} km, on average",
-        )
-    ]
+    half_km, steepest_km = number(half / 1e3), number(steepest / 1e3)
+    heights = f"half of the plateau at {half_km} km, steepest fall at {steepest_km} km, on average"
+    return [("infrared horizon in view", heights)]
 
 
-def _stored(view: CaseView) -> dict[str, Any]:
-    assert view.image is not None
-    found: dict[str, Any] = view.image.truth.infrared_horizon[view.band]
-    return found
-
-
-def _curves_of_frames(views: Sequence[CaseView], kinds: Sequence[str]) -> plots.Draw:
-    cases: dict[tuple[Any, ...], list[str]] = {}
-    for view in views:
-        stored = _stored(view)
-        key = (stored["kind"], *stored["half_plateau_height_m"], *stored["maximum_gradient_height_m"])
-        cases.setdefault(key, []).append(view.case)
-    distinct = {key: own[0] if len(own) == 1 else f"{own[0]} (+{len(own) - 1})" for key, own in cases.items()}
+def _curves_of_frames(frames: Sequence[tuple[str, str, str, JsonObject]], kinds: Sequence[str]) -> plots.Draw:
+    """Draw the heights of frames, given as kind, band, case and what is stored, a panel for each kind."""
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
         for axes, kind in zip(panels, kinds, strict=True):
-            own = [(name, key[1:]) for key, name in distinct.items() if key[0] == kind]
-            several = len({v.band for v in views if _stored(v)["kind"] == kind}) > 1
-            for i, (name, heights) in enumerate(own):
-                _curves(axes, heights, i, name if len(own) <= _MOST_CURVES else None)
+            cases: dict[tuple[float, ...], list[str]] = {}
+            for _, _, case, stored in (frame for frame in frames if frame[0] == kind):
+                key = (*stored["half_plateau_height_m"], *stored["maximum_gradient_height_m"])
+                cases.setdefault(key, []).append(case)
+            named = len(cases) <= _MOST_CURVES
+            for i, (heights, own) in enumerate(cases.items()):
+                half, steepest = np.array(heights).reshape(2, -1) / 1e3
+                azimuth = np.linspace(0.0, 360.0, len(half) + 1)
+                look = {"color": plots.COLOURS[i % len(plots.COLOURS)], "lw": 1.6 if named else 0.9}
+                label = own[0] if len(own) == 1 else f"{own[0]} (+{len(own) - 1})"
+                axes.plot(azimuth, np.append(half, half[0]), label=label, **look)
+                axes.plot(azimuth, np.append(steepest, steepest[0]), ls=":", **look)
+            several = len({band for found, band, *_ in frames if found == kind}) > 1
             axes.set_title(f"{kind} {'bands' if several else 'band'}", fontsize=9.5, loc="left")
             axes.set_ylabel("height [km]")
-            if len(own) <= _MOST_CURVES:
+            if named:
                 axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
         panels[-1].set(xlim=(0, 360), xticks=range(0, 361, 90), xticklabels=["N", "E", "S", "W", "N"])
         panels[-1].set_xlabel("azimuth about the nadir")
@@ -106,62 +118,17 @@ def _curves_of_frames(views: Sequence[CaseView], kinds: Sequence[str]) -> plots.
     return draw
 
 
-def _curves(axes: Axes, heights: tuple[float, ...], index: int, name: str | None) -> None:
-    colour = plots.COLOURS[index % len(plots.COLOURS)]
-    half, steepest = np.array(heights).reshape(2, -1) / 1e3
-    azimuth = np.linspace(0.0, 360.0, len(half) + 1)
-    width = 1.6 if name else 0.9
-    axes.plot(azimuth, np.append(half, half[0]), color=colour, lw=width, label=name)
-    axes.plot(azimuth, np.append(steepest, steepest[0]), color=colour, lw=0.8 * width, ls=":")
-
-
-def _accuracy_rows(views: Sequence[CaseView], places: int) -> list[dict[str, Any]]:
-    rows: dict[tuple[str, str, str], dict[str, Any]] = {}
-    for view in views:
-        assert view.image is not None
-        stored = _stored(view)
-        spec = view.image.truth.camera_spec
-        band = next(b for b in spec.band if b.name == view.band)
-        accuracy = stored.get("accuracy")
-        rows.setdefault(
-            (view.band, _range(band), stored["kind"]),
-            {
-                "band": view.band,
-                "range": _range(band),
-                "kind": stored["kind"],
-                "radiance": [_share(x) for x in accuracy["relative"]] if accuracy else ["–"] * places,
-                "height": _height(accuracy),
-            },
-        )
-    return [rows[key] for key in sorted(rows)]
-
-
-def _range(band: Band) -> str:
-    lo, hi = (band.lo_um, band.hi_um) if band.lo_um else (band.wavelength_um[0], band.wavelength_um[-1])
-    return f"{lo:g} to {hi:g} um"
-
-
 def _notes(sentences: dict[str, list[str]]) -> list[str]:
     """Return a paragraph for every band of what is said of it alone, and one of what is said of all."""
     if not sentences:
         return []
-    common = [s for s in next(iter(sentences.values())) if all(s in distinct for distinct in sentences.values())]
+    common = [s for s in next(iter(sentences.values())) if all(s in lines for lines in sentences.values())]
     distinct = {band: " ".join(s for s in lines if s not in common) for band, lines in sentences.items()}
     return [*(f"{band}: {text}" for band, text in sorted(distinct.items()) if text), " ".join(common)]
 
 
 def _place(low_km: float | None, high_km: float | None) -> str:
     return "ground" if low_km is None else f"above {low_km:g}" if high_km is None else f"{low_km:g}–{high_km:g}"
-
-
-def _share(relative: float | None) -> str:
-    return "–" if relative is None else percent(round(relative, 3))
-
-
-def _height(accuracy: dict[str, Any] | None) -> str:
-    if accuracy is None or accuracy["half_height_km"] is None:
-        return "–"
-    return f"{accuracy['half_height_km']:g} km"
 
 
 # ------------------------------------------------------------------------------------ round an orbit, through the year

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -110,35 +109,17 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
     if not path.is_file():
         raise UserError("no run.json", where=str(run_dir), expected="the folder of a run")
     head = _read(path, ("suite", "estimators", "cases"))
-    # The images of a run that was scored again lie elsewhere.
-    folder = RunFolder(run_dir)
-    store = Store(archive_of(folder, head), read_only=True)
     shown = _shown(run_dir, head["cases"], most)
-    names, heads_of = head["cases"], head.get("heads") or {}
-    missing, views = [], []
-    for name in names:
-        case_path = folder.case(name)
-        if case_path.is_file():
-            record = _read(case_path, ("case", "rows", "details"))
-            if record["case"] != name:
-                raise DamagedFileError(
-                    f"holds the results of {record['case']!r}", where=str(case_path), fix="run the suite again"
-                )
-            try:
-                heads = _head_images(run_dir, heads_of.get(name) or ()) if name in shown else {}
-                views += _views(record, store, run_dir, name in shown, heads)
-            except (KeyError, TypeError, AttributeError, ValueError) as error:
-                raise DamagedFileError(f"not a case's results ({error!r})", where=str(case_path)) from error
-        else:
-            missing.append(name)
+    store = _store(run_dir, head)
+    views = {name: _views_of(run_dir, head, store, name, name in shown) for name in head["cases"]}
     return ReportRun(
         suite=head["suite"],
         title=head.get("title") or "",
         version=head.get("version") or "",
         estimators=tuple(head["estimators"]),
         cases=tuple(head["cases"]),
-        missing=tuple(missing),
-        views=tuple(views),
+        missing=tuple(name for name, found in views.items() if found is None),
+        views=tuple(view for found in views.values() for view in found or ()),
         figures=tuple(head.get("figures") or ()),
         study=bool(head.get("study")),
         command=tuple(head.get("command") or ()),
@@ -158,17 +139,11 @@ def load_case(run_dir: Path, case: str) -> list[CaseView]:
     DamagedFileError
         A file is not what a run writes.
     """
-    folder = RunFolder(run_dir)
-    head = _read(folder.suite, ("suite", "estimators", "cases"))
-    path = folder.case(case)
-    if case not in head["cases"] or not path.is_file():
+    head = _read(RunFolder(run_dir).suite, ("suite", "estimators", "cases"))
+    views = _views_of(run_dir, head, _store(run_dir, head), case, True) if case in head["cases"] else None
+    if views is None:
         raise UserError(f"no finished case {case!r}", where=str(run_dir))
-    heads = _head_images(run_dir, (head.get("heads") or {}).get(case) or ())
-    try:
-        record = _read(path, ("case", "rows", "details"))
-        return _views(record, Store(archive_of(folder, head), read_only=True), run_dir, True, heads)
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise DamagedFileError(f"not a case's results ({error!r})", where=str(path)) from error
+    return views
 
 
 def _read(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
@@ -203,10 +178,28 @@ def _is_striking(path: Path) -> bool:
     return bool(record.get("error")) or any(Row.from_dict(row).is_failure for row in record["rows"])
 
 
-def _head_images(run_dir: Path, cases: Sequence[tuple[str, str]]) -> dict[str, dict[str, str]]:
-    """Return the addresses of images by head and band, from heads with the names of their cases."""
-    paths = {head: RunFolder(run_dir).case(name) for head, name in cases}
-    return {head: dict(_read(path, ()).get("images") or {}) if path.is_file() else {} for head, path in paths.items()}
+def _store(run_dir: Path, head: dict[str, Any]) -> Store:
+    # The images of a run that was scored again lie elsewhere.
+    return Store(archive_of(RunFolder(run_dir), head), read_only=True)
+
+
+def _views_of(run_dir: Path, head: dict[str, Any], store: Store, case: str, shown: bool) -> list[CaseView] | None:
+    """Return the views of a case, with images if they are shown; ``None`` if it is not finished."""
+    folder = RunFolder(run_dir)
+    path = folder.case(case)
+    if not path.is_file():
+        return None
+    record = _read(path, ("case", "rows", "details"))
+    if record["case"] != case:
+        raise DamagedFileError(f"holds the results of {record['case']!r}", where=str(path), fix="run the suite again")
+    try:
+        heads = {}
+        for name, case_of_head in ((head.get("heads") or {}).get(case) or ()) if shown else ():
+            its = folder.case(case_of_head)
+            heads[name] = dict(_read(its, ()).get("images") or {}) if its.is_file() else {}
+        return _views(record, store, run_dir, shown, heads)
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise DamagedFileError(f"not a case's results ({error!r})", where=str(path)) from error
 
 
 def _views(

@@ -22,19 +22,17 @@ from horizonval.report import page, plots
 from horizonval.report.load import load_run
 from horizonval.report.plots import COLOURS, GREY, INK, LIMIT, MARKERS, SMALL, Draw, plain_ticks
 from horizonval.report.viewer import MOST_BESIDE, striking_frames
-from horizonval.report.words import count, interval, key_words, number, percent, sentences, share
+from horizonval.report.words import count, interval, key_words, number, sentences, share
 from horizonval.scoring.summary import summarise
 from horizonval.store.folder import read_json
 
 RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
-GLYPHS = {"meets": "●", "open": "○", "fails": "✕"}
-VERDICTS = {"meets": "meets", "open": "too few frames to say", "fails": "fails"}
+VERDICTS = {"meets": "● meets", "open": "○ too few frames to say", "fails": "✕ fails"}
 MOST_LEVELS = 7
 """As many as there are markers."""
 NAMED_COSTS = ("pixel_rate", "processor_s")
 """Costs that the page has columns and figures of in any case."""
 MOST_LABEL = 40
-ERROR_COLUMNS = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg")
 MOST_WORDY = 20
 """Among more designs only those on the front have their numbers and bars."""
 ERRORS = (
@@ -76,6 +74,7 @@ def write_page(run_dir: Path) -> Path:
         links=[("frames and estimators", "index.html")],
         sentences=opening,
         again=shlex.join(run.get("command") or ()),
+        filters={"measure": _measure, "share": share, "term": term_words},
         **page_of(result, costs),
         **seen,
     )
@@ -93,34 +92,40 @@ def _read(path: Path, keys: set[str]) -> dict[str, Any]:
 
 
 def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
-    """Return everything the template shows."""
+    """Return everything the template shows beside the study's own numbers."""
     head, designs = result["study"], result["designs"]
     words = axis_words(result["axes"])
     required = head["requirement"]
-    prices = result["prices"] or costs["prices"]
     clustered = result["clusters"] < result["conditions"]
+    settings = {
+        d["name"]: ", ".join(
+            f"{word} = {level_words(d['settings'][key])}" for key, word in words.items() if key in d["settings"]
+        )
+        for d in designs
+    }
+    missed: Counter[str] = Counter()
+    for d in designs:
+        missed.update({cause: found["n"] for cause, found in d["misses"].items()})
+    answers = (text[0].upper() + text[1:] for text in (result["query"]["text"], costs["query"]["text"]))
     return {
+        "result": result,
+        "costs": costs,
+        "prices": result["prices"] or costs["prices"],
         "head": head,
         "headline": f"{count(len(designs), 'design')} under the same {count(result['conditions'], 'condition')}"
         + (f" from {count(result['clusters'], 'flight')}" if clustered else ""),
         "required": f"{required['error_deg']:g} deg in {100 * required['availability']:g} % of all conditions",
         "error_deg": f"{required['error_deg']:g}",
-        "answers": list(
-            dict.fromkeys(text[0].upper() + text[1:] for text in (result["query"]["text"], costs["query"]["text"]))
-        ),
-        "needed": result["query"]["needed"],
-        "misses": _misses(designs, words),
+        "answers": list(dict.fromkeys(answers)),
+        "settings": {name: found or name for name, found in settings.items()},
+        "numbers": {d["name"]: d["number"] for d in designs},
+        "verdicts": VERDICTS,
+        "causes": sorted(missed, key=lambda cause: (-missed[cause], cause)),
         "by": None if head["cheapest_by"] in NAMED_COSTS else head["cheapest_by"],
-        "given": list(designs[0]["costs"]),
         "figures": _figures(result, costs, words),
-        "effects": _effects(result["effects"], words),
-        "lines": [_line(d, costs["designs"][d["name"]], prices[d["name"]], words) for d in designs],
+        "words": words,
+        "effects_of": _effects_of(result["effects"]),
         "compare": shlex.join(["horizonval", "study", ".", "--compare", *(str(d["number"]) for d in designs[:2])]),
-        "pairs": [_pair(pair, designs) for pair in result["pairs"]],
-        "failed": result["failed"],
-        "machine": costs["machine"],
-        "frames_s": number(costs["frames_s"]),
-        "timed": costs["frames"],
         "clustered": clustered,
     }
 
@@ -210,116 +215,20 @@ def _groups(result: JsonObject, words: Mapping[str, str]) -> dict[str, str]:
     return {d["name"]: "designs" for d in designs}
 
 
-def _effects(effects: JsonObject | None, words: Mapping[str, str]) -> dict[str, Any] | None:
+def _effects_of(effects: JsonObject | None) -> str:
+    """Return which claims the shares of the variance are over."""
     if effects is None:
-        return None
-    common = effects["basis"] == "common"
-    text = (
-        f"over the {count(effects['n'], 'frame')} that all {effects['designs']} designs answered"
-        if common
-        else f"over each design's own claims ({effects['n']} at least), as too few frames were answered by all"
-    )
-    return {
-        "text": text,
-        "left_out": effects["left_out"],
-        "complete": effects["complete"],
-        "terms": [
-            {
-                "name": term_words(term, words),
-                "dof": term["dof"],
-                "share": percent(term["share"]["value"]),
-                "interval": interval(term["share"]["interval"], as_percent=True),
-            }
-            for term in effects["terms"]
-        ],
-    }
+        return ""
+    if effects["basis"] == "common":
+        return f"over the {count(effects['n'], 'frame')} that all {effects['designs']} designs answered"
+    return f"over each design's own claims ({effects['n']} at least), as too few frames were answered by all"
 
 
-def _misses(designs: Sequence[JsonObject], words: Mapping[str, str]) -> JsonObject:
-    """Return the table of why frames were missed: ``causes``, and by design the cells under them."""
-    total: Counter[str] = Counter()
-    for d in designs:
-        total.update({cause: found["n"] for cause, found in d["misses"].items()})
-    causes = sorted(total, key=lambda cause: (-total[cause], cause))
-    return {
-        "causes": causes,
-        "lines": [
-            {
-                "number": d["number"],
-                "name": _settings(d, words) or d["name"],
-                "n": d["n"],
-                "missed": sum(found["n"] for found in d["misses"].values()),
-                "cells": [d["misses"].get(cause) for cause in causes],
-            }
-            for d in designs
-        ],
-    }
-
-
-def _settings(d: JsonObject, words: Mapping[str, str]) -> str:
-    return ", ".join(
-        f"{word} = {level_words(d['settings'][key])}" for key, word in words.items() if key in d["settings"]
-    )
-
-
-def _line(d: JsonObject, cost: JsonObject, price: JsonObject, words: Mapping[str, str]) -> dict[str, Any]:
-    return {
-        "number": d["number"],
-        "name": d["name"],
-        "settings": _settings(d, words),
-        "camera": d["camera"],
-        "n": d["n"],
-        "claims": d["claims"],
-        "errors": [(key, _measure(d[key])) for key in ERROR_COLUMNS],
-        "exclusion": _measure(d["exclusion_deg"]) | _none_right(d["exclusion_deg"]),
-        "shares": {key: share(d[key]) for key in ("availability", "answered_due", "within", "false_valid")},
-        "pixels": f"{d['pixels']:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
-        "pixel_rate": number(d["pixel_rate"], 4),
-        "cost": _measure(cost),
-        "price": {
-            "value": number(price["value"], 4),
-            "interval": interval(price["interval"]),
-            "given": ", ".join(f"{name} {number(value, 4)}" for name, value in d["costs"].items()),
-        },
-        "verdict": f"{GLYPHS[d['verdict']]} {VERDICTS[d['verdict']]}",
-    }
-
-
-def _none_right(found: JsonObject) -> dict[str, str]:
-    """Say it where even the widest angle has a wrong answer."""
-    return {"value": "none"} if found["value"] is None and found["n"] else {}
-
-
-def _measure(found: JsonObject) -> dict[str, Any]:
-    low, high = found["interval"] or (None, None)
-    words = ""
-    if found["interval"] is not None:
-        words = f"{number(low)} to {number(high)}" if high is not None else f"above {number(low)}, open"
-    return {"value": number(found["value"]), "interval": words, "n": found["n"]}
-
-
-def _pair(pair: JsonObject, designs: Sequence[JsonObject]) -> dict[str, Any]:
-    numbers = {d["name"]: d["number"] for d in designs}
-    return {
-        "a": numbers[pair["a"]],
-        "b": numbers[pair["b"]],
-        "names": f"{pair['a']}, {pair['b']}",
-        "n": pair["n"],
-        "both": pair["both"],
-        "difference": _with(pair["mean_difference_deg"]),
-        "ratio": _with(pair["typical_ratio"]),
-        "correlation": number(pair["correlation"], 2),
-        **{key: _odd_one_out(pair[key]) for key in ("answered", "within")},
-    }
-
-
-def _with(found: JsonObject) -> dict[str, str]:
-    return {"value": number(found["value"]), "interval": interval(found["interval"])}
-
-
-def _odd_one_out(found: JsonObject) -> dict[str, str]:
-    p = f"p = {number(found['p'], 2)}" if found["p"] is not None else "no difference"
-    return {"counts": f"{found['only_a']}, {found['only_b']}", "p": p}
+def _measure(found: JsonObject) -> dict[str, str]:
+    """Return the words of a number and its interval, which may be open above."""
+    if found["interval"] is None or found["interval"][1] is not None:
+        return {"value": number(found["value"]), "interval": interval(found["interval"])}
+    return {"value": number(found["value"]), "interval": f"above {number(found['interval'][0])}, open"}
 
 
 # ------------------------------------------------------------------------------------------------------------ figures

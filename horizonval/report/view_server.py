@@ -95,10 +95,7 @@ def _ended_by_signals() -> Iterator[None]:
         yield
         return
 
-    def handle(_kind: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = {kind: signal.signal(kind, handle) for kind in (signal.SIGINT, signal.SIGTERM)}
+    before = {kind: signal.signal(kind, signal.default_int_handler) for kind in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:

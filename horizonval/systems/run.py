@@ -9,12 +9,13 @@ from typing import Any
 
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
 from horizonval.store.folder import RunFolder, intact_json, write_json
-from horizonval.systems.key_figures import INPUTS, STORED_OF, make_inputs, write_inputs
 from horizonval.systems.pages import write_first_page, write_reproduction
-from horizonval.systems.systems import chosen, experiment
+from horizonval.systems.quick import quick_figures, write_quick
+from horizonval.systems.systems import SYSTEMS, chosen, experiment
 from horizonval.systems.task_cache import TaskCache
 
 WORK = ".work"
@@ -68,8 +69,23 @@ def reproduce_systems(
             write_json(out / TIMINGS, spent)
             write_first_page(out)
             yield content
-        if set(letters) >= STORED_OF:
-            write_inputs(out / INPUTS, make_inputs(cache))
+        if letters == [*SYSTEMS]:
+            write_quick(cache, out)
+
+
+def reproduce_quick(
+    names: list[str], out: Path, pages: Path, *, workers: int | None = None, progress: Progress | None = None
+) -> list[JsonObject]:
+    """Return the key figures of the chosen systems and those of committed pages; see :func:`quick_figures`.
+
+    What is finished is kept in the folder ``out``, where an interrupted call resumes.
+    """
+    work = out / WORK
+    work.mkdir(parents=True, exist_ok=True)
+    with RunFolder(work).locked():
+        return quick_figures(
+            TaskCache(work, 0, workers or available_cpus(), progress or Silent()), pages, chosen(names)
+        )
 
 
 def _remove_temporary_files(out: Path) -> None:

@@ -380,7 +380,7 @@ def test_radiance_of_no_rays(horizonval, tmp_path):
 def test_radiance_wrong_use(horizonval, tmp_path):
     (tmp_path / "rays.csv").write_text(RAYS)
     us76 = ("--atmosphere", "us76", "-o", "out.csv")
-    assert_one_line(horizonval("radiance", "rays.csv", *us76, "--orders", "two"), "--orders", "single or all")
+    assert_one_line(horizonval("radiance", "rays.csv", *us76, "--orders", "two"), "orders", "single or all")
     assert_one_line(horizonval("radiance", "none.csv", *us76), "none.csv")
     assert_one_line(horizonval("radiance", "rays.csv", "--atmosphere", "us67", "-o", "out.csv"), "us67", "us76")
     (tmp_path / "bad.csv").write_text(RAYS.replace("6391.0", "six"))

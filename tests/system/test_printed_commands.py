@@ -26,7 +26,6 @@ PACKAGE = Path(horizonval.__file__).parent
 QUOTED = re.compile(r"`(horizonval [^`]*)`")
 FILLED = "1"
 """In place of what is known only when it is printed: a word that is a path, a name and a number."""
-CHEAP = ("doctor", "list", "schema", "--help")
 
 
 def _literal(node: ast.AST) -> str:
@@ -43,7 +42,7 @@ def _docstrings(tree: ast.AST) -> set[int]:
 
 
 def printed() -> Iterator[tuple[str, str]]:
-    """Command lines of strings of the source that are no docstrings, and where they stand."""
+    """Command lines in strings of the source that are not docstrings, and where they are."""
     for path in sorted(PACKAGE.rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         tree = ast.parse(text)
@@ -55,12 +54,12 @@ def printed() -> Iterator[tuple[str, str]]:
             where = f"{path.relative_to(PACKAGE)}:{getattr(node, 'lineno', 0)}"
             called = ours and isinstance(node, ast.Call) and getattr(node.func, "id", "") == "command_line"
             if called and not any(isinstance(a, ast.Starred) for a in node.args):
-                yield where, command_line(*(_literal(a) or FILLED for a in node.args)).strip("`")
+                yield command_line(*(_literal(a) or FILLED for a in node.args)).strip("`"), where
             if id(node) in inside or keys:
                 continue
             for line in QUOTED.findall(_literal(node)):
                 if not line.startswith(f"horizonval {FILLED}"):
-                    yield where, line
+                    yield line, where
 
 
 def in_prose() -> Iterator[tuple[str, str]]:
@@ -102,33 +101,23 @@ def parse(line: str, *, complete: bool) -> None:
         raise AssertionError(f"{line}: {kind}: {error}") from error
 
 
-PRINTED = sorted({(line, where) for where, line in printed()})
-PROSE = sorted({(line, where) for where, line in in_prose()})
+@pytest.fixture(scope="module")
+def lines() -> dict[str, str]:
+    """Printed command lines, and where the source has them."""
+    return dict(printed())
 
 
-def test_commands_are_found():
-    lines = {line for line, _ in PRINTED}
-    assert {"horizonval doctor", "horizonval archive ls 1", "horizonval list estimators"} <= lines
-    assert len(PROSE) > 20
+def test_what_is_printed_can_be_typed(lines):
+    assert {"horizonval doctor", "horizonval archive ls 1", "horizonval list estimators"} <= set(lines)
+    for line in lines:
+        parse(line, complete=True)
 
 
-@pytest.mark.parametrize(("line", "where"), PRINTED)
-def test_what_is_printed_can_be_typed(line, where):
-    parse(line, complete=True)
-
-
-@pytest.mark.parametrize(("line", "where"), PROSE)
-def test_what_pages_name_exists(line, where):
-    parse(line, complete=False)
-
-
-@pytest.mark.parametrize("line", sorted({line for line, _ in PRINTED + PROSE if line.split()[1] in CHEAP}))
-def test_what_needs_nothing_runs(horizonval, line):
-    """Doctor, lists and schemas; what makes frames is run by the tests of pages and suites."""
-    words = [word for word in shlex.split(line)[1:] if not word.isupper()]
-    if words == ["schema"]:
-        words.append("camera")
-    assert horizonval(*words).returncode == (2 if words == ["list"] else 0)
+def test_what_pages_name_exists():
+    prose = {line for _, line in in_prose()}
+    assert len(prose) > 20
+    for line in prose:
+        parse(line, complete=False)
 
 
 def test_a_command_that_cannot_be_typed_is_noticed():

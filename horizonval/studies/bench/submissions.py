@@ -25,8 +25,7 @@ from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.store import Store
 from horizonval.studies.bench.frames import CELLS, Group, bench_suite, cell_of, commitment
-from horizonval.studies.bench.picture import cells_png
-from horizonval.studies.bench.sheet import Answer, ranking, sheet_of
+from horizonval.studies.bench.sheet import Answer, cells_png, ranking, sheet_of
 from horizonval.suites.rescore import rescore
 from horizonval.suites.run import run_suite
 

@@ -16,11 +16,18 @@ from horizonval.jobs.engine import do
 from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, read_json, write_json
-from horizonval.studies.dataset.columns import COLUMNS
-from horizonval.studies.dataset.scenes import SPLITS, LearningScene, refuse_wrong_attitudes, scenes_of, shards_of
-from horizonval.studies.dataset.seeds import CODE, LIST_NAME, SeedList, suite_from
-from horizonval.studies.dataset.shard_files import refuse_missing_library
-from horizonval.studies.dataset.shards import Drawing, Shard, ShardWork
+from horizonval.studies.dataset.scenes import (
+    CODE,
+    LIST_NAME,
+    SPLITS,
+    LearningScene,
+    SeedList,
+    refuse_wrong_attitudes,
+    scenes_of,
+    shards_of,
+    suite_from,
+)
+from horizonval.studies.dataset.shards import COLUMNS, Drawing, Shard, ShardWork, refuse_missing_library
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import plan_of
 from horizonval.suites.worker_memory import within_memory

@@ -5,8 +5,9 @@ images, and share the frames. A *condition* is a scene of ``[frames]``; the fram
 ``<design without estimator>__<condition>``, and everything random in it is drawn under the condition's name. Names
 follow from the values of the axes, so that a frame keeps its name, and hence its result, when values are added.
 
-An estimator that is added later must not cost the others their results: it gets frames of its own (a further *batch*,
-``<...>__<condition>__2``), which are the same images made again.
+An estimator that is added later makes the results of all frames again; those that `keep` stores are not rendered again.
+
+``study-plan.json`` is what a study's folder must know to work out its results without the study file.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,8 @@ from horizonval.spec.expand import variants
 from horizonval.spec.explain import show, with_option
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
-from horizonval.spec.suite import CasesSpec, StudySpec, SuiteHead, SuiteSpec
+from horizonval.spec.suite import CasesSpec, Requirement, StudyHead, StudySpec, SuiteHead, SuiteSpec
+from horizonval.store.folder import read_json, write_json
 from horizonval.studies.trade import cost
 from horizonval.suites.axes import value_at
 from horizonval.suites.suite import fly_scene
@@ -93,8 +95,6 @@ class Study:
         Cluster of every condition: samples of one flight belong together where there are several flights.
     frames : dict
         Entry and condition of every frame, by the case's name.
-    batches : dict
-        By entry, which estimators share frames.
     suite : Suite
     """
 
@@ -103,7 +103,6 @@ class Study:
     designs: tuple[Design, ...]
     conditions: dict[str, str]
     frames: dict[str, tuple[str, str]]
-    batches: dict[str, list[list[str]]]
     suite: Suite
 
 
@@ -128,7 +127,7 @@ def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[Stu
     return spec.model_copy(update={"frames": spec.frames.model_copy(update=change)}), path
 
 
-def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None = None) -> Study:
+def expand(spec: StudySpec, path: Path) -> Study:
     """Return a study with its designs and the suite of their frames.
 
     Parameters
@@ -136,8 +135,6 @@ def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None
     spec : StudySpec
     path : Path
         The file; others lie beside it.
-    known : mapping, optional
-        Batches of estimators that the study's folder has already.
 
     Raises
     ------
@@ -151,26 +148,20 @@ def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None
     cases: list[Case] = []
     frames: dict[str, tuple[str, str]] = {}
     clusters: dict[str, str] = {}
-    batches: dict[str, list[list[str]]] = {}
     used: dict[str, None] = {}
     for entry in entries:
         entry_cases = _cases(spec, path, entry)
-        batches[entry.name] = _batches(entry.estimators, (known or {}).get(entry.name, ()))
-        for number, batch in enumerate(batches[entry.name], start=1):
-            # A batch that nobody asks for any more keeps its number, so that the others keep their frames.
-            if not set(batch) & set(entry.estimators):
-                continue
-            used |= dict.fromkeys(batch)
-            for condition, case in entry_cases:
-                frame = _frame_of(case, entry, condition, number, tuple(batch))
-                cases.append(frame)
-                cluster = _cluster(spec, case, condition)
-                # Of several heads each is a frame; a method that sees all of them has one of the scene's name.
-                frames[frame.scene_name] = (entry.name, condition)
-                clusters.setdefault(condition, cluster)
-                if frame.head is not None:
-                    frames[frame.name] = (entry.name, f"{condition}.{frame.head}")
-                    clusters.setdefault(f"{condition}.{frame.head}", cluster)
+        used |= dict.fromkeys(entry.estimators)
+        for condition, case in entry_cases:
+            frame = _frame_of(case, entry, condition)
+            cases.append(frame)
+            cluster = _cluster(spec, case, condition)
+            # Of several heads each is a frame; a method that sees all of them has one of the scene's name.
+            frames[frame.scene_name] = (entry.name, condition)
+            clusters.setdefault(condition, cluster)
+            if frame.head is not None:
+                frames[frame.name] = (entry.name, f"{condition}.{frame.head}")
+                clusters.setdefault(f"{condition}.{frame.head}", cluster)
         designs += [_design(entry, estimator, entry_cases[0][1], spec) for estimator in entry.estimators]
     if len({design.name for design in designs}) < len(designs):
         raise UserError("two designs have the same name", where=f"{path}: design", fix="rename one in design.list")
@@ -190,7 +181,7 @@ def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None
     if len(set(clusters.values())) == 1:
         # Of one flight nobody can say how flights differ: what follows holds for this one.
         clusters = {condition: condition for condition in clusters}
-    return Study(spec, str(path), tuple(designs), clusters, frames, {**(known or {}), **batches}, suite)
+    return Study(spec, str(path), tuple(designs), clusters, frames, suite)
 
 
 def leaves(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[str]:
@@ -311,18 +302,11 @@ def _cluster(spec: StudySpec, case: Case, condition: str) -> str:
     return condition if orbit is None or orbit.get("n") == 1 else case.variant or "one flight"
 
 
-def _batches(estimators: Sequence[str], known: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Return the groups of estimators that share frames: those that are known, then one of all that are new."""
-    kept = [list(batch) for batch in known]
-    new = [name for name in estimators if not any(name in batch for batch in kept)]
-    return [*kept, *([new] if new else [])]
-
-
-def _frame_of(case: Case, entry: DesignEntry, condition: str, batch: int, estimators: tuple[str, ...]) -> Case:
-    """Return a condition's case as the frame of an entry, for one batch of its estimators."""
-    name = shortened(f"{entry.name}__{condition}" + (f"__{batch}" if batch > 1 else ""), LONGEST_FRAME_NAME)
+def _frame_of(case: Case, entry: DesignEntry, condition: str) -> Case:
+    """Return a condition's case as the frame of an entry."""
+    name = shortened(f"{entry.name}__{condition}", LONGEST_FRAME_NAME)
     identity = case.scene.scene.model_copy(update={"name": name, "draw": condition})
-    return replace(case, scene=case.scene.model_copy(update={"scene": identity}), estimators=estimators)
+    return replace(case, scene=case.scene.model_copy(update={"scene": identity}), estimators=entry.estimators)
 
 
 def _design(entry: DesignEntry, estimator: str, case: Case, spec: StudySpec) -> Design:
@@ -364,3 +348,81 @@ def _value(tree: Any, key: str) -> Any:
 
 def _plain(value: Any) -> Any:
     return value.isoformat() if isinstance(value, datetime) else value
+
+
+PLAN_FILE = "study-plan.json"
+PLAN_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """Designs, conditions and frames of a study; see :class:`horizonval.studies.trade.design.Study`."""
+
+    head: StudyHead
+    designs: tuple[Design, ...]
+    conditions: dict[str, str]
+    frames: dict[str, tuple[str, str]]
+
+    @property
+    def requirement(self) -> Requirement:
+        return self.head.requirement
+
+    def design(self, name: str, where: str) -> Design:
+        """Return the design of a name, or of a number from 1.
+
+        Raises
+        ------
+        UserError
+            There is none.
+        """
+        for number, design in enumerate(self.designs, start=1):
+            if name in (design.name, str(number)):
+                return design
+        from horizonval.core.errors import nearest
+
+        known = ", ".join(nearest(name, [design.name for design in self.designs])[:8])
+        raise UserError(f"no design {name!r}", where=where, expected=f"a number up to {len(self.designs)}, or {known}")
+
+
+def plan_of_study(study: Study) -> StudyPlan:
+    """Return the plan of an expanded study."""
+    return StudyPlan(study.spec.study, study.designs, study.conditions, study.frames)
+
+
+def write_plan(plan: StudyPlan, folder: Path) -> None:
+    """Write a plan into a study's folder."""
+    content = {
+        "schema": PLAN_SCHEMA,
+        "study": plan.head.model_dump(mode="json"),
+        "designs": [asdict(design) for design in plan.designs],
+        "conditions": plan.conditions,
+        "frames": plan.frames,
+    }
+    write_json(folder / PLAN_FILE, content)
+
+
+def read_plan(folder: Path) -> StudyPlan | None:
+    """Return the plan of a folder, ``None`` where there is none.
+
+    Raises
+    ------
+    UserError
+        The file is not what a study writes.
+    """
+    path = folder / PLAN_FILE
+    if not path.exists():
+        return None
+    data: Any = read_json(path)
+    try:
+        if data["schema"] != PLAN_SCHEMA:
+            raise ValueError
+        return StudyPlan(
+            StudyHead.model_validate(data["study"]),
+            tuple(Design(**design) for design in data["designs"]),
+            dict(data["conditions"]),
+            {name: (entry, condition) for name, (entry, condition) in data["frames"].items()},
+        )
+    except (KeyError, TypeError, ValueError) as e:
+        raise UserError(
+            "not a study's plan", where=str(path), fix="delete it and run the study again; finished frames are kept"
+        ) from e

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from horizonval.core.json_types import JsonObject
-from horizonval.studies.trade.misses import causes_of
-from horizonval.studies.trade.query import BY_WORDS
+from horizonval.studies.trade.conclude import BY_WORDS
+from horizonval.studies.trade.sample import causes_of
 
 MOST_BY = 24
 """Characters of an expression that heads a column."""
@@ -36,8 +36,7 @@ def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
                 *([_number(prices[d["name"]]["value"])] if by not in BY_WORDS else []),
             )
         )
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return _aligned(rows)
 
 
 def miss_lines(misses: Mapping[str, JsonObject]) -> list[str]:
@@ -46,8 +45,21 @@ def miss_lines(misses: Mapping[str, JsonObject]) -> list[str]:
     rows: list[tuple[str, ...]] = [("missed by", *causes)]
     for name, causes_of_design in misses.items():
         rows.append((name, *(_missed(causes_of_design.get(cause)) for cause in causes)))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return _aligned(rows)
+
+
+def information_lines(result: JsonObject) -> list[str]:
+    """Return a table of the bounds of the designs, a line each."""
+    limit = result["study"]["requirement"]["error_deg"]
+    rows: list[tuple[str, ...]] = [
+        ("design", "frames", "due", "by noise [deg]", "bound [deg]", f"within {limit:g} deg", "trial")
+    ]
+    for d in result["designs"]:
+        trial = [f"{name} {_number(one['rms_deg'])} rms, {_percent(one['within'])}" for name, one in d["trial"].items()]
+        medians = [d[key]["median"] for key in ("noise_arcsec", "bound_arcsec")]
+        degrees = [_number(None if value is None else value / 3600.0) for value in medians]
+        rows.append((d["name"], str(d["n"]), str(d["due"]), *degrees, _percent(d["within"]), ", ".join(trial)))
+    return _aligned(rows)
 
 
 def _missed(found: JsonObject | None) -> str:
@@ -94,3 +106,12 @@ def _degrees(value: float | None) -> str:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{100.0 * value:.1f} %"
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

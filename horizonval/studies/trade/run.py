@@ -8,18 +8,23 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from horizonval.core.cache import log_damage
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.jobs.engine import ExpectedTime
 from horizonval.jobs.pool import Execution
 from horizonval.report import study as study_page
 from horizonval.spec.suite import Requirement
-from horizonval.store.folder import RunFolder, intact_json
 from horizonval.store.verify import amend_manifest
 from horizonval.studies.trade.conclude import Data, conclude, files_of_study, query, read_data
-from horizonval.studies.trade.design import Study, expand, read_study
-from horizonval.studies.trade.plan import FILE, StudyPlan, plan_of_study, read_plan, write_plan
+from horizonval.studies.trade.design import (
+    PLAN_FILE,
+    Study,
+    expand,
+    plan_of_study,
+    read_plan,
+    read_study,
+    write_plan,
+)
 from horizonval.suites.run import run_suite
 
 
@@ -45,8 +50,8 @@ class StudyResult:
     missing: int = 0
 
 
-def study_in(path_or_name: str | Path, out_dir: Path, frames: int | None = None) -> Study:
-    """Return a study as it is run into a folder: what was begun there goes on with its batches of estimators.
+def study_in(path_or_name: str | Path, frames: int | None = None) -> Study:
+    """Return a study as it is run.
 
     Raises
     ------
@@ -54,8 +59,7 @@ def study_in(path_or_name: str | Path, out_dir: Path, frames: int | None = None)
         A mistake in the study.
     """
     spec, path = read_study(path_or_name, frames)
-    before = _plan_before(out_dir)
-    study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
+    study = expand(spec, path)
     if frames is not None:
         study = replace(study, suite=replace(study.suite, options=("--frames", str(frames))))
     return study
@@ -89,8 +93,7 @@ def run_study(
     UserError
         A mistake in the study, told before anything is rendered; or as :func:`horizonval.suites.run.run_suite`.
     """
-    study = study_in(path_or_name, out_dir, frames)
-    spec = study.spec
+    study = study_in(path_or_name, frames)
     plan = plan_of_study(study)
     made: list[tuple[dict[str, Any], dict[str, Any], Path]] = []
 
@@ -99,26 +102,11 @@ def run_study(
         made.append((*conclude(read_data(plan, out_dir), out_dir), study_page.write_page(out_dir)))
         return [*files_of_study(out_dir), made[0][-1]]
 
-    try:
-        start = None if on_start is None else partial(on_start, study)
-        run = run_suite(study.suite, out_dir, progress=progress, execution=execution, on_start=start, also=concluded)
-    finally:
-        # Whatever was begun belongs to these batches of estimators: a later run must go on with them.
-        claimed = {} if made else intact_json(RunFolder(out_dir).suite) or {}
-        if claimed.get("study") and claimed.get("suite") == spec.study.name:
-            write_plan(plan, out_dir)
+    start = None if on_start is None else partial(on_start, study)
+    run = run_suite(study.suite, out_dir, progress=progress, execution=execution, on_start=start, also=concluded)
     if not made:
         return StudyResult({}, {}, run.failed, None, run.missing)
     return StudyResult(made[0][0], made[0][1], run.failed, made[0][2])
-
-
-def _plan_before(folder: Path) -> StudyPlan | None:
-    """Return the plan that a folder has; None for one that is damaged, which is made anew, and that is said."""
-    try:
-        return read_plan(folder)
-    except UserError as error:
-        log_damage(error)
-        return None
 
 
 def open_study(folder: Path) -> Data:
@@ -131,7 +119,9 @@ def open_study(folder: Path) -> Data:
     """
     plan = read_plan(folder)
     if plan is None:
-        raise UserError(f"no {FILE}", where=str(folder), expected="the folder of a study, or a study file with --out")
+        raise UserError(
+            f"no {PLAN_FILE}", where=str(folder), expected="the folder of a study, or a study file with --out"
+        )
     return read_data(plan, folder)
 
 

@@ -1,20 +1,37 @@
-"""The results of a design, frame by frame, as arrays; and draws of the conditions for intervals.
+"""The results of a design, frame by frame, and what it delivers: accuracy, shares and misses, each with an interval.
 
 Intervals come from drawing the *clusters* of conditions anew with replacement (the cluster bootstrap: A. C. Davison and
 D. V. Hinkley, *Bootstrap Methods and their Application*, 1997, section 3.8): a condition drawn alone is a cluster of
 its own, the samples of one flight are one together. All designs share the draws, as they share the conditions, so that
-differences of designs are drawn in pairs. The draws come from a hash of the study's name and seed.
+differences of designs are drawn in pairs. The draws come from a hash of the study's name and seed; a statistic is
+worked out for all of them at once, from how often each frame is drawn, its weight.
+
+Shares of independent frames (:func:`proportion`) have the interval of Clopper and Pearson (Biometrika 26, 404, 1934).
+Samples of one flight resemble each other: what they are worth together is the effective sample size, n over the design
+effect, which takes the place of n in the same formula (E. L. Korn and B. I. Graubard, Survey Methodology 24, 193,
+1998). Where all frames went the same way nothing is known of how flights differ, and every flight counts once.
+
+Of the measures (:func:`measures_of`) *bias* is the length of the mean error in roll and pitch, *noise* the square root
+of the sum of their variances: the scatter over the conditions, detector noise among it. For small angles
+rms^2 = bias^2 + noise^2 up to 1/n. *p95* and *three sigma* are quantiles of the nadir error, the latter at 99.7 %, no
+distribution assumed; of fewer than 333 claims it is nearly the largest error. Its interval is that of the order
+statistics (W. J. Conover, *Practical Nonparametric Statistics*, 3rd ed., section 3.2) with frames as independent, and
+open at the top below 1228 claims.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome
 from horizonval.scoring.row import Row
 from horizonval.spec.expand import seed_of
@@ -130,3 +147,224 @@ def interval_of(values: FloatArray) -> list[float] | None:
         return None
     low, high = np.percentile(known, [50.0 * (1.0 - CONFIDENCE), 50.0 * (1.0 + CONFIDENCE)])
     return [float(low), float(high)]
+
+
+def proportion(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> JsonObject:
+    """Return a share with its two-sided 95 % interval and its one-sided 95 % bounds.
+
+    Parameters
+    ----------
+    flags : ndarray of bool, shape (n,)
+    cluster : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    dict
+        ``n`` (flags that are set), ``of``, ``rate``, ``interval``, ``lower``, ``upper`` (each one-sided), ``effective``
+        (frames that the sample is worth). All but the counts are ``None`` for 0 of 0.
+    """
+    n, k = int(flags.size), int(np.count_nonzero(flags))
+    if n == 0:
+        none = dict.fromkeys(("rate", "interval", "lower", "upper", "effective"))
+        return {"n": 0, "of": 0, **none}
+    effective = effective_size(flags, cluster)
+    rate = k / n
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = _bounds(rate, effective, tail)
+    lower, upper = _bounds(rate, effective, 2.0 * tail)
+    return {
+        "n": k,
+        "of": n,
+        "rate": rate,
+        "interval": [low, high],
+        "lower": lower,
+        "upper": upper,
+        "effective": effective,
+    }
+
+
+def effective_size(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> float:
+    """Return how many independent frames a sample is worth, at most as many as it has."""
+    n = int(flags.size)
+    _, index = np.unique(cluster, return_inverse=True)
+    clusters = int(index.max()) + 1
+    if clusters == n:
+        return float(n)
+    rate = float(np.mean(flags))
+    if rate in (0.0, 1.0) or clusters == 1:
+        return float(clusters)
+    excess = np.bincount(index, weights=flags - rate)
+    variance = clusters / (clusters - 1.0) * float(np.sum(excess**2)) / n**2
+    if variance == 0.0:
+        return float(n)
+    return min(float(n), rate * (1.0 - rate) / variance)
+
+
+def _bounds(rate: float, n: float, tail: float) -> tuple[float, float]:
+    """Return Clopper and Pearson's bounds, each of which a share beyond passes with the probability ``tail``."""
+    k = rate * n
+    low = 0.0 if rate == 0.0 else float(stats.beta.ppf(tail, k, n - k + 1.0))
+    high = 1.0 if rate == 1.0 else float(stats.beta.ppf(1.0 - tail, k + 1.0, n - k))
+    return low, high
+
+
+THREE_SIGMA = 0.997
+P95 = 0.95
+FEWEST_CLAIMS = 2
+FEWEST_DRAWN = 5
+"""Drawing fewer than this anew says nothing about their scatter: no interval then."""
+
+
+def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> JsonObject:
+    """Return the measures of a design.
+
+    Parameters
+    ----------
+    sample : Sample
+    draws : ndarray, shape (1 + draws, clusters)
+    error_deg : float
+        Largest error of a usable answer.
+
+    Returns
+    -------
+    dict
+        ``n``, ``clusters``, ``claims``; ``bias_deg``, ``noise_deg``, ``rms_deg``, ``p95_deg``, ``three_sigma_deg``,
+        ``exclusion_deg``: ``{value, interval, n}``; ``availability``, ``answered_due``, ``false_valid``, ``within``:
+        as :func:`horizonval.studies.trade.sample.proportion`.
+    """
+    weights = draws[:, sample.cluster]
+    clusters = len(np.unique(sample.cluster))
+    claims = np.isfinite(sample.error_deg)
+    claim_weights = weights[:, claims]
+    error = sample.error_deg[claims]
+    angles = np.isfinite(sample.roll_deg) & np.isfinite(sample.pitch_deg)
+    bias, noise = bias_and_noise(sample.roll_deg[angles], sample.pitch_deg[angles], weights[:, angles])
+    sun = np.isfinite(sample.sun_deg)
+    exclusion = exclusion_angle(sample.sun_deg[sun], sample.right[sun], weights[:, sun])
+    return {
+        "n": sample.n,
+        "clusters": clusters,
+        "claims": int(np.count_nonzero(sample.claimed)),
+        "bias_deg": _measure(bias, int(angles.sum()), clusters),
+        "noise_deg": _measure(noise, int(angles.sum()), clusters),
+        "rms_deg": _measure(rms(error, claim_weights), error.size, clusters),
+        "p95_deg": _measure(quantile(error, claim_weights, P95), error.size, clusters),
+        "three_sigma_deg": _three_sigma(error),
+        "exclusion_deg": _measure(exclusion, int(sun.sum()), clusters),
+        "availability": proportion(sample.claimed, sample.cluster),
+        "answered_due": proportion(sample.claimed[sample.due], sample.cluster[sample.due]),
+        "false_valid": proportion(sample.false[sample.claimed], sample.cluster[sample.claimed]),
+        "within": proportion(sample.within(error_deg), sample.cluster),
+    }
+
+
+def bias_and_noise(
+    roll: NDArray[np.float64], pitch: NDArray[np.float64], weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return bias and noise for every line of weights; NaN below two claims."""
+    count = weights.sum(axis=1)
+    means, sums = [], []
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for values in (roll, pitch):
+            mean = weights @ values / count
+            means.append(mean)
+            sums.append(np.maximum(weights @ values**2 - count * mean**2, 0.0))
+        bias = np.hypot(*means)
+        noise = np.sqrt((sums[0] + sums[1]) / (count - 1.0))
+    few = count < FEWEST_CLAIMS
+    return np.where(few, np.nan, bias), np.where(few, np.nan, noise)
+
+
+def rms(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the root mean square for every line of weights."""
+    count = weights.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root: FloatArray = np.where(count > 0, np.sqrt(weights @ values**2 / count), np.nan)
+    return root
+
+
+def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
+    """Return a quantile for every line of weights, each value taken as often as it weighs; linear between ranks."""
+    if values.size == 0:
+        return np.full(len(weights), np.nan)
+    order = np.argsort(values, kind="stable")
+    ranked, upto = values[order], np.cumsum(weights[:, order], axis=1)
+    count = upto[:, -1]
+    place = np.maximum(count - 1.0, 0.0) * q
+    below = np.floor(place)
+
+    def at(rank: FloatArray) -> FloatArray:
+        # The first value that more than ``rank`` copies stand up to.
+        index = np.minimum((upto <= rank[:, None]).sum(axis=1), len(ranked) - 1)
+        values_at_rank: FloatArray = ranked[index]
+        return values_at_rank
+
+    low, high = at(below), at(np.minimum(below + 1.0, np.maximum(count - 1.0, 0.0)))
+    mixed: FloatArray = np.where(count > 0, low + (high - low) * (place - below), np.nan)
+    return mixed
+
+
+def exclusion_angle(angle: FloatArray, right: NDArray[np.bool_], weights: FloatArray) -> FloatArray:
+    """Return for every line of weights the smallest angle from which on every answer is right, NaN where there is none.
+
+    The same as :func:`horizonval.scoring.expected.exclusion_angle_deg`, for all draws at once.
+    """
+    if angle.size == 0:
+        return np.full(len(weights), np.nan)
+    there = weights > 0
+    wrong = np.where(there & ~right, angle, -1.0).max(axis=1)
+    beyond = np.where(there & (angle > wrong[:, None]), angle, np.inf).min(axis=1)
+    angles: FloatArray = np.where(np.isfinite(beyond), beyond, np.nan)
+    return angles
+
+
+def _measure(values: FloatArray, n: int, clusters: int) -> JsonObject:
+    value = float(values[0]) if math.isfinite(values[0]) else None
+    known = value is not None and min(n, clusters) >= FEWEST_DRAWN
+    return {"value": value, "interval": interval_of(values) if known else None, "n": n}
+
+
+def _three_sigma(error: FloatArray) -> JsonObject:
+    if error.size < FEWEST_CLAIMS:
+        return {"value": None, "interval": None, "n": int(error.size)}
+    value = float(np.quantile(error, THREE_SIGMA))
+    interval = stats.quantile_test(error, q=value, p=THREE_SIGMA).confidence_interval(CONFIDENCE)
+    bounds = [float(interval.low), float(interval.high)]
+    return {
+        "value": value,
+        "interval": [x if math.isfinite(x) else None for x in bounds],
+        "n": int(error.size),
+    }
+
+
+FALSE, INACCURATE = "false claim", "too inaccurate"
+"""Causes beside the outcomes of refusals: claims that are false, and other claims beyond the required error."""
+
+
+def misses_of(sample: Sample, error_deg: float) -> JsonObject:
+    """Return by cause, the most first, how many frames were missed (``n``), and how many of them were due (``due``)."""
+    within = sample.within(error_deg)
+    causes: Counter[str] = Counter()
+    due: Counter[str] = Counter()
+    for i, outcome in enumerate(sample.outcome):
+        if within[i]:
+            continue
+        cause = (FALSE if sample.false[i] else INACCURATE) if sample.claimed[i] else outcome.replace("_", " ")
+        causes[cause] += 1
+        due[cause] += bool(sample.due[i])
+    return {
+        name: {"n": n, "due": due[name]} for name, n in sorted(causes.items(), key=lambda item: (-item[1], item[0]))
+    }
+
+
+def words_of(misses: Mapping[str, JsonObject]) -> str:
+    """Return the misses of a design as ``8 dark, 1 too inaccurate``."""
+    return ", ".join(f"{found['n']} {cause}" for cause, found in misses.items())
+
+
+def causes_of(misses: Iterable[Mapping[str, JsonObject]]) -> list[str]:
+    """Return the causes of several designs, the most frequent first."""
+    total: Counter[str] = Counter()
+    for found in misses:
+        total.update({cause: count["n"] for cause, count in found.items()})
+    return [cause for cause, _ in sorted(total.items(), key=lambda item: (-item[1], item[0]))]

@@ -71,9 +71,8 @@ def scan_items(places: Mapping[str, JsonObject]) -> dict[str, JsonObject]:
     }
 
 
-def rows_of_scans(made: Mapping[str, JsonObject], seed: int) -> list[ComparisonRow]:
-    """Return all rows of scans that were made under a seed, by the names of :func:`scan_items`."""
-    places = weather_places(PLACES, INCLINATION_DEG, seed)
+def rows_of_scans(made: Mapping[str, JsonObject], places: Mapping[str, JsonObject]) -> list[ComparisonRow]:
+    """Return all rows of the scans of some places, by the names of :func:`scan_items`."""
     return list(_rows(*_measured(_by_band(made, places), places)))
 
 

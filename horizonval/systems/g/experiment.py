@@ -153,13 +153,15 @@ def _compared(widths: Mapping[str, Sequence[AltitudeErrors]]) -> str:
     return TEXT.phrase("compared", low=good(DESIGN_KM), high=good(RAISED_KM))
 
 
-def limb_items(places: Mapping[str, JsonObject]) -> dict[str, JsonObject]:
+def limb_items(places: Mapping[str, JsonObject], altitudes_km: Sequence[float] = ALTITUDES_KM) -> dict[str, JsonObject]:
     """Return the items of all limbs by name."""
-    return {name: {**place, "altitudes_km": ALTITUDES_KM} for name, place in places.items()}
+    return {name: {**place, "altitudes_km": altitudes_km} for name, place in places.items()}
 
 
-def rows_of_limbs(profiles: FloatArray, altitudes_km: Sequence[float], seed: int) -> list[ComparisonRow]:
-    """Return all rows of limbs that were made under a seed.
+def rows_of_limbs(
+    profiles: FloatArray, altitudes_km: Sequence[float], items: Mapping[str, JsonObject]
+) -> list[ComparisonRow]:
+    """Return all rows of the limbs of some places.
 
     Parameters
     ----------
@@ -167,9 +169,10 @@ def rows_of_limbs(profiles: FloatArray, altitudes_km: Sequence[float], seed: int
         Of :func:`horizonval.systems.g.profiles.limb_profiles`.
     altitudes_km : sequence of float
         The two of the mission among them.
-    seed : int
+    items : mapping
+        The places.
     """
-    places = [WeatherPlace.of(item) for item in weather_places(PLACES, INCLINATION_DEG, seed).values()]
+    places = [WeatherPlace.of(item) for item in items.values()]
     seen = {km: _seen(places, km, profiles[:, i]) for i, km in enumerate(altitudes_km)}
     at_design, level = profiles[:, list(altitudes_km).index(DESIGN_KM)], seen[DESIGN_KM][:, LEVEL]
     designs = {p: design(places, at_design, level, p) for p in PROCESSINGS}

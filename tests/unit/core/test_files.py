@@ -126,12 +126,12 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
     ways = re.compile(r"\.read_text\(|\.read_bytes\(|(?<!os)\.open\(|(?<![\w.])open\(|fromfile\(|np\.load\(|loadtxt\(")
     allowed = {
         "earth/tables.py": "data of the package",
-        "report/template.py": "data of the package",
+        "report/page.py": "data of the package",
         "store/header.py": "the temporary file that is being written",
         "store/folder.py": "the lock, which is made",
         "api/info.py": "what the system says of its driver",
         "store/fits.py": "an open file",
-        "studies/dataset/shard_files.py": "the shard that is being written",
+        "studies/dataset/shards.py": "the shard that is being written",
         "cli/serving.py": "a page in a browser",
         "store/exr.py": "the null device",
         "store/picture.py": "the null device, and what read_picture has checked",

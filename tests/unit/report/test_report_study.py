@@ -120,23 +120,19 @@ def page(tmp_path_factory):
     return write_page(folder)
 
 
-def test_what_is_said(page):
+def test_the_numbers_are_those_of_the_study(page):
     text = page.read_text()
     words = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text.partition("<body>")[2]))
-    assert "3 designs under the same 10 conditions from 5 flights; 2 estimates a second" in words
-    assert "None is shown to meet it." in words
-    assert "Cheapest by processor time: a." in words
-    assert "1 &middot; width [px] = 100, estimator = ideal" in words
-    assert "above 0.0500, open" in words
-    assert "too few frames in common with them: c." in words
-    assert "grid has gaps" in words
+    for said in (
+        "3 designs under the same 10 conditions from 5 flights; 2 estimates a second",
+        "Cheapest by processor time: a.",
+        "1 &middot; width [px] = 100, estimator = ideal",
+        "above 0.0500, open",
+        "10 of 10 5 5 3 due",
+        "520.0 mass_g 20.00",
+    ):
+        assert said in words
     assert "cam &lt;1&gt;" in text
-    assert "on the number of frames that the flights are worth" in words
-    assert "○ too few frames to say" in words
-    assert "Missed dark too inaccurate" in words
-    assert "10 of 10 5 5 3 due" in words
-    assert "mass_g + pixels" in words
-    assert "520.0 mass_g 20.00" in words
 
 
 def test_the_same_data_give_the_same_page(page):
@@ -177,10 +173,6 @@ def test_a_damaged_result_is_told(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(chromium_path() is None, reason="no Chromium on this machine (Debian: apt install chromium)")
-@pytest.mark.parametrize("width", [700, 1400])
-def test_it_opens_in_a_browser(page, tmp_path, width):
-    with Browser(tmp_path / "profile", width=width) as browser:
-        browser.open(page.as_uri())
-        assert browser.complaints == []
-        assert [url for url in browser.requests if url != page.as_uri() and not url.startswith("data:")] == []
-        assert browser.evaluate("document.documentElement.scrollWidth") <= width
+def test_it_opens_in_a_browser(page, tmp_path):
+    with Browser(tmp_path / "profile") as browser:
+        assert browser.faults(page.as_uri()) == []

@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.api.templates import mission_table, sun_angles, write_table
+from horizonval.api.estimate import mission_table
 from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood.height.alike import everywhere
 from horizonval.estimation.likelihood.templates import load_templates, shipped_templates
+from horizonval.tables.mission import sun_angles, write_table
 from horizonval.tables.onboard import LimbPlaces, cut_down
 
 WHOLE = shipped_templates("thermal", (14.0, 16.3))

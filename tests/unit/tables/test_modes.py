@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
 
-from horizonval.tables.modes import HEIGHT_M, edge_weights, empirical_modes, scene_mode, smoothed
+import numpy as np
+import pytest
+
+from horizonval.core.arrays import FloatArray
+from horizonval.tables.modes import HEIGHT_M, edge_weights, empirical_modes, kept_arrays, scene_mode, smoothed
 
 HEIGHT = np.linspace(-20e3, 60e3, 41)
 
@@ -80,3 +84,25 @@ def test_heights_count_by_their_kilometres():
     weights = edge_weights(HEIGHT_M)
     assert (weights[HEIGHT_M < -30e3] == 0.0).all()
     assert weights[HEIGHT_M == 20e3][0] == 1.0
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", b"\x93NUMPY"])
+def test_damaged_parts_are_made_again(tmp_path: Path, damage: bytes) -> None:
+    path = tmp_path / "part.npz"
+    made: list[int] = []
+
+    def make() -> dict[str, FloatArray]:
+        made.append(1)
+        return {"a": np.arange(3.0), "b": np.ones((2, 2))}
+
+    first = kept_arrays(path, make)
+    again = kept_arrays(path, make)
+    assert len(made) == 1
+    assert set(again) == {"a", "b"}
+    np.testing.assert_array_equal(again["b"], first["b"])
+    path.write_bytes(damage)
+    np.testing.assert_array_equal(kept_arrays(path, make)["a"], first["a"])
+    assert len(made) == 2
+    path.write_bytes(path.read_bytes()[:-40])
+    kept_arrays(path, make)
+    assert len(made) == 3

@@ -13,8 +13,9 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from horizonval.api.templates import mission_table, write_table
+from horizonval.api.estimate import mission_table
 from horizonval.estimation.likelihood.templates import shipped_templates
+from horizonval.tables.mission import write_table
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 
@@ -72,28 +73,8 @@ def pose(rng):
 
 def told(program, numbers, r_itrs, cam_from_itrs):
     q = Rotation.from_matrix(cam_from_itrs).as_quat()
-    known = [
-        WIDTH,
-        HEIGHT,
-        FOCAL,
-        FOCAL,
-        CX,
-        CY,
-        *r_itrs,
-        SIGMA_M,
-        *q,
-        SIGMA_RAD,
-        MONTH,
-        0,
-        0,
-        1,
-        0,
-        0,
-        1,
-        BLUR_PX,
-        0.3,
-        300.0,
-    ]
+    known = [WIDTH, HEIGHT, FOCAL, FOCAL, CX, CY, *r_itrs, SIGMA_M, *q, SIGMA_RAD, MONTH]
+    known += [0, 0, 1, 0, 0, 1, BLUR_PX, 0.3, 300.0]
     return answer(program, [*known, 1.0, 0.0, 0.0], numbers)
 
 

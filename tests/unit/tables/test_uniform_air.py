@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import horizonval as hv
-from horizonval.api.templates import mission_table
+from horizonval.api.estimate import mission_table
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
 from horizonval.earth.surface import surface_temperature

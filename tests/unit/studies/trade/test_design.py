@@ -1,4 +1,4 @@
-"""Study files become designs and frames: names, common conditions and draws, batches of estimators, mistakes."""
+"""Study files become designs and frames: names, common conditions and draws, mistakes."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ ranges = { "platform.latitude_deg" = [-20.0, 20.0] }
 
 @pytest.fixture
 def load(tmp_path):
-    def build(text: str, frames=None, known=None):
+    def build(text: str, frames=None):
         (tmp_path / "s.toml").write_text(text)
-        return expand(*read_study(tmp_path / "s.toml", frames), known)
+        return expand(*read_study(tmp_path / "s.toml", frames))
 
     return build
 
@@ -101,24 +101,6 @@ def test_new_values_leave_the_old_frames_as_they_are(load):
     assert before.items() < wider.items()
     assert before.items() < more.items()
     assert (len(before), len(wider), len(more)) == (6, 9, 10)
-
-
-def test_a_new_estimator_gets_frames_of_its_own(load):
-    first = load(STUDY)
-    more = STUDY.replace('"ideal"]', '"ideal", "guarded-altitude-free"]')
-    second = load(more, known=first.batches)
-    assert identities(first).items() < identities(second).items()
-    added = {name for name in identities(second) if name not in identities(first)}
-    assert added == {f"psf_sigma_px_{psf}__00{i}__2" for psf in ("0.5", "1") for i in range(3)}
-    assert second.batches["psf_sigma_px_1"] == [["altitude-free", "ideal"], ["guarded-altitude-free"]]
-    # The same image: what is drawn goes by the condition.
-    by_name = {case.name: case for case in second.suite.cases}
-    assert by_name["psf_sigma_px_1__000__2"].scene.scene.draw == by_name["psf_sigma_px_1__000"].scene.scene.draw
-    # Taken away again, it is still known, and an estimator that is not asked for makes no frames.
-    third = load(STUDY.replace('"altitude-free", ', ""), known=second.batches)
-    assert third.batches == second.batches
-    assert [design.estimator for design in third.designs] == ["ideal", "ideal"]
-    assert len(third.suite.cases) == 6
 
 
 def test_choices_and_lists_are_axes(load):

@@ -7,8 +7,7 @@ import math
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.studies.trade.cost import COLUMNS, columns_of, is_tie, price_of, read_price
-from horizonval.studies.trade.expression import read
+from horizonval.studies.trade.cost import COLUMNS, columns_of, is_tie, price_of, read_expression, read_price
 
 
 @pytest.mark.parametrize(
@@ -27,7 +26,7 @@ from horizonval.studies.trade.expression import read
     ],
 )
 def test_arithmetic(text, value):
-    found = read(text, {"mass_g": None, "power_w": None}, "x").value({"mass_g": 120.0, "power_w": 0.5})
+    found = read_expression(text, {"mass_g": None, "power_w": None}, "x").value({"mass_g": 120.0, "power_w": 0.5})
     assert found == (None if value is None else pytest.approx(value))
 
 
@@ -42,7 +41,7 @@ def test_arithmetic(text, value):
 )  # fmt: skip
 def test_what_is_no_arithmetic_is_refused_in_one_line(text):
     with pytest.raises(UserError) as e:
-        read(text, {"mass_g": None}, "s.toml: study.cheapest_by")
+        read_expression(text, {"mass_g": None}, "s.toml: study.cheapest_by")
     line = e.value.line()
     assert "s.toml: study.cheapest_by" in line
     assert "\n" not in line
@@ -54,7 +53,7 @@ def column(value, half=None):
 
 
 def test_uncertainties_are_carried_through_and_added_in_squares():
-    price = read("2 * a + b + c", dict.fromkeys("abc"), "x")
+    price = read_expression("2 * a + b + c", dict.fromkeys("abc"), "x")
     found = price_of(price, {"a": column(10.0, 1.5), "b": column(5.0, 4.0), "c": column(100.0)})
     assert found == {"value": 125.0, "interval": [pytest.approx(120.0), pytest.approx(130.0)], "known": True}
     exact = price_of(price, {name: column(1.0) for name in "abc"})

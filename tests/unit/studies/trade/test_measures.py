@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.scoring.expected import exclusion_angle_deg
-from horizonval.studies.trade.measures import bias_and_noise, exclusion_angle, measures_of, quantile, rms
-from horizonval.studies.trade.sample import cluster_draws
+from horizonval.studies.trade.sample import bias_and_noise, cluster_draws, exclusion_angle, measures_of, quantile, rms
 
 RANDOM = np.random.default_rng(2)
 N = 40

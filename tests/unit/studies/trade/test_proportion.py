@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from horizonval.studies.trade.proportion import effective_size, proportion
+from horizonval.studies.trade.sample import effective_size, proportion
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 12), (12, 12), (5, 12), (199, 200)])

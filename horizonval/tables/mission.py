@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from horizonval.api.check import kind_of
 from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
@@ -21,8 +21,7 @@ from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import horizon_directions, tangency_points
 from horizonval.geometry.pose import pose_from_spec
 from horizonval.spec.camera import Band
-from horizonval.spec.load import Case, load_frames
-from horizonval.suites.suite import load_suite
+from horizonval.spec.load import Case
 from horizonval.tables.modes import MONTHS
 from horizonval.tables.onboard import CutTable, LimbPlaces, cut_down, header_text, months_around
 from horizonval.tables.uniform_air import UniformAir, sunlit_in, thermal_in
@@ -48,6 +47,7 @@ class MissionTable:
 
 
 def mission_table(
+    cases: Sequence[Case],
     target: str,
     band_name: str | None,
     error: float,
@@ -55,31 +55,7 @@ def mission_table(
     clear: bool = False,
     progress: Progress | None = None,
 ) -> MissionTable:
-    """Return the table that the frames of a suite or scene need.
-
-    Parameters
-    ----------
-    target : str
-        File or shipped name of a suite or scene.
-    band_name : str, optional
-        Needed where the cameras have several bands.
-    error : float
-        Largest share of a profile's largest value by which the table may differ from the whole one.
-    air : str, optional
-        Name of an atmosphere, or a profile file: the table is made for this air, known, in place of the shipped one.
-    clear : bool
-        Whether it has no clouds.
-    progress : Progress, optional
-
-    Raises
-    ------
-    UserError
-        No such file; several bands; no table for the band; no limb in view; an air that is none, or varies.
-    """
-    kind, path = kind_of(target)
-    if kind == "study":
-        raise UserError("is a study", where=target, expected="a suite or a scene")
-    cases = load_suite(path).cases if kind == "suite" else load_frames(path)
+    """Return the table that frames need; parameters as for :func:`horizonval.api.estimate.mission_table`."""
     band = _band_of(cases, band_name, target)
     cases = tuple(case for case in cases if any(b.name == band.name for b in case.camera.band))
     known = None if air is None else UniformAir.named(air, clear)
@@ -139,7 +115,7 @@ def write_table(made: MissionTable, path: Path) -> None:
         ) from e
 
 
-def places_of(cases: tuple[Case, ...], band: Band) -> LimbPlaces:
+def places_of(cases: Sequence[Case], band: Band) -> LimbPlaces:
     """Return where the limbs of frames are, on the axes of a band's table."""
     first, second, lowest = [], [], 0.0
     for case in cases:
@@ -183,7 +159,7 @@ def sun_angles(up: FloatArray, direction: FloatArray, sun: FloatArray) -> tuple[
     return np.arccos(cosine), np.abs(np.arctan2(across, ahead))
 
 
-def _band_of(cases: tuple[Case, ...], name: str | None, target: str) -> Band:
+def _band_of(cases: Sequence[Case], name: str | None, target: str) -> Band:
     known = {band.name: band for case in cases for band in case.camera.band}
     if name is None and len(known) == 1:
         return next(iter(known.values()))
