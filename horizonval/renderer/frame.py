@@ -1,5 +1,4 @@
-"""Frames of scenes: what a scene is before it has pixels, and its radiance, truth maps and exact truth.
-"""
+"""Frames of scenes: what a scene is before it has pixels, and its radiance, truth maps and exact truth."""
 
 from __future__ import annotations
 
