@@ -333,8 +333,7 @@ def regress(
     UserError
         As :func:`horizonval.studies.regression.night.run_night`; no such lane.
     """
-    from horizonval.studies.regression.night import planned, run_night
-    from horizonval.studies.regression.tonight.wanted import LANES, Wanted
+    from horizonval.studies.regression.night import LANES, Wanted, planned, run_night
 
     chosen = set(LANES if lanes is None else lanes)
     if unknown := sorted(chosen - {*LANES}):

@@ -15,8 +15,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 SUFFIX = ".tmp"
-_SUFFIXES = (SUFFIX, ".part")
-"""``.part`` is what earlier versions left."""
 
 
 def write_bytes(path: Path, data: bytes) -> None:
@@ -99,7 +97,7 @@ def move(temporary: Path, path: Path) -> None:
 
 def is_temporary(path: Path) -> bool:
     """Whether a file is one that an interrupted write left, by its name."""
-    return path.name.startswith(".") and path.name.endswith(_SUFFIXES)
+    return path.name.startswith(".") and path.name.endswith(SUFFIX)
 
 
 def leftovers(folder: Path, *, below: bool = True) -> list[Path]:

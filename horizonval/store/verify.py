@@ -39,14 +39,10 @@ HEADS = (NAME, "run.json", "night.json")
 """Files by any of which a folder is known for one of results."""
 
 _RECORDS = ("cases", "state", "stability", "information")
-"""Rooms whose records say their own names: those of cases that are no part of the suite any more may stay there."""
+"""Rooms of records, which are sealed with their names: those of cases that left the suite may stay there."""
 _ROOMS = {*_RECORDS, "report", ".work"}
 _LOCK = re.compile(r"(\.work/)?\.lock(-\d+-of-\d+)?")
-_KNOWN = re.compile(
-    r"(run|summary|timings(-\d+-of-\d+)?|study|study-plan|study-costs|study-information|night|verdict|stability/result)\.json"
-    r"|results\.parquet|designs\.csv|junit\.xml|index\.html|history\.jsonl|(report|\.work)/.*"
-)
-"""What the folder of a run that was cut off may hold beside its records."""
+_SEALED = (".json", ".parquet", ".npz")
 _FOREIGN = "does not belong here"
 
 
@@ -176,16 +172,12 @@ def _problem(path: Path, name: str, entries: Mapping[str, str] | None) -> str:
             return "the file of a lock is empty" if files.read_bytes(path, largest=1 << 20, links=False) else ""
         if entries is not None and name in entries:
             return "" if _digest(path) == entries[name] else "altered since the folder was finished"
-        room, _, rest = name.rpartition("/")
-        if room in _RECORDS and rest.endswith(".json") and name != "stability/result.json":
-            return "" if read_json(path).get("case") == path.stem else _FOREIGN
-        if entries is not None or not _KNOWN.fullmatch(name):
+        if entries is not None and (name.rpartition("/")[0] not in _RECORDS or path.suffix != ".json"):
             return _FOREIGN
-        if path.suffix in (".json", ".parquet", ".npz"):
+        files.ensure_file(path, links=False)
+        if path.suffix in _SEALED:
             bound = path.name if path.suffix == ".json" else ""
             sealed.check(files.read_bytes(path, largest=1 << 34, links=False), path, bound)
-        else:
-            files.ensure_file(path, links=False)
     except UserError as error:
         return error.what
     return ""

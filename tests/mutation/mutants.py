@@ -22,8 +22,8 @@ ROOMS = {
 }
 """Name of a room and its folders in the package."""
 
-DRAWINGS = ("studies/regression/trend_plots.py",)
-"""Sizes and colours of figures are looked at, not computed with."""
+DRAWINGS = ("studies/regression/page.py",)
+"""Sizes and colours of figures, and what a page says, are looked at, not computed with."""
 
 BINARY = (
     "Add_Sub",

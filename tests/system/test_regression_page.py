@@ -8,11 +8,9 @@ from pathlib import Path
 import pytest
 from browser import Browser, chromium_path
 
-from horizonval.studies.regression.baseline.baseline import read_baseline
-from horizonval.studies.regression.frames import of_baseline
-from horizonval.studies.regression.page import write_page
-from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of
-from horizonval.studies.regression.statistics.judge import judge
+from horizonval.studies.regression.baseline import read_baseline
+from horizonval.studies.regression.gates import GateInputs, changed, judge, measure, pairs_of
+from horizonval.studies.regression.page import of_baseline, write_page
 from horizonval.suites.suite import load_suite
 
 pytestmark = [
@@ -67,17 +65,6 @@ def pages(tmp_path_factory):
             }
         ],
         "gates": judge([("accepted", measure(gate, results, base.results)) for gate in suite.regression.gate]),
-        "anchors": [
-            {
-                "name": "furnace",
-                "verdict": "PASS",
-                "found": 3e-9,
-                "limit": 1e-6,
-                "unit": "relative",
-                "n": 10,
-                "what": "x",
-            }
-        ],
         "published": [
             {
                 "system": system,
@@ -94,7 +81,7 @@ def pages(tmp_path_factory):
     }
     folder = tmp_path_factory.mktemp("page")
     written = {}
-    shown = of_baseline(base, [row for row in now if row.scene in ("day_000", "day_005", "hard_000")])
+    shown = of_baseline(base, [row for row in now if row.case in ("day_000", "day_005", "hard_000")])
     for count, last in (("40", nights), ("1", nights[:1]), ("3", nights[:3]), ("60", sixty(nights))):
         written[count] = folder / f"{count}.html"
         write_page(written[count], verdict, last, shown)

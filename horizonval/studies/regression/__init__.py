@@ -1,4 +1,4 @@
-"""Nightly accuracy regression: three lanes, physics anchors, gates with declared margins, a verdict.
+"""Nightly accuracy regression: three lanes, gates with declared margins, a verdict.
 
 * *replay*: the accepted baseline's frozen detector images through the estimators of today.
 * *re-render*: the baseline's scenes and noise seeds again, compared by hash, then by region of the image.

@@ -13,19 +13,20 @@ from horizonval.core import atomic, files
 from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json
-from horizonval.studies.regression.baseline.baseline import (
+from horizonval.studies.regression.baseline import (
     Baseline,
+    FrozenFrame,
+    FrozenImage,
+    Pack,
     copy_as_release,
     pack_path,
     read_baseline,
     write_baseline,
 )
-from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
-from horizonval.studies.regression.bench import arrays_of
-from horizonval.studies.regression.formatting import figure
+from horizonval.studies.regression.gates import GateInputs, figure, pairs_of
+from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, PUBLISHED, WORK
 from horizonval.studies.regression.row import ReplicateRow
-from horizonval.studies.regression.statistics.gates import GateInputs, pairs_of
-from horizonval.studies.regression.tonight.wanted import LANES, NIGHT_SCHEMA, PUBLISHED, WORK
+from horizonval.studies.regression.units import arrays_of
 
 SHORTEST_REASON = 10
 MOST_REASONS = 50
@@ -48,27 +49,19 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
     Raises
     ------
     UserError
-        No reason worth the name; a night without all its lanes, with failed units, or with a failed anchor.
+        No reason worth the name; a night without all its lanes, or with failed units.
     """
     if len(reason.split()) < 2 or len(reason.strip()) < SHORTEST_REASON:
         raise UserError(f"found {reason!r}", where="--reason", expected="a sentence that a reviewer can judge")
     night = read_json(run / "night.json")
     if night is None or night.get("schema") != NIGHT_SCHEMA:
         raise UserError("no night.json of this version", where=str(run), expected="the folder of `horizonval regress`")
-    verdict = read_json(run / "verdict.json") or {}
     missing = [lane for lane in LANES if lane not in ("replay", PUBLISHED) and lane not in night["lanes"]]
     if missing:
         raise UserError(f"lane {missing[0]} was left out", where=str(run), fix="run the night with all lanes")
     if night["failed"]:
         name, error = next(iter(night["failed"].items()))
         raise UserError(f"{len(night['failed'])} units failed; {name}: {error}", where=str(run))
-    bad = [a["name"] for a in verdict.get("anchors", []) if a["verdict"] != "PASS"]
-    if bad or not verdict.get("anchors"):
-        raise UserError(
-            f"physics anchors do not hold: {', '.join(bad) or 'none was checked'}",
-            where=str(run / "verdict.json"),
-            fix="no reason makes them right; mend what broke them",
-        )
     before = read_baseline(baseline, night["suite"]) if baseline.is_file() else None
     rows, fresh = ([ReplicateRow.from_dict(row) for row in night[key]] for key in ("rows", "fresh"))
     results = GateInputs(rows=rows, fresh=fresh, fresh_night=night["night"])
@@ -91,7 +84,7 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
     }
     pack = _pack(run, night)
     table = difference_table(before, results, scenes, head)
-    write_baseline(baseline, head, results, scenes, pack, night.get("together", {}))
+    write_baseline(baseline, head, results, scenes, pack, night["together"])
     page = baseline.with_suffix(".md")
     atomic.write_text(page, table)
     written = [baseline, pack_path(baseline), page]
@@ -178,7 +171,7 @@ def _table_row(estimator: str, table: str, now: list[ReplicateRow], base: list[R
 
 
 def _available(rows: Sequence[ReplicateRow]) -> float | None:
-    due = [row for row in rows if row.due]
+    due = [row for row in rows if row.is_due]
     return 100.0 * sum(row.is_claim for row in due) / len(due) if due else None
 
 

@@ -1,4 +1,4 @@
-"""A night: run the lanes and the anchors, compare, decide, and write it all down.
+"""A night: run the lanes, compare, decide, and write it all down.
 
 The folder of a night::
 
@@ -7,26 +7,548 @@ The folder of a night::
     index.html      the same for people, with the trend of the last 60 nights
     night.json      rows and digests, from which `horizonval baseline accept` makes the next baseline
     history.jsonl   one line for every night that used this folder
-    .work/          finished units; an interrupted night goes on from them
+    .work/          finished units; an interrupted night resumes from them
 """
 
 from __future__ import annotations
 
+import hashlib
+import importlib.metadata
+import json
+import platform
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+import horizonval
 from horizonval.core import atomic
+from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.core.memory import peak_mebibytes
+from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Progress, Silent
-from horizonval.spec.load import Suite
-from horizonval.store.folder import RunFolder, write_json
+from horizonval.jobs.engine import Record, do
+from horizonval.jobs.pool import Execution
+from horizonval.spec.load import Case, Suite
+from horizonval.spec.suite import Lane, RegressionSpec
+from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.verify import withdraw_manifest, write_manifest
-from horizonval.studies.regression.baseline import history
-from horizonval.studies.regression.baseline.baseline import read_baseline, release_path
-from horizonval.studies.regression.bench import NightWork, Task, sweep
-from horizonval.studies.regression.junit import write_junit
-from horizonval.studies.regression.tonight.conclude import verdict_of
-from horizonval.studies.regression.tonight.gathered import Gathered
-from horizonval.studies.regression.tonight.wanted import WORK, Published, Wanted, check_folder, checked, reference_of
+from horizonval.studies.regression import history
+from horizonval.studies.regression.baseline import Baseline, read_baseline, release_path
+from horizonval.studies.regression.gates import GateInputs, Measured, changed, judge, measure, pairs_of
+from horizonval.studies.regression.images import compare_images
+from horizonval.studies.regression.row import ReplicateRow
+from horizonval.studies.regression.statistics import Verdict, night_verdict
+from horizonval.studies.regression.units import NightWork, Shown, Task, arrays_of, frozen_heads, shown, sweep
+from horizonval.suites.mistakes import check_heads
+from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.suite import load_suite
+
+NIGHT_SCHEMA = 2
+NightLane = Lane | Literal["published"]
+LANES: tuple[NightLane, ...] = ("replay", "rerender", "fresh", "published")
+WORK = ".work"
+PUBLISHED = "published"
+"""The lane without gates, and its folder in that of the work."""
+Published = Callable[[Path, Progress], Sequence[JsonObject]]
+"""Computes key figures of the published systems in a folder, each a plain
+``{system, name, unit, accepted, measured, verdict}``."""
+EXIT = {Verdict.PASS: 0, Verdict.IMPROVED: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}
+INCOMPLETE = 2
+MOST_CHANGES = 200
+"""Changed scenes written into the verdict; the count is always that of all."""
+PACKAGES = (
+    "mitsuba", "drjit", "karellen-llvm-core", "numpy", "scipy", "opencv-python-headless", "OpenEXR", "pyerfa",
+)  # fmt: skip
+"""Packages that decide the numbers."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a night is asked to do.
+
+    Attributes
+    ----------
+    suite : str
+        File or shipped name.
+    out : Path
+    baseline : Path
+    night : str
+        Label, and seed of the fresh scenes: a date.
+    lanes : tuple of str
+    workers : int, optional
+    reference : Path, optional
+        Folder of a night of the same label made by another version: fresh scenes are then compared in pairs.
+    """
+
+    suite: str
+    out: Path
+    baseline: Path
+    night: str
+    lanes: tuple[NightLane, ...] = LANES
+    workers: int | None = None
+    reference: Path | None = None
+
+
+def seed_of_night(suite: str, night: str, batch: int) -> int:
+    """Return the seed of a night's fresh scenes."""
+    digest = hashlib.sha256(json.dumps(["fresh", suite, night, batch]).encode()).digest()
+    return int.from_bytes(digest[:7], "big")
+
+
+def checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
+    """Return a suite's gates and plan, if it can be a nightly."""
+    if suite.regression is None:
+        raise UserError(
+            "has no [regression] table",
+            where=suite.source,
+            expected="a suite that declares gates",
+            fix="scenes/suites/nightly.toml is one",
+        )
+    # Every replicate has a row of its own; the draws that a run scores together are not asked for.
+    plan = replace(plan_of(suite), draws=1)
+    check_heads(suite, plan)
+    return suite.regression, plan
+
+
+def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
+    """Return the fresh rows of another version's night."""
+    data = read_json(folder / "night.json")
+    if data is None:
+        raise UserError("no night.json", where=str(folder), expected="the folder of another version's night")
+    if (data["suite"], data["night"]) != (suite, night):
+        raise UserError(
+            f"is night {data['night']!r} of suite {data['suite']!r}",
+            where=str(folder),
+            expected=f"night {night!r} of {suite!r}",
+            fix="give both runs the same --night",
+        )
+    return GateInputs(fresh=[ReplicateRow.from_dict(row) for row in data["fresh"]], fresh_night=data["night"])
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that is neither new nor empty nor one of ours."""
+    if not out.parent.is_dir():
+        raise UserError("no such folder", where=str(out.parent), fix="create it first")
+    if out.exists() and not out.is_dir():
+        raise UserError("is a file", where=str(out), expected="a folder")
+    ours = any((out / name).exists() for name in (WORK, "night.json", history.FILE))
+    if out.is_dir() and any(out.iterdir()) and not ours:
+        raise UserError("holds something else", where=str(out), expected="a new folder, or one of this command")
+
+
+class Night:
+    """What the lanes of one night bring together."""
+
+    def __init__(
+        self,
+        suite: Suite,
+        spec: RegressionSpec,
+        plan: CasePlan,
+        wanted: Wanted,
+        accepted: Baseline | None,
+        progress: Progress,
+    ) -> None:
+        self.suite, self.spec, self.plan, self.wanted, self.accepted = suite, spec, plan, wanted, accepted
+        self._progress = progress
+        self.identities: set[str] = set()
+        self.failed: dict[str, str] = {}
+        self.replayed: list[ReplicateRow] = []
+        self.scenes: dict[str, JsonObject] = {}
+        self.rows: list[ReplicateRow] = []
+        self.together: dict[str, JsonObject] = {}
+        self.arrays: dict[str, str] = {}
+        self.fresh: list[ReplicateRow] = []
+        self.batches = 0
+        self.published: list[JsonObject] = []
+        self.replay_s: list[float] = []
+
+    def work_first(self) -> None:
+        """Do what every night does."""
+        self._do(self.first_tasks())
+
+    def compute_published(self, compute: Published | None) -> None:
+        """Compute key figures of the published systems again, in a suite that asks for it."""
+        if compute is None or not self.spec.published or PUBLISHED not in self.wanted.lanes:
+            return
+        folder = self.wanted.out / WORK / PUBLISHED
+        try:
+            folder.mkdir(exist_ok=True)
+            self.published = list(compute(folder, self._progress))
+        except (UserError, RuntimeError) as error:
+            self.failed[PUBLISHED] = str(error)
+            return
+        # An interrupted night goes on from it; a finished one must not leave what the next has no use for.
+        shutil.rmtree(folder)
+
+    def first_tasks(self) -> dict[str, Task]:
+        """Return what every night does, by name."""
+        tasks: dict[str, Task] = {}
+        known: set[Shown] = set()
+        if self.accepted is not None and "replay" in self.wanted.lanes:
+            pack = self.accepted.images
+            known |= {shown([image]) for image in pack.images}
+            for about in self.accepted.together.values():
+                known |= {shown(images.values()) for images in frozen_heads(pack, dict(about["heads"]))}
+            tasks |= self._replay_tasks(self.accepted)
+        if "rerender" in self.wanted.lanes:
+            for unit in units_of(self.suite.cases, self.plan):
+                task = self._render_task(f"rerender/{unit.name}", unit)
+                tasks[task.name] = replace(task, replicates=self.spec.replicates, known=frozenset(known))
+        if "fresh" in self.wanted.lanes:
+            tasks |= self._fresh_tasks()
+        return tasks
+
+    def work_on_more_scenes(self) -> None:
+        """Do another batch of fresh scenes."""
+        self._do(self._fresh_tasks())
+
+    def _fresh_tasks(self) -> dict[str, Task]:
+        """Return another batch of fresh scenes: the Sobol tables under a seed of the night."""
+        other = load_suite(self.wanted.suite, seed=seed_of_night(self.suite.name, self.wanted.night, self.batches))
+        fixed = {content_of(case) for case in self.suite.cases}
+        drawn = [case for case in other.cases if content_of(case) not in fixed]
+        tasks = {}
+        for unit in units_of(drawn, self.plan):
+            task = self._render_task(f"fresh/{self.batches}/{unit.name}", unit)
+            tasks[task.name] = replace(task, batch=self.batches)
+        self.batches += 1
+        return tasks
+
+    def _render_task(self, name: str, unit: Unit) -> Task:
+        return Task(name, unit.name, self._estimators_of(unit), unit=unit)
+
+    def _replay_tasks(self, accepted: Baseline) -> dict[str, Task]:
+        """Return the frozen images of every scene, those of one scene's heads together as they were rendered.
+
+        The estimators are those that run on the scene tonight. A scene that the suite no longer has is replayed by
+        those of its rows, so that it counts as missing and not as changed, too.
+        """
+        asked = {unit.name: self._estimators_of(unit) for unit in units_of(self.suite.cases, self.plan)}
+        asked |= {case.name: self.plan.alone(case) for case in self.suite.cases if case.name not in asked}
+        before: dict[str, set[str]] = {}
+        for row in accepted.results.rows:
+            before.setdefault(row.case, set()).add(row.estimator)
+        heads = {
+            scene: tuple((head, case) for head, case in about["heads"]) for scene, about in accepted.together.items()
+        }
+        scene_of = {case: scene for scene, of_heads in heads.items() for _, case in of_heads}
+        scenes = dict.fromkeys(scene_of.get(image.scene, image.scene) for image in accepted.images.images)
+        tasks = {}
+        for scene in scenes:
+            names, members = asked.get(scene), heads.get(scene, ())
+            if names is None:
+                known = set().union(*(before.get(one, set()) for one in (scene, *(case for _, case in members))))
+                names = tuple(name for name in self.plan.estimators if name in known)
+            name, sha256 = f"replay/{scene}", str(accepted.head["pack_sha256"])
+            tasks[name] = Task(name, scene, names, pack=accepted.pack, pack_sha256=sha256, heads=members)
+        return tasks
+
+    def _estimators_of(self, unit: Unit) -> tuple[str, ...]:
+        """Return the estimators that run on a unit, in the suite's order."""
+        case = unit.cases[0]
+        return self.plan.of(case) if unit.heads else self.plan.alone(case)
+
+    def _do(self, tasks: Mapping[str, Task]) -> None:
+        work = NightWork(self.plan, self.wanted.out / WORK)
+        self.identities |= {work.identity(task) for task in tasks.values()}
+        done = do(work, list(tasks.values()), Execution(self.wanted.workers), self._progress)
+        for name, one in done.items():
+            if tasks[name].unit is None and one.spent is not None:
+                self.replay_s.append(one.spent.seconds)
+            if one.result is None:
+                self.failed[name] = one.error or "its result cannot be read"
+            else:
+                self._take(tasks[name], one.result, work.arrays(tasks[name]))
+
+    def _take(self, task: Task, record: Record, arrays: Path) -> None:
+        rows = [ReplicateRow.from_dict(row) for row in record["rows"]]
+        if task.unit is None:
+            assert self.accepted is not None
+            about = {(row.case, row.band): row for row in self.accepted.results.rows}
+            for row in rows:
+                # A scene that no method saw before has no partner to be compared with.
+                before = about.get((row.case, row.band), row)
+                due = {"expected": before.expected, "borderline": before.borderline}
+                self.replayed.append(row.against(before.bound_arcsec, table=before.table, **due))
+        elif task.batch is not None:
+            self.fresh += [replace(row, case=f"{task.batch}/{row.case}") for row in rows]
+        else:
+            self.rows += rows
+            self.scenes |= record["scenes"]
+            self.together |= record["together"]
+            self.arrays |= dict.fromkeys(record["scenes"], str(arrays))
+
+    def all_rows(self) -> list[ReplicateRow]:
+        """Return the rows on tonight's images: those estimated again, and of unchanged images those of the replay."""
+        by_image = {(row.image_address, row.case, row.estimator): row for row in self.replayed}
+        found = {row.key: row for row in self.rows}
+        for scene, record in [*self.scenes.items(), *self.together.items()]:
+            for band, about in record["bands"].items():
+                due = about["expected"] == Outcome.VALID and not about["borderline"]
+                own = {"table": record["table"], "expected": str(Outcome.VALID), "borderline": not due}
+                for replicate, image in enumerate(about["images"]):
+                    for estimator in self.plan.estimators:
+                        row, key = by_image.get((image, scene, estimator)), (scene, band, replicate, estimator)
+                        if key not in found and row is not None:
+                            found[key] = row.against(about["bound_arcsec"], replicate=replicate, **own)
+        return [found[key] for key in sorted(found)]
+
+    def content(self) -> JsonObject:
+        """Return what a baseline is made of."""
+        return {
+            "schema": NIGHT_SCHEMA,
+            "suite": self.suite.name,
+            "night": self.wanted.night,
+            "lanes": list(self.wanted.lanes),
+            "failed": self.failed,
+            "scenes": self.scenes,
+            "together": self.together,
+            "arrays": {scene: Path(path).name for scene, path in self.arrays.items()},
+            "rows": [row.to_dict() for row in self.all_rows()],
+            "fresh": [row.to_dict() for row in self.fresh],
+            "environment": environment(),
+            "replicates": self.spec.replicates,
+            "gates": [gate.model_dump(mode="json") for gate in self.spec.gate],
+        }
+
+
+def content_of(case: Case) -> str:
+    """Return what a frame is, but for the seed of what is random in its scene."""
+    scene = case.scene.model_dump(mode="json")
+    scene["scene"] = {**scene["scene"], "seed": 0}
+    return json.dumps([scene, case.camera.model_dump(mode="json")], sort_keys=True)
+
+
+def compare(
+    night: Night, release: Baseline | None, reference: GateInputs | None
+) -> tuple[list[JsonObject], list[JsonObject]]:
+    """Return how a night compares with each of its baselines, and the verdict of every gate."""
+    comparisons: list[JsonObject] = []
+    measured: list[tuple[str, Measured]] = []
+    bases = [("accepted", night.accepted), ("release", release)]
+    for name, base in bases:
+        if base is None:
+            continue
+        if name == "release" and night.accepted is not None and _is_same(base, night.accepted):
+            comparisons.append({"name": name, "baseline": base.label, "same_as_accepted": True, "changed": []})
+            continue
+        about, found = _against(night, name, base, reference if name == "accepted" else None)
+        comparisons.append(about)
+        measured += [(name, one) for one in found]
+    gates = judge(measured, looks=night.spec.most_batches)
+    return comparisons, gates
+
+
+def _against(
+    night: Night, name: str, base: Baseline, reference: GateInputs | None
+) -> tuple[JsonObject, list[Measured]]:
+    images = _images(night, base)
+    now = GateInputs(night.replayed, images, night.fresh, night.wanted.night)
+    whole = replace(now, rows=night.all_rows())
+    theirs = (
+        base.results
+        if reference is None
+        else replace(base.results, fresh=reference.fresh, fresh_night=reference.fresh_night)
+    )
+    found = []
+    for gate in night.spec.gate:
+        if gate.lane not in night.wanted.lanes:
+            continue
+        # The release's own detector images are not kept: what is compared with it is the whole chain.
+        whole_chain = gate.lane == "rerender" or name == "release"
+        mine = whole if whole_chain and (gate.lane != "replay" or "rerender" in night.wanted.lanes) else now
+        found.append(measure(gate, mine, theirs))
+    replay_pairs = pairs_of(night.replayed if name == "accepted" else (), base.results.rows)
+    moved = changed(replay_pairs)
+    other = [
+        {"scene": scene, "band": band, **{key: value for key, value in image.items() if key != "table"}}
+        for (scene, band), image in images.items()
+        if not image["same_radiance"] or image["same_images"] < image["n_images"]
+    ]
+    about = {
+        "name": name,
+        "baseline": base.label,
+        "reason": base.head["reason"],
+        "environment": base.head["environment"],
+        "same_as_accepted": False,
+        "replayed": len(replay_pairs),
+        "n_changed": len(moved),
+        "changed": moved[:MOST_CHANGES],
+        "rendered": len(images),
+        "n_images_changed": len(other),
+        "images_changed": other[:MOST_CHANGES],
+        "missing_scenes": sorted(set(base.scenes) - set(night.scenes)) if "rerender" in night.wanted.lanes else [],
+    }
+    return about, found
+
+
+def _images(night: Night, base: Baseline) -> dict[tuple[str, str], JsonObject]:
+    frames = {(frame.scene, frame.band): frame for frame in base.images.frames}
+    found = {}
+    for scene, record in night.scenes.items():
+        before = base.scenes.get(scene)
+        for band, now in record["bands"].items():
+            if before is None or band not in before["bands"]:
+                continue
+            old = before["bands"][band]
+            radiance = None
+            if now["radiance_sha256"] != old["radiance_sha256"]:
+                radiance = arrays_of(Path(night.arrays[scene]), scene)[f"radiance.{band}"]
+            found[scene, band] = compare_images(record["table"], now, old, radiance, frames.get((scene, band)))
+    return found
+
+
+def _is_same(a: Baseline, b: Baseline) -> bool:
+    return bool(a.head["night"] == b.head["night"] and a.head["version"] == b.head["version"]) and (
+        a.results.rows == b.results.rows
+    )
+
+
+def verdict_of(night: Night, release: Baseline | None, reference: GateInputs | None) -> JsonObject:
+    """Return the verdict; asks for further batches of fresh scenes as long as their gates are inconclusive."""
+    while True:
+        comparisons, gates = compare(night, release, reference)
+        undecided = any(g["lane"] == "fresh" and g["verdict"] == Verdict.INCONCLUSIVE for g in gates)
+        more = undecided and night.accepted is not None and reference is None and "fresh" in night.wanted.lanes
+        if not more or night.batches >= night.spec.most_batches:
+            break
+        night.work_on_more_scenes()
+    return _conclude(night, comparisons, gates)
+
+
+def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObject]) -> JsonObject:
+    problems = [f"{name}: {error}" for name, error in night.failed.items()]
+    if night.accepted is None:
+        problems.append(f"no accepted baseline at {night.wanted.baseline}: nothing to compare with")
+    for about in comparisons:
+        if about.get("missing_scenes"):
+            count = len(about["missing_scenes"])
+            problems.append(f"{count} scenes of the baseline ({about['name']}) are not in the suite any more")
+    verdicts = [Verdict(one["verdict"]) for one in [*gates, *night.published]]
+    if night.accepted is None:
+        verdicts.append(Verdict.FAIL)
+    verdict = night_verdict(verdicts)
+    proven = any(Verdict(item["verdict"]) is Verdict.FAIL for item in [*gates, *night.published])
+    status = EXIT[verdict] if proven or not problems else INCOMPLETE
+    if problems and not proven and verdict in (Verdict.PASS, Verdict.IMPROVED):
+        # What was not looked at has not passed.
+        verdict = Verdict.INCONCLUSIVE
+    return {
+        "schema": NIGHT_SCHEMA,
+        "suite": night.suite.name,
+        "night": night.wanted.night,
+        "lanes": list(night.wanted.lanes),
+        "verdict": str(verdict),
+        "exit_status": status,
+        "complete": not problems,
+        "problems": problems,
+        "environment": environment(),
+        "comparisons": comparisons,
+        "gates": gates,
+        "published": night.published,
+        "fresh": {"night": night.wanted.night, "batches": night.batches, "scenes": _count(night.fresh)},
+        "levels": levels_of(night.all_rows() or night.replayed, night.fresh) | _cost(night),
+    }
+
+
+def _cost(night: Night) -> JsonObject:
+    """Return speed and memory: followed from night to night, no gate, since they are a machine's and its load's."""
+    found: JsonObject = {}
+    if night.replay_s and night.replayed:
+        n = len({(row.case, row.band, row.replicate) for row in night.replayed})
+        found["replay: time of an image"] = {"value": sum(night.replay_s) / n, "unit": "s", "n": n}
+    if (peak := peak_mebibytes()) is not None:
+        found["largest process: memory"] = {"value": peak, "unit": "MiB", "n": 1}
+    return found
+
+
+def _count(rows: Sequence[ReplicateRow]) -> int:
+    return len({row.case for row in rows})
+
+
+def levels_of(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> JsonObject:
+    """Return the figures whose trend is followed: availability, false claims and median error, by estimator."""
+    found: JsonObject = {}
+    for lane, own in (("fixed", rows), ("fresh", fresh)):
+        for estimator in sorted({row.estimator for row in own}):
+            mine = [row for row in own if row.estimator == estimator]
+            due = [row for row in mine if row.is_due]
+            errors = [row.nadir_error_arcsec for row in mine if row.nadir_error_arcsec is not None]
+            name = f"{lane} {estimator}"
+            if due:
+                share = sum(row.is_claim for row in due) / len(due)
+                found[f"{name}: availability"] = {"value": 100.0 * share, "unit": "%", "n": len(due)}
+            share = sum(row.false_valid for row in mine) / len(mine)
+            found[f"{name}: false claims"] = {"value": 100.0 * share, "unit": "%", "n": len(mine)}
+            if errors:
+                median = float(np.median(errors))
+                found[f"{name}: median nadir error"] = {"value": median, "unit": "arcsec", "n": len(errors)}
+            over = [row.error_over_bound for row in mine if row.error_over_bound is not None]
+            if over:
+                found[f"{name}: median error over bound"] = {
+                    "value": float(np.median(over)),
+                    "unit": "1",
+                    "n": len(over),
+                }
+    return found
+
+
+def environment() -> dict[str, Any]:
+    """Return what a night runs on: versions and kinds, no paths and no names of machines."""
+    from horizonval.renderer.backend import probe
+
+    chosen = probe().chosen
+    return {
+        "version": code_version(),
+        "commit": _commit(),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "packages": {name: _version(name) for name in PACKAGES},
+        "variant": None if chosen is None else chosen.variant,
+        "processor_flags": _flags(),
+    }
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _commit() -> str | None:
+    """Return the commit of the checkout that runs, with ``-dirty`` if files differ; None where there is none."""
+    folder = Path(horizonval.__file__).parent.parent
+    if not (folder / ".git").exists():
+        return None
+    try:
+        made = subprocess.run(
+            ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12"],
+            capture_output=True,
+            text=True,
+            timeout=30,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return made.stdout.strip() or None
+
+
+def _flags() -> list[str]:
+    """Return the processor's vector extensions: they decide how the renderer's kernels are compiled."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return []
+    line = next((line for line in text.splitlines() if line.startswith("flags")), "")
+    return sorted(flag for flag in line.partition(":")[2].split() if flag.startswith(("avx", "fma", "sse4")))
 
 
 def run_night(wanted: Wanted, progress: Progress | None = None, published: Published | None = None) -> JsonObject:
@@ -45,9 +567,8 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         A mistake in the suite or the baseline's files, no ``[regression]`` table, a folder in which another night runs,
         or no back-end to render with.
     """
-    from horizonval.renderer.plugin.backend import probe
-    from horizonval.studies.regression.frames import of_night
-    from horizonval.studies.regression.page import write_page
+    from horizonval.renderer.backend import probe
+    from horizonval.studies.regression.page import of_baseline, of_night, write_junit, write_page
 
     suite = load_suite(wanted.suite)
     spec, plan = checked(suite)
@@ -65,20 +586,25 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         withdraw_manifest(wanted.out)
         for path in atomic.leftovers(wanted.out / WORK, below=False):
             path.unlink(missing_ok=True)
-        gathered = Gathered(suite, spec, plan, wanted, accepted, progress or Silent())
-        gathered.work_first()
-        gathered.compute_published(published)
-        verdict = verdict_of(gathered, release, reference)
-        write_json(wanted.out / "night.json", gathered.content(), indent=None)
+        night = Night(suite, spec, plan, wanted, accepted, progress or Silent())
+        night.work_first()
+        night.compute_published(published)
+        verdict = verdict_of(night, release, reference)
+        write_json(wanted.out / "night.json", night.content(), indent=None)
         # A folder that serves every night must not grow with them.
-        sweep(wanted.out / WORK, gathered.identities)
+        sweep(wanted.out / WORK, night.identities)
         history.append(wanted.out / history.FILE, verdict)
         verdict["trend"] = history.steps_of(history.read(wanted.out / history.FILE))
         write_json(wanted.out / "verdict.json", verdict)
         write_junit(wanted.out / "junit.xml", verdict)
-        write_page(wanted.out / "index.html", verdict, history.read(wanted.out / history.FILE), of_night(gathered))
+        seen = None
+        if night.scenes:
+            seen = of_night(night.all_rows(), night.scenes, night.arrays)
+        elif accepted is not None:
+            seen = of_baseline(accepted, night.replayed)
+        write_page(wanted.out / "index.html", verdict, history.read(wanted.out / history.FILE), seen)
         pages = [wanted.out / name for name in ("night.json", "verdict.json", "junit.xml", "index.html", history.FILE)]
-        units = [wanted.out / WORK / f"{name}{end}" for name in gathered.identities for end in (".json", ".npz")]
+        units = [wanted.out / WORK / f"{name}{end}" for name in night.identities for end in (".json", ".npz")]
         write_manifest(wanted.out, [*pages, *units])
     return verdict
 
@@ -88,5 +614,5 @@ def planned(wanted: Wanted) -> tuple[Suite, NightWork, list[Task]]:
     suite = load_suite(wanted.suite)
     spec, plan = checked(suite)
     accepted = read_baseline(wanted.baseline, suite.name) if wanted.baseline.is_file() else None
-    gathered = Gathered(suite, spec, plan, wanted, accepted, Silent())
-    return suite, NightWork(plan, wanted.out / WORK), list(gathered.first_tasks().values())
+    night = Night(suite, spec, plan, wanted, accepted, Silent())
+    return suite, NightWork(plan, wanted.out / WORK), list(night.first_tasks().values())

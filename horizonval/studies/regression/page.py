@@ -1,19 +1,62 @@
-"""The page of a night: one file that opens anywhere and asks for nothing."""
+"""What a night shows: one page that opens anywhere and asks for nothing, and JUnit XML for CI services.
+
+The page has one image of each scene and band, with tonight's outcomes and claims. A night stores what methods claim as
+roll and pitch, and no limb points. The limb of a claim is therefore drawn as the true horizon would lie at the claimed
+attitude.
+
+In JUnit XML every gate and published figure is a test case, and one more is for completeness. FAIL is a failure.
+INCONCLUSIVE is ``skipped`` with its reason: neither passed nor failed, and shown as neither.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
-from horizonval.report import page, plots
-from horizonval.studies.regression import trend_plots
-from horizonval.studies.regression.baseline import history
-from horizonval.studies.regression.formatting import figure, scenes
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.frame import FrameTruth
+from horizonval.geometry import frames
+from horizonval.geometry.horizon import horizon_cam
+from horizonval.report import page, plots, viewer
+from horizonval.report.load import CaseView
+from horizonval.report.plots import Draw
+from horizonval.report.words import VERDICTS, Record, opening, verdict_of
+from horizonval.scoring.expected import expected_outcome
+from horizonval.scoring.row import Row
+from horizonval.studies.regression import history
+from horizonval.studies.regression.baseline import Baseline, FrozenImage
+from horizonval.studies.regression.gates import figure, gate_sentence, scenes
+from horizonval.studies.regression.row import ReplicateRow
+from horizonval.studies.regression.statistics import Verdict
+from horizonval.studies.regression.units import arrays_of, frozen_image
 
 GLYPHS = {"PASS": "●", "FAIL": "✖", "IMPROVED": "▲", "INCONCLUSIVE": "○"}
 KINDS = {"PASS": "valid", "FAIL": "false", "IMPROVED": "valid", "INCONCLUSIVE": "missed"}
 MOST_LISTED = 40
+LOOKS = {
+    "PASS": ("#0072b2", "o", "full"),
+    "FAIL": ("#b34700", "X", "full"),
+    "IMPROVED": ("#009e73", "^", "full"),
+    "INCONCLUSIVE": ("#8a6100", "o", "none"),
+}
+"""Colour and mark of each verdict; the marks tell them apart without colour."""
+CLIP = 3.0
+MOST_LABELS = 12
+MOST_SHOWN, MOST_PX = 64, 2_000_000
+"""Images, and their pixels, that the page of a night holds."""
+_ARCSEC = math.radians(1 / 3600)
+_SAMPLES = 7200
+Key = tuple[str, str, int]
+"""Scene, band, replicate."""
 
 
 def write_page(
@@ -24,7 +67,7 @@ def write_page(
 ) -> None:
     """Write ``index.html``, whole or not at all.
 
-    ``shown``: sentences and images that it opens with (:mod:`horizonval.studies.regression.frames`).
+    ``shown``: sentences and images that it opens with (:func:`of_night`, :func:`of_baseline`).
     """
     shown = shown or {"sentences": (), "frames": (), "kept": 0, "estimators": ()}
     text = page.render(
@@ -52,7 +95,6 @@ def write_page(
 def headline(verdict: Mapping[str, Any]) -> str:
     """Return the night in one sentence: what failed, else what is open, else how many gates hold."""
     failed = [f"{g['name']} (against the {g['against']} baseline)" for g in verdict["gates"] if g["verdict"] == "FAIL"]
-    failed += [f"anchor {a['name']}" for a in verdict["anchors"] if a["verdict"] == "FAIL"]
     failed += [f"system {one['system']}, {one['name']}" for one in verdict["published"] if one["verdict"] == "FAIL"]
     if failed:
         return "Regression: " + ", ".join(failed) + "."
@@ -64,7 +106,7 @@ def headline(verdict: Mapping[str, Any]) -> str:
     better = [g["name"] for g in verdict["gates"] if g["verdict"] == "IMPROVED"]
     if better:
         return "Better than the baseline: " + ", ".join(better) + ". Accept a new one to hold what was won."
-    hold = f"All {len(verdict['gates'])} comparisons and {len(verdict['anchors'])} physics anchors hold"
+    hold = f"All {len(verdict['gates'])} comparisons hold"
     count = len(verdict["published"])
     return f"{hold}, and {count} figures of the published systems are as accepted." if count else f"{hold}."
 
@@ -82,7 +124,7 @@ def _groups(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
                 f"Changes over their margins, against the {about['name']} baseline",
                 "Estimate and 95 % bounds. The shaded strip passes; FAIL also needs certainty at 1 %, adjusted over "
                 "all gates (Holm); pp are percentage points.",
-                trend_plots.gates_in_margins(gates),
+                gates_in_margins(gates),
                 8.6,
                 1.5 + 0.34 * len(gates),
                 wide=True,
@@ -112,5 +154,271 @@ def _trends(nights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         last = f"{figure(one['values'][-1])} {unit}".rstrip()
         text = f"Last night {last}, n = {one['n'][-1]}. Lines: levels between steps. Marks: the night's verdict."
         title = f"{name} [{unit}]" if unit else name
-        found.append(plots.figure(title, text, trend_plots.trend(name, one, verdicts), 5.6, 3.2))
+        found.append(plots.figure(title, text, trend(name, one, verdicts), 5.6, 3.2))
     return found
+
+
+def gates_in_margins(gates: Sequence[Mapping[str, Any]]) -> Draw:
+    """Every gate's estimate with its 95 % bounds, in units of its margin: what lies right of 1 does not pass."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.axvspan(-1, 1, color="#0072b2", alpha=0.07, linewidth=0)
+        axes.axvline(0, color="#555b63", linewidth=0.8)
+        axes.axvline(1, color="#b34700", linewidth=1.0, linestyle="--")
+        if any(gate["two_sided"] for gate in gates):
+            axes.axvline(-1, color="#b34700", linewidth=0.8, linestyle=":")
+        seen = set()
+        for y, gate in enumerate(gates):
+            estimate, (colour, mark, fill) = gate["estimate"], LOOKS[gate["verdict"]]
+            if estimate is None:
+                axes.text(0.05, y, "too few scenes", va="center", color=colour)
+                continue
+            value, low, high = (
+                float(np.clip(estimate[key] / gate["margin"] if estimate[key] is not None else CLIP, -CLIP, CLIP))
+                for key in ("value", "lower95", "upper95")
+            )
+            label = gate["verdict"] if gate["verdict"] not in seen else None
+            seen.add(gate["verdict"])
+            axes.plot([low, high], [y, y], color=colour, linewidth=2)
+            axes.plot(value, y, mark, color=colour, fillstyle=fill, markersize=8, label=label, linestyle="none")
+        axes.set_yticks(range(len(gates)), [gate["name"] for gate in gates])
+        axes.set_ylim(len(gates) - 0.4, -0.6)
+        axes.set_xlim(-CLIP - 0.1, CLIP + 0.1)
+        axes.set_xlabel("change for the worse, over the margin (1 is the margin; beyond 3 drawn at 3)")
+        if seen:
+            figure.legend(loc="outside upper right", ncols=len(seen))
+
+    return draw
+
+
+def trend(name: str, one: Mapping[str, Any], verdicts: Mapping[str, str]) -> Draw:
+    """One figure over the nights, with its levels between steps and the verdict of each night as its mark."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        x = np.arange(len(one["values"]))
+        for verdict, (colour, mark, fill) in LOOKS.items():
+            own = [i for i, night in enumerate(one["nights"]) if verdicts.get(night) == verdict]
+            if own:
+                values = [one["values"][i] for i in own]
+                axes.plot(
+                    own, values, mark, color=colour, fillstyle=fill, linestyle="none", label=verdict, markersize=5
+                )
+        parts = history.pieces(one["values"])
+        for part in parts:
+            axes.plot([part.start - 0.4, part.stop - 0.6], [part.level] * 2, color="#1b1f24", linewidth=1.6)
+        for part in parts[1:]:
+            axes.axvline(part.start - 0.5, color="#1b1f24", linewidth=0.8, linestyle=":")
+            axes.annotate(
+                one["nights"][part.start],
+                (part.start - 0.5, 1.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(3, -9),
+                textcoords="offset points",
+                fontsize=8,
+            )
+        _label_nights(axes, one["nights"])
+        axes.set_xlim(-0.8, max(len(x), 8) - 0.2)
+        if len(set(one["values"])) == 1:
+            pad = max(abs(one["values"][0]) * 0.05, 0.5)
+            axes.set_ylim(one["values"][0] - pad, one["values"][0] + pad)
+        elif len(parts) > 1:
+            # The date of a step stands at the top, where the marks of the higher level would cross it.
+            low, high = axes.get_ylim()
+            axes.set_ylim(low, high + 0.12 * (high - low))
+        axes.set_ylabel("" if one["unit"] == "1" else one["unit"])
+        figure.legend(loc="outside upper right", ncols=4, fontsize=8)
+
+    return draw
+
+
+def _label_nights(axes: Axes, nights: Sequence[str]) -> None:
+    step = max(1, -(-len(nights) // MOST_LABELS))
+    places = list(range(0, len(nights), step))
+    axes.set_xticks(places, [nights[i] for i in places], rotation=35, ha="right", fontsize=8)
+
+
+def of_night(rows: Sequence[ReplicateRow], scenes: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
+    """Return :func:`shown_of` tonight's images; ``units``: by scene the file of its unit's arrays."""
+
+    def load(key: Key) -> FrozenImage:
+        scene, band, replicate = key
+        about = scenes[scene]["bands"][band]
+        dn = arrays_of(Path(units[scene]), scene)[f"dn.{band}.{replicate}"]
+        return FrozenImage(scene, band, replicate, about["full_scale"], dn, about["radiance_per_dn"][replicate])
+
+    return shown_of(rows, {scene: record["truth"] for scene, record in scenes.items()}, load)
+
+
+def of_baseline(accepted: Baseline, rows: Sequence[ReplicateRow]) -> dict[str, Any]:
+    """Return the same of rows on the frozen images of a baseline."""
+    images = {(image.scene, image.band, image.replicate): image for image in accepted.images.images}
+    return shown_of([row for row in rows if row.case not in accepted.together], accepted.images.truths, images.get)
+
+
+def shown_of(
+    rows: Sequence[ReplicateRow],
+    truths: Mapping[str, Mapping[str, Any]],
+    load: Callable[[Key], FrozenImage | None],
+) -> dict[str, Any]:
+    """Return what a page shows of some rows.
+
+    Parameters
+    ----------
+    rows : sequence of ReplicateRow
+    truths : mapping
+        By scene, plain.
+    load : callable
+        Returns an image of a scene, band and replicate; ``None`` where it is not there.
+
+    Returns
+    -------
+    dict
+        ``sentences``, one for each method or of many the best and the worst; ``frames``, as the viewer takes them;
+        ``kept``, of how many scenes and bands; ``estimators``.
+    """
+    estimators = tuple(dict.fromkeys(row.estimator for row in rows))
+    known = {scene: FrameTruth.from_dict(dict(truths[scene])) for scene in {row.case for row in rows} & set(truths)}
+    by_image: dict[Key, list[ReplicateRow]] = {}
+    for row in rows:
+        if row.case in known:
+            by_image.setdefault((row.case, row.band, row.replicate), []).append(row)
+    expected = {place: expected_outcome(known[place[0]], place[1]) for place in {key[:2] for key in by_image}}
+
+    def of_frame(row: ReplicateRow) -> ReplicateRow:
+        about, camera = expected[row.case, row.band], known[row.case].camera_spec.camera.name or ""
+        return replace(row, camera=camera, expected=str(about.outcome), borderline=about.borderline)
+
+    by_method: dict[Key, dict[str, Row]] = {
+        key: {row.estimator: of_frame(row) for row in own} for key, own in by_image.items()
+    }
+    rank = {key: min(VERDICTS.index(verdict_of(row)) for row in own.values()) for key, own in by_method.items()}
+    # Of the replicates of a scene the worst, and of those alike the first.
+    worst: dict[tuple[str, str], Key] = {}
+    for key in sorted(by_method, key=lambda key: (rank[key], key[2])):
+        worst.setdefault(key[:2], key)
+    chosen: dict[Key, FrozenImage] = {}
+    pixels = 0
+    for key in sorted(worst.values(), key=lambda key: rank[key])[:MOST_SHOWN]:
+        if (image := load(key)) is None:
+            continue
+        pixels += image.dn.size
+        if pixels > MOST_PX and chosen:
+            break
+        chosen[key] = image
+    images = []
+    for key in (key for key in worst_in_order(by_image, worst) if key in chosen):
+        truth = known[key[0]]
+        view = CaseView(key[0], key[1], by_method[key], {}, frozen_image(truth, chosen[key]), "", False, "")
+        found = viewer.one_frame(view, estimators, expected[key[:2]]) | {"name": f"{key[0]}, seed {key[2]}"}
+        horizon = horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, truth.apparent_ellipsoid, _SAMPLES)
+        found["layers"] = [_layer(truth, horizon, by_image[key], name) for name in estimators]
+        images.append(found)
+    return {
+        "sentences": opening([_record(name, rows) for name in estimators]),
+        "frames": images,
+        "kept": len(worst),
+        "estimators": estimators,
+    }
+
+
+def worst_in_order(images: Iterable[Key], worst: Mapping[tuple[str, str], Key]) -> list[Key]:
+    """Return the chosen replicates in the order in which their scenes and bands come first."""
+    return [worst[place] for place in dict.fromkeys(key[:2] for key in images)]
+
+
+def _layer(truth: FrameTruth, horizon: FloatArray, rows: Sequence[ReplicateRow], estimator: str) -> dict[str, str]:
+    """Return the limb of a claim as path data: the true horizon as it would lie at the claimed attitude."""
+    row = next((one for one in rows if one.estimator == estimator), None)
+    if row is None or row.roll_error_arcsec is None or row.pitch_error_arcsec is None:
+        return {"points": "", "limb": ""}
+    true = np.asarray(truth.nadir_geocentric_cam)
+    roll, pitch = frames.roll_pitch_of_nadir(frames.rotate(frames.inverse(truth.q_cam_from_body), true))
+    claimed = frames.rotate(
+        truth.q_cam_from_body,
+        frames.nadir_of_roll_pitch(roll + row.roll_error_arcsec * _ARCSEC, pitch + row.pitch_error_arcsec * _ARCSEC),
+    )
+    turned = frames.rotate(_shortest_turn(true, claimed), np.concatenate([horizon, horizon[:1]]))
+    return {"points": "", "limb": viewer.visible_path(truth.camera_model, turned)}
+
+
+def _shortest_turn(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the quaternion, scalar last, that turns one unit vector into another not opposite to it."""
+    q = np.append(np.cross(a, b), 1.0 + np.dot(a, b))
+    turn: FloatArray = q / np.linalg.norm(q)
+    return turn
+
+
+def _record(name: str, rows: Sequence[ReplicateRow]) -> Record:
+    own = [row for row in rows if row.estimator == name]
+    due = [row for row in own if row.is_due]
+    return Record(
+        name=name,
+        due=len(due),
+        right=sum(row.is_claim and not row.false_valid for row in due),
+        errors=tuple(row.nadir_error_arcsec for row in own if row.is_claim and row.nadir_error_arcsec is not None),
+        false=_places(row for row in own if row.false_valid or row.status == Outcome.CRASHED),
+        silent=_places(row for row in due if not row.is_claim and row.status != Outcome.CRASHED),
+    )
+
+
+def _places(rows: Iterable[ReplicateRow]) -> tuple[tuple[str, int], ...]:
+    """Return in which tables of the suite some rows are, and how many; the most first."""
+    found: dict[str, int] = {}
+    for row in rows:
+        place = f'in "{row.table or row.case}"'
+        found[place] = found.get(place, 0) + 1
+    return tuple(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+
+
+def published_sentence(one: Mapping[str, Any]) -> str:
+    """Return a key figure of a published system, tonight and accepted."""
+    if one["accepted"] is None:
+        return f"{figure(one['measured'], 6)} {one['unit']}; its page has no such figure"
+    return f"{figure(one['measured'], 6)} {one['unit']}, accepted {figure(one['accepted'], 6)}"
+
+
+def write_junit(path: Path, verdict: Mapping[str, Any]) -> None:
+    """Write ``junit.xml``."""
+    suites = ElementTree.Element("testsuites")
+    name = f"horizonval.regress.{verdict['suite']}"
+    suite = ElementTree.SubElement(suites, "testsuite", name=name)
+    properties = ElementTree.SubElement(suite, "properties")
+    for key, value in (
+        ("night", verdict["night"]),
+        ("verdict", verdict["verdict"]),
+        ("version", verdict["environment"]["version"]),
+        ("commit", verdict["environment"]["commit"] or ""),
+    ):
+        ElementTree.SubElement(properties, "property", name=key, value=str(value))
+    for gate in verdict["gates"]:
+        _case(suite, f"{name}.{gate['against']}", gate["name"], gate["verdict"], gate_sentence(gate))
+    for one in verdict["published"]:
+        title = f"{one['system']}: {one['name']}"
+        _case(suite, f"{name}.published", title, one["verdict"], published_sentence(one))
+    case = ElementTree.SubElement(suite, "testcase", classname=name, name="complete")
+    if verdict["problems"]:
+        text = "; ".join(verdict["problems"])
+        ElementTree.SubElement(case, "error", message=_clean(text[:500]), type="incomplete").text = _clean(text)
+    cases = suite.findall("testcase")
+    for key, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+        suite.set(key, str(sum(one.find(tag) is not None for one in cases)))
+    suite.set("tests", str(len(cases)))
+    ElementTree.indent(suites)
+    ElementTree.ElementTree(suites).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _case(suite: ElementTree.Element, group: str, name: str, verdict: str, text: str) -> None:
+    case = ElementTree.SubElement(suite, "testcase", classname=group, name=name)
+    text = _clean(text)
+    if verdict == Verdict.FAIL:
+        ElementTree.SubElement(case, "failure", message=text, type=verdict).text = text
+    elif verdict == Verdict.INCONCLUSIVE:
+        ElementTree.SubElement(case, "skipped", message=f"INCONCLUSIVE: {text}")
+    ElementTree.SubElement(case, "system-out").text = f"{verdict}: {text}"
+
+
+def _clean(text: str) -> str:
+    """Return text without what XML cannot hold."""
+    return "".join(c for c in text if c in "\t\n\r" or 0x20 <= ord(c) < 0xFFFE)

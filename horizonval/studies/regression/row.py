@@ -1,98 +1,107 @@
-"""A row of a night: what one estimator made of one replicate of an image, with what gates group by."""
+"""A row of a night: the row of a suite for one draw of the noise, and the columns of it that are stored."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 from horizonval.core.outcome import Outcome
-from horizonval.scoring.row import Score
+from horizonval.scoring.row import Row
 
 DIGITS = 4
-"""Of arc seconds that are kept: 1e-4 arcsec, 3e-8 deg."""
+"""Decimals of stored errors: 1e-4 arcsec, 3e-8 deg."""
 ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec")
+COLUMNS = (
+    "scene", "band", "replicate", "estimator", "image", "status", "reason", "false_valid", *ERRORS,
+    "table", "due", "bound_arcsec",
+)  # fmt: skip
+"""What is stored of a row. ``scene`` is the case, ``image`` the image's address, ``due`` whether the image clearly
+should give an attitude."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplicateRow:
-    """One estimator on one image of a night; the fields are the columns of a baseline, in its order.
+class ReplicateRow(Row):
+    """What one estimator reported of one replicate of an image: a :class:`horizonval.scoring.row.Row`.
+
+    ``image_address`` is the digest of the image's digital numbers. A row holds the stored columns only, so that one of
+    tonight and one of a baseline can be compared; of ``expected`` it says no more than whether an answer is due.
 
     Attributes
     ----------
-    scene, band : str
     replicate : int
-        Which draw of the noise.
-    estimator : str
-    image : str
-        Digest of the image's digital numbers.
-    status, reason, false_valid, nadir_error_arcsec, roll_error_arcsec, pitch_error_arcsec
-        As in :class:`horizonval.scoring.row.Score`; the errors to :data:`DIGITS`.
+        Seed of the noise.
     table : str
         The suite's table that the scene comes from: its stratum.
-    due : bool
-        Whether the image should give an attitude, and clearly so.
-    bound_arcsec : float or None
-        What the limb in the frame allows any method (:mod:`horizonval.scoring.bound`); None where it says nothing.
     """
 
-    scene: str
-    band: str
-    replicate: int
-    estimator: str
-    image: str
-    status: str
-    reason: str | None
-    false_valid: bool
-    nadir_error_arcsec: float | None
-    roll_error_arcsec: float | None
-    pitch_error_arcsec: float | None
+    replicate: int = 0
     table: str = ""
-    due: bool = False
-    bound_arcsec: float | None = None
 
     @classmethod
-    def of(cls, score: Score, **about: Any) -> ReplicateRow:
-        """Return the row of a score; ``about`` are the fields that a score has not."""
-        return cls(
-            status=score.status,
-            reason=score.reason,
-            false_valid=score.false_valid,
-            nadir_error_arcsec=_rounded(score.nadir_error_arcsec),
-            roll_error_arcsec=_rounded(score.roll_error_arcsec),
-            pitch_error_arcsec=_rounded(score.pitch_error_arcsec),
-            **about,
-        )
+    def of(cls, row: Row, *, replicate: int, table: str, image: str) -> Self:
+        """Return the row of a suite's row, its errors rounded to :data:`DIGITS`."""
+        errors = {name: getattr(row, name) for name in ERRORS}
+        rounded = {name: None if value is None else round(float(value), DIGITS) for name, value in errors.items()}
+        about = {"scene": row.case, "band": row.band, "replicate": replicate, "estimator": row.estimator}
+        found = {"status": row.status, "reason": row.reason, "false_valid": row.false_valid}
+        where = {"image": image, "table": table, "due": row.is_due, "bound_arcsec": row.bound_arcsec}
+        return cls.from_dict({**about, **found, **rounded, **where})
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> ReplicateRow:
-        """Rebuild from :meth:`to_dict`; raises ``TypeError`` for a missing or foreign key."""
-        return cls(**data)
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Rebuild from :meth:`to_dict`.
+
+        Raises
+        ------
+        KeyError, TypeError
+            A column is missing, or there is one that a row does not have.
+        """
+        rest = dict(data)
+        case, image, due = (rest.pop(name) for name in ("scene", "image", "due"))
+        made = cls(case=case, camera="", image_address=image, expected=str(Outcome.VALID), borderline=not due, **rest)
+        return made.against(made.bound_arcsec)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return asdict(self)
+        """Return the stored columns as plain data."""
+        own = {"scene": self.case, "image": self.image_address, "due": self.is_due}
+        return {name: own[name] if name in own else getattr(self, name) for name in COLUMNS}
+
+    def against(self, bound_arcsec: float | None, **about: Any) -> Self:
+        """Return the row with another bound of its image; ``about``: other columns that change with it."""
+        error = self.nadir_error_arcsec
+        ratio = None if error is None or not bound_arcsec else error / bound_arcsec
+        return replace(self, bound_arcsec=bound_arcsec, error_over_bound=ratio, **about)
 
     @property
     def key(self) -> tuple[str, str, int, str]:
         """What a row of one night has in common with its partner of another."""
-        return self.scene, self.band, self.replicate, self.estimator
-
-    @property
-    def error_over_bound(self) -> float | None:
-        """Nadir error of a claim over what the limb allows."""
-        if self.nadir_error_arcsec is None or not self.bound_arcsec:
-            return None
-        return self.nadir_error_arcsec / self.bound_arcsec
-
-    @property
-    def is_claim(self) -> bool:
-        """Whether an attitude was claimed."""
-        return self.status == Outcome.VALID
+        return self.case, self.band, self.replicate, self.estimator
 
 
-COLUMNS = tuple(field.name for field in fields(ReplicateRow))
+def to_columns(rows: Iterable[ReplicateRow]) -> dict[str, list[Any]]:
+    """Return rows as columns; texts that repeat are numbered: a tenth of the size."""
+    listed = [row.to_dict() for row in rows]
+    found: dict[str, Any] = {}
+    for name in COLUMNS:
+        values = [row[name] for row in listed]
+        words = sorted({value for value in values if isinstance(value, str)})
+        if words and len(words) * 2 < len(values):
+            number = {word: i for i, word in enumerate(words)}
+            found[name] = {"words": words, "at": [None if v is None else number[v] for v in values]}
+        else:
+            found[name] = values
+    return found
 
 
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(float(value), DIGITS)
+def from_columns(columns: Mapping[str, Any]) -> list[ReplicateRow]:
+    """Return the rows of :func:`to_columns`."""
+    plain: dict[str, Sequence[Any]] = {}
+    for name in COLUMNS:
+        column = columns[name]
+        if isinstance(column, dict):
+            column = [None if i is None else column["words"][i] for i in column["at"]]
+        plain[name] = column
+    return [
+        ReplicateRow.from_dict(dict(zip(COLUMNS, values, strict=True))) for values in zip(*plain.values(), strict=True)
+    ]

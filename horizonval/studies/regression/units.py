@@ -1,195 +1,221 @@
-"""The work of a night in units that run anywhere: render a scene again, estimate on images, one fresh scene.
+"""The units of a night: a scene rendered and observed with every noise seed, or the frozen images of one replayed.
 
-Each is a function of plain data and files; it returns plain data, and leaves arrays in a file of its own.
+Images become rows as in any suite (:mod:`horizonval.suites.units.scored`), one row for every replicate. The heads of a
+scene are rendered, observed and frozen each like a scene of its own: the noise of a head comes from its own identity.
+The images of one replicate are then put together again, in the order of the camera file, for the methods that see all
+heads.
+
+The result of a unit lies under the digest of what it depends on (its content and the code), so that the same command
+again makes what is missing, and a change of anything makes it anew.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.observation import Fit, Observation
+from horizonval.core.cache import is_intact, read_arrays, write_arrays
+from horizonval.core.code import code_digest
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
-from horizonval.plugins.supervisor import supervisor_of
+from horizonval.jobs.engine import Record, Recorded
+from horizonval.jobs.progress import Stopwatch
 from horizonval.scoring.bound import bound_of
-from horizonval.scoring.errors import score
-from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.information import LimbInformation, information_of
+from horizonval.scoring.information import KEY, information_of
 from horizonval.scoring.row import rounded
 from horizonval.sensor.expected_image import radiance_per_dn
-from horizonval.sensor.observe import observe as observe_frame
+from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case
-from horizonval.studies.regression.baseline.pack import FrozenImage, Pack, digest, read_pack
-from horizonval.studies.regression.regions import noise_in_space, regions_of
+from horizonval.spec.scene import SceneSpec
+from horizonval.studies.regression.baseline import FrozenImage, Pack, digest, read_pack
+from horizonval.studies.regression.images import noise_in_space, regions_of
 from horizonval.studies.regression.row import ReplicateRow
-from horizonval.suites.observation import method_radius_m, observation_of
-from horizonval.suites.plan import CasePlan
+from horizonval.suites.identity import code_of, unit_identity
+from horizonval.suites.plan import CasePlan, Unit
 from horizonval.suites.record import camera_name
+from horizonval.suites.units.scored import Observed, score_alone, score_together
 
-Record = dict[str, Any]
-Run = Callable[[str, Observation], Fit | Refusal]
-Render = Callable[[Any, CameraSpec], RadianceFrame]
-Observe = Callable[..., DetectorImage]
-Seen = tuple[str, float | str | None]
-"""What an estimator is shown of an image: its digest, and the band radiance of a digital number, None if not known; of
-the images of all heads at once, those of each as a text."""
-
-
-@dataclass(frozen=True)
-class Made:
-    """A scene rendered and observed: what the night keeps of it, and what methods that see all heads need beside.
-
-    ``images`` are by band, one for every replicate; ``information`` is that of the limb, by band.
-    """
-
-    record: Record
-    arrays: dict[str, np.ndarray]
-    frame: RadianceFrame
-    images: dict[str, list[DetectorImage]]
-    information: dict[str, LimbInformation | None]
+Shown = tuple[tuple[str, float | None], ...]
+"""What an estimator is shown: of every head's image the digest, and the band radiance of a digital number, None if that
+is not known."""
+Heads = Mapping[str, Observed]
+"""One image of every head of a scene, by the heads' names in the order of the camera file."""
 
 
-def render_scene(
-    case: Case,
-    plan: CasePlan,
-    replicates: int,
-    known: Iterable[Seen] = (),
-    *,
-    estimate: bool = True,
-    render: Render | None = None,
-    observe: Observe = observe_frame,
-    run: Run | None = None,
+def render_unit(
+    unit: Unit, plan: CasePlan, replicates: int, known: frozenset[Shown] = frozenset()
 ) -> tuple[Record, dict[str, np.ndarray]]:
-    """Return the record of a scene rendered, observed with every noise seed, and estimated; and its arrays.
+    """Return the record and the arrays of a unit: rendered, observed with every noise seed, and estimated.
 
     Parameters
     ----------
-    case : Case
-        The suite's table that it comes from is its stratum.
+    unit : Unit
     plan : CasePlan
-        Estimators and what they may use; those that see all heads are left out here.
+        Its estimators run.
     replicates : int
-    known : iterable of (str, float or None)
-        Images, each with its calibration, on which the estimators are run anyway; they are left out here.
-    estimate : bool
-    render, observe, run : callable, optional
-        In place of the package's own, for experiments with faults.
+    known : frozenset of Shown
+        What the estimators have answered already: they are not run on it again.
 
     Returns
     -------
     record : dict
-        ``scene``, ``table``, ``camera``, ``truth`` (plain), ``bands``: by name ``{radiance_sha256, expected,
-        borderline, bound_arcsec, full_scale, images, radiance_per_dn, noise_dn}``, and ``rows``
-        (:class:`ReplicateRow`, plain).
+        ``scenes``: by case ``{table, camera, truth, bands}``, with ``{radiance_sha256, expected, borderline,
+        bound_arcsec, full_scale, images, radiance_per_dn, noise_dn}`` by band. ``together``: the same of methods that
+        see all heads, ``{table, heads, bands}`` by scene, where ``heads`` are the names and cases of the heads and a
+        band has ``{expected, borderline, bound_arcsec, images}``. ``rows``: :class:`ReplicateRow`, plain.
     arrays : dict of ndarray
-        ``radiance.<band>`` (float32), ``regions``, ``dn.<band>.<seed>``.
+        ``<case>:radiance.<band>`` (float32), ``<case>:regions``, ``<case>:dn.<band>.<seed>``.
     """
-    made = make_scene(
-        case, plan, replicates, frozenset(known), estimate=estimate, render=render, observe=observe, run=run
-    )
-    return made.record, made.arrays
+    scenes: dict[str, Any] = {}
+    together: dict[str, Any] = {}
+    arrays: dict[str, np.ndarray] = {}
+    rows: list[ReplicateRow] = []
+    observed: dict[str, dict[str, list[Observed]]] = {}
+    table = unit.cases[0].table or ""
+    for case in unit.cases:
+        frame = _render(case.scene, case.camera)
+        bands, images, made = _observe_case(case, frame, replicates)
+        observed[str(case.head)] = images
+        truth = replace(frame.truth, infrared_horizon={}).to_dict()
+        scenes[case.name] = {"table": table, "camera": camera_name(case), "truth": truth, "bands": bands}
+        arrays |= {f"{case.name}:{name}": values for name, values in made.items()}
+        for replicate, one in ((k, one) for of_band in images.values() for k, one in enumerate(of_band)):
+            if shown([one]) not in known:
+                rows += _alone(one, case.name, replicate, table, plan)
+    if unit.heads:
+        bands = {}
+        for band in next(iter(observed.values())):
+            if any(band not in images for images in observed.values()):
+                continue
+            digests: list[str] = []
+            for replicate in range(replicates):
+                heads = {head: images[band][replicate] for head, images in observed.items()}
+                wanted = plan if shown(heads.values()) not in known else replace(plan, estimators=())
+                scene, found = _together(heads, unit.name, replicate, table, wanted)
+                rows += found
+                digests.append(digest_of_heads(heads))
+            bands[band] = {**_about(scene, band, "heads"), "images": digests}
+        names = [[str(case.head), case.name] for case in unit.cases]
+        together[unit.name] = {"table": table, "heads": names, "bands": bands}
+    return {"scenes": scenes, "together": together, "rows": [row.to_dict() for row in rows]}, arrays
 
 
-def make_scene(
-    case: Case,
-    plan: CasePlan,
-    replicates: int,
-    known: frozenset[Seen],
-    *,
-    estimate: bool,
-    render: Render | None,
-    observe: Observe,
-    run: Run | None,
-) -> Made:
-    """Render and observe a scene, and estimate on it: see :func:`render_scene`."""
-    frame = (render or _renderer())(case.scene, case.camera)
+def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
+    from horizonval.renderer.frame import render_in_turn
+
+    return render_in_turn(scene, camera)
+
+
+def _observe_case(
+    case: Case, frame: RadianceFrame, replicates: int
+) -> tuple[dict[str, Any], dict[str, list[Observed]], dict[str, np.ndarray]]:
+    """Return of a frame what the record says of its bands, every band's images, and the arrays."""
     regions = regions_of(frame.maps["hit"], frame.maps["tangent_height"])
     arrays: dict[str, np.ndarray] = {"regions": regions}
     bands: dict[str, Any] = {}
-    rows: list[ReplicateRow] = []
-    observed: dict[str, list[DetectorImage]] = {}
-    information: dict[str, LimbInformation | None] = {}
+    observed: dict[str, list[Observed]] = {}
     for band in (one.name for one in case.camera.band):
-        expected = expected_outcome(frame.truth, band)
-        due = expected.outcome == Outcome.VALID and not expected.borderline
-        information[band] = information_of(frame, case.camera, band)
-        bound = bound_of(information[band], frame.truth, band).known_arcsec
-        about: dict[str, Any] = {"table": case.table or "", "due": due}
-        about["bound_arcsec"] = None if bound is None else rounded("bound_arcsec", bound)
         clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
-        arrays[f"radiance.{band}"] = frame.radiance[band]
-        images, calibrations, noise, full_scale = [], [], [], 0
-        observed[band] = []
-        for seed in range(replicates):
-            image = observe(frame, case.camera, band=band, seed=seed)
-            observed[band].append(image)
-            sha, full_scale = digest(image.dn), image.full_scale
-            calibration = radiance_per_dn(image)
-            images.append(sha)
-            calibrations.append(calibration)
-            arrays[f"dn.{band}.{seed}"] = image.dn
-            noise.append(noise_in_space(image.dn, clean, regions))
-            if estimate and (sha, calibration) not in known:
-                found = estimate_image(case.name, seed, image, plan, run)
-                rows += [replace(row, **about) for row in found]
+        images = [observe(frame, case.camera, band=band, seed=seed) for seed in range(replicates)]
+        # The information is the frame's, the same under every draw of the noise.
+        information = information_of(frame, case.camera, band)
+        carried = {KEY: None if information is None else information.to_dict()}
+        images = [replace(image, observation={**image.observation, **carried}) for image in images]
+        observed[band] = _of_one_frame(images)
+        observed[band][0].bounds[band] = bound_of(information, frame.truth, band)
+        noise = [noise_in_space(image.dn, clean, regions) for image in images]
         known_noise = [value for value in noise if value is not None]
+        arrays[f"radiance.{band}"] = frame.radiance[band]
+        arrays |= {f"dn.{band}.{seed}": image.dn for seed, image in enumerate(images)}
         bands[band] = {
             "radiance_sha256": digest(frame.radiance[band]),
-            "expected": str(expected.outcome),
-            "borderline": expected.borderline,
-            "bound_arcsec": about["bound_arcsec"],
-            "full_scale": full_scale,
-            "images": images,
-            "radiance_per_dn": calibrations,
+            **_about(observed[band][0], band, "image"),
+            "full_scale": images[0].full_scale,
+            "images": [digest(image.dn) for image in images],
+            "radiance_per_dn": [radiance_per_dn(image) for image in images],
             "noise_dn": math.sqrt(float(np.mean(np.square(known_noise)))) if known_noise else None,
         }
-    record = {
-        "scene": case.name,
-        "table": case.table or "",
-        "camera": camera_name(case),
-        "truth": plain_truth(frame.truth),
-        "bands": bands,
-        "rows": [row.to_dict() for row in rows],
+    return bands, observed, arrays
+
+
+def _of_one_frame(images: Iterable[DetectorImage]) -> list[Observed]:
+    """Return images of one frame that differ in their noise: what follows from the truth is worked out once for all."""
+    first = Observed({})
+    return [Observed({image.band: image}, expected=first.expected, bounds=first.bounds) for image in images]
+
+
+def _about(observed: Observed, band: str, needs: Any) -> dict[str, Any]:
+    """Return what methods should report of a band, and what its limb allows them."""
+    expected, bound = observed.expected_of(band, needs), observed.bound(band).known_arcsec
+    return {
+        "expected": str(expected.outcome),
+        "borderline": expected.borderline,
+        "bound_arcsec": rounded("bound_arcsec", bound),
     }
-    return Made(record, arrays, frame, observed, information)
 
 
-def _renderer() -> Render:
-    from horizonval.renderer.scene.frame import render_frame
-
-    return render_frame
-
-
-def plain_truth(truth: FrameTruth) -> dict[str, Any]:
-    """Return a truth as plain data without the infrared horizon: scoring again does not need it."""
-    return replace(truth, infrared_horizon={}).to_dict()
+def _alone(observed: Observed, scene: str, replicate: int, table: str, plan: CasePlan) -> list[ReplicateRow]:
+    """Return a row for each estimator that sees one image."""
+    names = [name for name in plan.estimators if plan.estimator(name).needs != "heads"]
+    rows = replace(observed, rows=[], details={})
+    score_alone(rows, scene, names, plan, Stopwatch())
+    (image,) = observed.images.values()
+    return [ReplicateRow.of(row, replicate=replicate, table=table, image=digest(image.dn)) for row in rows.rows]
 
 
-def replay_scene(pack: Path, scene: str, plan: CasePlan) -> list[Record]:
-    """Return the rows of all frozen images of a scene, as plain data and without its stratum."""
-    return [row.to_dict() for row in rows_of_scene(read_pack(pack), scene, plan)]
+def _together(
+    heads: Heads, scene: str, replicate: int, table: str, plan: CasePlan
+) -> tuple[Observed, list[ReplicateRow]]:
+    """Return what a scene's heads are together, and a row for each estimator that sees all of them."""
+    names = [name for name in plan.estimators if plan.estimator(name).needs == "heads"]
+    found = score_together(heads, scene, names, plan, Stopwatch())
+    image = digest_of_heads(heads)
+    return found, [ReplicateRow.of(row, replicate=replicate, table=table, image=image) for row in found.rows]
 
 
-def rows_of_scene(pack: Pack, scene: str, plan: CasePlan) -> list[ReplicateRow]:
-    """Return the rows of all frozen images of a scene, without its stratum."""
-    truth = FrameTruth.from_dict(dict(pack.truths[scene]))
-    return estimate_frozen(truth, scene, (image for image in pack.images if image.scene == scene), plan)
+def shown(observed: Iterable[Observed | FrozenImage]) -> Shown:
+    """Return what a method is shown of the images of all heads that it sees."""
+    seen = [one if isinstance(one, FrozenImage) else next(iter(one.images.values())) for one in observed]
+    return tuple(
+        (digest(image.dn), image.radiance_per_dn if isinstance(image, FrozenImage) else radiance_per_dn(image))
+        for image in seen
+    )
 
 
-def estimate_frozen(
-    truth: FrameTruth, scene: str, images: Iterable[FrozenImage], plan: CasePlan, *, run: Run | None = None
-) -> list[ReplicateRow]:
-    """Return the rows of some frozen images; ``run`` in place of the estimators, for experiments with faults."""
+def digest_of_heads(heads: Heads) -> str:
+    """Return the digest of the images of all heads, in their order, from the digest of each."""
+    digests = [digest(image.dn) for one in heads.values() for image in one.images.values()]
+    return hashlib.sha256("\0".join(digests).encode()).hexdigest()
+
+
+def replay_scene(pack: Pack, scene: str, heads: Mapping[str, str], plan: CasePlan) -> list[ReplicateRow]:
+    """Return the rows of all frozen images of a scene, or of its heads, without stratum and bound.
+
+    Parameters
+    ----------
+    pack : Pack
+    scene : str
+        Under whose name the rows of methods go that see all heads.
+    heads : mapping of str
+        The heads' scenes in the pack by the heads' names, in the order of the camera file; empty for a camera without.
+    plan : CasePlan
+    """
     rows: list[ReplicateRow] = []
-    for frozen in images:
-        rows += estimate_image(scene, frozen.replicate, frozen_image(truth, frozen), plan, run)
+    for replicate, images in frozen_together(pack, heads):
+        rows += _together(images, scene, replicate, "", plan)[1]
+    for case in heads.values() or (scene,):
+        frozen = [image for image in pack.images if image.scene == case]
+        truth = FrameTruth.from_dict(dict(pack.truths[case]))
+        images_of_case = _of_one_frame(frozen_image(truth, image) for image in frozen)
+        for image, one in zip(frozen, images_of_case, strict=True):
+            rows += _alone(one, case, image.replicate, "", plan)
     return rows
 
 
@@ -199,24 +225,112 @@ def frozen_image(truth: FrameTruth, frozen: FrozenImage) -> DetectorImage:
     return DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale, known)
 
 
-def estimate_image(
-    scene: str, replicate: int, image: DetectorImage, plan: CasePlan, run: Run | None = None
-) -> list[ReplicateRow]:
-    """Return one row for each estimator that sees one image, without the stratum of its scene."""
-    ask = supervisor_of(plan.limits).run if run is None else run
-    sha = digest(image.dn)
-    rows = []
-    for name in plan.estimators:
-        estimator = plan.estimator(name)
-        if estimator.needs == "heads":
-            continue
-        result = ask(name, observation_of(image, estimator))
-        scored = score(image.truth, estimator, result, earth_radius_m=method_radius_m(image.truth))
-        about = {"scene": scene, "band": image.band, "replicate": replicate, "estimator": name, "image": sha}
-        rows.append(ReplicateRow.of(scored, **about))
-    return rows
+def frozen_heads(pack: Pack, heads: Mapping[str, str]) -> Iterator[dict[str, FrozenImage]]:
+    """Yield the frozen images of all heads, of every band and replicate that all of them have."""
+    known = {(image.scene, image.band, image.replicate): image for image in pack.images}
+    for scene, band, replicate in known if heads else ():
+        keys = {head: (case, band, replicate) for head, case in heads.items()}
+        if scene == next(iter(heads.values())) and all(key in known for key in keys.values()):
+            yield {head: known[key] for head, key in keys.items()}
 
 
-def is_due(expected: Mapping[str, Any]) -> bool:
-    """Whether a frame clearly should give an attitude."""
-    return expected["expected"] == Outcome.VALID and not expected["borderline"]
+def frozen_together(pack: Pack, heads: Mapping[str, str]) -> Iterator[tuple[int, dict[str, Observed]]]:
+    """Yield the number of the replicate and the images of all heads, as :func:`frozen_heads`."""
+    truths = {head: FrameTruth.from_dict(dict(pack.truths[case])) for head, case in heads.items()}
+    for frozen in frozen_heads(pack, heads):
+        images = {head: frozen_image(truths[head], one) for head, one in frozen.items()}
+        replicate = next(iter(frozen.values())).replicate
+        yield replicate, {head: Observed({image.band: image}) for head, image in images.items()}
+
+
+@dataclass(frozen=True)
+class Task:
+    """One unit: a scene of the suite to render, or one of a baseline whose frozen images are replayed.
+
+    Attributes
+    ----------
+    name : str
+    scene : str
+    estimators : tuple of str
+    unit : Unit or None
+        To render; ``None`` for a replay.
+    batch : int or None
+        Number of the batch of fresh scenes that the unit belongs to, ``None`` for one of the suite's own.
+    replicates : int
+    known : frozenset of Shown
+        See :func:`render_unit`.
+    pack : Path or None
+        File of the frozen images to replay.
+    pack_sha256 : str
+    heads : tuple of (str, str)
+        See :func:`replay_scene`.
+    """
+
+    name: str
+    scene: str
+    estimators: tuple[str, ...]
+    unit: Unit | None = None
+    batch: int | None = None
+    replicates: int = 1
+    known: frozenset[Shown] = frozenset()
+    pack: Path | None = None
+    pack_sha256: str = ""
+    heads: tuple[tuple[str, str], ...] = ()
+
+
+class NightWork(Recorded[Task]):
+    """Units of a night: a record each, and a file of arrays beside that of a rendered scene."""
+
+    def __init__(self, plan: CasePlan, folder: Path) -> None:
+        self.plan = plan
+        self.folder: Path | None = folder
+        self._place = folder
+
+    def name(self, item: Task) -> str:
+        """Return the unit's name."""
+        return item.name
+
+    def path(self, item: Task) -> Path:
+        """Return the file of the record."""
+        return self._place / f"{self.identity(item)}.json"
+
+    def arrays(self, item: Task) -> Path:
+        """Return the file of the arrays."""
+        return self.path(item).with_suffix(".npz")
+
+    def identity(self, item: Task) -> str:
+        """Return the digest of what a unit's result depends on: the name of its files."""
+        content: list[Any] = [item.scene, item.heads, item.pack_sha256, item.replicates, sorted(item.known, key=str)]
+        if item.unit is not None:
+            content += [unit_identity(item.unit, self.plan), item.unit.cases[0].table]
+        content += [self.plan.content(item.estimators), code_digest(__name__, *code_of(item.estimators))]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def finished(self, item: Task) -> Record | None:
+        """Return the record of a unit whose arrays are there and undamaged, too."""
+        return super().finished(item) if item.unit is None or is_intact(self.arrays(item)) else None
+
+    def record(self, item: Task, watch: Stopwatch) -> Record:
+        """Do a unit and write its arrays."""
+        plan = replace(self.plan, estimators=item.estimators)
+        if item.unit is None:
+            assert item.pack is not None
+            rows = replay_scene(read_pack(item.pack), item.scene, dict(item.heads), plan)
+            return {"rows": [row.to_dict() for row in rows]}
+        record, arrays = render_unit(item.unit, plan, item.replicates, item.known)
+        write_arrays(self.arrays(item), arrays)
+        return record
+
+
+def arrays_of(path: Path, scene: str) -> dict[str, np.ndarray]:
+    """Return the arrays of a scene from the file of its unit, which may hold those of several heads."""
+    start = f"{scene}:"
+    return {name.removeprefix(start): values for name, values in read_arrays(path).items() if name.startswith(start)}
+
+
+def sweep(folder: Path, used: Iterable[str]) -> None:
+    """Delete the files of units whose identities are not ``used``: those of earlier nights and older code."""
+    names = frozenset(used)
+    for path in folder.iterdir():
+        if path.suffix in (".json", ".npz") and path.stem not in names:
+            path.unlink(missing_ok=True)

@@ -12,7 +12,7 @@ import horizonval
 from horizonval.core import atomic
 
 PACKAGE = Path(horizonval.__file__).parent
-ALONE = ("atomic.py", "external.py")
+ALONE = ("atomic.py", "program.py")
 """The writer itself, and a program's input in a folder that is thrown away."""
 
 
@@ -52,10 +52,10 @@ def test_the_content_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monke
 def test_what_a_killed_writer_left_is_known(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
     (tmp_path / ".a.json.12.tmp").touch()
-    (tmp_path / "below" / ".b.part").touch()
+    (tmp_path / "below" / ".b.tmp").touch()
     for name in ("c.tmp", ".hidden", "d"):
         (tmp_path / name).touch()
-    assert [path.name for path in atomic.leftovers(tmp_path)] == [".a.json.12.tmp", ".b.part"]
+    assert [path.name for path in atomic.leftovers(tmp_path)] == [".a.json.12.tmp", ".b.tmp"]
     assert [path.name for path in atomic.leftovers(tmp_path, below=False)] == [".a.json.12.tmp"]
 
 

@@ -136,12 +136,10 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
         "store/exr.py": "the null device",
         "store/picture.py": "the null device, and what read_picture has checked",
         "formats/rays.py": "the temporary file that is being written",
-        "scoring/table.py": "the temporary file that is being written",
+        "scoring/row.py": "the temporary file that is being written",
         "tables/modes.py": "bytes that were read",
-        "studies/regression/anchors.py": "data of the package",
-        "studies/regression/environment.py": "what the system says of its processor",
-        "studies/regression/baseline/pack.py": "an open file",
-        "studies/regression/frames.py": "an open file",
+        "studies/regression/night.py": "what the system says of its processor",
+        "studies/regression/baseline.py": "an open file",
     }
     package = Path(files.__file__).parents[1]
     rooms = (

@@ -163,17 +163,17 @@ def test_a_header_is_shown_as_it_was_written(tmp_path, make_frame) -> None:
 
 
 def test_masks_follow_the_maps(truth: FrameTruth) -> None:
-    """A ray through air 30 km up sees the Sun until 5.6 deg below the horizon: acos(R / (R + h))."""
+    """A ray through air 30 km up sees the Sun until 5.6 deg below the horizon: acos(R / (R + h)), the sky never."""
     radius = (2 * truth.ellipsoid_a_m + truth.ellipsoid_b_m) / 3
     dip = math.degrees(math.acos(radius / (radius + 30e3)))
-    kinds = [Hit.SURFACE, Hit.CLOUD, Hit.ATMOSPHERE, Hit.ATMOSPHERE, Hit.SURFACE, Hit.SPACE]
+    kinds = [Hit.SURFACE, Hit.CLOUD, Hit.ATMOSPHERE, Hit.ATMOSPHERE, Hit.SURFACE, Hit.SPACE, Hit.SUN, Hit.MOON]
     maps = {
         "hit": np.array([kinds], dtype=np.float32),
-        "tangent_height": np.array([[-5e4, -1e4, 30e3, 30e3, 30e3, 30e3]]),
-        "solar_zenith": np.array([[89.0, 91.0, 90.0 + dip - 0.1, 90.0 + dip + 0.1, 91.0, 10.0]]),
+        "tangent_height": np.array([[-5e4, -1e4, 30e3, 30e3, 30e3, np.inf, 2e5, 3e5]]),
+        "solar_zenith": np.array([[89.0, 91.0, 90.0 + dip - 0.1, 90.0 + dip + 0.1, 91.0, 10.0, 10.0, 10.0]]),
     }
-    assert attributes.earth_mask(maps).tolist() == [[1, 1, 0, 0, 1, 0]]
-    assert attributes.sunlit_mask(maps, truth).tolist() == [[1, 0, 1, 0, 0, 0]]
+    assert attributes.earth_mask(maps).tolist() == [[1, 1, 0, 0, 1, 0, 0, 0]]
+    assert attributes.sunlit_mask(maps, truth).tolist() == [[1, 0, 1, 0, 0, 0, 0, 0]]
     assert attributes.saturated_mask(np.array([[0, 1022, 1023, 1024]]), 1023).tolist() == [[0, 0, 1, 1]]
 
 

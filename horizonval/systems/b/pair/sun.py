@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.prior import MEAN_RADIUS_M
-from horizonval.studies.regression.statistics.proportions import score_interval
+from horizonval.studies.regression.statistics import score_interval
 from horizonval.systems.b.pair.applicability import LIMIT_DEG
 from horizonval.systems.b.pair.frames import ALTITUDE_KM, glare_optics, pair, scene, views
 from horizonval.systems.task_cache import TaskCache

@@ -14,9 +14,9 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
 from horizonval.geometry.horizon import signed_limb_angle
-from horizonval.studies.regression import frames
-from horizonval.studies.regression.baseline.baseline import read_baseline
-from horizonval.studies.regression.frames import shown_of
+from horizonval.studies.regression import page
+from horizonval.studies.regression.baseline import read_baseline
+from horizonval.studies.regression.page import shown_of
 
 BASELINE = Path(__file__).parents[4] / "results" / "baseline" / "nightly.json"
 
@@ -30,7 +30,7 @@ def base():
 def three(base):
     """Rows of three scenes: with valid claims, with false ones, and in the infrared."""
     return [
-        row for row in base.results.rows if row.scene in ("day_000", "hard_000", "infrared_000") and row.replicate < 2
+        row for row in base.results.rows if row.case in ("day_000", "hard_000", "infrared_000") and row.replicate < 2
     ]
 
 
@@ -41,13 +41,13 @@ def shown(base, rows):
 
 def test_every_scene_has_an_image_with_its_numbers_and_outcomes(base, three):
     found = shown(base, three)
-    told = list(found["frames"])
-    assert [one["name"].split(",")[0] for one in told] == list(dict.fromkeys(row.scene for row in three))
+    told = found["frames"]
+    assert [one["name"].split(",")[0] for one in told] == list(dict.fromkeys(row.case for row in three))
     assert found["kept"] == len(told)
     assert set(found["estimators"]) == {row.estimator for row in three}
     for one in told:
         scene, seed = re.fullmatch(r"(\w+), seed (\d+)", one["name"]).groups()
-        own = {r.estimator: r for r in three if r.scene == scene and r.replicate == int(seed)}
+        own = {r.estimator: r for r in three if r.case == scene and r.replicate == int(seed)}
         assert set(one["rows"]) == set(own)
         for name, row in own.items():
             kind = one["rows"][name]["kind"]
@@ -56,14 +56,14 @@ def test_every_scene_has_an_image_with_its_numbers_and_outcomes(base, three):
 
 
 def test_of_a_scene_the_seed_with_the_worst_outcome_is_shown(base, three):
-    rows = [row for row in three if row.scene == "day_000"]
+    rows = [row for row in three if row.case == "day_000"]
     rows = [replace(row, false_valid=row.replicate == 1) for row in rows]
     assert shown(base, rows)["frames"][0]["name"] == "day_000, seed 1"
 
 
 def test_the_limb_of_a_claim_is_the_horizon_at_the_claimed_attitude(base, three):
     """Seen from the claimed nadir, every drawn point lies on the horizon: to 0.01 px, as path data is rounded."""
-    row = next(row for row in three if row.scene == "day_000" and row.is_claim)
+    row = next(row for row in three if row.case == "day_000" and row.is_claim)
     row = replace(row, roll_error_arcsec=7200.0, pitch_error_arcsec=-3600.0)
     one = shown(base, [row])["frames"][0]
     points = [tuple(map(float, pair)) for pair in re.findall(r"([-\d.]+) ([-\d.]+)", one["layers"][0]["limb"])]
@@ -77,18 +77,18 @@ def test_the_limb_of_a_claim_is_the_horizon_at_the_claimed_attitude(base, three)
     off = np.degrees(np.arccos(d @ claimed)) - math.degrees(truth.angular_radius_rad)
     assert np.abs(off).max() < 0.2
     # Turned back, the points lie on the true horizon.
-    back = rotate(frames._shortest_turn(claimed, true), d)
+    back = rotate(page._shortest_turn(claimed, true), d)
     inside = signed_limb_angle(rotate(inverse(truth.q_cam_from_itrs), back), truth.r_itrs, truth.apparent_ellipsoid)
     pixel_rad = math.radians(110.0) / truth.camera_model.width
     assert np.abs(inside).max() < 0.02 * pixel_rad
 
 
 def test_it_opens_with_degrees_and_with_where_claims_are_false(base):
-    sentences = frames.of_baseline(base, base.results.rows[:1])["sentences"]
+    sentences = page.of_baseline(base, base.results.rows[:1])["sentences"]
     assert len(sentences) == 1
     assert re.search(r"is right in 100 % of 1 answer due: .* the worst \S+° off\.", sentences[0])
     rows = [replace(base.results.rows[0], false_valid=True, table="hard")]
-    assert 'false or crashed mostly in "hard" (1).' in frames.of_baseline(base, rows)["sentences"][0]
+    assert 'false or crashed mostly in "hard" (1).' in page.of_baseline(base, rows)["sentences"][0]
 
 
 def test_a_night_without_images_shows_none():

@@ -4,36 +4,47 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import nights
 import numpy as np
 import pytest
 from scipy import stats
 
+from horizonval.core.outcome import Outcome
 from horizonval.spec.suite import UNITS, GateSpec
 from horizonval.studies.regression.accept import difference_table
-from horizonval.studies.regression.baseline.baseline import Baseline
-from horizonval.studies.regression.formatting import anchor_sentence, figure, gate_sentence, scenes
-from horizonval.studies.regression.images import compare_images
-from horizonval.studies.regression.junit import write_junit
-from horizonval.studies.regression.row import ReplicateRow
-from horizonval.studies.regression.statistics.decide import Verdict, decide
-from horizonval.studies.regression.statistics.estimate import Estimate, exact
-from horizonval.studies.regression.statistics.gates import (
+from horizonval.studies.regression.baseline import Baseline
+from horizonval.studies.regression.gates import (
     ANGLE_LIMIT_ARCSEC,
+    MOST_NAMED,
     GateInputs,
     changed,
+    figure,
+    gate_sentence,
+    judge,
     measure,
     pairs_of,
+    scenes,
 )
-from horizonval.studies.regression.statistics.holm import holm
-from horizonval.studies.regression.statistics.judge import MOST_NAMED, judge
-from horizonval.studies.regression.statistics.means import paired_difference
-from horizonval.studies.regression.statistics.proportions import independent_loss, paired_loss
-from horizonval.studies.regression.statistics.steps import pieces
-from horizonval.studies.regression.tonight.conclude import levels_of
+from horizonval.studies.regression.history import pieces
+from horizonval.studies.regression.images import compare_images
+from horizonval.studies.regression.night import levels_of
+from horizonval.studies.regression.page import write_junit
+from horizonval.studies.regression.row import ReplicateRow
+from horizonval.studies.regression.statistics import (
+    Estimate,
+    Verdict,
+    decide,
+    exact,
+    holm,
+    independent_loss,
+    paired_difference,
+    paired_loss,
+)
 
 
 def gate(metric: str, lane: str = "replay", **keys: Any) -> GateSpec:
@@ -43,20 +54,7 @@ def gate(metric: str, lane: str = "replay", **keys: Any) -> GateSpec:
 
 
 def row(scene: int | str, error: float | None = 10.0, **columns: Any) -> ReplicateRow:
-    defaults = {
-        "band": "vis",
-        "replicate": 0,
-        "estimator": "est",
-        "image": "0",
-        "status": "valid" if error is not None else "dark",
-        "reason": None,
-        "false_valid": False,
-        "roll_error_arcsec": None,
-        "pitch_error_arcsec": None,
-        "table": "day",
-        "due": True,
-    }
-    return ReplicateRow(scene=f"s{scene}", nadir_error_arcsec=error, **(defaults | columns))
+    return nights.row(f"s{scene}", error, **columns)
 
 
 def test_a_mean_change_is_taken_over_pairs_that_claim() -> None:
@@ -94,8 +92,8 @@ def test_availability_is_lost_among_the_due_and_false_claims_among_all() -> None
 
 def test_a_gate_looks_at_its_estimators_and_tables_only() -> None:
     base = [row(k, 1.0, estimator=e, table=t) for k in range(6) for e in "ab" for t in ("day", "dusk")]
-    base = [r for r in base if (r.table == "day") == (int(r.scene[1:]) < 3)]
-    now = [row(r.scene[1:], 1.0 + (r.estimator == "a"), estimator=r.estimator, table=r.table) for r in base]
+    base = [r for r in base if (r.table == "day") == (int(r.case[1:]) < 3)]
+    now = [row(r.case[1:], 1.0 + (r.estimator == "a"), estimator=r.estimator, table=r.table) for r in base]
     for keys, value, n in (({}, 0.5, 12), ({"estimators": ["a"]}, 1.0, 6), ({"estimators": ["b"]}, 0.0, 6)):
         estimate = measure(gate("nadir_error", **keys), GateInputs(now), GateInputs(base)).estimate
         assert estimate is not None
@@ -240,19 +238,17 @@ def test_junit_counts_what_failed_was_skipped_and_is_missing(tmp_path: Path) -> 
         )
     ]
     failing = judge([("accepted", found[0])])[0]
-    anchors = [
-        {"name": "a", "verdict": "PASS", "what": "w\x00", "found": 1.0, "limit": 2.0, "unit": "m", "n": 3},
-        {"name": "b", "verdict": "INCONCLUSIVE", "what": "not run", "found": None, "limit": 2.0, "unit": "m", "n": 0},
+    published = [
+        {"system": "A", "name": name, "verdict": v, "measured": 1.0, "accepted": 1.0, "unit": "deg\x00"}
+        for name, v in (("a", "PASS"), ("b", "INCONCLUSIVE"))
     ]
-    assert anchor_sentence(anchors[1]) == "not run"
     for problems in ([], ["one", "two"]):
         verdict = {
             "suite": "s",
             "night": "n",
             "verdict": "FAIL",
             "gates": [failing],
-            "anchors": anchors,
-            "published": [],
+            "published": published,
         }
         verdict |= {"problems": problems, "environment": {"version": "1", "commit": "abc"}}
         write_junit(tmp_path / "junit.xml", verdict)
@@ -345,3 +341,119 @@ def test_steps_are_those_of_the_best_partition_up_to_as_many_as_fit(levels: tupl
     assert [p.stop for p in found] == [*[p.start for p in found[1:]], len(y)]
     assert [p.level for p in found] == [pytest.approx(np.median(y[p.start : p.stop])) for p in found]
     assert len(pieces(y[: fewest - 1], fewest)) == 1
+
+
+def rows_of(outcomes: Any, *, due: bool = True, false: Any = ()) -> list[ReplicateRow]:
+    """Return rows of one image a scene with these statuses."""
+    return [
+        nights.row(
+            f"scene-{i:03d}",
+            100.0 if outcome == Outcome.VALID else None,
+            status=str(outcome),
+            false_valid=i in false,
+            due=due,
+        )
+        for i, outcome in enumerate(outcomes)
+    ]
+
+
+def gate_of(metric: str, lane: str = "replay", margin: float = 1.5) -> GateSpec:
+    return gate(metric, lane).model_copy(update={"name": metric, "margin": margin})
+
+
+def test_availability_of_96_for_99_percent_is_caught_and_named():
+    valid, lost = Outcome.VALID, Outcome.SHORT_ARC
+    base = rows_of([lost if i % 100 == 0 else valid for i in range(400)])
+    now = rows_of([lost if i % 100 == 0 or i % 33 == 1 else valid for i in range(400)])
+    measured = measure(gate_of("availability"), GateInputs(now), GateInputs(base))
+    (gate,) = judge([("accepted", measured)])
+    assert gate["verdict"] == "FAIL"
+    assert gate["estimate"]["value"] == pytest.approx(3.0)
+    assert measured.scenes == tuple(f"scene-{i:03d}" for i in range(400) if i % 33 == 1 and i % 100)
+    (same,) = judge([("accepted", measure(gate_of("availability"), GateInputs(base), GateInputs(base)))])
+    assert same["verdict"] == "PASS"
+    (better,) = judge([("accepted", measure(gate_of("availability"), GateInputs(base), GateInputs(now)))])
+    assert better["verdict"] == "IMPROVED"
+    (small,) = judge([("accepted", measure(gate_of("availability"), GateInputs(now[:40]), GateInputs(base[:40])))])
+    assert small["verdict"] == "INCONCLUSIVE"
+
+
+def test_refusing_what_is_hard_does_not_improve_the_error():
+    """The worst frames refused: the error over common claims is the same, availability fails."""
+    base = rows_of([Outcome.VALID] * 300)
+    now = rows_of([Outcome.DARK if i < 15 else Outcome.VALID for i in range(300)])
+    base = [replace(row, nadir_error_arcsec=5000.0) for row in base[:15]] + base[15:]
+    found = [measure(gate_of(m), GateInputs(now), GateInputs(base)) for m in ("nadir_error", "availability")]
+    error, availability = judge([("accepted", one) for one in found])
+    assert (error["verdict"], error["estimate"]["value"]) == ("PASS", 0.0)
+    assert availability["verdict"] == "FAIL"
+
+
+def test_false_claims_are_a_gate_of_their_own():
+    base = rows_of([Outcome.VALID] * 300)
+    now = rows_of([Outcome.VALID] * 300, false=range(12))
+    found = [
+        measure(gate_of(m, margin=1.0), GateInputs(now), GateInputs(base)) for m in ("false_valid", "availability")
+    ]
+    false, availability = judge([("accepted", one) for one in found])
+    assert (false["verdict"], availability["verdict"]) == ("FAIL", "PASS")
+    assert false["scenes"] == [f"scene-{i:03d}" for i in range(12)]
+
+
+def test_fresh_scenes_are_paired_only_with_the_same_night():
+    """The same loss: hidden among other scenes, plain beside the reference version's run of the same night."""
+    valid, lost = Outcome.VALID, Outcome.NO_LIMB
+    base = GateInputs(fresh=rows_of([lost if i % 12 == 0 else valid for i in range(96)]), fresh_night="monday")
+    now = rows_of([lost if i % 12 in (0, 1) else valid for i in range(96)])
+    gate = gate_of("availability", "fresh", margin=15.0)
+    other = measure(gate, GateInputs(fresh=now, fresh_night="tuesday"), base)
+    same = measure(gate, GateInputs(fresh=now, fresh_night="monday"), base)
+    assert not other.paired
+    assert same.paired
+    assert [one.estimate.value for one in (other, same)] == pytest.approx([100 / 12] * 2)
+    assert same.estimate.p_worse == pytest.approx(2.0**-8)
+    assert other.estimate.p_worse > 0.01
+    unknown = measure(gate, GateInputs(fresh=now), GateInputs(fresh=now))
+    assert not unknown.paired
+
+
+def bounded(bound, error):
+    return [row(f"{i:02d}", error, bound_arcsec=bound) for i in range(40)]
+
+
+@pytest.mark.parametrize("lane", ["replay", "fresh"])
+def test_an_error_further_from_its_bound_is_caught(lane):
+    """Also where the error itself is the same: frames that allow more are used worse."""
+
+    def inputs(rows, night):
+        spread = [
+            replace(r, nadir_error_arcsec=r.nadir_error_arcsec + i % 5).against(r.bound_arcsec)
+            for i, r in enumerate(rows)
+        ]
+        return GateInputs(spread) if lane == "replay" else GateInputs(fresh=spread, fresh_night=night)
+
+    gate = gate_of("error_over_bound", lane, margin=0.2)
+    base = inputs(bounded(100.0, 120.0), "then")
+    (worse,) = judge([("accepted", measure(gate, inputs(bounded(80.0, 120.0), "tonight"), base))])
+    assert (worse["verdict"], worse["unit"]) == ("FAIL", "1")
+    assert worse["estimate"]["value"] == pytest.approx(122.0 / 80.0 - 1.22)
+    (same,) = judge([("accepted", measure(gate, inputs(bounded(100.0, 121.0), "tonight"), base))])
+    assert same["verdict"] == "PASS"
+    (better,) = judge([("accepted", measure(gate, inputs(bounded(100.0, 60.0), "tonight"), base))])
+    assert better["verdict"] == "IMPROVED"
+
+
+def test_without_bounds_nothing_is_decided_about_them():
+    """Baselines from before they were kept."""
+    now, base = bounded(100.0, 120.0), bounded(None, 120.0)
+    (gate,) = judge([("accepted", measure(gate_of("error_over_bound"), GateInputs(now), GateInputs(base)))])
+    assert (gate["verdict"], gate["estimate"]) == ("INCONCLUSIVE", None)
+
+
+def test_a_method_that_the_baseline_has_not_changes_nothing():
+    base = bounded(100.0, 120.0)
+    new = [replace(row, estimator="new", nadir_error_arcsec=5000.0) for row in base]
+    gate = gate_of("nadir_error", "fresh", margin=20.0)
+    found = measure(gate, GateInputs(fresh=[*base, *new], fresh_night="b"), GateInputs(fresh=base, fresh_night="a"))
+    assert not found.paired
+    assert found.estimate.value == 0.0

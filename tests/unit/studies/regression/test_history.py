@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from horizonval.studies.regression.baseline import history
-from horizonval.studies.regression.trend_plots import trend
+from horizonval.studies.regression import history
+from horizonval.studies.regression.page import trend
 
 
 def night(label, value, verdict="PASS"):

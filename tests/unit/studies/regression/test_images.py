@@ -9,15 +9,15 @@ import pytest
 from scipy.special import erf
 
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.studies.regression.baseline import pack as packs
-from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack, read_pack, write_pack
-from horizonval.studies.regression.images import compare_images
-from horizonval.studies.regression.regions import (
+from horizonval.studies.regression import baseline
+from horizonval.studies.regression.baseline import FrozenFrame, FrozenImage, Pack, read_pack, write_pack
+from horizonval.studies.regression.images import (
     DISC,
     ELSEWHERE,
     LIMB,
     SPACE,
     bias,
+    compare_images,
     displacement_px,
     noise_in_space,
     regions_of,
@@ -99,7 +99,7 @@ def test_a_pack_comes_back_and_equal_content_gives_equal_bytes(tmp_path):
     for frame, other in zip(read.frames, made.frames, strict=True):
         assert np.array_equal(frame.regions, other.regions)
         # Half a step of the code at the brightest pixel; its square far below.
-        assert np.abs(frame.radiance - other.radiance).max() < other.radiance.max() / packs.CODES
+        assert np.abs(frame.radiance - other.radiance).max() < other.radiance.max() / baseline.CODES
     # NumPy alone opens it.
     with np.load(tmp_path / "a.npz") as file:
         assert file["dn_20x30_low"].shape == (3, 20, 30)
@@ -115,21 +115,12 @@ def rewritten(path, change):
     np.savez(path, **arrays)
 
 
-def test_a_pack_from_before_calibrations_is_read_without_and_a_later_one_refused(tmp_path):
-    def before(head):
-        head |= {"schema": 1, "images": [image[:-1] for image in head["images"]]}
-
-    made = some_pack()
-    old, new = tmp_path / "old.npz", tmp_path / "new.npz"
-    write_pack(old, made)
-    rewritten(old, before)
-    read = read_pack(old)
-    assert [image.sha256 for image in read.images] == [image.sha256 for image in made.images]
-    assert {image.radiance_per_dn for image in read.images} == {None}
-    write_pack(new, made)
-    rewritten(new, lambda head: head.update(schema=3))
+def test_a_pack_of_another_version_is_refused(tmp_path):
+    path = tmp_path / "new.npz"
+    write_pack(path, some_pack())
+    rewritten(path, lambda head: head.update(schema=3))
     with pytest.raises(DamagedFileError, match="schema 3"):
-        read_pack(new)
+        read_pack(path)
 
 
 def test_a_damaged_pack_is_refused(tmp_path):
@@ -162,3 +153,18 @@ def test_equal_digests_are_compared_no_further(tmp_path):
     assert found["same_images"] == 1
     assert found["noise"] == pytest.approx(10.0)
     assert found["limb_radiance"] == pytest.approx(2.0, abs=1e-3)
+
+
+def test_a_row_of_elements_has_a_limb_that_can_move():
+    """One pixel high: half an element is found, by the slope along the row alone."""
+    elements = np.arange(160.0)
+    height = (elements[None] - 79.5) * 4e3
+    regions = regions_of(np.where(height > 0, 0, 1), height)
+    assert LIMB in regions
+    assert ELSEWHERE not in regions
+
+    def edge(at):
+        return (1.0 / (1.0 + np.exp((elements - at) / 4.0)))[None]
+
+    assert displacement_px(edge(79.5), edge(79.5), regions == LIMB) == 0.0
+    assert displacement_px(edge(79.5), edge(80.0), regions == LIMB) == pytest.approx(0.5, abs=0.05)

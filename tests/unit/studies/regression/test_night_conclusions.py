@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import nights
 import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
 from horizonval.jobs.engine import Done
-from horizonval.studies.regression.baseline.baseline import Baseline, read_baseline, write_baseline
-from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
-from horizonval.studies.regression.bench import Task
+from horizonval.studies.regression import night as module
+from horizonval.studies.regression.baseline import (
+    Baseline,
+    FrozenFrame,
+    FrozenImage,
+    Pack,
+    read_baseline,
+    write_baseline,
+)
+from horizonval.studies.regression.gates import GateInputs
+from horizonval.studies.regression.night import (
+    Night,
+    Wanted,
+    check_folder,
+    checked,
+    content_of,
+    seed_of_night,
+    verdict_of,
+)
 from horizonval.studies.regression.page import headline
 from horizonval.studies.regression.row import ReplicateRow
-from horizonval.studies.regression.statistics.gates import GateInputs
-from horizonval.studies.regression.tonight import conclude
-from horizonval.studies.regression.tonight import gathered as module
-from horizonval.studies.regression.tonight.conclude import verdict_of
-from horizonval.studies.regression.tonight.gathered import Gathered, content_of
-from horizonval.studies.regression.tonight.wanted import Wanted, check_folder, checked, seed_of_night
+from horizonval.studies.regression.units import Task
 from horizonval.suites.suite import load_suite
 
 SUITE = """
@@ -66,28 +78,20 @@ margin = 40.0
 unit = "arcsec"
 reason = "five percent of what images allow"
 """
-ANCHOR = {"name": "a", "verdict": "PASS", "found": 0.0, "limit": 1.0, "unit": "m", "n": 1, "what": "w"}
-Make = Callable[[Task], Any]
 
 
 def row(scene: str, replicate: int, error: float | None, image: str, **columns: Any) -> ReplicateRow:
-    defaults: dict[str, Any] = {"band": "vis", "estimator": "altitude-free", "reason": None, "false_valid": False}
-    defaults |= {"status": "dark" if error is None else "valid", "roll_error_arcsec": None, "pitch_error_arcsec": None}
-    return ReplicateRow(scene=scene, replicate=replicate, image=image, nadir_error_arcsec=error, **(defaults | columns))
+    about = {"replicate": replicate, "image": image, "estimator": "altitude-free", "table": "", "due": False}
+    return nights.row(scene, error, **(about | columns))
 
 
 def rendered(task: Task, rows: list[ReplicateRow], images: list[str], radiance: str = "same") -> dict[str, Any]:
-    (case,) = task.cases
+    assert task.unit is not None
+    (case,) = task.unit.cases
     about = {"radiance_sha256": radiance, "expected": "valid", "borderline": False, "full_scale": 1023}
-    band = about | {"images": images, "radiance_per_dn": [None] * len(images), "noise_dn": 1.0}
-    return {
-        "scene": case.name,
-        "table": case.table,
-        "camera": "c",
-        "truth": {},
-        "bands": {"vis": band},
-        "rows": [r.to_dict() for r in rows],
-    }
+    about |= {"images": images, "radiance_per_dn": [None] * len(images), "noise_dn": 1.0, "bound_arcsec": None}
+    scene = {"table": case.table, "camera": "c", "truth": {}, "bands": {"vis": about}}
+    return {"scenes": {case.name: scene}, "together": {}, "rows": [r.to_dict() for r in rows]}
 
 
 class Bench:
@@ -104,11 +108,9 @@ class Bench:
         self.shift = dict.fromkeys(("replay", "render", "fresh"), 0.0)
         self.noise = 2.0
         self.broken: set[str] = set()
-        self.anchor = dict(ANCHOR)
         self.changed_images: set[str] = set()
         patch.setattr(module, "do", self.do)
-        for place in (module, conclude):
-            patch.setattr(place, "environment", lambda: {"version": "1", "commit": "c"})
+        patch.setattr(module, "environment", lambda: {"version": "1", "commit": "c"})
 
     def error(self, scene: str, replicate: int) -> float:
         return 50.0 + 3.0 * self.scenes.index(scene) + replicate
@@ -142,6 +144,7 @@ class Bench:
             GateInputs(rows, fresh=fresh, fresh_night="n0"),
             scenes,
             Pack(images, frames, {}),
+            {},
         )
         return read_baseline(self.wanted.baseline, "tiny")
 
@@ -150,14 +153,11 @@ class Bench:
         return {t.name: Done(None, "broke") if t.name in self.broken else Done(self.made(t)) for t in tasks}
 
     def made(self, task: Task) -> dict[str, Any]:
-        if task.kind == "anchors":
-            return {"anchors": [self.anchor]}
-        if task.kind == "replay":
+        if task.unit is None:
             s = task.scene
             found = [row(s, k, self.error(s, k) + self.shift["replay"], self.image(s, k)) for k in (0, 1)]
             return {"rows": [r.to_dict() for r in found]}
-        (case,) = task.cases
-        name = case.name
+        name = task.unit.name
         if task.batch is not None:
             side = 1.0 if self.scenes.index(name) % 2 else -1.0
             return rendered(task, [row(name, 0, 53.5 + self.shift["fresh"] + side * self.noise, "y")], ["y"])
@@ -168,9 +168,9 @@ class Bench:
             rows = [row(name, 1, self.error(name, 1) + self.shift["render"], "new", table="day", due=True)]
         return rendered(task, rows, images)
 
-    def night(self, accepted: Baseline | None = None, **changes: Any) -> Gathered:
+    def night(self, accepted: Baseline | None = None, **changes: Any) -> Night:
         wanted = replace(self.wanted, **changes)
-        gathered = Gathered(self.suite, self.spec, self.plan, wanted, accepted, Silent())
+        gathered = Night(self.suite, self.spec, self.plan, wanted, accepted, Silent())
         gathered.work_first()
         return gathered
 
@@ -187,8 +187,8 @@ def verdicts(found: dict[str, Any]) -> dict[str, str]:
 def test_a_night_without_changes_passes_on_the_rows_of_its_replay(bench: Bench) -> None:
     gathered = bench.night(bench.accepted())
     rows = gathered.all_rows()
-    assert [(r.scene, r.replicate) for r in rows] == sorted((s, k) for s in bench.scenes for k in (0, 1))
-    assert all(r.nadir_error_arcsec == bench.error(r.scene, r.replicate) and r.due for r in rows)
+    assert [(r.case, r.replicate) for r in rows] == sorted((s, k) for s in bench.scenes for k in (0, 1))
+    assert all(r.nadir_error_arcsec == bench.error(r.case, r.replicate) and r.is_due for r in rows)
     found = verdict_of(gathered, None, None)
     assert (found["verdict"], found["exit_status"], found["complete"], found["problems"]) == ("PASS", 0, True, [])
     (about,) = found["comparisons"]
@@ -196,7 +196,7 @@ def test_a_night_without_changes_passes_on_the_rows_of_its_replay(bench: Bench) 
     assert about["missing_scenes"] == []
     assert found["levels"]["fixed altitude-free: availability"]["value"] == 100.0
     names = {name for asked in bench.asked for name in asked}
-    assert {"anchors", *(f"replay/{s}" for s in bench.scenes), *(f"rerender/{s}" for s in bench.scenes)} <= names
+    assert {*(f"replay/{s}" for s in bench.scenes), *(f"rerender/{s}" for s in bench.scenes)} <= names
     fresh = {name for name in names if name.startswith("fresh/0/")}
     assert len(fresh) == 8, "what the seed does not change is not drawn anew"
 
@@ -247,7 +247,7 @@ def test_what_was_not_looked_at_has_not_passed(bench: Bench) -> None:
     assert found["problems"][0] == f"rerender/{bench.scenes[0]}: broke"
     assert found["problems"][1].startswith("1 scenes of the baseline (accepted)")
     assert found["comparisons"][0]["missing_scenes"] == [bench.scenes[0]]
-    bench.anchor["verdict"] = "FAIL"
+    bench.shift["replay"] = 400.0
     failed = verdict_of(bench.night(accepted), None, None)
     assert (failed["verdict"], failed["exit_status"]) == ("FAIL", 1), "a proven failure outweighs what is missing"
 
@@ -261,7 +261,7 @@ def test_a_published_figure_that_changed_fails_the_night_by_name(bench: Bench) -
     accepted = bench.accepted()
     bench.spec = bench.spec.model_copy(update={"published": True})
 
-    def night(*figures: dict[str, Any], **changes: Any) -> tuple[Gathered, dict[str, Any]]:
+    def night(*figures: dict[str, Any], **changes: Any) -> tuple[Night, dict[str, Any]]:
         gathered = bench.night(accepted, **changes)
         (gathered.wanted.out / module.WORK).mkdir(parents=True, exist_ok=True)
         gathered.compute_published(lambda folder, _: list(figures) if folder.is_dir() else [])
@@ -296,11 +296,11 @@ def test_lanes_that_are_left_out_are_not_asked_for(bench: Bench) -> None:
     accepted = bench.accepted()
     found = verdict_of(bench.night(accepted, lanes=("replay",)), None, None)
     assert set(verdicts(found)) == {"accuracy"}
-    assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"anchors", "replay"}
+    assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"replay"}
     assert found["comparisons"][0]["missing_scenes"] == []
     bench.asked.clear()
     assert set(verdicts(verdict_of(bench.night(accepted, lanes=("rerender",)), None, None))) == {"chain"}
-    assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"anchors", "rerender"}
+    assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"rerender"}
 
 
 def test_a_release_is_compared_by_the_whole_chain_and_not_twice(bench: Bench) -> None:

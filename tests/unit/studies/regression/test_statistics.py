@@ -8,18 +8,23 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from horizonval.studies.regression.statistics.decide import ALPHA, Verdict, decide, night_verdict
-from horizonval.studies.regression.statistics.estimate import Estimate, exact
-from horizonval.studies.regression.statistics.holm import holm
-from horizonval.studies.regression.statistics.means import independent_difference, paired_difference
-from horizonval.studies.regression.statistics.proportions import (
+from horizonval.studies.regression.history import pieces
+from horizonval.studies.regression.statistics import (
+    ALPHA,
+    Estimate,
+    Verdict,
+    decide,
+    exact,
+    holm,
+    independent_difference,
     independent_loss,
     newcombe_interval,
+    night_verdict,
+    paired_difference,
     paired_loss,
     score_interval,
     sign_change_p,
 )
-from horizonval.studies.regression.statistics.steps import pieces
 
 
 @pytest.mark.parametrize(

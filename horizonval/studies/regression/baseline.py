@@ -1,0 +1,293 @@
+"""The accepted baseline: what a night is compared with, small enough to lie beside the code.
+
+``NAME.json`` holds rows, digests, what each scene is like, where it came from and why it was accepted; ``NAME.npz`` the
+frozen images; ``NAME.md`` the table of differences, for the one who reviews the change. ``NAME.release.json`` and
+``NAME.release.npz`` are the same of the last release, without detector images: drift of one percent a night passes
+every comparison with yesterday. A baseline is never changed but by ``horizonval baseline accept``, with a reason.
+
+The file of frozen images is a NumPy archive with LZMA instead of deflate. Detector numbers are stored bit by bit, high
+and low bytes apart, because noise fills the low ones only: 6 kB for an image of 112 x 112 pixels. Frames are stored as
+the square root of their radiance in 12 bits, 0.05 % of the brightest pixel and finer below: enough to say where and by
+how much a new frame differs, while their digests say whether it differs at all. Equal content gives equal bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core import atomic, files
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.store.folder import read_json, write_json
+from horizonval.studies.regression.gates import GateInputs
+from horizonval.studies.regression.row import from_columns, to_columns
+
+BASELINE_SCHEMA = 1
+PACK_SCHEMA = 2
+CODES = 4095
+
+
+@dataclass(frozen=True)
+class FrozenImage:
+    """A detector image, shape (H, W), uint16.
+
+    ``replicate`` is the seed of its noise; ``radiance_per_dn`` [W m-2 sr-1] the calibration of its detector, which an
+    estimator is given beside the pixels, None where there is none.
+    """
+
+    scene: str
+    band: str
+    replicate: int
+    full_scale: int
+    dn: NDArray[np.uint16]
+    radiance_per_dn: float | None = None
+
+    @property
+    def sha256(self) -> str:
+        """Digest of size and numbers."""
+        return digest(self.dn)
+
+
+@dataclass(frozen=True)
+class FrozenFrame:
+    """Radiance (H, W) to 12 bits, the regions of the image, the digest of the float32."""
+
+    scene: str
+    band: str
+    sha256: str
+    radiance: NDArray[np.float64]
+    regions: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Pack:
+    """``truths``: by scene, the plain truth without infrared horizon, which scoring again does not need."""
+
+    images: tuple[FrozenImage, ...] = ()
+    frames: tuple[FrozenFrame, ...] = ()
+    truths: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+def digest(values: NDArray[Any]) -> str:
+    """Return the sha256 of an array's type, shape and bytes in little-endian order."""
+    data = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
+    head = f"{data.dtype.str} {data.shape}\0".encode()
+    return hashlib.sha256(head + data.tobytes()).hexdigest()
+
+
+def write_pack(path: Path, pack: Pack) -> None:
+    """Write a pack, whole or not at all."""
+    arrays: dict[str, NDArray[Any]] = {}
+    images, frames = [], []
+    for shape, group in _by_shape([image.dn for image in pack.images]):
+        stack = np.stack([pack.images[i].dn for i in group])
+        name = f"dn_{shape}"
+        arrays[f"{name}_high"], arrays[f"{name}_low"] = _planes(stack)
+        images += [(i, name, k) for k, i in enumerate(group)]
+    for shape, group in _by_shape([frame.radiance for frame in pack.frames]):
+        scales = [float(pack.frames[i].radiance.max(initial=0.0)) for i in group]
+        codes = np.stack([_encode(pack.frames[i].radiance, s) for i, s in zip(group, scales, strict=True)])
+        name = f"frame_{shape}"
+        # Neighbours are alike: their differences, modulo 2^16, compress to a third.
+        arrays[f"{name}_high"], arrays[f"{name}_low"] = _planes(np.diff(codes, axis=2, prepend=np.uint16(0)))
+        arrays[f"{name}_regions"] = np.stack([pack.frames[i].regions for i in group])
+        frames += [(i, name, k, s) for (k, i), s in zip(enumerate(group), scales, strict=True)]
+    head = {
+        "schema": PACK_SCHEMA,
+        "truths": pack.truths,
+        "images": [
+            [m.scene, m.band, m.replicate, m.full_scale, m.sha256, name, k, m.radiance_per_dn]
+            for (_, name, k), m in ((entry, pack.images[entry[0]]) for entry in sorted(images))
+        ],
+        "frames": [
+            [f.scene, f.band, f.sha256, name, k, scale]
+            for (_, name, k, scale), f in ((entry, pack.frames[entry[0]]) for entry in sorted(frames))
+        ],
+    }
+    text = json.dumps(head, sort_keys=True, separators=(",", ":")).encode()
+    arrays["head"] = np.frombuffer(text, dtype=np.uint8)
+    with atomic.replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_LZMA) as file:
+        for name in sorted(arrays):
+            buffer = io.BytesIO()
+            np.lib.format.write_array(buffer, np.ascontiguousarray(arrays[name]), allow_pickle=False)
+            # A fixed date: equal content, equal bytes.
+            info = zipfile.ZipInfo(f"{name}.npy", (2000, 1, 1, 0, 0, 0))
+            info.compress_type = zipfile.ZIP_LZMA
+            file.writestr(info, buffer.getvalue())
+
+
+@lru_cache(maxsize=4)
+def read_pack(path: Path) -> Pack:
+    """Read a pack and check every image against its digest.
+
+    Raises
+    ------
+    UserError
+        There is no such file.
+    DamagedFileError
+        It is not what was written.
+    """
+    if not path.is_file():
+        raise UserError("no such file", where=str(path), expected="the frozen images of a baseline")
+    try:
+        with files.open_file(path) as stream, np.load(stream, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        head = json.loads(arrays["head"].tobytes())
+        if head["schema"] != PACK_SCHEMA:
+            raise DamagedFileError(f"schema {head['schema']}", where=str(path), expected=f"schema {PACK_SCHEMA}")
+        images = []
+        for scene, band, replicate, full_scale, sha, name, k, radiance_per_dn in head["images"]:
+            dn = _from_planes(arrays[f"{name}_high"][k], arrays[f"{name}_low"][k])
+            image = FrozenImage(scene, band, replicate, full_scale, dn, radiance_per_dn)
+            if image.sha256 != sha:
+                raise DamagedFileError(f"the image {scene} {band} {replicate} is not what was frozen", where=str(path))
+            images.append(image)
+        frames = []
+        for scene, band, sha, name, k, scale in head["frames"]:
+            differences = _from_planes(arrays[f"{name}_high"][k], arrays[f"{name}_low"][k])
+            codes = np.cumsum(differences, axis=1, dtype=np.uint16)
+            frames.append(FrozenFrame(scene, band, sha, _decode(codes, scale), arrays[f"{name}_regions"][k]))
+    except UserError:
+        raise
+    except Exception as error:
+        raise DamagedFileError(f"cannot be read ({type(error).__name__})", where=str(path)) from error
+    return Pack(tuple(images), tuple(frames), head["truths"])
+
+
+def _by_shape(arrays: Sequence[NDArray[Any]]) -> list[tuple[str, list[int]]]:
+    groups: dict[str, list[int]] = {}
+    for i, array in enumerate(arrays):
+        groups.setdefault(f"{array.shape[0]}x{array.shape[1]}", []).append(i)
+    return sorted(groups.items())
+
+
+def _planes(values: NDArray[np.uint16]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    return (values >> 8).astype(np.uint8), (values & 255).astype(np.uint8)
+
+
+def _from_planes(high: NDArray[np.uint8], low: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    joined: NDArray[np.uint16] = high.astype(np.uint16) * np.uint16(256) + low
+    return joined
+
+
+def _encode(radiance: NDArray[np.floating], scale: float) -> NDArray[np.uint16]:
+    share = np.clip(np.asarray(radiance, dtype=np.float64) / (scale or 1.0), 0.0, 1.0)
+    return np.rint(np.sqrt(share) * CODES).astype(np.uint16)
+
+
+def _decode(codes: NDArray[np.uint16], scale: float) -> NDArray[np.float64]:
+    return (codes.astype(np.float64) / CODES) ** 2 * scale
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A baseline in memory; ``pack`` is the file of its images.
+
+    ``together`` describes scenes with rows of methods that see all heads, by the scene's name: ``heads`` (name and
+    scene of every head, in their order), ``table``, ``bands``.
+    """
+
+    path: Path
+    head: Mapping[str, Any]
+    results: GateInputs
+    scenes: Mapping[str, Any]
+    pack: Path
+    together: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """The night and version it was made by."""
+        return f"{self.head['night']} ({self.head['version']})"
+
+    @property
+    def images(self) -> Pack:
+        """The frozen images."""
+        return read_pack(self.pack)
+
+
+def pack_path(path: Path) -> Path:
+    """Return the file of images that belongs to a baseline's JSON file."""
+    return path.with_suffix(".npz")
+
+
+def release_path(path: Path) -> Path:
+    """Return the last release's file beside an accepted baseline's."""
+    return path.with_name(f"{path.stem}.release.json")
+
+
+def read_baseline(path: Path, suite: str) -> Baseline:
+    """Read a baseline and check that its images are the ones that were accepted with it.
+
+    Raises
+    ------
+    UserError
+        No such file, or one of another suite.
+    DamagedFileError
+        It is not what ``baseline accept`` wrote.
+    """
+    if not path.is_file():
+        raise UserError("no accepted baseline", where=str(path), fix="see `horizonval baseline accept --help`")
+    data = read_json(path, bound=False, fix="take it from version control again")
+    if data is None or data.get("schema") != BASELINE_SCHEMA:
+        raise DamagedFileError("not a baseline of this version", where=str(path))
+    if data["suite"] != suite:
+        raise UserError(f"is the baseline of suite {data['suite']!r}", where=str(path), expected=f"that of {suite!r}")
+    pack = pack_path(path)
+    if not pack.is_file():
+        raise UserError("no such file", where=str(pack), expected=f"the frozen images that belong to {path.name}")
+    if files.sha256_of(pack) != data["pack_sha256"]:
+        raise DamagedFileError("its bytes are not those that were accepted", where=str(pack))
+    try:
+        results = GateInputs(
+            rows=from_columns(data["rows"]), fresh=from_columns(data["fresh"]), fresh_night=data["fresh_night"]
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise DamagedFileError(f"its rows cannot be read ({error!r})", where=str(path)) from error
+    head = {key: value for key, value in data.items() if key not in ("rows", "fresh", "scenes", "together")}
+    return Baseline(path, head, results, data["scenes"], pack, data["together"])
+
+
+def write_baseline(
+    path: Path,
+    head: Mapping[str, Any],
+    results: GateInputs,
+    scenes: Mapping[str, Any],
+    pack: Pack,
+    together: Mapping[str, Any],
+) -> None:
+    """Write a baseline's two files, the one that names the other last."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    images = pack_path(path)
+    write_pack(images, pack)
+    content = {
+        **head,
+        "schema": BASELINE_SCHEMA,
+        "scenes": scenes,
+        "together": together,
+        "rows": to_columns(results.rows),
+        "fresh": to_columns(results.fresh),
+        "fresh_night": results.fresh_night,
+        "pack_sha256": files.sha256_of(images),
+    }
+    write_json(path, content, indent=None, bound=False)
+
+
+def copy_as_release(path: Path) -> Path:
+    """Write the last release's files from the accepted ones, without detector images; return the JSON's path."""
+    data = read_json(path, bound=False) or {}
+    accepted = read_pack(pack_path(path))
+    target = release_path(path)
+    write_pack(pack_path(target), Pack((), accepted.frames, {}))
+    data["pack_sha256"] = files.sha256_of(pack_path(target))
+    write_json(target, data, indent=None, bound=False)
+    return target

@@ -1,1 +1,0 @@
-"""The accepted baseline, its packed images, the history of nights."""

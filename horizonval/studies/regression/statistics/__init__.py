@@ -1,1 +1,0 @@
-"""Estimates, intervals, gates and the verdict."""

@@ -1,0 +1,267 @@
+"""Methods that see all heads in a night: rendered, frozen and put together again, in every lane; and their faults."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from nights import Night, estimating_with, key_of, plainly, rendered
+from scipy import ndimage
+
+from horizonval.core.outcome import Outcome, Refusal
+from horizonval.jobs.progress import Stopwatch
+from horizonval.store.folder import RunFolder, read_json
+from horizonval.studies.regression.accept import accept
+from horizonval.studies.regression.baseline import read_baseline
+from horizonval.studies.regression.gates import changed, pairs_of
+from horizonval.studies.regression.night import Wanted, run_night
+from horizonval.studies.regression.units import digest_of_heads, frozen_together, replay_scene
+from horizonval.suites.plan import plan_of, units_of
+from horizonval.suites.suite import load_suite
+from horizonval.suites.units.case import records_of
+
+TWO = """
+[suite]
+name = "two"
+seed = 3
+keep = "none"
+estimators = ["altitude-free", "video-vertical"]
+
+[defaults]
+camera = { file = "vis-pair-1024-60deg", mount_roll_deg = 0.0, camera = { width = 64, height = 64, fov_deg = 60.0 } }
+platform = { epoch_utc = 2026-03-20T12:00:00Z, latitude_deg = 40.0, heading_deg = 350.0, altitude_km = 500.0 }
+sun = { zenith_deg = 10.0, azimuth_deg = 40.0 }
+render = { subsamples = 1, nodes = 32, orders = "single" }
+
+[[cases]]
+name = "pair"
+estimators = ["altitude-free", "video-vertical"]
+sobol = { n = 1, ranges = { "attitude.roll_deg" = [-2.0, 2.0] } }
+
+[regression]
+replicates = 2
+
+[[regression.gate]]
+name = "accuracy"
+lane = "replay"
+metric = "nadir_error"
+margin = 20.0
+unit = "arcsec"
+reason = "a fifth of what such sensors are specified to"
+"""
+SCENES = 8
+SUITE = f"""
+[suite]
+name = "pairs"
+seed = 3
+keep = "none"
+estimators = ["video-vertical"]
+
+[defaults]
+camera.file = "vis-pair-1024-60deg"
+camera.mount_roll_deg = 0.0
+camera.camera = {{ width = 64, height = 64, fov_deg = 60.0 }}
+platform = {{ epoch_utc = 2026-03-20T12:00:00Z, latitude_deg = 40.0, heading_deg = 350.0, altitude_km = 500.0 }}
+sun = {{ zenith_deg = 10.0, azimuth_deg = 40.0 }}
+render = {{ subsamples = 1, nodes = 32, orders = "single" }}
+
+[[cases]]
+name = "pair"
+sobol = {{ n = {SCENES}, ranges = {{ "attitude.roll_deg" = [-2.0, 2.0], "attitude.pitch_deg" = [-2.0, 2.0] }} }}
+
+[regression]
+replicates = 1
+
+[[regression.gate]]
+name = "moved"
+lane = "rerender"
+metric = "limb_displacement"
+margin = 0.1
+unit = "px"
+reason = "sub-pixel edges are good to a tenth of a pixel"
+
+[[regression.gate]]
+name = "noise"
+lane = "rerender"
+metric = "noise"
+margin = 5.0
+unit = "%"
+reason = "data sheets give read noise to two figures"
+
+[[regression.gate]]
+name = "fresh"
+lane = "fresh"
+metric = "nadir_error"
+margin = 100.0
+unit = "arcsec"
+reason = "a tenth of a pixel of these heads is 340 arcsec; pairs of the same scenes tell less"
+
+[[regression.gate]]
+name = "available"
+lane = "fresh"
+metric = "availability"
+margin = 50.0
+unit = "percentage points"
+reason = "eight scenes without a loss still allow one in three"
+"""
+
+
+def heads_of(base) -> dict[str, str]:
+    """The cases of the heads of the one scene."""
+    ((_, about),) = base.together.items()
+    return dict(about["heads"])
+
+
+@pytest.fixture(scope="module")
+def accepted(here, tmp_path_factory):
+    """A first night in this process, accepted."""
+    folder = tmp_path_factory.mktemp("heads")
+    (folder / "two.toml").write_text(TWO)
+    wanted = Wanted(str(folder / "two.toml"), folder / "out", folder / "base" / "two.json", "2026-11-01", workers=1)
+    run_night(wanted)
+    accept(wanted.out, wanted.baseline, "The first one, nothing before it", release=True)
+    return wanted
+
+
+@pytest.fixture(scope="module")
+def base(accepted):
+    return read_baseline(accepted.baseline, "two")
+
+
+@pytest.fixture(scope="module")
+def suite(accepted):
+    return load_suite(accepted.suite)
+
+
+def test_rows_of_all_heads_go_under_the_name_of_the_scene(base, suite):
+    (unit,) = units_of(suite.cases, plan_of(suite))
+    keys = {(row.case, row.replicate, row.estimator) for row in base.results.rows}
+    alone = {(case.name, k, "altitude-free") for case in unit.cases for k in (0, 1)}
+    assert keys == alone | {(unit.name, k, "video-vertical") for k in (0, 1)}
+    together = {k: digest_of_heads(heads) for k, heads in frozen_together(base.images, heads_of(base))}
+    for row in base.results.rows:
+        if row.case == unit.name:
+            assert (row.image_address, row.table) == (together[row.replicate], "pair")
+    assert len({row.image_address for row in base.results.rows}) == 6
+    assert {row.case for row in base.results.fresh} == {f"0/{name}" for name in unit.names}
+    assert set(base.scenes) == {case.name for case in unit.cases}
+    assert base.together[unit.name]["heads"] == [[case.head, case.name] for case in unit.cases]
+
+
+def test_the_first_images_are_those_of_a_run(base, suite, tmp_path):
+    """The same noise, answer, error, bound and expected outcome as in the records of `horizonval run`."""
+    plan = plan_of(suite)
+    (unit,) = units_of(suite.cases, plan)
+    records = records_of(unit, plan, RunFolder(tmp_path), Stopwatch())
+    rows = {(r["case"], r["estimator"]): r for record in records.values() for r in record["rows"]}
+    mine = {(row.case, row.estimator): row for row in base.results.rows if row.replicate == 0}
+    assert set(rows) == set(mine)
+    for key, row in rows.items():
+        assert (mine[key].status, mine[key].false_valid) == (row["status"], row["false_valid"])
+        assert mine[key].nadir_error_arcsec == pytest.approx(row["nadir_error_arcsec"], abs=1e-3)
+        assert mine[key].bound_arcsec == pytest.approx(row["bound_arcsec"], rel=1e-6)
+    together = rows[unit.name, "video-vertical"]
+    assert together["status"] == "valid", "or errors would not be compared"
+    about = base.together[unit.name]["bands"]["vis"]
+    assert about["expected"] == together["expected"]
+
+
+def test_every_lane_repeats_them(accepted, base):
+    out = accepted.out.with_name("second")
+    verdict = run_night(replace(accepted, out=out))
+    about = next(one for one in verdict["comparisons"] if one["name"] == "accepted")
+    assert (about["replayed"], about["n_changed"]) == (6, 0)
+    assert (about["rendered"], about["n_images_changed"], about["missing_scenes"]) == (2, 0, [])
+    assert verdict["problems"] == []
+    night = read_json(out / "night.json")
+    assert night["rows"] == [row.to_dict() for row in sorted(base.results.rows, key=lambda row: row.key)]
+    assert night["fresh"] == [row.to_dict() for row in base.results.fresh]
+
+
+def test_a_worse_method_of_all_heads_is_named(base, suite, monkeypatch):
+    plan, (scene,) = plan_of(suite), base.together
+    ((_, images), *_) = frozen_together(base.images, heads_of(base))
+    nadir = np.array(next(iter(images.values())).truth.nadir_geocentric_cam)
+
+    def pushed(name, observation):
+        fit = plainly(name, observation)
+        assert not isinstance(fit, Refusal)
+        moved = nadir + 1.1 * (fit.nadir_cam - nadir)
+        return replace(fit, nadir_cam=moved / np.linalg.norm(moved))
+
+    estimating_with(monkeypatch, pushed)
+    rows = replay_scene(base.images, scene, heads_of(base), replace(plan, estimators=("video-vertical",)))
+    moved = changed(pairs_of(rows, base.results.rows))
+    assert [(one["scene"], one["estimator"]) for one in moved] == [(scene, "video-vertical")] * 2
+    before = {row.key: row for row in base.results.rows}
+    for row in rows:
+        assert row.status == Outcome.VALID
+        assert row.nadir_error_arcsec == pytest.approx(1.1 * before[row.key].nadir_error_arcsec, rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def pairs(tmp_path_factory) -> Night:
+    made = rendered(tmp_path_factory.mktemp("pairs") / "pairs.toml", SUITE)
+    assert (len(made.made), len(made.frames)) == (SCENES, 2 * SCENES)
+    return made
+
+
+def together(pairs: Night) -> dict[str, list[str]]:
+    """The cases of the heads of every scene, in their order."""
+    about = {name: one for record, _ in pairs.made.values() for name, one in record["together"].items()}
+    return {name: [case for _, case in one["heads"]] for name, one in about.items()}
+
+
+def test_without_a_fault_all_is_quiet(pairs):
+    images = pairs.unchanged()
+    assert all(one["same_radiance"] and one["same_images"] == one["n_images"] == 1 for one in images.values())
+    gates = pairs.verdicts({"rerender", "fresh"}, images=images, fresh=pairs.fresh(plainly))
+    assert {gate["verdict"] for gate in gates.values()} == {"PASS"}
+    assert all(gate["scenes"] == [] for gate in gates.values())
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_half_a_pixel_in_one_head_is_caught_by_rendering_again(pairs, which):
+    cases = {heads[which] for heads in together(pairs).values()}
+
+    def shifted(scene, camera):
+        frame = pairs.frames[key_of(scene)]
+        if scene.camera.head != pairs.suite.cases[which].head:
+            return frame
+        moved = ndimage.shift(frame.radiance["vis"].astype(float), (0.5, 0.5), order=1, mode="nearest")
+        return replace(frame, radiance={"vis": moved.astype(np.float32)})
+
+    gates = pairs.verdicts({"rerender"}, images=pairs.again(render=shifted))
+    assert gates["moved"]["verdict"] == "FAIL"
+    assert set(gates["moved"]["scenes"]) == cases, "the other head stays where it was"
+
+
+def test_a_worse_method_of_all_heads_is_caught_on_fresh_scenes(pairs):
+    """Every answer is pushed away from the first head's true nadir by 300 arcsec, three times the margin."""
+    first = [heads[0] for heads in together(pairs).values()]
+    order = iter([np.array(pairs.scenes[case]["truth"]["nadir_geocentric_cam"]) for case in first])
+
+    def worse(name, observation):
+        fit, true = plainly(name, observation), next(order)
+        assert not isinstance(fit, Refusal)
+        off = fit.nadir_cam - true
+        pushed = fit.nadir_cam + np.radians(300.0 / 3600.0) * off / np.linalg.norm(off)
+        return replace(fit, nadir_cam=pushed / np.linalg.norm(pushed))
+
+    gates = pairs.verdicts({"fresh"}, fresh=pairs.fresh(worse))
+    assert gates["fresh"]["verdict"] == "FAIL"
+    assert gates["fresh"]["estimate"]["value"] == pytest.approx(300.0, rel=0.01)
+    assert set(gates["fresh"]["scenes"]) == set(pairs.made)
+    assert gates["available"]["verdict"] == "PASS"
+
+
+def test_a_method_that_loses_its_heads_is_caught_on_fresh_scenes(pairs):
+    """Where all answers are lost no error is left to compare: availability must say so."""
+
+    def lost(name, observation):
+        return Refusal(Outcome.NO_LIMB, "one head was not looked at")
+
+    gates = pairs.verdicts({"fresh"}, fresh=pairs.fresh(lost))
+    assert gates["available"]["verdict"] == "FAIL"
+    assert set(gates["available"]["scenes"]) == set(pairs.made)
