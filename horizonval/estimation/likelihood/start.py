@@ -8,8 +8,8 @@ III; J. A. Christian, IEEE Access 9, 2021, section V)::
     e_i . m = 1,    |m| = 1 / cos rho',    sin rho' = 1 / |p|,    r = axes * p,    p = -|p| m / |m|
 
 with ``p`` the scaled position. They solve for ``m`` by least squares; here the same cone is fitted by orthogonal
-regression (:func:`horizonval.geometry.horizon.fit_cone`), which shrinks the radius of a short noisy arc less. A sphere is
-the special case of equal axes, in which the camera's own axes do for the planet's.
+regression (:func:`horizonval.geometry.horizon.fit_cone`), which shrinks the radius of a short noisy arc less. A sphere
+is the special case of equal axes, in which the camera's own axes do for the planet's.
 
 It weighs the points as the scaling leaves them, to the flattening of 0.3 %: a start for a fit, not an answer.
 
