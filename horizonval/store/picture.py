@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from horizonval.core import files, memory
 from horizonval.core.errors import UserError
-from horizonval.estimation.limb.grey import to_grey
+from horizonval.estimation.limb.picture import to_grey
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.spec.camera import CameraSpec
 from horizonval.store.header import read_header

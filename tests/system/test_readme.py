@@ -66,8 +66,6 @@ def test_the_commands_are_found():
 def test_everything_runs_with_six_small_frames_for_the_default_suite(mini_suite, tmp_path):
     page = README.replace(RUN, f"horizonval run {mini_suite} --out out")
     page = page.replace('hv.run("quick"', f'hv.run("{mini_suite}"')
-        'hv.run("quick"', f'hv.run("{mini_suite}"'
-    )
     assert page.count(str(mini_suite)) == 2
     _done(page, tmp_path)
     _assert_whole(tmp_path / "out", "mini", 6)
