@@ -8,7 +8,7 @@ A point is as good as the two sides of its profile. Read across the limb, outsid
   where the step is a small share of what it is elsewhere on the limb are left out. The terminator itself bounds nothing
   but darkness: the step across it is no edge;
 * *faint*: where the Sun's direction is known, by a coarse sensor, the limb's height towards the terminator is too
-  (:mod:`horizonval.estimation.limb.model.sunlit`), and a point need only stand out of the noise;
+  (:mod:`horizonval.estimation.guard.sunlit`), and a point need only stand out of the noise;
 * *restless*: where the outer side varies (Sun's halo, Moon, ghost) by more than a share of the step;
 * *alone*: points that no longer belong to an unbroken stretch of some length.
 
@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.ranks import ROSE_SIGMAS
-from horizonval.estimation.limb.shape.cone import arc_order
+from horizonval.estimation.limb.cone import arc_order
+from horizonval.estimation.limb.picture import ROSE_SIGMAS, Picture
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import tangent_basis

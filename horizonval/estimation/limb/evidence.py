@@ -1,4 +1,4 @@
-r"""Is there a limb along this curve? The likelihood of the pixels across it, against that of no limb.
+"""Is there a limb along this curve? The likelihood of the pixels across it, against that of no limb.
 
 The limb of a cone is cut into sectors, and the picture is read across each of them, ``x`` pixels inside of it, as the
 mean of neighbouring profiles. Two models are fitted to a sector by least squares, with as many free levels each::
@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.search.pyramid import PyramidLevel
-from horizonval.estimation.limb.search.trace import Trace, trace_limb
+from horizonval.estimation.limb.pyramid import PyramidLevel, Trace, trace_limb
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel
 

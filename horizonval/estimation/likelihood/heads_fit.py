@@ -1,4 +1,4 @@
-r"""The pose of a body that makes the pixels across the limb of all its heads most probable.
+"""The pose of a body that makes the pixels across the limb of all its heads most probable.
 
 The equations of one image (:mod:`horizonval.estimation.likelihood.fit`) are added up. With the unknowns ``g`` of the
 body, a turn in body axes, position, height and softness of the limb, modes of its relief, and one blur for each head,
@@ -22,7 +22,6 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.likelihood.fit import (
     CONVERGED,
     LARGEST_LOG_STEP,
@@ -43,12 +42,11 @@ from horizonval.estimation.likelihood.fit import (
     predicted,
     scaled_inverse,
 )
-from horizonval.estimation.likelihood.height.uneven_limb import UnevenLimb
+from horizonval.estimation.likelihood.height import UnevenLimb
 from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M, LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
-from horizonval.estimation.likelihood.limb_pixels import FEWEST_LIMB_PX, LimbPixels, limb_pixels
-from horizonval.estimation.likelihood.relief_modes import relief_modes
-from horizonval.estimation.likelihood.sectors import eliminated
+from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, LimbLight, solved, weighed
+from horizonval.estimation.likelihood.pixels import FEWEST_LIMB_PX, LimbPixels, limb_pixels
+from horizonval.estimation.likelihood.sectors import eliminated, relief_modes
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.rotation import tangent_basis
 

@@ -1,4 +1,4 @@
-r"""The limb's place below the pixel, from profile to profile: where the fitted edge has half of its step.
+"""The limb's place below the pixel, from profile to profile: where the fitted edge has half of its step.
 
 Of every profile across the limb the least squares of ::
 
@@ -17,7 +17,7 @@ linear in the limb's direction ``t`` about the nadir, and three numbers do for a
 
 **Sharper than a lens.** Between pixels that an edge cuts hard, interpolation is wrong by up to a tenth of a pixel, and
 alike along a stretch of limb that runs with the rows. There the place is read off whole pixels, by the area under a row
-or column of them (:mod:`horizonval.estimation.limb.subpixel`), with levels and shading of samples away from the edge.
+or column of them (:mod:`horizonval.estimation.limb.edges`), with levels and shading of samples away from the edge.
 """
 
 from __future__ import annotations
@@ -31,9 +31,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, TRIM_SIGMAS, median
-from horizonval.estimation.limb.result import FEWEST_POINTS
-from horizonval.estimation.limb.search.evidence import (
+from horizonval.estimation.limb.edges import half_window
+from horizonval.estimation.limb.evidence import (
     INNERMOST,
     REACH_PX,
     SHIFTS_PX,
@@ -41,9 +40,9 @@ from horizonval.estimation.limb.search.evidence import (
     inner_reach,
     read_profiles,
 )
-from horizonval.estimation.limb.search.pyramid import PyramidLevel
-from horizonval.estimation.limb.search.trace import Trace, trace_limb
-from horizonval.estimation.limb.subpixel import half_window
+from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, TRIM_SIGMAS, median
+from horizonval.estimation.limb.proposals import FEWEST_POINTS
+from horizonval.estimation.limb.pyramid import PyramidLevel, Trace, trace_limb
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle

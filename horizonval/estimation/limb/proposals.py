@@ -1,4 +1,6 @@
-"""Cones that may be the limb: through three edge points of one level whose gradients agree.
+"""What a search for the limb gives back where it does not refuse (:mod:`horizonval.core.outcome`).
+
+Cones that may be the limb: through three edge points of one level whose gradients agree.
 
 Edge points are Canny's (IEEE Trans. PAMI 8, 679, 1986) where the gradient stands out of the noise. Of them those come
 first that have a calm side, since space is calm: mean gradient of the calmer side over their own. Three lines of sight
@@ -19,11 +21,34 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.edges import SOBEL_NOISE_GAIN
-from horizonval.estimation.limb.ranks import ROSE_SIGMAS
-from horizonval.estimation.limb.result import FEWEST_POINTS
-from horizonval.estimation.limb.search.pyramid import PyramidLevel
+from horizonval.estimation.limb.picture import ROSE_SIGMAS
+from horizonval.estimation.limb.pyramid import PyramidLevel
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import cones_through, fit_cone
+
+FEWEST_POINTS = 8
+"""Of three unknowns, and something to see their scatter by."""
+
+
+@dataclass(frozen=True)
+class LimbPoints:
+    """Points of the Earth's limb in one image.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        (column, row) [px].
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight in camera axes.
+    scale : int
+        Pixels of the image per pixel of the size at which the limb is an edge: 1 of a sharp limb, more of one that is
+        many pixels deep.
+    """
+
+    uv: FloatArray
+    los_cam: FloatArray
+    scale: int = 1
+
 
 INT16 = np.iinfo(np.int16)
 UNITS = 8.0
