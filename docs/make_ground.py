@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from horizonval.earth.optical import optical_model
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -29,7 +29,7 @@ VIEWS = (
 
 def disc(latitude_deg: float, longitude_deg: float, epoch: str, sun: dict[str, float]) -> np.ndarray:
     """Return the reflectance of the Earth in three bands, shape (PIXELS, PIXELS, 3)."""
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     place = {"altitude_km": 35786.0, "latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "epoch_utc": epoch}
     tables = {"platform": place, "sun": sun, "surface": {"kind": "earth"}, "atmosphere": {"aerosol": "none"}}

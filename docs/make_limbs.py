@@ -1,4 +1,4 @@
-"""The picture at the head of README.md: python docs/make_limbs.py results/gallery/limbs.png
+"""The picture at the head of README.md: python docs/make_limbs.py results/gallery/limbs.jpg
 
 Six of the shipped scenes, rendered larger and wider: four in three colours of visible light, two in the infrared.
 """
@@ -59,7 +59,7 @@ def main(path: Path) -> None:
     for i, name in enumerate(ORDER):
         top, left = (i // 3) * (HEIGHT + GAP), (i % 3) * (WIDTH + GAP)
         whole[top : top + HEIGHT, left : left + WIDTH] = pictures[name]
-    cv2.imwrite(str(path), whole[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(path), whole[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 82])
 
 
 if __name__ == "__main__":

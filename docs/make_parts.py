@@ -1,4 +1,4 @@
-"""The picture of docs/howto/spacecraft-parts.md: python docs/make_parts.py results/gallery/parts.png
+"""The picture of docs/howto/spacecraft-parts.md: python docs/make_parts.py results/gallery/parts.jpg
 
 The shipped scenes with parts of the spacecraft in view, three in colours of visible light, one in the infrared.
 """
@@ -25,7 +25,7 @@ def main(path: Path) -> None:
     for i, picture in enumerate(pictures):
         top, left = (i // 2) * (HEIGHT + GAP), (i % 2) * (WIDTH + GAP)
         whole[top : top + HEIGHT, left : left + WIDTH] = picture
-    cv2.imwrite(str(path), whole[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(path), whole[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 82])
 
 
 if __name__ == "__main__":

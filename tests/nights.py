@@ -200,7 +200,7 @@ class Night:
 
 def rendered(path: Path, text: str) -> Night:
     """Return a suite's night, rendered and estimated once."""
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     path.write_text(text, encoding="utf-8")
     suite = load_suite(path)

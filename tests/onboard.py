@@ -24,7 +24,7 @@ from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case
 from horizonval.suites.observation import observation_of

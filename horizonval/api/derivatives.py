@@ -20,7 +20,7 @@ from horizonval.jobs.progress import shown
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress
-    from horizonval.renderer.scene.description import Described
+    from horizonval.renderer.frame import Described
 
 ROTATIONS, SHIFTS = ("rotation_x", "rotation_y", "rotation_z"), ("east", "north", "up")
 AIR_STEPS = {
@@ -164,7 +164,7 @@ def image_derivatives(
         For a scene with parts, whose illumination would change too; else as :func:`horizonval.render`.
     """
     from horizonval.earth.atmosphere.air import AirChange
-    from horizonval.renderer.scene.description import describe
+    from horizonval.renderer.frame import describe
 
     spec, camera = scene.spec, scene.camera.spec
     if spec.part:
@@ -223,8 +223,7 @@ def _displaced(described: Described, parameter: str, step: float) -> Described:
 
 def _radiance(described: Described, progress: Progress | None) -> Images:
     """Return the radiance of every band before it is rounded to single precision."""
-    from horizonval.renderer.plugin.integrator import prepare
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
+    from horizonval.renderer.plugins import mitsuba_scene, prepare
 
     prepare(described.limb, progress)
     scene = mitsuba_scene(described.limb, described.sensor)

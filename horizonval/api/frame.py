@@ -190,7 +190,7 @@ def render(scene: Scene | str | Path, *, progress: bool | Progress = True) -> Fr
     >>> frame.radiance["vis"].shape
     (32, 32)
     """
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     resolved = scene_of(scene)
     with shown(progress) as listener:
@@ -300,12 +300,11 @@ def radiance(
     model = file_model(file, thermal=thermal, refracted=str(path) if refraction else "")
     if not table.rows:
         return table, {band.name: np.empty(0) for band in file.bands}
-    from horizonval.renderer.plugin.backend import activate
+    from horizonval.renderer.backend import activate
 
     activate()
-    from horizonval.renderer.rays.radiance import RAY_NODES, radiance_along_rays
-    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
-    from horizonval.renderer.scattering.quality import FINE
+    from horizonval.renderer.rays import RAY_NODES, radiance_along_rays, thermal_radiance
+    from horizonval.renderer.scattering.shells import FINE
 
     rays_in = file.planet_radius_m, table.observer_m, table.direction
     if thermal:

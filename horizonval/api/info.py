@@ -162,7 +162,7 @@ def examine() -> dict[str, Any]:
     """Return what is found, as plain data: ``facts`` (label, text), ``problems`` (text, fix), ``can_render``."""
     from horizonval.core.environment import configured_folder, is_usable
     from horizonval.jobs.pool import available_cpus
-    from horizonval.renderer.plugin.backend import probe
+    from horizonval.renderer.backend import probe
 
     facts: list[tuple[str, str]] = [
         ("Python", f"{platform.python_version()} ({sys.executable})"),

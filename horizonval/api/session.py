@@ -23,7 +23,7 @@ from horizonval.spec.scene import SceneSpec
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress
     from horizonval.frame import RadianceFrame
-    from horizonval.renderer.scene.viewpoint import Viewpoint
+    from horizonval.renderer.viewpoint import Viewpoint
 
 Attitude: TypeAlias = "Sequence[float] | NDArray[np.float64] | Mapping[str, Any]"
 """Yaw, pitch and roll [deg]; a quaternion; or keys of a pose that turn the camera."""
@@ -206,7 +206,7 @@ class Session:
     def _rendered(self, attitude: Attitude | None, *, maps: bool) -> RadianceFrame:
         spec = self.scene.spec if attitude is None else _with_attitude(self.scene.spec, attitude)
         if self._viewpoint is None:
-            from horizonval.renderer.scene.frame import viewpoint_of
+            from horizonval.renderer.frame import viewpoint_of
 
             with shown(self._progress) as listener:
                 self._viewpoint = viewpoint_of(self.scene.spec, self.camera.spec, listener)

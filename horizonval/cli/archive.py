@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from horizonval.cli.options import ALL, EntryOptions, Json, estimators, selects
+from horizonval.cli.options import ALL, EntryOptions, Json, Workers, estimators, selects
 from horizonval.cli.output import print_json, print_summary, resumable, watched
 from horizonval.core.errors import UserError, command_line, printable
-from horizonval.core.files import kind_at
-from horizonval.jobs.pool import MOST_WORKERS
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
 
@@ -27,7 +24,9 @@ def archive_ls(folder: Archive, kind: Kind = None, options: EntryOptions = ALL, 
     """List the frames and images of an archive, from its index, which catches up with the files first."""
     from dataclasses import asdict
 
-    store = _store(folder)
+    from horizonval.store.named import open_archive
+
+    store = open_archive(folder)
     entry_filter = options.filter(kind)
     with watched("reading headers") as progress:
         entries = store.index.select(entry_filter, progress)
@@ -75,11 +74,11 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
     The folder of a night or of results that were scored again is looked at as well. Exit status 1 if anything is wrong.
     """
     from horizonval.store.folder import RunFolder
-    from horizonval.store.named import named_addresses, run_folder_of
+    from horizonval.store.named import archive_of_results, named_addresses, open_archive, run_folder_of
     from horizonval.store.verify import is_results_folder, verify_folder
 
     whole = is_results_folder(folder)
-    store = _archive_of_results(folder) if whole else _store(folder)
+    store = archive_of_results(folder) if whole else open_archive(folder)
     own = RunFolder(folder)
     run_folder = own if store is None or store.root == own.archive else run_folder_of(store.root)
     named = named_addresses(run_folder) if run_folder else {}
@@ -110,7 +109,9 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
 @archive_app.command("reindex")
 def archive_reindex(folder: Archive) -> None:
     """Make the index anew, from the headers alone. What is missing by then is not missed any more."""
-    store = _store(folder, follow=False)
+    from horizonval.store.named import open_archive
+
+    store = open_archive(folder, follow=False)
     with watched("reading headers") as progress:
         count = store.index.rebuild(progress)
     print(f"{store.index.path}: {count} entries")
@@ -145,7 +146,7 @@ def archive_export(
     from horizonval.bridges.attitudes import write_attitudes
     from horizonval.bridges.mcap import write_mcap
     from horizonval.store.export import Format, export_file, write_masks
-    from horizonval.store.named import run_folder_of
+    from horizonval.store.named import open_archive, run_folder_of
 
     wanted: dict[Format, bool] = {"fits": fits, "png": png or coco, "tiff": tiff, "npz": npz}
     formats = [name for name, is_wanted in wanted.items() if is_wanted]
@@ -157,7 +158,7 @@ def archive_export(
         _refuse_filters(address, entry_filter)
         paths, store = [source], None
     else:
-        store = _store(source)
+        store = open_archive(source)
         addresses = {store.find(start) for start in address or ()}
         entries = [e for e in store.index.select(entry_filter) if not addresses or e.address in addresses]
         in_time = sorted(entries, key=lambda e: (e.epoch_utc, e.camera, e.head, e.address)) if mcap else entries
@@ -192,9 +193,9 @@ def archive_gc(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be removed, and leave it.")] = False,
 ) -> int:
     """Remove what no result of the run names, such as frames that other code rendered; never during a run."""
-    from horizonval.store.named import garbage, remove, run_folder_of
+    from horizonval.store.named import garbage, open_archive, remove, run_folder_of
 
-    store = _store(folder, follow=False)
+    store = open_archive(folder, follow=False)
     run_folder = run_folder_of(store.root)
     if run_folder is None:
         raise UserError(
@@ -232,9 +233,7 @@ def archive_rescore(
             help="Repeatable; by default those of the run (`horizonval list estimators`).", autocompletion=estimators
         ),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, max=MOST_WORKERS, help="Estimates at a time; by default the processors.")
-    ] = None,
+    workers: Workers = None,
     time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Processor time of one estimate.")] = 60.0,
     options: EntryOptions = ALL,
     as_json: Json = False,
@@ -246,19 +245,13 @@ def archive_rescore(
     """
     from horizonval.jobs.pool import available_cpus
     from horizonval.plugins.supervisor import Limits
+    from horizonval.store.named import open_archive
     from horizonval.suites.rescore import rescore
 
-    entry_filter = options.filter("image")
+    store, entry_filter, limits = open_archive(folder), options.filter("image"), Limits(time_s=time_limit)
     with resumable("rescore", "cases") as progress:
-        done = rescore(
-            _store(folder),
-            out,
-            tuple(estimator or ()),
-            entry_filter,
-            workers or available_cpus(),
-            Limits(time_s=time_limit),
-            progress,
-        )
+        processes = workers or available_cpus()
+        done = rescore(store, out, tuple(estimator or ()), entry_filter, processes, limits, progress)
     if as_json:
         print_json(done.summary)
     else:
@@ -267,51 +260,6 @@ def archive_rescore(
     for name, why in done.failed.items():
         print(printable(f"horizonval: {name}: {why}"), file=sys.stderr)
     return 1 if done.failed else 0
-
-
-def _archive_of_results(folder: Path) -> Any:
-    """Return the archive of a folder of results, whatever its files say; None where it has none."""
-    from horizonval.store.folder import RunFolder
-    from horizonval.store.named import named_addresses
-    from horizonval.store.store import Store
-
-    inside = RunFolder(folder).archive
-    if inside.is_dir() or (named_addresses(RunFolder(folder)) and not _elsewhere(folder)):
-        return Store(inside)
-    return _store(folder) if _elsewhere(folder) else None
-
-
-def _elsewhere(folder: Path) -> str | None:
-    """Return where results that were scored again have their images; None if that cannot be read, too."""
-    from horizonval.store.folder import RunFolder, read_json
-
-    try:
-        place = (read_json(RunFolder(folder).suite) or {}).get("archive")
-    except UserError:
-        return None
-    return place if isinstance(place, str) else None
-
-
-def _store(folder: Path, *, follow: bool = True) -> Any:
-    """Return the archive of a folder; ``follow``: of results that were scored again that of their images."""
-    from horizonval.store.folder import RunFolder, read_json
-    from horizonval.store.named import archive_of
-    from horizonval.store.store import Store
-
-    head: dict[str, Any] = {}
-    if follow:
-        with contextlib.suppress(UserError):  # A damaged one names nothing; `verify` tells that it is.
-            head = read_json(RunFolder(folder).suite) or {}
-    inside = archive_of(RunFolder(folder), head)
-    root = inside if inside.is_dir() else folder
-    expected = "an archive, or the folder of a run"
-    if not root.is_dir():
-        kind = kind_at(root, links=True)
-        raise UserError(f"is {kind}" if kind else "no such folder", where=str(folder), expected=expected)
-    store = Store(root, read_only=inside.parent != folder)
-    if root.resolve().name != "archive" and not store.is_one():
-        raise UserError("holds no archive", where=str(folder), expected=expected)
-    return store
 
 
 def _file(folder: Path, address: str | None) -> Path:
@@ -324,9 +272,10 @@ def _file(folder: Path, address: str | None) -> Path:
         raise UserError(
             "which entry?", where=str(folder), expected=f"an address, see {command_line('archive', 'ls', folder)}"
         )
-    store = _store(folder)
-    path: Path = store.path(store.find(address))
-    return path
+    from horizonval.store.named import open_archive
+
+    store = open_archive(folder)
+    return store.path(store.find(address))
 
 
 def _refuse_filters(address: list[str] | None, entry_filter: Any) -> None:

@@ -10,6 +10,7 @@ import typer
 from horizonval.cli.options import DryRun, Json, Workers, shipped
 from horizonval.cli.options import systems as letters
 from horizonval.cli.output import interruptible, print_dry_run, print_json
+from horizonval.core.errors import UserError
 
 baseline_app = typer.Typer(help="The accepted baseline of the nightly regression.", rich_markup_mode=None)
 
@@ -130,6 +131,8 @@ def reproduce(
     The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a bar is missed,
     or with --quick if a figure is not the committed one.
     """
+    if quick and dry_run:
+        raise UserError("used with --quick", where="--dry-run", fix="leave one of them out")
     if quick:
         return _quick(systems or [], out, workers, as_json)
     from horizonval.api.run import DryRun as Counted

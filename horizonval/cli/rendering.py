@@ -88,7 +88,7 @@ def mitsuba(
 
     source = hv.Scene.from_file(scene, head)
     check_folder(out)
-    from horizonval.renderer.reference.export import export_scene
+    from horizonval.renderer.reference.reference import export_scene
 
     for path in export_scene(source.spec, source.camera.spec, out):
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")

@@ -86,7 +86,7 @@ class SpectralNode:
         Scattering per ``layer_per_m``, and asymmetry of each layer's particles.
     forward_per_m : ndarray, shape (n,)
         What of ``particle_per_m`` scatters straight on and is not in ``extinction_per_m``, see
-        :mod:`horizonval.renderer.scattering.forward_peak`; empty for nothing.
+        :mod:`horizonval.renderer.scattering.shells`; empty for nothing.
     more_extinction_per_m, more_molecular_per_m : ndarray, shape (m, k)
         What the model's ``columns`` have more of (less: negative) than the node's own column. Empty without columns.
     energy_ratio : float

@@ -341,7 +341,7 @@ def _run(
             function, items, execution.dask, work.folder or Path(), renderer=work.renders, on_start=on_start
         )
     if work.renders:
-        from horizonval.renderer.plugin.backend import probe
+        from horizonval.renderer.backend import probe
 
         if probe().chosen is None:
             raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
@@ -377,7 +377,7 @@ class _Clock(Generic[I, R]):
 
 
 def _safely(work: Work[I, R], item: I) -> Done[R]:
-    from horizonval.renderer.plugin.compiling import compiling_counted
+    from horizonval.renderer.backend import compiling_counted
 
     start = time.perf_counter()
     taken_s()

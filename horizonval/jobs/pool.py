@@ -352,7 +352,7 @@ def get_ready(threads: int, renderer: bool) -> None:
 
     cv2.setNumThreads(threads)
     if renderer:
-        from horizonval.renderer.plugin.backend import activate
+        from horizonval.renderer.backend import activate
 
         activate(threads)
 

@@ -4,16 +4,35 @@ Everything rests on one trick: with ``z`` stretched by ``a/b`` the ellipsoid bec
 stay lines with the same parameter. With primed vectors in the stretched space a line ``o + t d`` meets the ellipsoid if
 ``m = |o' x d'| / |d'| <= a``, and it is nearest to it at ``t = -(o'.d') / |d'|^2``. The form ``a^2 - m^2`` is used
 instead of the textbook discriminant ``b^2 - ac``, which cancels at planetary distances.
+
+Where steps go along rays: the stretch of a ray inside the air, its parameter, and how steps are shared out.
+
+A ray is cut at its lowest point into a descending and an ascending piece. With ``y`` from -1 (entry) over 0 (lowest
+point) to 1 (exit) the distance from the lowest point is ``l (c |y| + (1 - c) |y|^3)``: dense where the air is dense.
+One step holds two Gauss points.
+
+Steps along rays through layers of thin cloud: no step straddles a layer's edge.
+
+A ray is cut where it enters and leaves each layer's heights, on its way down and on its way up. Every piece has a
+number of steps of its own, so that neighbouring rays differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in
+one with gaps (:func:`steps_among_gaps`), half the march's outside the highest and below the lowest one, a quarter
+between two. A piece without length, of a ray that passes above, has no steps: as a piece shrinks so does what its steps
+add up, and nothing jumps where they go.
+Within a piece steps are even in the ray parameter of :mod:`horizonval.renderer.planet`; where the umbra's edge
+crosses the ray, a third of them lies before, in and behind it.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.types import Real, Vec, Vec3, inverse_root
+from horizonval.renderer.types import Real, Vec, Vec3, constant, inverse_root
 
 
 def dot(p: Vec3[Real], q: Vec3[Real]) -> Real:
@@ -138,3 +157,284 @@ class Planet:
     def _unit(v: Vec) -> Vec:
         s = inverse_root(dot(v, v))
         return v[0] * s, v[1] * s, v[2] * s
+
+
+SOLAR_CONCENTRATION = 0.15
+THERMAL_CONCENTRATION = 0.5
+"""The c of the module text for scattered sunlight and for emission."""
+
+GAUSS_LOW = 0.5 - math.sqrt(3.0) / 6.0
+"""First Gauss point of a step of length 1; the second is as far from the other end."""
+
+
+@dataclass(frozen=True)
+class AirPath:
+    """The stretch of a ray inside the atmosphere and in front of the ground, ready to be marched.
+
+    ``t_low`` is the lowest point; ``y0``, ``y1`` bound the ray parameter; ``length_*`` are the pieces' lengths [m].
+    """
+
+    t_low: mi.Float64
+    length_before: mi.Float64
+    length_after: mi.Float64
+    y0: mi.Float64
+    y1: mi.Float64
+
+
+def find_path(
+    planet: Planet, top_m: float, o: Vec, d: Vec, to_ground: mi.Bool, cloud: tuple[mi.Bool, mi.Float64] | None = None
+) -> AirPath:
+    """Return the marched stretch of rays with unit directions; zero length for rays above the atmosphere.
+
+    ``to_ground``: march up to the ground (the ray must hit it) instead of past the lowest point. ``cloud``:
+    whether and where clouds end a ray before either.
+    """
+    mid, half, meets = planet.chord(o, d, top_m)
+    ground_mid, ground_half, _ = planet.chord(o, d)
+    t_in = dr.maximum(mid - half, 0.0)
+    t_out = dr.select(to_ground, ground_mid - ground_half, mid + half)
+    if cloud is not None:
+        t_out = dr.select(cloud[0], cloud[1], t_out)
+    t_out = dr.select(meets, dr.maximum(t_out, t_in), t_in)
+    # at the ground the path may end before the lowest point of the line
+    t_low = dr.clip(dr.select(to_ground, t_out, mid), t_in, t_out)
+    before, after = t_low - t_in, t_out - t_low
+    return AirPath(
+        t_low,
+        before,
+        after,
+        dr.select(before > 0.0, mi.Float64(-1.0), 0.0),
+        dr.select(after > 0.0, mi.Float64(1.0), 0.0),
+    )
+
+
+def warp(path: AirPath, y: mi.Float64, c: float) -> mi.Float64:
+    """Return the ray parameter [m] of ``y``; ``c`` as in the module text."""
+    reach = dr.abs(y)
+    reach = reach * dr.fma(reach * reach, 1.0 - c, c)
+    return path.t_low + dr.select(y < 0.0, -path.length_before, path.length_after) * reach
+
+
+def unwarp(path: AirPath, t: mi.Float64, c: float) -> mi.Float64:
+    """Return ``y`` of a ray parameter: the real root of ``c y + (1 - c) y^3 = x``, by the hyperbolic solution."""
+    s = t - path.t_low
+    length = dr.select(s < 0.0, path.length_before, path.length_after)
+    x = dr.minimum(dr.abs(s) / dr.maximum(length, 1e-3), 1.0)
+    p = c / (1.0 - c)
+    q = x / (1.0 - c)
+    scale = 2.0 * math.sqrt(p / 3.0)
+    arg = 3.0 * q / (p * scale)
+    growth = dr.exp(dr.log(arg + dr.sqrt(arg * arg + 1.0)) / 3.0)
+    y = 0.5 * scale * (growth - 1.0 / growth)
+    return dr.select(s < 0.0, -dr.minimum(y, 1.0), dr.minimum(y, 1.0))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How the steps are shared out: step index boundaries ``n1 <= n2`` at the parameters ``y1 <= y2``."""
+
+    n1: mi.Float64
+    n2: mi.Float64
+    y1: mi.Float64
+    y2: mi.Float64
+
+    def boundary(self, path: AirPath, i: mi.Float64, count: mi.Float64) -> mi.Float64:
+        """Return ``y`` at step boundary ``i``: linear between the shared-out boundaries."""
+        first = path.y0 + (self.y1 - path.y0) * (i / dr.maximum(self.n1, 1.0))
+        middle = self.y1 + (self.y2 - self.y1) * ((i - self.n1) / dr.maximum(self.n2 - self.n1, 1.0))
+        last = self.y2 + (path.y1 - self.y2) * ((i - self.n2) / dr.maximum(count - self.n2, 1.0))
+        return dr.select(i < self.n1, first, dr.select(i < self.n2, middle, last))
+
+
+def umbra_edges(planet: Planet, o: Vec, d: Vec, sun: Vec) -> tuple[mi.Float64, mi.Bool, mi.Float64, mi.Bool]:
+    """Return the ray parameters where lines enter and leave the umbra, each with whether they do."""
+    t1, t2, crosses = planet.shadow_crossings(o, d, sun)
+    # a crossing counts only on the side away from the Sun: look a metre into the cylinder
+    enters = crosses & planet.in_umbra(along(o, d, t1 + 1.0), sun)
+    leaves = crosses & planet.in_umbra(along(o, d, t2 - 1.0), sun)
+    return t1, enters, t2, leaves
+
+
+def umbra(planet: Planet, path: AirPath, o: Vec, d: Vec, sun: Vec, c: float) -> tuple[mi.Float64, mi.Float64]:
+    """Return ``y`` where the ray enters and leaves the umbra; its ends where it does not."""
+    t1, real1, t2, real2 = umbra_edges(planet, o, d, sun)
+    y1 = dr.select(real1, dr.clip(unwarp(path, t1, c), path.y0, path.y1), path.y0)
+    y2 = dr.select(real2, dr.clip(unwarp(path, t2, c), path.y0, path.y1), path.y1)
+    return y1, y2
+
+
+def lit_steps(path: AirPath, y1: mi.Float64, y2: mi.Float64, count: int, steady: bool = False) -> Steps:
+    """Share ``count`` steps out among the pieces before, in and behind the umbra, by their lengths in ``y``.
+
+    ``steady``: a third to each piece, however short it is. Whole numbers of steps jump where lengths change gently, and
+    with them, by the error of the quadrature, the radiance; tables are to be smooth.
+    """
+    if steady:
+        crossed = (y1 > path.y0) | (y2 < path.y1)
+        n1 = dr.select(crossed, constant(round(count / 3)), 0.0)
+        n2 = dr.select(crossed, constant(round(2 * count / 3)), constant(count))
+        return Steps(n1, n2, dr.select(crossed, y1, path.y0), dr.select(crossed, dr.maximum(y2, y1), path.y1))
+    span = dr.maximum(path.y1 - path.y0, 1e-9)
+    tiny = 1e-6 * span
+    y1 = dr.select(y1 - path.y0 < tiny, path.y0, y1)
+    y2 = dr.select(path.y1 - y2 < tiny, path.y1, dr.maximum(y2, y1))
+    n1 = dr.round(count * (y1 - path.y0) / span)
+    n2 = dr.round(count * (y2 - path.y0) / span)
+    n1 = dr.clip(n1, dr.select(y1 > path.y0, mi.Float64(1.0), 0.0), count - 2.0)
+    n2 = dr.clip(
+        n2, n1 + dr.select(y2 > y1, mi.Float64(1.0), 0.0), count - dr.select(y2 < path.y1, mi.Float64(1.0), 0.0)
+    )
+    return Steps(n1, n2, y1, y2)
+
+
+def even_steps(path: AirPath, count: int) -> Steps:
+    """Return steps that are even in ``y``."""
+    return Steps(mi.Float64(0.0), mi.Float64(count), path.y0, path.y1)
+
+
+def glow_steps(planet: Planet, path: AirPath, o: Vec, d: Vec, layer_m: float, count: int, c: float) -> Steps:
+    """Give each passage through what lies above ``layer_m`` two fifths of the steps."""
+    mid, half, meets = planet.chord(o, d, layer_m)
+    y1 = dr.select(meets, dr.clip(unwarp(path, mid - half, c), path.y0, path.y1), path.y0)
+    y2 = dr.select(meets, dr.clip(unwarp(path, mid + half, c), path.y0, path.y1), path.y1)
+    tiny = 1e-9 * dr.maximum(path.y1 - path.y0, 1e-9)
+    layer_steps = float(round(0.4 * count))
+    n1 = dr.select(y1 > path.y0 + tiny, mi.Float64(layer_steps), 0.0)
+    n2 = dr.select(y2 < path.y1 - tiny, mi.Float64(count - layer_steps), float(count))
+    return Steps(n1, n2, dr.select(n1 > 0.0, y1, path.y0), dr.select(n2 < count, y2, path.y1))
+
+
+def way_through(
+    planet: Planet, o: Vec, d: Vec, layer_m: float | mi.Float64, to_ground: bool
+) -> tuple[mi.Float64, mi.Float64]:
+    """Return the ray parameters between which rays are below a height, in front of the ground if they meet it."""
+    mid, half, _ = planet.chord(o, d, layer_m)
+    start, end = dr.maximum(mid - half, 0.0), dr.maximum(mid + half, 0.0)
+    if to_ground:
+        ground_mid, ground_half, _ = planet.chord(o, d)
+        end = ground_mid - ground_half
+    return start, dr.maximum(end, start)
+
+
+LAYER_STEPS = 36
+SPARE_OUTER = 3.0 / 8.0
+"""Of tables under a light that no shadow cuts off: of the march's steps outside the highest layer, in place of half.
+With 0.28 a layer of nothing and clear air were 1.3e-4 apart, above what its test allows."""
+STEPS_PER_SCALE, MOST_STEPS = 12, 240
+"""In a layer with gaps: steps per scale of the gaps on the longest passage, so that a softened edge, a sixth of the
+scale, has four points; and at most."""
+_RADIUS_M = 6.371e6
+
+
+class LayerBand(NamedTuple):
+    """Heights [m] of a layer, and steps of each passage through it."""
+
+    base_m: float
+    top_m: float
+    steps: int = LAYER_STEPS
+
+
+Bands = Sequence[LayerBand]
+"""From the lowest on, without overlaps."""
+
+
+def layer_bands(heights: Sequence[tuple[float, float]], gaps: Sequence[tuple[float, float, float]]) -> Bands:
+    """Return heights (base, top) with their numbers of steps; ``gaps``: base, top and scale of layers with gaps [m]."""
+    bands = []
+    for base, top in heights:
+        inside = [scale for low, high, scale in gaps if low < top and high > base]
+        bands.append(LayerBand(base, top, max([LAYER_STEPS, *(steps_among_gaps(top - base, s) for s in inside)])))
+    return tuple(bands)
+
+
+def steps_among_gaps(thickness_m: float, scale_m: float) -> int:
+    """Return the steps that the longest passage of a layer needs: from its top down to its base, level there."""
+    longest = math.sqrt(2.0 * _RADIUS_M * thickness_m)
+    return min(_twelve(STEPS_PER_SCALE * longest / scale_m), MOST_STEPS)
+
+
+@dataclass(frozen=True)
+class LayeredSteps:
+    """Pieces of rays: ``cuts`` in y, and the number of the step at each; ``umbra``: y where rays enter and leave it."""
+
+    cuts: tuple[mi.Float64, ...]
+    starts: tuple[mi.Float64, ...]
+    umbra: tuple[mi.Float64, mi.Float64] | None
+    crossed: mi.Bool
+
+    @property
+    def count(self) -> mi.UInt32:
+        """Steps of a ray."""
+        return mi.UInt32(self.starts[-1])
+
+    def boundary(self, path: AirPath, i: mi.Float64, count: mi.Float64 | int) -> mi.Float64:
+        """Return ``y`` at step boundary ``i``."""
+        low, high, first, last = self.cuts[0], self.cuts[1], self.starts[0], self.starts[1]
+        for k in range(1, len(self.cuts) - 1):
+            past = i >= self.starts[k]
+            low, high = dr.select(past, self.cuts[k], low), dr.select(past, self.cuts[k + 1], high)
+            first, last = dr.select(past, self.starts[k], first), dr.select(past, self.starts[k + 1], last)
+        share = (i - first) / dr.maximum(last - first, 1.0)
+        if self.umbra is None:
+            return dr.fma(high - low, share, low)
+        a, b = (dr.clip(edge, low, high) for edge in self.umbra)
+        third = dr.minimum(dr.floor(3.0 * share + 1e-9), 2.0)
+        within = 3.0 * share - third
+        begin = dr.select(third < 0.5, low, dr.select(third < 1.5, a, b))
+        end = dr.select(third < 0.5, a, dr.select(third < 1.5, b, high))
+        return dr.select(self.crossed, dr.fma(end - begin, within, begin), dr.fma(high - low, share, low))
+
+
+def layered_steps(
+    planet: Planet,
+    path: AirPath,
+    o: Vec,
+    d: Vec,
+    bands: Bands,
+    count: int,
+    concentration: float,
+    umbra: tuple[mi.Float64, mi.Float64] | None = None,
+    *,
+    spare: bool = False,
+) -> LayeredSteps:
+    """Return the steps of rays through layers.
+
+    Parameters
+    ----------
+    bands : sequence of (float, float)
+        Heights between which layers lie; :data:`Bands`.
+    count : int
+        Steps of the march without layers.
+    umbra : tuple of Float64, optional
+        ``y`` where rays enter and leave the umbra; their ends where they do not.
+    spare : bool
+        Whether fewer steps do above the layers: :data:`SPARE_OUTER`.
+    """
+    begin, end = path.t_low - path.length_before, path.t_low + path.length_after
+    down: list[mi.Float64] = []
+    up: list[mi.Float64] = []
+    steps_down: list[int] = []
+    below, inner = _twelve(count / 2), _twelve(count / 4)
+    outer = _twelve(count * SPARE_OUTER) if spare else below
+    for n, band in enumerate(reversed(bands)):
+        steps_down += [outer if n == 0 else inner, band.steps]
+        for height in (band.top_m, band.base_m):
+            mid, half, _ = planet.chord(o, d, constant(height))
+            down.append(mid - half)
+            up.insert(0, mid + half)
+    cuts = [begin]
+    for t in [*down, *up]:
+        cuts.append(dr.maximum(dr.clip(t, begin, end), cuts[-1]))
+    cuts.append(end)
+    starts = [constant(0.0)]
+    for k, steps in enumerate([*steps_down, below, *reversed(steps_down)]):
+        starts.append(starts[-1] + dr.select(cuts[k + 1] > cuts[k], constant(float(steps)), 0.0))
+    y = [path.y0, *(dr.clip(unwarp(path, t, concentration), path.y0, path.y1) for t in cuts[1:-1]), path.y1]
+    crossed = mi.Bool(False) if umbra is None else (umbra[0] > path.y0) | (umbra[1] < path.y1)
+    ends = None if umbra is None else (umbra[0], dr.maximum(umbra[1], umbra[0]))
+    return LayeredSteps(tuple(y), tuple(starts), ends, crossed)
+
+
+def _twelve(steps: float) -> int:
+    """Return a number of steps as a multiple of twelve: for rounds of four steps, and thirds of pieces."""
+    return 12 * max(1, round(steps / 12.0))

@@ -20,13 +20,10 @@ _FOLDER: dict[Kind, str] = {
     "study": "studies",
     "atmosphere": "atmospheres",
 }
-_SUFFIX: dict[Kind, str] = {
-    "scene": ".toml",
-    "camera": ".toml",
-    "suite": ".toml",
-    "study": ".toml",
-    "atmosphere": ".json",
-}
+
+
+def _suffix(kind: Kind) -> str:
+    return ".json" if kind == "atmosphere" else ".toml"
 
 
 def shipped_root() -> Path:
@@ -38,12 +35,12 @@ def shipped_root() -> Path:
 
 def shipped_names(kind: Kind) -> list[str]:
     """Return the names of the shipped files of one kind, sorted."""
-    return sorted(p.stem for p in (shipped_root() / _FOLDER[kind]).glob("*" + _SUFFIX[kind]) if p.is_file())
+    return sorted(p.stem for p in (shipped_root() / _FOLDER[kind]).glob("*" + _suffix(kind)) if p.is_file())
 
 
 def shipped_path(kind: Kind, name: str) -> Path:
     """Return the path of a shipped file; it need not exist."""
-    return shipped_root() / _FOLDER[kind] / (name + _SUFFIX[kind])
+    return shipped_root() / _FOLDER[kind] / (name + _suffix(kind))
 
 
 def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> Path:
@@ -68,7 +65,7 @@ def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, wh
     candidate = given if beside is None else beside / given
     if candidate.is_file():
         return candidate
-    name = str(path_or_name).removesuffix(_SUFFIX[kind])
+    name = str(path_or_name).removesuffix(_suffix(kind))
     if name in shipped_names(kind):
         return shipped_path(kind, name)
     if (lies_there := kind_at(candidate, links=True)) not in ("a file", ""):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,6 +55,49 @@ def archive_of(folder: RunFolder, head: Mapping[str, Any]) -> Path:
     if not isinstance(elsewhere, str) or kind not in ("a folder", "") or (kind and not Store(root).is_one()):
         raise DamagedFileError(f"names {excerpt(str(elsewhere))!r}, which is no archive", where=str(folder.suite))
     return root
+
+
+def open_archive(folder: Path, *, follow: bool = True) -> Store:
+    """Return the archive that a folder is or holds.
+
+    Parameters
+    ----------
+    folder : Path
+        An archive, or the folder of a run.
+    follow : bool
+        Whether results that were scored again stand for the archive of their images, which is then only read.
+
+    Raises
+    ------
+    UserError
+        There is none.
+    """
+    head: dict[str, Any] = {}
+    if follow:
+        with contextlib.suppress(UserError):  # A damaged one names nothing; `verify` tells that it is.
+            head = read_json(RunFolder(folder).suite) or {}
+    inside = archive_of(RunFolder(folder), head)
+    root = inside if inside.is_dir() else folder
+    expected = "an archive, or the folder of a run"
+    if not root.is_dir():
+        kind = files.kind_at(root, links=True)
+        raise UserError(f"is {kind}" if kind else "no such folder", where=str(folder), expected=expected)
+    store = Store(root, read_only=inside.parent != folder)
+    if root.resolve().name != "archive" and not store.is_one():
+        raise UserError("holds no archive", where=str(folder), expected=expected)
+    return store
+
+
+def archive_of_results(folder: Path) -> Store | None:
+    """Return the archive of a folder of results, whatever its files say; None where it has none."""
+    run = RunFolder(folder)
+    try:
+        elsewhere = isinstance((read_json(run.suite) or {}).get("archive"), str)
+    except UserError:
+        elsewhere = False
+    if run.archive.is_dir() or (named_addresses(run) and not elsewhere):
+        return Store(run.archive)
+    return open_archive(folder) if elsewhere else None
 
 
 def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str]:

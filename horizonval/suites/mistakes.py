@@ -13,7 +13,7 @@ from horizonval.estimation.likelihood.templates import is_of_band, templates_of
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
-from horizonval.renderer.scene.frame_memory import refuse_too_large
+from horizonval.renderer.frame_cost import refuse_too_large
 from horizonval.sensor.knowledge import drawn_errors, refuse_unknown_climate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import Case, Suite

@@ -169,7 +169,7 @@ def month_model(spec: StabilitySpec, month: int) -> OpticalModel:
 
 def month_profiles(spec: StabilitySpec, month: int) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Return clear limb radiances [W m-2 sr-1] of every band: round the orbit (p, 4, n), along parallels (m, n)."""
-    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.renderer.rays import thermal_radiance
 
     position, azimuth = heads_round_orbit(spec)
     height, angle = heights_m(spec), nadir_angles(spec)
@@ -295,19 +295,13 @@ def highest_crossing(height_m: FloatArray, radiance: FloatArray, level: ArrayLik
     The lowest or the highest height of the rays where a profile stays below or above its level. Between its rays a
     profile is a monotone cubic.
     """
-    profile = radiance.reshape(-1, len(height_m))
-    goal = np.broadcast_to(np.asarray(level, dtype=np.float64), radiance.shape[:-1]).reshape(-1)
-    above = profile >= goal[:, None]
-    # Between the last ray at or above the level and the next, the profile falls through it once.
-    last = np.where(above.any(axis=1), len(height_m) - 1 - np.argmax(above[:, ::-1], axis=1), 0)
-    piece = np.minimum(last, len(height_m) - 2)
-    cubic = PchipInterpolator(height_m, profile, axis=1).c[:, piece, np.arange(len(profile))]
-    low, high = np.zeros(len(profile)), np.where(above.any(axis=1), height_m[piece + 1] - height_m[piece], 0.0)
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        reached = ((cubic[0] * middle + cubic[1]) * middle + cubic[2]) * middle + cubic[3] >= goal
-        low, high = np.where(reached, middle, low), np.where(reached, high, middle)
-    return (height_m[piece] + 0.5 * (low + high)).reshape(radiance.shape[:-1])
+    profiles = radiance.reshape(-1, len(height_m))
+    found = np.empty(len(profiles))
+    for i, goal in enumerate(np.broadcast_to(np.asarray(level, dtype=np.float64), radiance.shape[:-1]).ravel()):
+        roots = PchipInterpolator(height_m, profiles[i]).solve(goal, extrapolate=False)
+        # A stretch that lies on the level has its start and a NaN among the roots.
+        found[i] = np.nanmax(roots) if len(roots) else height_m[-1 if profiles[i, -1] >= goal else 0]
+    return found.reshape(radiance.shape[:-1])
 
 
 def sensors_of(height_m: FloatArray, angle_rad: FloatArray, radiance: FloatArray, field_rad: float) -> list[JsonObject]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from horizonval.core import memory
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Execution
-from horizonval.renderer.scene.frame_memory import frame_bytes
+from horizonval.renderer.frame_cost import frame_bytes
 from horizonval.spec.load import Case, Suite
 
 

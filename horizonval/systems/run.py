@@ -51,7 +51,7 @@ def reproduce_systems(
     UserError
         An unknown system, a folder of something else or in which another run works, or no back-end to render with.
     """
-    from horizonval.renderer.plugin.backend import probe
+    from horizonval.renderer.backend import probe
 
     letters = chosen(names)
     _check_folder(out)

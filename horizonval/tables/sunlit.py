@@ -190,10 +190,10 @@ def sunlit_profiles(
     sun_deg: tuple[FloatArray, FloatArray] = (SUN_ZENITH_DEG, SUN_AZIMUTH_DEG),
 ) -> FloatArray:
     """Return T at the nodes of a band over the Sun's zenith angles and azimuths [1/sr], shape (nodes, A, B, H)."""
+    from horizonval.renderer.backend import activate
     from horizonval.renderer.kernel.batching import IMAGE_TABLE
-    from horizonval.renderer.plugin.backend import activate
-    from horizonval.renderer.rays.radiance import radiance_along_rays
-    from horizonval.renderer.scattering.quality import STANDARD
+    from horizonval.renderer.rays import radiance_along_rays
+    from horizonval.renderer.scattering.shells import STANDARD
 
     activate()
     model = sunlit_model(state, band, air)

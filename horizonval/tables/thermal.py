@@ -251,7 +251,7 @@ def _with_cloud(band: EmittingBand, top_m: float) -> EmittingBand:
 
 def thermal_profiles(model: OpticalModel, latitude_deg: float, some_bands: list[Band]) -> list[FloatArray]:
     """Return the profiles on ``HEIGHT_M`` of every band [W m-2 sr-1 um-1], lines along the parallel."""
-    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.renderer.rays import thermal_radiance
 
     origin, direction = rays_along_parallels(np.radians([latitude_deg]), HEIGHT_M)
     found = thermal_radiance(model, WGS84.a_m, origin[0], direction[0], polar_radius_m=WGS84.b_m, nodes=NODES)

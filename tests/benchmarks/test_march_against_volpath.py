@@ -16,7 +16,7 @@ from peak_memory import run_apart
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.geometry.camera import CameraModel
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 RADIUS_M, TOP_M, SCALE_HEIGHT_M, DEPTH = 6_371_000.0, 100_000.0, 8000.0, 0.1
 ALTITUDE_M, FIELD_DEG, ALBEDO = 500_000.0, 4.0, 0.3
@@ -62,8 +62,7 @@ def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:
     activate()
     import mitsuba as mi
 
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
-    from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
+    from horizonval.renderer.plugins import CameraSettings, LimbSettings, mitsuba_scene
 
     model, place, camera = _scene(pixels)
     limb = LimbSettings(model, place.planet, tuple(SUN), 0.00465, 2, nodes, "single")

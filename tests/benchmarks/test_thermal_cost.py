@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from peak_memory import run_apart
 
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.renderer.table_store import TABLES
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec

@@ -14,7 +14,7 @@ import numpy as np
 
 from horizonval.core.progress import Silent
 from horizonval.estimation.likelihood import templates
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 from horizonval.spec.camera import Band
 from horizonval.spec.load import load_camera
 from horizonval.tables.modes import MONTHS

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from horizonval.earth.optical import optical_model
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
-from horizonval.renderer.rays.thermal_radiance import NODES, thermal_radiance
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
+from horizonval.renderer.rays import NODES, thermal_radiance
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

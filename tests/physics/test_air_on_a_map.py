@@ -19,7 +19,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.earth.weather.field import ColumnMap, latitude_longitude_deg
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_geodetic
-from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+from horizonval.renderer.rays import thermal_radiance
 from horizonval.truth.infrared_horizon import infrared_horizon
 from horizonval.truth.infrared_radiance import angle_of_height, directions
 

@@ -1,6 +1,6 @@
 """Light scattered more than once goes straight in the renderer: what is left out where it is bent.
 
-Air over apparent heights (:mod:`horizonval.renderer.refraction.apparent_radius`) is air in which bent light goes
+Air over apparent heights (:mod:`horizonval.renderer.refraction`) is air in which bent light goes
 straight. Light scattered more than once that is solved in it has the lengths and the angles with the vertical of bent
 light, from point to point and from the Sun. What even that leaves out is that the vertical turns under a bent ray, and
 the Sun's angle with it: by half a degree under a ray that grazes the ground, by a tenth on the Sun's own way to a place
@@ -17,17 +17,17 @@ import pytest
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
+from horizonval.renderer.backend import activate
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
-from horizonval.renderer.scattering.quality import STANDARD, Quality
+from horizonval.renderer.refraction import to_apparent_radius
+from horizonval.renderer.scattering.shells import STANDARD, Quality
 
 activate()
 
 from reference_rays import RADIUS_KM, limb_ray, vector  # noqa: E402
 from table_and_march import camera_of, scene_of  # noqa: E402
 
-from horizonval.renderer.rays.radiance import radiance_along_rays  # noqa: E402
+from horizonval.renderer.rays import radiance_along_rays  # noqa: E402
 
 RADIUS_M = 1e3 * RADIUS_KM
 HEIGHTS_KM = (-500.0, -50.0, -5.0, 2.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)

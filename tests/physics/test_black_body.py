@@ -18,7 +18,7 @@ from thermal_model import radiances
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.earth.surface.ground_emission import uniform_ground
-from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+from horizonval.renderer.rays import thermal_radiance
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

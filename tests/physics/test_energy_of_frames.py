@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from horizonval.earth.spectral import sunlight
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

@@ -22,7 +22,7 @@ from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height, surface_normal
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 activate()
 

@@ -329,7 +329,7 @@ def test_the_renderer_agrees() -> None:
     The renderer has other rays, other steps and another quadrature. 2 m of 470 m pixels in the opaque band; in the
     window the chord between two pixels' centres is 10 m off.
     """
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     tables = {"camera": {"width": 4, "height": 300, "fx": 6000.0, "fy": 6000.0}}
     spec = CameraSpec.model_validate(camera((14.0, 16.3), (8.0, 14.0)).model_dump(mode="json") | tables)

@@ -19,7 +19,7 @@ from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import pixel_grid, unproject
 from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.geometry.frames import inverse, rotate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import deep_merge, load_scene
 from horizonval.spec.scene import SceneSpec

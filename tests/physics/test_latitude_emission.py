@@ -11,7 +11,7 @@ from latitude_limb import A_M, B_M
 from make_latitude_limb import BANDS, GROUND_K, HEIGHT_M, PLACES, row_of
 from thermal_model import model_of
 
-from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+from horizonval.renderer.rays import thermal_radiance
 
 ACROSS_THE_EDGE = (52.0, 20.0, 2)
 DATA = Path(__file__).parents[1] / "data"

@@ -26,10 +26,10 @@ FLOOR = 2e-3
 
 def seen(scene: SceneSpec, band: Band, latitude_rad: float, height_m: np.ndarray) -> np.ndarray:
     """Return the profile that a scene has along lines to the east, lowest at a latitude on its own meridian."""
-    from horizonval.renderer.plugin.backend import activate
+    from horizonval.renderer.backend import activate
 
     activate()
-    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.renderer.rays import thermal_radiance
 
     model = optical_model(scene, CameraSpec(camera=CameraGeometry(width=1, height=1, fov_deg=1.0), band=[band]))
     longitude = np.radians(scene.platform.longitude_deg)
@@ -114,11 +114,11 @@ STATES = ((0.12, 0.05, "ec2008-45"), (0.45, 0.12, "ec2008-77"))
 
 def sunlit_state(albedo: float, depth: float, air: str, band: Band, table: LimbTemplates) -> np.ndarray:
     """Return the profiles of a state without clouds under every Sun, shape (suns, heights)."""
-    from horizonval.renderer.plugin.backend import activate
+    from horizonval.renderer.backend import activate
 
     activate()
-    from horizonval.renderer.rays.radiance import radiance_along_rays
-    from horizonval.renderer.scattering.quality import STANDARD
+    from horizonval.renderer.rays import radiance_along_rays
+    from horizonval.renderer.scattering.shells import STANDARD
 
     scene = SceneSpec(
         scene=SceneName(name="unseen"),

@@ -15,18 +15,24 @@ from make_hazy_twilight import model_of as hazy_columns
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.earth.column import OpticalModel
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 activate()
 
 from horizonval.renderer.kernel import batching  # noqa: E402
 from horizonval.renderer.planet import Planet  # noqa: E402
-from horizonval.renderer.rays.radiance import radiance_along_rays  # noqa: E402
+from horizonval.renderer.rays import radiance_along_rays  # noqa: E402
 from horizonval.renderer.scattering import multiple_scattering  # noqa: E402
-from horizonval.renderer.scattering.diffuse_field import DiffuseField  # noqa: E402
 from horizonval.renderer.scattering.multiple_scattering import solve  # noqa: E402
-from horizonval.renderer.scattering.quality import FINE, LAYERED, STANDARD, Quality, for_images  # noqa: E402
-from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER  # noqa: E402
+from horizonval.renderer.scattering.shells import (  # noqa: E402
+    FINE,
+    LAYERED,
+    SOLVED_TOGETHER,
+    STANDARD,
+    DiffuseField,
+    Quality,
+    for_images,
+)
 from horizonval.renderer.tables import AltitudeGrid, SunTable  # noqa: E402
 
 DATA = Path(__file__).parents[1] / "data"

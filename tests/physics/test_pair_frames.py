@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec

@@ -11,7 +11,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+from horizonval.renderer.rays import thermal_radiance
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.infrared_radiance import angle_of_height

@@ -10,9 +10,8 @@ import pytest
 from brute_force import single_scatter
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.rays.radiance import RAY_NODES, radiance_along_rays
-from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+from horizonval.renderer.backend import activate
+from horizonval.renderer.rays import RAY_NODES, radiance_along_rays, thermal_radiance
 
 DATA = Path(__file__).parents[1] / "data"
 BANDS = ("450nm", "550nm", "850nm")

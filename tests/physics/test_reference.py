@@ -18,9 +18,9 @@ import pytest
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import CameraModel
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import describe, render_frame
 from horizonval.renderer.reference.reference import placement, render_reference
-from horizonval.renderer.scene.frame import describe, render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -103,8 +103,7 @@ def test_particles_of_changing_asymmetry_equal_stock_mitsuba() -> None:
     described = describe(scene, camera)
     import mitsuba as mi
 
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
-    from horizonval.renderer.plugin.settings import LimbSettings
+    from horizonval.renderer.plugins import LimbSettings, mitsuba_scene
     from horizonval.renderer.reference import reference_scene as stock
 
     clear = described.model.nodes[0]
@@ -147,7 +146,7 @@ def test_exported_hazy_scene_equals_the_march(view: str, tmp_path: Path, monkeyp
     assert scene.atmosphere.aerosol == "background"
     import mitsuba as mi
 
-    from horizonval.renderer.reference.export import export_scene
+    from horizonval.renderer.reference.reference import export_scene
 
     export_scene(scene, camera, tmp_path)
     (node,) = describe(scene, camera).model.nodes

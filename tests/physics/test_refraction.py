@@ -18,13 +18,11 @@ from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere, write_atmosphere
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.gases import rayleigh
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.rays.radiance import radiance_along_rays
-from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
-from horizonval.renderer.refraction.bending import BendingField, true_direction
-from horizonval.renderer.refraction.ray_end import ray_end
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.rays import radiance_along_rays
+from horizonval.renderer.refraction import BendingField, ray_end, to_apparent_radius, true_direction
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.camera import CameraModel
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 from horizonval.systems.b.rig import bench
 from horizonval.systems.b.rig.panel import Panel
 

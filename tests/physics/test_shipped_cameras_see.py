@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.frame import Hit
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import shipped_names

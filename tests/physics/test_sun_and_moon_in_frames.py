@@ -17,8 +17,8 @@ from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs, sun_visible_fraction
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import moon_place
@@ -368,7 +368,7 @@ def test_a_sunlit_scene_has_nothing_of_the_night(mi: Any) -> None:
 def test_leaving_out_the_set_sun_changes_nothing(
     mi: Any, monkeypatch: pytest.MonkeyPatch, aerosol: str, share: float
 ) -> None:
-    import horizonval.renderer.scene.description as module
+    import horizonval.renderer.frame as module
 
     air = {"profile": "us_standard", "aerosol": aerosol}
     sun, moon = {"zenith_deg": 136.0, "azimuth_deg": 90.0}, {"zenith_deg": 40.0}

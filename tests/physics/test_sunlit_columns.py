@@ -11,15 +11,14 @@ from side_by_side import NORTH, RADIUS_M, SOUTH, TOP_M, scattered_once
 
 from horizonval.earth.column import ColumnPlaces, OpticalModel, SpectralNode
 from horizonval.earth.weather.field import ColumnMap
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 activate()
 import mitsuba as mi  # noqa: E402
 
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches  # noqa: E402
 from horizonval.renderer.kernel.march import march  # noqa: E402
-from horizonval.renderer.planet import Planet  # noqa: E402
-from horizonval.renderer.ray_path import SOLAR_CONCENTRATION  # noqa: E402
+from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet  # noqa: E402
 from horizonval.renderer.tables import vectors  # noqa: E402
 
 PLANET = Planet(RADIUS_M, RADIUS_M)

@@ -14,9 +14,9 @@ from scipy.integrate import quad
 from thermal_model import limb_rays, model_of
 
 from horizonval.frame import RadianceFrame
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.rays.thermal_radiance import thermal_radiance
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
+from horizonval.renderer.rays import thermal_radiance
 
 BY_LATITUDE = {"profile": "by_latitude_month", "month": 2}
 # name: scene, camera. Each looks across the limb, from the ground up to space.

@@ -17,8 +17,8 @@ from scipy.integrate import quad
 
 import horizonval as hv
 from horizonval.frame import Hit, RadianceFrame
+from horizonval.renderer.frame import render_frame
 from horizonval.renderer.reference.reference import MOST_SUBSAMPLES, render_reference, resized
-from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

@@ -15,7 +15,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import Ellipsoid
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 from horizonval.truth.infrared_radiance import BandMedium, layer_edges_m, limb_radiance, ray_paths
 
 activate()
@@ -24,8 +24,8 @@ from make_thin_cloud_limb import TABLE, model_of  # noqa: E402
 from reference_rays import limb_ray, vector  # noqa: E402
 from table_and_march import FINER, GREEN, NODES, camera_of, compare, rendered, scene_of, table_errors  # noqa: E402
 
-from horizonval.renderer.rays.radiance import radiance_along_rays  # noqa: E402
-from horizonval.renderer.scattering.quality import LAYERED, Quality  # noqa: E402
+from horizonval.renderer.rays import radiance_along_rays  # noqa: E402
+from horizonval.renderer.scattering.shells import LAYERED, Quality  # noqa: E402
 
 RADIUS_M = 6371e3
 DEPTHS = (0.001, 0.01, 0.1, 0.3, 1.0)

@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.earth.spectral import bands
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, pixel_solid_angle, unproject
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -88,8 +88,8 @@ def test_haze_brightens_twilight(sun_depression_deg, more):
 def test_the_stations_sky_is_what_the_ray_integrator_gives():
     from horizonval.earth.optical import optical_model
     from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
-    from horizonval.renderer.rays.radiance import radiance_along_rays
-    from horizonval.renderer.scattering.quality import STANDARD
+    from horizonval.renderer.rays import radiance_along_rays
+    from horizonval.renderer.scattering.shells import STANDARD
     from horizonval.systems.e.ground.ground_camera import tracker
     from horizonval.systems.e.ground.sky import render_sky, sky_scene
     from horizonval.systems.e.localisation.stations import Station, enu_directions

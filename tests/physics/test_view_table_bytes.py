@@ -12,8 +12,8 @@ import drjit as dr
 import pytest
 from table_and_march import GREEN, NIR, angle_of_limb_deg, camera_of, scene_of
 
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.renderer.table_store import TABLES
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec

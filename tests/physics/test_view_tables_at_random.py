@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from table_and_march import BLUE, FINER, GREEN, NIR, RED, angle_of_limb_deg, camera_of, scene_of, table_errors
 
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

@@ -10,7 +10,7 @@ from emission_reference import RADIUS_M, limits_um
 
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
-from horizonval.renderer.rays.thermal_radiance import NODES, thermal_radiance
+from horizonval.renderer.rays import NODES, thermal_radiance
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

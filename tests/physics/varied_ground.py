@@ -17,7 +17,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -310,7 +310,7 @@ def compare(name: str, folder: Path, out: Path) -> dict[str, Any]:
     figure.savefig(out / f"{name}-limb.png", dpi=110)
     plt.close(figure)
     stack = [images[band] for band in (("window",) * 3 if photograph.thermal else ("blue", "green", "red"))]
-    cv2.imwrite(str(out / f"{name}.png"), np.clip(np.stack(stack, axis=-1), 0, 255).astype(np.uint8))
+    cv2.imwrite(str(out / f"{name}.jpg"), np.clip(np.stack(stack, axis=-1), 0, 255).astype(np.uint8))
     return figures
 
 

@@ -17,7 +17,7 @@ from horizonval.core import code
 PACKAGE = Path(horizonval.__file__).parent
 FRAME = """
 from pathlib import Path
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.store.exr import write_frame
 write_frame(Path("frame.exr"), render_frame(suite.cases[0].scene, suite.cases[0].camera))
 """
@@ -78,7 +78,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     ("name", "changed"),
     [
-        ("renderer/scene/frame.py", {"version", "frame", "row"}),
+        ("renderer/frame.py", {"version", "frame", "row"}),
         ("earth/data/solar_spectrum.csv", {"version", "frame", "row"}),
         ("frame.py", {"version", "frame", "row"}),
         ("sensor/observe.py", {"version", "row"}),

@@ -37,56 +37,24 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TaskCache:
     return TaskCache(tmp_path, workers=1)
 
 
-def _rolled(function: Callable[..., Any]) -> Callable[..., Any]:
-    def off(*args: Any, **kwargs: Any) -> Any:
-        fit = function(*args, **kwargs)
-        return fit if isinstance(fit, Refusal) else replace(fit, roll_rad=fit.roll_rad + OFF)
-
-    return off
-
-
-def _tilted(function: Callable[..., float | None]) -> Callable[..., float | None]:
-    def off(*args: Any) -> float | None:
-        found = function(*args)
-        return None if found is None else found + OFF
-
-    return off
+FAULTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
+    "A": (altitude_free_published, "fit_pixels", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
+    "B": (tilt, "tilt_rad", lambda found: found + OFF),
+    "C": (poses, "ideal_horizon_sensor", lambda one: replace(one, roll_error_rad=one.roll_error_rad + OFF)),
+    "D": (linear_heads, "published_angles", lambda angles: (angles[0], angles[1] + OFF)),
+    "E": (trials, "locate", lambda found: replace(found, proposed=found.proposed * (1.0 + 1e-6))),
+    "F": (f_errors, "attitude_over_ellipsoid", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
+    "G": (g_errors, "attitude_of_quadrants", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
+}
+"""In which module which function is wrong, and how, by the system's letter."""
 
 
-def _turned(function: Callable[..., Any]) -> Callable[..., Any]:
-    def off(*args: Any) -> Any:
-        reading = function(*args)
-        return replace(reading, roll_error_rad=reading.roll_error_rad + OFF)
-
-    return off
-
-
-def _moved(function: Callable[..., Any]) -> Callable[..., Any]:
+def _faulty(function: Callable[..., Any], change: Callable[[Any], Any]) -> Callable[..., Any]:
     def off(*args: Any, **kwargs: Any) -> Any:
         found = function(*args, **kwargs)
-        return replace(found, proposed=found.proposed * (1.0 + 1e-6))
+        return found if found is None or isinstance(found, Refusal) else change(found)
 
     return off
-
-
-def _shifted(function: Callable[..., Any]) -> Callable[..., Any]:
-    def off(*args: Any) -> Any:
-        pitch, roll = function(*args)
-        return pitch, roll + OFF
-
-    return off
-
-
-FAULTS: dict[str, tuple[Any, str, Callable[..., Any]]] = {
-    "A": (altitude_free_published, "fit_pixels", _rolled),
-    "B": (tilt, "tilt_rad", _tilted),
-    "C": (poses, "ideal_horizon_sensor", _turned),
-    "D": (linear_heads, "published_angles", _shifted),
-    "E": (trials, "locate", _moved),
-    "F": (f_errors, "attitude_over_ellipsoid", _rolled),
-    "G": (g_errors, "attitude_of_quadrants", _rolled),
-}
-"""What is replaced in which module, and by what, by the system's letter."""
 
 
 def _failed(found: list[dict[str, Any]]) -> list[str]:
@@ -111,7 +79,7 @@ def test_a_fault_in_an_estimator_is_named_and_without_it_all_is_quiet(
     assert quiet
     assert _failed(quiet) == []
     module, name, fault = FAULTS[system]
-    monkeypatch.setattr(module, name, fault(getattr(module, name)))
+    monkeypatch.setattr(module, name, _faulty(getattr(module, name), fault))
     # What was computed without the fault must not be taken for what is computed with it.
     other = cache.folder / "again"
     other.mkdir()

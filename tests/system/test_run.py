@@ -211,7 +211,7 @@ def test_a_broken_frame_costs_only_itself(program, mini_suite, tmp_path):
         "import sys\n"
         "class Saboteur:\n"
         "    def find_spec(self, name, path=None, target=None):\n"
-        "        if name == 'horizonval.renderer.scene.frame':\n"
+        "        if name == 'horizonval.renderer.frame':\n"
         "            import horizonval.earth.optical as optical\n"
         "            whole = optical.optical_model\n"
         "            def broken(scene, *rest, **more):\n"

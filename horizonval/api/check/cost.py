@@ -10,7 +10,7 @@ shipped scenes of 80 to 1024 pixels, second frame of a process.
 
 **How far off.** With view tables ``limb-noon-vis`` takes 0.3 s from a new place and 0.1 s from the same, 0.35 s and
 0.12 s are predicted; ``terminator``, with clouds, 8 s and 2.0 s, 6.8 s and 1.4 s are predicted. Marched frames are
-predicted at 0.8 to 1.3 of their time. Of memory :mod:`horizonval.renderer.scene.frame_memory` says it. On other
+predicted at 0.8 to 1.3 of their time. Of memory :mod:`horizonval.renderer.frame_cost` says it. On other
 machines, and for scenes unlike these, take a factor of three. Disk is within 1.5 on seven shipped scenes: by day and
 night, with clouds and Moon, in the infrared. What an estimator takes is known for ours only, to a factor of three.
 
@@ -33,7 +33,7 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.jobs.pool import available_cpus
-from horizonval.renderer.scene.frame_memory import frame_bytes
+from horizonval.renderer.frame_cost import frame_bytes
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

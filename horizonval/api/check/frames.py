@@ -15,8 +15,7 @@ from horizonval.api.check.rules import findings_of
 from horizonval.core.errors import UserError
 from horizonval.earth.optical import node_counts, optical_model
 from horizonval.jobs.engine import ExpectedTime
-from horizonval.renderer.scene.frame_memory import refuse_too_large
-from horizonval.renderer.scene.shared_view import shared_view
+from horizonval.renderer.frame_cost import refuse_too_large, shared_view
 from horizonval.scoring import limits
 from horizonval.sensor.observe import check_camera
 from horizonval.spec.camera import ALL_HEADS, CameraSpec

@@ -25,19 +25,23 @@ from horizonval.renderer.kernel.node_batches import (
     Particles,
     SolarNodes,
 )
-from horizonval.renderer.layer_steps import Bands, layer_bands
-from horizonval.renderer.planet import Planet
-from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
-from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
-from horizonval.renderer.refraction.bending import BendingField, refracted_sun_table
-from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
-from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
-from horizonval.renderer.scattering.forward_peak import without_peaks
-from horizonval.renderer.scattering.horizontal_transfer import HorizontalTransfer
-from horizonval.renderer.scattering.quality import Quality
-from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER
-from horizonval.renderer.scattering.source_store import content_key, multiple_scattering
-from horizonval.renderer.scattering.source_table import SourceTable
+from horizonval.renderer.planet import SOLAR_CONCENTRATION, Bands, Planet, layer_bands
+from horizonval.renderer.refraction import (
+    ApparentRadiusAir,
+    BendingField,
+    RefractedSunTable,
+    RefractionTables,
+    refracted_sun_table,
+)
+from horizonval.renderer.scattering.multiple_scattering import content_key, multiple_scattering
+from horizonval.renderer.scattering.shells import (
+    SOLVED_TOGETHER,
+    DiffuseField,
+    MultipleScattering,
+    Quality,
+    without_peaks,
+)
+from horizonval.renderer.scattering.source_table import HorizontalTransfer, SourceTable
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunShell, SunTable, packet_type, table_of
 from horizonval.renderer.types import Values, constant
 

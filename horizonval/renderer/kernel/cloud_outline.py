@@ -33,10 +33,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.digests import content_digest
 from horizonval.earth.clouds.relief import BASE_M
 from horizonval.renderer.kernel.clouds import BENDING_NODES_ABOVE, NO_TOP_M, SKIP_MARGIN_M, CloudTable
-from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
-from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates, limb_function
 from horizonval.renderer.planet import along, dot
-from horizonval.renderer.refraction.bending import turn_between, vertical_of
+from horizonval.renderer.refraction import turn_between, vertical_of
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import table_of, vectors
 from horizonval.renderer.types import Vec, Vec3, in_single, inverse_root

@@ -12,7 +12,7 @@ function S::
     sunlight, scattered before:  S = (k_molecules S_molecules + k_particles S_particles) E0 / k     (source_table)
 
 Which of them a march adds up, its node batch says (``node_batches``). Where the steps go is in
-:mod:`horizonval.renderer.ray_path`: dense where the air is dense, no step straddles the umbra's edge, and airglow,
+:mod:`horizonval.renderer.planet`: dense where the air is dense, no step straddles the umbra's edge, and airglow,
 which comes from a thin layer high up, has them above that layer's lower edge.
 
 **One step** holds two Gauss points. Extinction and source are linear through them: the optical depth at the points and
@@ -45,10 +45,8 @@ from horizonval.renderer.kernel.ray_sources import (
     round_of,
 )
 from horizonval.renderer.kernel.surface import SurfaceHit
-from horizonval.renderer.layer_steps import LayeredSteps
-from horizonval.renderer.planet import Planet
-from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, umbra_edges, warp
-from horizonval.renderer.refraction.bent_ray import refracted_umbra
+from horizonval.renderer.planet import GAUSS_LOW, AirPath, LayeredSteps, Planet, find_path, umbra_edges, warp
+from horizonval.renderer.refraction import refracted_umbra
 from horizonval.renderer.types import Values, Vec, constant
 
 THICK_STEP = 0.5
@@ -80,7 +78,7 @@ def march(
     nodes : int
         Evaluations along each ray (two per step).
     concentration : float
-        The ``c`` of :mod:`horizonval.renderer.ray_path`: smaller is denser near the lowest point.
+        The ``c`` of :mod:`horizonval.renderer.planet`: smaller is denser near the lowest point.
     hit : SurfaceHit, optional
         What is at the rays' ends, clouds included; without it a Lambert ground, no clouds.
     ground_factors : tuple of Values, optional
@@ -143,8 +141,8 @@ def march_air(
 ) -> AirMarch:
     """Return what the air does along rays, without what is at their ends.
 
-    Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.ray_path.find_path`, ``steady`` as of
-    :func:`horizonval.renderer.ray_path.lit_steps`; ``lit``: no shadow cuts the rays, as the caller knows.
+    Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.planet.find_path`, ``steady`` as of
+    :func:`horizonval.renderer.planet.lit_steps`; ``lit``: no shadow cuts the rays, as the caller knows.
     """
     count = _step_count(nodes, round_of(batch).steps)
     # as data, so that rays to the ground and past it share a kernel

@@ -19,12 +19,10 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.column_air import ColumnAir, DepthFactor, Lattice
-from horizonval.renderer.kernel.gap_map import GapMap
-from horizonval.renderer.layer_steps import Bands
-from horizonval.renderer.planet import Planet, along
-from horizonval.renderer.refraction.bent_ray import RefractionTables
-from horizonval.renderer.scattering.horizontal_transfer import HorizontalTransfer
-from horizonval.renderer.scattering.source_table import SourceTable
+from horizonval.renderer.kernel.clouds import GapMap
+from horizonval.renderer.planet import Bands, Planet, along
+from horizonval.renderer.refraction import RefractionTables
+from horizonval.renderer.scattering.source_table import HorizontalTransfer, SourceTable
 from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate
 from horizonval.renderer.types import Values, Vec
 

@@ -7,7 +7,7 @@ The light scattered before is smooth and expensive. It is looked up at the steps
 between; with particles, whose many moments are expensive, at every second, and a parabola goes through three
 (:data:`PARTICLES`).
 
-**Refraction** makes no bent rays: the columns are those of :mod:`horizonval.renderer.refraction.apparent_radius`, in
+**Refraction** makes no bent rays: the columns are those of :mod:`horizonval.renderer.refraction`, in
 which light goes straight; the bending angle is summed beside the optical depth and turns the Sun instead. The light
 scattered before is that of air without refraction, at the true height and under the true Sun.
 """
@@ -31,10 +31,21 @@ from horizonval.renderer.kernel.node_batches import (
     SolarNodes,
 )
 from horizonval.renderer.kernel.surface import SurfaceHit
-from horizonval.renderer.layer_steps import LayeredSteps, layered_steps
-from horizonval.renderer.planet import Planet, along, dot
-from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, Steps, even_steps, glow_steps, lit_steps, umbra
-from horizonval.renderer.refraction.bent_ray import BentRay, RefractionTables, bending_over_step, refracted_umbra
+from horizonval.renderer.planet import (
+    GAUSS_LOW,
+    AirPath,
+    LayeredSteps,
+    Planet,
+    Steps,
+    along,
+    dot,
+    even_steps,
+    glow_steps,
+    layered_steps,
+    lit_steps,
+    umbra,
+)
+from horizonval.renderer.refraction import BentRay, RefractionTables, bending_over_step, refracted_umbra
 from horizonval.renderer.tables import interpolate
 from horizonval.renderer.types import Values, Vec
 

@@ -4,26 +4,36 @@
 :mod:`horizonval.renderer.reference.emission_walk` how air shines in thermal bands. It comes with an estimate of its own
 noise: several passes with independent seeds, whose scatter is the standard error. Thermal bands say how far the
 deterministic frame is from them, of the same scene without what the reference leaves out.
+
+Scenes as files that a Mitsuba user opens: the deterministic frame, and the same scene in stock plugins.
+
+A scene dictionary as Mitsuba's XML.
+
+Mitsuba's own writer (``mi.parser.write_file``, 3.9.1) takes transforms apart and writes a wrong scale for the
+ellipsoid, and it does not know plugins written in Python.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval import __version__
+from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.renderer.scene.description import Described, describe
-from horizonval.renderer.scene.frame import render_frame
-from horizonval.renderer.scene.frame_memory import refuse_too_large
+from horizonval.renderer.frame import Described, describe, render_frame
+from horizonval.renderer.frame_cost import refuse_too_large
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import with_infrared_horizon
@@ -102,7 +112,7 @@ def render_reference(
     ------
     UserError
         Thermal bands through air that varies with longitude, and whatever
-        :func:`horizonval.renderer.scene.frame.render_frame` refuses.
+        :func:`horizonval.renderer.frame.render_frame` refuses.
     """
     if not 2 <= spp <= MOST_SPP:
         raise UserError(
@@ -213,8 +223,7 @@ def _emission(described: Described, run: _Passes) -> dict[str, _Band]:
         return {}
     import mitsuba as mi
 
-    from horizonval.renderer.reference.emission_walk import emission_scene
-    from horizonval.renderer.reference.ground_tables import GroundGrid, GroundTables
+    from horizonval.renderer.reference.emission_walk import GroundGrid, GroundTables, emission_scene
 
     place, sensor = placement(described), _sensor(described)
     grid = GroundGrid.below(place, model.emission)
@@ -228,8 +237,7 @@ def _emission(described: Described, run: _Passes) -> dict[str, _Band]:
 
 def _sensor(described: Described) -> PluginDict:
     """Return the stock pinhole, or else, the one exception to "stock", our camera plugin in kilometres."""
-    from horizonval.renderer.plugin.scene_text import camera_properties
-    from horizonval.renderer.plugin.settings import CameraSettings
+    from horizonval.renderer.plugins import CameraSettings, camera_properties
     from horizonval.renderer.reference import reference_scene as stock
 
     intrinsics, place = described.camera, placement(described)
@@ -298,9 +306,156 @@ def _relative(radiance: FloatArray, error: FloatArray) -> float:
 
 
 def _truth_maps(described: Described) -> dict[str, NDArray[np.float32]]:
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
-    from horizonval.renderer.scene.truth_maps import truth_maps
+    from horizonval.renderer.plugins import mitsuba_scene
+    from horizonval.renderer.viewpoint import truth_maps
 
     # maps need no tables of multiple scattering
     mi_scene = mitsuba_scene(replace(described.limb, orders="single"), described.sensor)
     return truth_maps(mi_scene.integrator().view(mi_scene.sensors()[0]))
+
+
+SCENE, REFERENCE, README = "scene.xml", "reference.xml", "README.txt"
+LOAD = (
+    "from horizonval.renderer.backend import activate; activate(); import mitsuba as mi; "
+    f"image = mi.render(mi.load_file('{SCENE}'))"
+)
+"""Python that renders the exported deterministic scene."""
+
+
+def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Path]:
+    """Write ``scene.xml``, ``README.txt`` and, where a band is solar, ``reference.xml`` with its grids.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if need be; files of these names are replaced.
+
+    Returns
+    -------
+    list of Path
+        Everything written.
+
+    Raises
+    ------
+    UserError
+        As :func:`horizonval.renderer.frame.render_frame`.
+    """
+    described = describe(scene, camera)
+    from horizonval.renderer.plugins import camera_properties, limb_properties
+
+    folder.mkdir(exist_ok=True)
+    bands = ", ".join(described.model.bands)
+    needs = "needs horizonval and the data files of the scene"
+    about = f'{SCENE} ({needs}): python -c "{LOAD}" gives radiance [W m-2 sr-1] of band {bands}.'
+    head = f"horizonval scene {scene.scene.name}: deterministic limb march; W m-2 sr-1; bands {bands}"
+    plugins = {"integrator": limb_properties(scene, camera), "sensor": camera_properties(described.sensor)}
+    atomic.write_text(folder / SCENE, scene_xml({"type": "scene", **plugins}, head))
+    reference = _write_reference(scene, described, folder)
+    atomic.write_text(folder / README, f"{about}\n{reference}\n")
+    return sorted(folder.iterdir())
+
+
+def _write_reference(scene: SceneSpec, described: Described, folder: Path) -> str:
+    """Write the stock scene of the first solar band's heaviest node; return the line that says what it is."""
+    from horizonval.renderer.reference import reference_scene as stock
+    from horizonval.renderer.reference.reference_scene import grid_volumes, seen_air
+
+    solar = [node for node in described.model.nodes if node.solar_irradiance > 0.0]
+    if not solar:
+        return f"No {REFERENCE}: the camera has thermal bands only, and stock media do not glow."
+    node = max((n for n in solar if n.band == solar[0].band), key=lambda n: n.weight)
+    place = placement(described)
+    box = seen_air(described.model, place, described.camera, node.extinction_per_m)
+    air = "no air in view"
+    if box is not None:
+        x, y, z = (f"{v * 1e-3:.2g}" for v in box.spacing_m)
+        air = f"air on a grid of {x} x {y} x {z} km around what the camera sees, up to {box.top_m * 1e-3:.0f} km"
+        volume = grid_volumes(described.model, node, place, box, folder)
+    else:
+        volume = stock.shell_volumes(described.model, place)
+    sensor = stock.perspective(described.camera, place)
+    orders = 1 if scene.render.orders == "single" else None
+    data = stock.reference_scene(described.model, node, place, sensor, volume, orders)
+    data["sun"]["irradiance"]["value"] = node.solar_irradiance
+    lens = "" if stock.is_stock(described.camera) else "; undistorted pinhole of the same fx, not the camera's own lens"
+    about = (
+        f"by Monte Carlo in stock Mitsuba 3, at {node.wavelength_um:.4g} um alone [W m-2 sr-1 um-1]: {HOLDS}; "
+        f"without {LEAVES_OUT}; {air}{lens}; kilometres, origin on the ground below the camera"
+    )
+    atomic.write_text(folder / REFERENCE, scene_xml(data, f"horizonval scene {scene.scene.name} {about}"))
+    return f"{REFERENCE} (mitsuba -m llvm_ad_mono {REFERENCE}): {about}."
+
+
+VERSION = "3.0.0"
+_TAGS = {
+    "integrator": ("horizon_limb", "volpath"),
+    "sensor": ("horizon_camera", "perspective"),
+    "film": ("hdrfilm",),
+    "rfilter": ("box",),
+    "sampler": ("independent",),
+    "medium": ("heterogeneous",),
+    "volume": ("gridvolume", "constvolume"),
+    "phase": ("rayleigh", "isotropic", "hg", "blendphase"),
+    "shape": ("sphere", "shapegroup", "instance"),
+    "bsdf": ("diffuse", "null"),
+    "emitter": ("directional",),
+}
+_TAG_OF = {plugin: tag for tag, plugins in _TAGS.items() for plugin in plugins}
+_POINTS = ("center",)
+
+
+def scene_xml(scene: dict[str, Any], comment: str) -> str:
+    """Return the XML document of a scene dictionary that holds the plugins of :mod:`horizonval.renderer` only.
+
+    Parameters
+    ----------
+    comment : str
+        Told at the head of the document.
+    """
+    root = ElementTree.Element("scene", version=VERSION)
+    root.append(ElementTree.Comment(f" {comment.replace('--', '-')} "))
+    for name, value in scene.items():
+        if name != "type":
+            root.append(_element(name, value, named=False))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _element(name: str, value: Any, named: bool = True) -> ElementTree.Element:
+    import mitsuba as mi
+
+    if isinstance(value, dict):
+        return _plugin(name, value, named)
+    if isinstance(value, mi.ScalarTransform4f):
+        transform = ElementTree.Element("transform", name=name)
+        transform.append(ElementTree.Element("matrix", value=_numbers(np.array(value.matrix).ravel())))
+        return transform
+    if isinstance(value, list):
+        tag = "point" if name in _POINTS else "vector"
+        return ElementTree.Element(tag, name=name, value=_numbers(value))
+    # bool is an int to Python, so it comes first
+    for kind, tag in ((bool, "boolean"), (int, "integer"), (float, "float"), (str, "string")):
+        if isinstance(value, kind):
+            text = str(value).lower() if kind is bool else str(value)
+            return ElementTree.Element(tag, name=name, value=text)
+    raise TypeError(f"{name}: {type(value).__name__} has no XML")
+
+
+def _plugin(name: str, data: dict[str, Any], named: bool) -> ElementTree.Element:
+    label: dict[str, str] = {"name": name} if named else {}
+    kind = data["type"]
+    if kind == "ref":
+        return ElementTree.Element("ref", label | {"id": data["id"]})
+    if kind == "uniform":
+        return ElementTree.Element("spectrum", label | {"value": str(data["value"])})
+    element = ElementTree.Element(_TAG_OF[kind], label | {"type": kind})
+    if "id" in data:
+        element.set("id", data["id"])
+    for key, value in data.items():
+        if key not in ("type", "id"):
+            element.append(_element(key, value))
+    return element
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return ", ".join(repr(float(v)) for v in values)

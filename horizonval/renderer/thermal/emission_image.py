@@ -16,15 +16,13 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.earth.surface.ground_emission import ICE_POINT_K, LAG_RAD, GroundEmission
-from horizonval.renderer.ground.cover import Places, cover, height_m
 from horizonval.renderer.kernel.cells import Cells, Rays
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.kernel.discs import DiscCells
-from horizonval.renderer.kernel.frame_geometry import FrameGeometry
-from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
-from horizonval.renderer.kernel.surface import Ground
-from horizonval.renderer.ray_path import way_through
-from horizonval.renderer.refraction.ray_end import ray_end
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry, RayCoordinates
+from horizonval.renderer.kernel.surface import Ground, Places, cover, height_m
+from horizonval.renderer.planet import way_through
+from horizonval.renderer.refraction import ray_end
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.thermal.emission_table import (
     ABOVE_TOPS_M,

@@ -1,4 +1,4 @@
-r"""The march of emitting air: band radiance along rays through columns that vary with height and latitude.
+"""The march of emitting air: band radiance along rays through columns that vary with height and latitude.
 
 For every g point, with extinction k and source S at a place, seen from the observer::
 
@@ -10,20 +10,229 @@ Sun, so that steps are even in its ray parameter. The latitude of a place is tha
 Asked for stations, the march also writes down what a cloud top between the ends of a ray must know: at every station t
 the radiance P of the air before it, and ``Q = sum over g of exp(-tau_g(t)) S_g(air at t)``, the emission of a black
 body as warm as the air there.
+
+The air of a thermal band as the emission march reads it: columns over latitude, a few g points at a time.
+
+Extinction and source function are linear in height between the nodes of one grid, linear in the sine of geodetic
+latitude between rows, and beyond the outermost rows as on them; or bilinear between columns on a map. In memory the g
+points of a batch lie side by side, extinction and source of a node one after the other, so that one node costs two
+packet gathers.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from horizonval.renderer.layer_steps import LayeredSteps, layered_steps
-from horizonval.renderer.planet import Planet, along
-from horizonval.renderer.ray_path import GAUSS_LOW, THERMAL_CONCENTRATION, AirPath, find_path, warp
-from horizonval.renderer.thermal.emission_columns import ColumnBatch
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.clouds.layers import LayerGaps, merged_bands
+from horizonval.earth.weather.field import ColumnMap
+from horizonval.renderer.column_air import Lattice
+from horizonval.renderer.kernel.clouds import GapMap
+from horizonval.renderer.planet import (
+    GAUSS_LOW,
+    THERMAL_CONCENTRATION,
+    AirPath,
+    Bands,
+    LayeredSteps,
+    Planet,
+    along,
+    find_path,
+    layer_bands,
+    layered_steps,
+    warp,
+)
+from horizonval.renderer.refraction import ApparentRadiusAir
+from horizonval.renderer.tables import AltitudeGrid, gather_row, interpolate, table_of
 from horizonval.renderer.types import Values, Vec
+
+WIDTH = 8
+"""g points per kernel launch; they share all geometry. More of them find no room in a processor's registers."""
+
+
+@dataclass(frozen=True)
+class AirColumns:
+    """Columns of one band.
+
+    Attributes
+    ----------
+    altitude_m : ndarray, shape (n,)
+    sin_latitude : ndarray, shape (m,)
+    extinction, source : ndarray, shape (g, m, n)
+        1/m and W m-2 sr-1.
+    bands : sequence of (float, float)
+        Heights between which layers of thin cloud lie.
+    column_map : ColumnMap or None
+        Where the m columns stand, in place of ``sin_latitude``.
+    gapped : dict from int to ndarray, shape (g, n)
+        What layers with gaps add to the extinction in the mean, by their numbers among all layers.
+    """
+
+    altitude_m: FloatArray
+    sin_latitude: FloatArray
+    extinction: FloatArray
+    source: FloatArray
+    column_map: ColumnMap | None = None
+    bands: Bands = ()
+    gapped: dict[int, FloatArray] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, band: EmittingBand, air: ApparentRadiusAir | None = None, gaps: Sequence[LayerGaps | None] = ()
+    ) -> AirColumns:
+        """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights.
+
+        ``gaps``: of the band's layers, empty where none has any.
+        """
+        extinction, source = band.columns()
+        gapped = {k: band.each_layer_per_m[k] for k, g in enumerate(gaps) if g is not None}
+        if air is None:
+            bands = _bands(band.layers, band.altitude_m, gaps)
+            return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map, bands, gapped)
+        kept = np.arange(len(air.height_m))
+        if band.column_map is not None:
+            # hundreds of columns: only as many heights as the band itself has
+            kept = np.searchsorted(air.model.altitude_m, band.altitude_m)
+            kept = np.unique(np.clip(np.concatenate([[0], kept, [len(air.height_m) - 1]]), 0, len(air.height_m) - 1))
+        height, dr_dx = air.height_m[kept], air.dr_dx[kept]
+        i = np.clip(np.searchsorted(band.altitude_m, height, side="right") - 1, 0, len(band.altitude_m) - 2)
+        w = (height - band.altitude_m[i]) / (band.altitude_m[i + 1] - band.altitude_m[i])
+        w = np.clip(w, 0.0, 1.0)
+
+        def at(values: FloatArray) -> FloatArray:
+            return values[..., i] * (1.0 - w) + values[..., i + 1] * w
+
+        inside = height <= band.altitude_m[-1] * (1.0 + 1e-12)
+        apparent = air.model.altitude_m[kept]
+        return cls(
+            apparent,
+            band.sin_latitude,
+            at(extinction) * np.where(inside, dr_dx, 0.0),
+            at(source),
+            band.column_map,
+            _bands(np.interp(band.layers, air.height_m, air.model.altitude_m), apparent, gaps),
+            {k: at(column) * np.where(inside, dr_dx, 0.0) for k, column in gapped.items()},
+        )
+
+    @property
+    def top_m(self) -> float:
+        """Vacuum above."""
+        return float(self.altitude_m[-1])
+
+    def batches(self) -> Iterator[ColumnBatch]:
+        """Yield the columns for the kernel, :data:`WIDTH` g points at a time; the last is filled up with nothing."""
+        count = len(self.extinction)
+        width = 1 if count == 1 else WIDTH
+        grid = AltitudeGrid.of(self.altitude_m)
+        rows, low = len(self.sin_latitude), float(self.sin_latitude[0])
+        per_row = (rows - 1) / float(self.sin_latitude[-1] - low) if rows > 1 else 0.0
+        lattice = None
+        if self.column_map is not None:
+            rows, lattice = self.column_map.columns, Lattice.of(self.column_map)
+        for first in range(0, count, width):
+            part = slice(first, min(first + width, count))
+            packed = np.zeros((rows, len(self.altitude_m), 2, width))
+            packed[:, :, 0, : part.stop - first] = np.moveaxis(self.extinction[part], 0, -1)
+            packed[:, :, 1, : part.stop - first] = np.moveaxis(self.source[part], 0, -1)
+            yield ColumnBatch(
+                table_of(mi.Float64, packed),
+                grid,
+                width,
+                part.stop - first,
+                rows,
+                dr.opaque(mi.Float64, low, 1),
+                dr.opaque(mi.Float64, per_row, 1),
+                lattice,
+                self.bands,
+                tuple(GappedAbsorption(k, self._packed(v[part], width)) for k, v in self.gapped.items()),
+            )
+
+    def _packed(self, column: FloatArray, width: int) -> mi.Float64:
+        """Return a column of some g points, shape (g, n), for the kernel."""
+        packed = np.zeros((len(self.altitude_m), width))
+        packed[:, : len(column)] = column.T
+        return table_of(mi.Float64, packed)
+
+
+def _bands(layers: FloatArray, altitude_m: FloatArray, gaps: Sequence[LayerGaps | None]) -> Bands:
+    if not len(layers):
+        return ()
+    heights = [(float(base), float(top)) for base, top in layers]
+    sizes = [(*height, g.scale_m) for height, g in zip(heights, gaps, strict=False) if g is not None]
+    return layer_bands(merged_bands(heights, float(np.diff(altitude_m).max())), sizes)
+
+
+@dataclass(frozen=True)
+class GappedAbsorption:
+    """A layer of thin cloud with gaps: its number among all, its mean column (n * width,), and where it is cloudy.
+
+    ``map`` None: the mean everywhere.
+    """
+
+    number: int
+    extinction: mi.Float64
+    map: GapMap | None = None
+
+
+@dataclass(frozen=True)
+class ColumnBatch:
+    """Columns of up to :data:`WIDTH` g points in the kernel's memory.
+
+    ``values``: Float64 of shape (rows, n, 2, width), flat. ``used``: g points that are not filling. ``low`` and
+    ``per_row`` (size 1) place the rows, or else ``lattice`` does.
+    """
+
+    values: mi.Float64
+    grid: AltitudeGrid
+    width: int
+    used: int
+    rows: int
+    low: mi.Float64
+    per_row: mi.Float64
+    lattice: Lattice | None = None
+    bands: Bands = ()
+    gapped: tuple[GappedAbsorption, ...] = ()
+
+    def under(self, maps: Sequence[GapMap | None]) -> ColumnBatch:
+        """Return the columns with the gaps of layers, by the maps of all layers."""
+        return replace(self, gapped=tuple(replace(layer, map=maps[layer.number]) for layer in self.gapped))
+
+    def at(self, height_m: mi.Float64, normal: Vec) -> tuple[Values, Values]:
+        """Return extinction and source per g point at heights above places of unit normals; none above the top."""
+        i, w, inside = self.grid.locate(height_m)
+        corners = [(i, 1.0 - w), (i + 1, w)]
+        if self.lattice is not None:
+            columns = self.lattice.corners(normal)
+            corners = [(c * self.grid.count + k, v * share) for c, share in columns for k, v in corners]
+        elif self.rows > 1:
+            x = dr.clip((normal[2] - self.low) * self.per_row, 0.0, self.rows - 1.0)
+            row = dr.minimum(mi.UInt32(x), self.rows - 2)
+            north = x - mi.Float64(row)
+            start = row * self.grid.count
+            corners = [(start + k, v * (1.0 - north)) for k, v in corners] + [
+                (start + self.grid.count + k, v * north) for k, v in corners
+            ]
+        out = []
+        for part in (0, 1):
+            total: Values = []
+            for k, v in corners:
+                values = gather_row(self.values, 2 * k + part, self.width)
+                total = (
+                    [dr.fma(a, v, b) for a, b in zip(values, total, strict=True)] if total else [a * v for a in values]
+                )
+            out.append(total)
+        for layer in self.gapped:
+            if layer.map is not None:
+                excess = layer.map.excess(normal)
+                mean = interpolate(layer.extinction, i, w, self.width)
+                out[0] = [dr.maximum(dr.fma(excess, m, k), 0.0) for m, k in zip(mean, out[0], strict=True)]
+        return [dr.select(inside, k, 0.0) for k in out[0]], out[1]
+
 
 THICK_STEP = 0.02
 """Optical depth from which the source is integrated against exp(-tau) exactly; emission knows its source everywhere, so

@@ -18,30 +18,28 @@ import numpy as np
 
 from horizonval.core.digests import content_digest
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
+from horizonval.renderer.kernel.frame_geometry import RayCoordinates
 from horizonval.renderer.kernel.march import with_ground
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
 from horizonval.renderer.kernel.surface import SurfaceHit
-from horizonval.renderer.local_light.local_light import LocalLight
-from horizonval.renderer.ray_path import find_path
-from horizonval.renderer.refraction.bent_ray import RefractionTables
+from horizonval.renderer.local_light import LocalLight
+from horizonval.renderer.planet import find_path
+from horizonval.renderer.refraction import RefractionTables
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.types import Values, Vec, indices_where
-from horizonval.renderer.view_table.cloudy_air import (
+from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
+from horizonval.renderer.view_table.sunlit_air import (
+    Light,
+    RayPlane,
     StationPlace,
+    bending_packet,
+    bounce_packet,
     cloudy_air,
     look_at_stations,
     place_among,
-    stations_along,
-)
-from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
-from horizonval.renderer.view_table.ray_plane import RayPlane
-from horizonval.renderer.view_table.sunlit_air import (
-    Light,
-    bending_packet,
-    bounce_packet,
     radiance_packet,
+    stations_along,
     sunlit_air,
 )
 

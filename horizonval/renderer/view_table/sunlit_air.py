@@ -1,28 +1,179 @@
-"""What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
+r"""What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
 Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, or half of that.
 Whatever reflects at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
+
+What a view table holds of the air before clouds: radiance and transmittance from the camera to stations along rays.
+
+The stations lie between where a ray enters the layer of the cloud tops and where it leaves it or meets the ground. The
+edges of layers of thin cloud cut that way into pieces. Every piece has a number of stations of its own, evenly spaced:
+radiance and transmittance have a kink at a layer's edge, and at a station of fixed number they would have one wherever
+the edge comes past it from ray to ray.
+
+A ray that ends on a cloud reads the stations beside its end, by Lagrange's cubic through four of one piece.
+
+The plane of a view table: rays from one camera position by x from 0 to 1 and azimuth, kinks on borders of patches.
+
+For rays to the ground, and for those past it from inside the air, x is the place on the axis of
+:mod:`horizonval.renderer.kernel.frame_geometry`, over its length. For rays past the ground seen from above the air the
+light has kinks along rows: where rays just touch the top of the air or the edge of a layer at a height h, their ways
+below it begin as :math:`\sqrt{2 R (h - h_{low})}`. These heights are borders there, and whole patches lie between two,
+in which x is even on that axis; but in the patch below a border, s of the way up, x goes with
+
+    1 - sqrt(1 - s)
+
+in which light is smooth. Borders in v, the height of the lowest point in the stretched space, differ a little from h
+and with azimuth, by 0.3 % from pole to equator: a ray over the ellipsoid, seen from the point o, touches that raised
+by h where its nadir angle theta solves
+
+    |U|^2 tau^2 - 2 (p.U) tau + |p|^2 - |U x p|^2 |o|^2 / (a + h)^2 = 0,      tau = cot(theta)
+
+with up U and the horizontal p of the ray, both stretched until the raised ellipsoid is a sphere.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.renderer.kernel.frame_geometry import RayAxis, RayCoordinates
 from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
-from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
+from horizonval.renderer.planet import SOLAR_CONCENTRATION, way_through
 from horizonval.renderer.tables import vectors
-from horizonval.renderer.types import Values, Vec
-from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
-from horizonval.renderer.view_table.ray_plane import RayPlane
+from horizonval.renderer.types import Number, Values, Vec, constant, inverse_root
+from horizonval.renderer.view_table.patch_table import PACKET, ROW_PATCHES, PatchTable, Tabulated
+
+
+@dataclass(frozen=True)
+class _Raised:
+    """The ellipsoid raised by a height as a camera sees it: the numbers of the module text.
+
+    ``up2`` is :math:`|U|^2`, ``tilt`` the share of the squared z that stretching adds, ``reach2``
+    :math:`(|o|/(a+h))^2`.
+    """
+
+    up2: float
+    tilt: float
+    reach2: float
+
+    @classmethod
+    def of(cls, coordinates: RayCoordinates, height_m: float) -> _Raised:
+        planet = coordinates.planet
+        a, b = planet.a_m, planet.b_m
+        tilt = ((a + height_m) * b / ((b + height_m) * a)) ** 2 - 1.0
+        up_z = float(coordinates.axes[2, 2])
+        return cls(1.0 + tilt * up_z * up_z, tilt, (coordinates.distance_m / (a + height_m)) ** 2)
+
+
+@dataclass(frozen=True)
+class RayPlane:
+    """The plane of the rays to the ground or of those past it.
+
+    ``heights_m`` of the borders, rising, the last at the top of the air; ``patches``: of rows between two. Empty where
+    there are no borders.
+    """
+
+    coordinates: RayCoordinates
+    to_ground: bool
+    heights_m: tuple[float, ...]
+    patches: tuple[int, ...]
+
+    @classmethod
+    def of(cls, coordinates: RayCoordinates, to_ground: bool, edges_m: Iterable[float], top_m: float) -> RayPlane:
+        """Build with borders at the edges of layers, those below the top of the air."""
+        if to_ground or coordinates.inside:
+            return cls(coordinates, to_ground, (), ())
+        edges = sorted({edge for edge in edges_m if 0.0 < edge < top_m})
+        # the highest ones only if there are more than patches
+        heights = (*edges[max(len(edges) + 1 - ROW_PATCHES, 0) :], top_m)
+        return cls(coordinates, to_ground, heights, _shared_out(coordinates.limb, heights))
+
+    @property
+    def axis(self) -> RayAxis:
+        """The axis."""
+        return self.coordinates.ground if self.to_ground else self.coordinates.limb
+
+    def directions(self, x: FloatArray, azimuth: FloatArray) -> FloatArray:
+        """Return unit directions at places, each of shape (n,); shape (n, 3)."""
+        return self.coordinates.directions(self.axis.value(self._on_axis(x, azimuth)), azimuth, self.to_ground)
+
+    def place(self, o: Vec, d: Vec) -> tuple[mi.Float64, mi.Float64]:
+        """Return ``(x, azimuth)`` of kernel directions; ``o`` is the camera."""
+        steps, azimuth = self.coordinates.place(o, d, self.to_ground)
+        x = steps * (1.0 / (self.axis.count - 1))
+        if not self.heights_m:
+            return x, azimuth
+        sine, cosine = dr.sincos(azimuth)
+        north, west = (constant(v) for v in self.coordinates.axes[:2, 2])
+        z, up_z = cosine * north + sine * west, constant(self.coordinates.axes[2, 2])
+        low, place = mi.Float64(0.0), mi.Float64(0.0)
+        for height, count in zip(self.heights_m, self.patches, strict=True):
+            raised = _Raised.of(self.coordinates, height)
+            up2, tilt, reach2 = (constant(v) for v in (raised.up2, raised.tilt, raised.reach2))
+            cotangent = _cotangent(up2, tilt, reach2, z, up_z, dr.sqrt)
+            nadir_sine = inverse_root(dr.fma(cotangent, cotangent, 1.0))
+            v = nadir_sine * constant(self.coordinates.distance_m) - self.coordinates.planet.a_m
+            high = self.axis.place(v) * (1.0 / (self.axis.count - 1))
+            patches = constant(float(count))
+            share = dr.clip((x - low) / (high - low), 0.0, 1.0) * patches
+            last = share - (patches - 1.0)
+            place += dr.select(last > 0.0, patches - dr.sqrt(dr.maximum(1.0 - last, 0.0)), share)
+            low = high
+        return place * (1.0 / ROW_PATCHES), azimuth
+
+    def _on_axis(self, x: FloatArray, azimuth: FloatArray) -> FloatArray:
+        """Return the places on the axis, over its length."""
+        if not self.heights_m:
+            return x
+        place, first = x * ROW_PATCHES, 0
+        low, on_axis = np.zeros_like(x), np.zeros_like(x)
+        for height, count in zip(self.heights_m, self.patches, strict=True):
+            high = self._border(height, azimuth)
+            share = np.clip(place - first, 0.0, count)
+            above = np.maximum(count - share, 0.0)
+            share = np.where(above < 1.0, count - above * above, share) / count
+            on_axis = np.where(place >= first, low + (high - low) * share, on_axis)
+            low, first = high, first + count
+        return on_axis
+
+    def _border(self, height_m: float, azimuth: FloatArray) -> FloatArray:
+        """Return the border at a height, on the axis over its length."""
+        c = self.coordinates
+        z = np.cos(azimuth) * c.axes[0, 2] + np.sin(azimuth) * c.axes[1, 2]
+        raised = _Raised.of(c, height_m)
+        up2, tilt, reach2, up_z = (np.asarray(v) for v in (raised.up2, raised.tilt, raised.reach2, c.axes[2, 2]))
+        cotangent = _cotangent(up2, tilt, reach2, z, up_z, np.sqrt)
+        v = c.distance_m / np.sqrt(1.0 + cotangent**2) - c.planet.a_m
+        return np.asarray(np.arcsinh(v / self.axis.dense) / math.asinh(self.axis.most / self.axis.dense))
+
+
+def _cotangent(
+    up2: Number, tilt: Number, reach2: Number, z: Number, up_z: Number, root: Callable[[Number], Number]
+) -> Number:
+    """Return tau of the module text; ``z``, ``up_z``: of the horizontal and of up, before they are stretched."""
+    product, horizontal2 = tilt * z * up_z, 1.0 + tilt * z * z
+    aside2 = up2 * horizontal2 - product * product
+    return (product + root(product * product - up2 * (horizontal2 - aside2 * reach2))) / up2
+
+
+def _shared_out(axis: RayAxis, heights_m: Sequence[float]) -> tuple[int, ...]:
+    """Return how many patches lie between borders: one at least, and more where the axis is longer."""
+    ends = [0.0, *(math.asinh(height / axis.dense) for height in heights_m)]
+    lengths = [high - low for low, high in pairwise(ends)]
+    counts = [1] * len(lengths)
+    for _ in range(ROW_PATCHES - len(lengths)):
+        widest = max(range(len(lengths)), key=lambda k: lengths[k] / counts[k])
+        counts[widest] += 1
+    return tuple(counts)
+
 
 MORE_NODES, MORE_NODES_IN_HAZE = 4, 2
 """Times the evaluations of the direct march; the latter with particles, on rays that no shadow cuts, past the ground or
@@ -274,3 +425,141 @@ def air_table(
         return largest
 
     return PatchTable(Tabulated(values_first, allowed, packets * PACKET * stations, single=stations > 1))
+
+
+STATIONS = 48
+STEPS, STEPS_BEFORE = 1, 48
+"""Of the march: from one station to the next, and up to the first. With 32 before, haze of a great eruption, which lies
+above the clouds in one dense layer, was off by 2.4e-5 in the median of a frame, with 48 and 64 by 6e-6 and 1.2e-5;
+seventeen other frames drawn at random by at most 1.4e-5, 1.1e-5 and 1.1e-5. With two from one station to the next the
+worst pixels under clouds were as far from the march."""
+STEPS_IN_LAYER = 4
+"""From one station to the next in layers of thin cloud, which few stations cross. With 1, 2 and 4 a frame under clouds
+was off by 4e-3, 5e-4 and 1e-4, in the median by 1.4e-4, 3e-5 and 7e-6."""
+IN_SHADOW, IN_SHADOW_BEFORE = 6, 12
+"""How many times as many where the Earth's shadow may cut rays, where each of three pieces has a third of them."""
+ABOVE_TOPS_M = 3000.0
+"""The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
+root in its height."""
+LOOSER = 2.0
+"""Times the tolerance of the air's other tables, with the Sun at most 75 deg from the zenith. With so few steps from
+station to station profiles' kinks at their nodes show, a patch that is halved has half the error, not a sixteenth, and
+what it misses is seen in few pixels. Of eight frames four took a third less rays, and none was further off, in its
+worst pixel or the median. With the Sun at 80 deg in haze the worst went from 1.0e-3 to 1.7e-3."""
+LEAST_INTERVALS = 3
+"""Of a piece: a cubic goes through four stations."""
+
+
+@dataclass(frozen=True)
+class StationPlace:
+    """Places among the stations: the first of the four around, and how far from it, in stations."""
+
+    lowest: mi.UInt32
+    beyond: mi.Float64
+
+
+def stations_along(
+    light: Light, coordinates: RayCoordinates, o: Vec, d: Vec, to_ground: bool, top_m: float
+) -> SunlitStations:
+    """Return the stations along rays before clouds whose highest top is at ``top_m``."""
+    planet, highest = coordinates.planet, top_m + ABOVE_TOPS_M
+    levels = sorted((edge for edge in light.edges_m if 0.0 < edge < highest), reverse=True)
+    first, last = way_through(planet, o, d, constant(highest), to_ground)
+    down: list[mi.Float64] = []
+    up: list[mi.Float64] = []
+    for level in levels:
+        mid, half, _ = planet.chord(o, d, constant(level))
+        down.append(mid - half)
+        up.insert(0, mid + half)
+    cuts = [first]
+    for t in [*down, *([] if to_ground else up)]:
+        cuts.append(dr.clip(t, cuts[-1], last))
+    heights = [highest, *levels, 0.0]
+    numbers = _numbers(heights, to_ground)
+    shadow = not light.shines_everywhere(coordinates)
+    times, before = (IN_SHADOW, IN_SHADOW_BEFORE * STEPS_BEFORE) if shadow else (1, STEPS_BEFORE)
+    inside = (light.in_layer(0.5 * sum(ends)) for ends in pairwise(heights))
+    each = [times * (STEPS_IN_LAYER if layer else STEPS) for layer in inside]
+    if not to_ground:
+        each += each[-2::-1]
+    taken = [0, *accumulate(n * (end - begin) for n, (begin, end) in zip(each, pairwise(numbers), strict=True))]
+    return SunlitStations(
+        (*cuts, last),
+        tuple(constant(n) for n in numbers),
+        tuple(constant(n) for n in taken),
+        STATIONS,
+        taken[-1],
+        before,
+        shadow,
+    )
+
+
+def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
+    """Return the numbers of the stations at the ends of pieces between heights, falling to the ground.
+
+    Intervals are shared out by what a ray needs for each piece: by thickness where it meets the ground, and else by the
+    way of one that grazes it.
+    """
+    reach = [h if to_ground else math.sqrt(h) for h in heights_m]
+    ways = [high - low for high, low in pairwise(reach)]
+    if not to_ground:
+        ways = [*ways[:-1], 2.0 * ways[-1], *reversed(ways[:-1])]
+    free = STATIONS - 1 - LEAST_INTERVALS * len(ways)
+    shares = [LEAST_INTERVALS + math.floor(free * way / sum(ways)) for way in ways]
+    longest = shares.index(max(shares))
+    shares[longest] += STATIONS - 1 - sum(shares)
+    return [0, *accumulate(shares)]
+
+
+def cloudy_air(light: Light, plane: RayPlane, top_m: float) -> PatchTable:
+    """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`."""
+    coordinates, to_ground = plane.coordinates, plane.to_ground
+    o = vectors(coordinates.origin[None, :])
+    packets, count = packets_of(light, bends=False), len(light.batches)
+
+    def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+        d = vectors(plane.directions(x, azimuth))
+        stations = stations_along(light, coordinates, o, d, to_ground, top_m)
+        out = np.zeros((len(x), STATIONS, packets, PACKET))
+        for k, batch in enumerate(light.batches):
+            if batch is None:
+                continue
+            radiance, bounce, transmittance = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
+            dr.eval(radiance, bounce, transmittance)
+            for n, (r, t) in enumerate(zip(radiance, transmittance, strict=True)):
+                out[:, :, 2 * k, n] = np.asarray(r).reshape(STATIONS, -1).T
+                out[:, :, 2 * k + 1, n] = np.asarray(t).reshape(STATIONS, -1).T
+            for n, b in enumerate(bounce):
+                out[:, :, bounce_packet(count, False, k), n] = np.asarray(b).reshape(STATIONS, -1).T
+        return out.reshape(len(x), -1)
+
+    return air_table(light, coordinates, values, stations=STATIONS, looser=LOOSER)
+
+
+def place_among(stations: SunlitStations, t: mi.Float64) -> StationPlace:
+    """Return the places of cloud tops at ray parameters ``t``."""
+    low, high, first, last = stations.piece(lambda k: t >= stations.cuts[k])
+    number = dr.fma(dr.clip((t - low) / dr.maximum(high - low, 1e-3), 0.0, 1.0), last - first, first)
+    lowest = dr.clip(dr.floor(number) - 1.0, first, last - LEAST_INTERVALS)
+    return StationPlace(mi.UInt32(lowest), number - lowest)
+
+
+def look_at_stations(
+    table: PatchTable, x: mi.Float64, azimuth: mi.Float64, place: StationPlace, packets: Sequence[int]
+) -> Values:
+    """Return the quantities of some packets of a station at places along rays."""
+    each = table.tabulated.quantities // (PACKET * STATIONS)
+    w = place.beyond
+    weights = [
+        -(w - 1.0) * (w - 2.0) * (w - 3.0) * (1.0 / 6.0),
+        w * (w - 2.0) * (w - 3.0) * 0.5,
+        -w * (w - 1.0) * (w - 3.0) * 0.5,
+        w * (w - 1.0) * (w - 2.0) * (1.0 / 6.0),
+    ]
+    read = [(place.lowest + k) * each + packet for k in range(4) for packet in packets]
+    values = table.look(x, azimuth, read)
+    width = PACKET * len(packets)
+    total = [mi.Float64(0.0)] * width
+    for k, weight in enumerate(weights):
+        total = [dr.fma(weight, v, t) for v, t in zip(values[k * width : (k + 1) * width], total, strict=True)]
+    return total

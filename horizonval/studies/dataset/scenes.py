@@ -21,7 +21,7 @@ from horizonval.core import atomic, files
 from horizonval.core.code import code_digest
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
-from horizonval.renderer.scene.shared_view import shared_view
+from horizonval.renderer.frame_cost import shared_view
 from horizonval.spec.expand import seed_of, variants
 from horizonval.spec.files import find, shipped_names, shipped_path
 from horizonval.spec.load import MAX_FILE_BYTES, Case, Suite, validate

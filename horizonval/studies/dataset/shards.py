@@ -29,7 +29,7 @@ from horizonval.core.errors import UserError
 from horizonval.frame import FrameTruth
 from horizonval.jobs.engine import Done, Record, Recorded
 from horizonval.jobs.progress import Stopwatch
-from horizonval.renderer.scene.shared_view import shared_view
+from horizonval.renderer.frame_cost import shared_view
 from horizonval.sensor.observe import observe
 from horizonval.spec.suite import DatasetSpec
 from horizonval.studies.dataset.scenes import FramesOfScene, turned_scenes
@@ -253,7 +253,7 @@ class ShardWork(Recorded[Shard]):
     def record(self, item: Shard, watch: Stopwatch) -> Record:
         """Render, observe and write the frames of a shard; return what its record says."""
         # Only a process that renders loads the renderer.
-        from horizonval.renderer.scene.frame import render_in_turn
+        from horizonval.renderer.frame import render_in_turn
 
         drawing, images, rows = self._drawing, [], []
         for part in item.parts:

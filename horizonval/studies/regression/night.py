@@ -483,7 +483,7 @@ def levels_of(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> Js
 
 def environment() -> dict[str, Any]:
     """Return what a night runs on: versions and kinds, no paths and no names of machines."""
-    from horizonval.renderer.plugin.backend import probe
+    from horizonval.renderer.backend import probe
 
     chosen = probe().chosen
     return {
@@ -548,7 +548,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         A mistake in the suite or the baseline's files, no ``[regression]`` table, a folder in which another night runs,
         or no back-end to render with.
     """
-    from horizonval.renderer.plugin.backend import probe
+    from horizonval.renderer.backend import probe
     from horizonval.studies.regression.page import of_baseline, of_night, write_junit, write_page
 
     suite = load_suite(wanted.suite)

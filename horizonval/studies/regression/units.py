@@ -108,7 +108,7 @@ def render_unit(
 
 
 def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
-    from horizonval.renderer.scene.frame import render_in_turn
+    from horizonval.renderer.frame import render_in_turn
 
     return render_in_turn(scene, camera)
 

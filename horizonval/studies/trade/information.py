@@ -27,8 +27,8 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import Record, Recorded, do
 from horizonval.jobs.pool import Execution
 from horizonval.jobs.progress import Stopwatch
-from horizonval.renderer.scene.frame import render_in_turn
-from horizonval.renderer.scene.shared_view import shared_view
+from horizonval.renderer.frame import render_in_turn
+from horizonval.renderer.frame_cost import shared_view
 from horizonval.scoring.bound import bound_of
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.information import information_of

@@ -112,7 +112,7 @@ def _frame(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> t
 
     Where everything is kept it is stored at once, so that a run that is cut off has it.
     """
-    from horizonval.renderer.scene.frame import render_in_turn
+    from horizonval.renderer.frame import render_in_turn
 
     store = Store(folder.archive)
     known = rendered(case, plan, folder)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from horizonval.jobs.engine import Done, Work, keep, kept
 from horizonval.jobs.progress import Stopwatch
-from horizonval.renderer.scene.shared_view import shared_view
+from horizonval.renderer.frame_cost import shared_view
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json
 from horizonval.store.store import Store

@@ -28,7 +28,7 @@ from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera

@@ -14,7 +14,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.horizon import horizon_columns, horizon_rows
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.systems.a.bank import camera_of, radius_of, scene_of

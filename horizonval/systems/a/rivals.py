@@ -67,7 +67,7 @@ def items(seed: int) -> dict[str, JsonObject]:
 
 def compare(item: JsonObject) -> JsonObject:
     """Render an item's frame, and the one of the second camera; return errors [arcsec] and seconds of every method."""
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     camera, scene = camera_of(item), scene_of(item)
     frame = render_frame(scene, camera)

@@ -48,7 +48,7 @@ ESTIMATORS = (
 
 def against_oracle(item: JsonObject) -> JsonObject:
     """Render one frame; return the oracle's departure from its truth and each image estimator's error [rad]."""
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
     from horizonval.sensor.observe import observe
 
     camera = load_camera(item["camera"])

@@ -56,7 +56,7 @@ def items(seed: int) -> dict[str, JsonObject]:
 
 def against_picture(item: JsonObject) -> JsonObject:
     """Render one pose of :func:`items`; return both readings [rad], the edge's points and the angle of a pixel."""
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     camera = load_camera(CAMERA)
     scene = SceneSpec.model_validate(

@@ -111,7 +111,7 @@ def head_scene(item: JsonObject, head: str) -> SceneSpec:
 
 def head_frames(item: JsonObject, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, RadianceFrame]:
     """Return the frames of some heads, or of all, at one attitude, by the heads' names."""
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     names = heads or tuple(head.name for head in camera.head)
     return {name: render_frame(head_scene(item, name), camera) for name in names}

@@ -27,8 +27,7 @@ LINES = (-BEAM_RAD / 3.0, 0.0, BEAM_RAD / 3.0)
 
 def scan(item: JsonObject) -> JsonObject:
     """Return phases, and the mean radiance of the beam's lines there by sky (``clear``, ``clouds``)."""
-    from horizonval.renderer.rays.cloud_top_radiance import cloud_top_radiance
-    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.renderer.rays import cloud_top_radiance, thermal_radiance
 
     place, altitude, band = WeatherPlace.of(item), float(item["altitude_km"]), tuple(item["band_um"])
     r, lvlh = place.position(altitude), place.lvlh()

@@ -33,7 +33,7 @@ ACROSS = np.array([-0.8, -0.4, 0.0, 0.4, 0.8]) * HALF_AZIMUTH_RAD
 
 def limb_profiles(item: JsonObject) -> JsonObject:
     """Return radiances (altitudes, quadrants, rays) of one day, by rays of :data:`OFFSET_DEG`."""
-    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.renderer.rays import thermal_radiance
 
     place, altitudes = WeatherPlace.of(item), [float(a) for a in item["altitudes_km"]]
     model = place.model(HIGHEST_KM, BAND_UM)

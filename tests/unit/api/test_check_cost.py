@@ -8,7 +8,7 @@ from horizonval.api.check.cost import frame_cost, marched_cells
 from horizonval.api.check.frames import Group, look_at, total_cost
 from horizonval.earth.atmosphere.air import TOP_M
 from horizonval.earth.optical import node_counts, optical_model
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case, load_scene
 from horizonval.store.store import Store

@@ -14,7 +14,7 @@ from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_cam
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.scoring.horizon_view import inside_image
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec

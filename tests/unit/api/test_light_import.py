@@ -51,6 +51,6 @@ def test_names_are_listed_and_all_of_them_exist():
 
 
 def test_a_function_is_not_hidden_by_a_room_of_its_name():
-    import horizonval.renderer.scene.frame  # noqa: F401
+    import horizonval.renderer.frame  # noqa: F401
 
     assert all(callable(getattr(hv, name)) for name in hv.__all__ if name != "__version__")

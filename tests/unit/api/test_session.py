@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import horizonval as hv
-from horizonval.renderer.scene import frame as rendering
+from horizonval.renderer import frame as rendering
 
 VISIBLE = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 40, "height": 30})
 INFRARED = hv.Camera.from_file("ir-bolometer-160-57deg-full").changed(camera={"width": 24, "height": 18})

@@ -11,7 +11,7 @@ import pytest
 from horizonval.core import progress
 from horizonval.jobs.engine import ExpectedTime, Remaining, SpentTime
 from horizonval.jobs.progress import about
-from horizonval.renderer.plugin.compiling import compiling_counted
+from horizonval.renderer.backend import compiling_counted
 
 PROCESSES = 2
 

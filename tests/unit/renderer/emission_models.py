@@ -70,10 +70,9 @@ def frame_of(air: OpticalModel, seen: SceneSpec, spec: CameraSpec, roll_rad: flo
     """Return the radiance (height, width, bands) of any model in a scene's geometry, the camera rolled."""
     import mitsuba as mi
 
+    from horizonval.renderer.frame import describe
     from horizonval.renderer.planet import Planet
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
-    from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
-    from horizonval.renderer.scene.description import describe
+    from horizonval.renderer.plugins import CameraSettings, LimbSettings, mitsuba_scene
 
     described = describe(seen, spec)
     truth = described.truth

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from horizonval.core.arrays import FloatArray
+from horizonval.renderer.backend import activate
 from horizonval.renderer.kernel.cells import group_cells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
-from horizonval.renderer.plugin.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -31,8 +31,8 @@ def _specs(camera: dict[str, Any], clouds: dict[str, Any], **tables: Any) -> tup
 
 def _view(camera: dict[str, Any], clouds: dict[str, Any], subsamples: int, refraction: bool = False) -> FrameGeometry:
     activate()
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
-    from horizonval.renderer.scene.description import describe
+    from horizonval.renderer.frame import describe
+    from horizonval.renderer.plugins import mitsuba_scene
 
     render = {"subsamples": subsamples, "orders": "single"}
     air = {"profile": "us_standard", "aerosol": "none"} if refraction else {"profile": "none"}

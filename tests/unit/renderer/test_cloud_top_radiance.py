@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from emission_models import RADIUS_M, black, isothermal
 
-from horizonval.renderer.rays.cloud_top_radiance import cloud_top_radiance
+from horizonval.renderer.rays import cloud_top_radiance
 
 
 @pytest.mark.parametrize("opacity_per_m", [1e-8, 1e-5, 1e-3])

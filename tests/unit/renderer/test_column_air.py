@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from horizonval.earth.optical import optical_model
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
 activate()
-from horizonval.renderer.scene.frame import render_frame  # noqa: E402
+from horizonval.renderer.frame import render_frame  # noqa: E402
 
 CAMERA = CameraSpec.model_validate(
     {
@@ -65,7 +65,7 @@ def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.Monke
 
     Marched: view tables have a border where one column's air ends, and where those of many do only at the model's top.
     """
-    from horizonval.renderer.scene import description
+    from horizonval.renderer import frame
 
     scene = _scene(CLIMATES, method="march")
     model = optical_model(scene, CAMERA)
@@ -80,7 +80,7 @@ def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.Monke
     images = []
     for columns in (model.columns, None):
         changed = replace(model, nodes=nodes, columns=columns)
-        monkeypatch.setattr(description, "optical_model", lambda *_, changed=changed, **__: changed)
+        monkeypatch.setattr(frame, "optical_model", lambda *_, changed=changed, **__: changed)
         images.append(render_frame(scene, CAMERA).radiance["b"])
     assert images[0] == pytest.approx(images[1], rel=2e-6)
 

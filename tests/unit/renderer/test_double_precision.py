@@ -16,7 +16,7 @@ import pytest
 from scipy import special
 
 import horizonval
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 ANY = np.random.default_rng(1).uniform(-30.0, 30.0, 4001)
 POSITIVE = np.exp(ANY)

@@ -19,8 +19,8 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.frame import Hit
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.load import load_suite
 
 activate()
@@ -33,7 +33,7 @@ CLOUDS = {"cover": 0.6, "top_km": 12.0, "mean_top_km": 8.0}
 
 
 def _view(air: OpticalModel, origin: FloatArray, nodes: int = 256, layer_m: float | None = None) -> Any:
-    from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+    from horizonval.renderer.kernel.frame_geometry import RayCoordinates
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.thermal.emission_table import ThermalAir, ThermalView, columns_for
 
@@ -45,8 +45,8 @@ def _view(air: OpticalModel, origin: FloatArray, nodes: int = 256, layer_m: floa
 
 
 def _looked(view: Any, o: Any, d: Any, to_ground: bool) -> Any:
-    from horizonval.renderer.thermal.emission_ground import mirrored
     from horizonval.renderer.thermal.emission_image import RayEnds, mixed, warmth_k
+    from horizonval.renderer.thermal.emission_table import mirrored
 
     row, angle = view.coordinates.place(o, d, to_ground)
     tables = view.band_tables()
@@ -81,7 +81,7 @@ def test_tables_say_what_the_march_says(
 
     Rays at random, a quarter of them within 2 km of the hard limb and as many about 16 km, where the absorption bends.
     """
-    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+    from horizonval.renderer.rays import thermal_radiance
     from horizonval.renderer.tables import vectors
 
     most *= 1.5 if table is WEATHER else 1.0
@@ -139,8 +139,8 @@ def test_bytes_do_not_depend_on_the_frames_before() -> None:
     """A frame at another attitude first, or nothing: the same bytes, and few nodes are made for the second frame."""
     import mitsuba as mi
 
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
-    from horizonval.renderer.scene.description import describe
+    from horizonval.renderer.frame import describe
+    from horizonval.renderer.plugins import mitsuba_scene
     from horizonval.renderer.table_store import TABLES
 
     described = describe(scene(**VARYING, surface={"kind": "earth"}, clouds=CLOUDS), camera(CO2))
@@ -183,8 +183,8 @@ def _cloudy(air: OpticalModel, emissivity: float, spec: Any, **changes: Any) -> 
     """A frame under clouds of an emissivity, through the plugin's own properties."""
     import mitsuba as mi
 
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
-    from horizonval.renderer.scene.description import describe
+    from horizonval.renderer.frame import describe
+    from horizonval.renderer.plugins import mitsuba_scene
 
     described = describe(scene(clouds=CLOUDS, render={"subsamples": 1}, **changes), spec)
     assert air.emission is not None

@@ -13,8 +13,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.optical import optical_model
 from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.renderer.rays.thermal_radiance import thermal_radiance
-from horizonval.renderer.thermal.emission_ground import sky_radiance
+from horizonval.renderer.rays import thermal_radiance
+from horizonval.renderer.thermal.emission_table import sky_radiance
 
 HEIGHT_M = 500e3
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.renderer.scene import frame
+from horizonval.renderer import frame
 from horizonval.spec.load import load_scene
 
 

@@ -14,22 +14,31 @@ from scipy.special import sph_harm_y
 
 from horizonval.core.progress import Silent
 from horizonval.earth.column import SpectralNode
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 activate()
 
 import mitsuba as mi  # noqa: E402
 
-from horizonval.renderer.scattering import source_store  # noqa: E402
-from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering  # noqa: E402
-from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts  # noqa: E402
-from horizonval.renderer.scattering.multiple_scattering import solve  # noqa: E402
-from horizonval.renderer.scattering.quality import Quality  # noqa: E402
-from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER  # noqa: E402
-from horizonval.renderer.scattering.shell_rays import shell_rays  # noqa: E402
-from horizonval.renderer.scattering.source_store import content_key, multiple_scattering  # noqa: E402
+from horizonval.renderer.scattering import multiple_scattering as solver  # noqa: E402
+from horizonval.renderer.scattering.multiple_scattering import (  # noqa: E402
+    content_key,
+    multiple_scattering,
+    solve,
+)
+from horizonval.renderer.scattering.shells import (  # noqa: E402
+    SOLVED_TOGETHER,
+    DiffuseField,
+    MultipleScattering,
+    Quality,
+    cosines,
+    pairs,
+    polar_parts,
+    shell_rays,
+    sun_angle_cosines,
+    sun_angle_position,
+)
 from horizonval.renderer.scattering.source_table import SourceTable  # noqa: E402
-from horizonval.renderer.scattering.sun_angles import sun_angle_cosines, sun_angle_position  # noqa: E402
 from horizonval.renderer.tables import SunTable  # noqa: E402
 
 COARSE = Quality(6, 12, 4, 2, 2, 6, 4, 2, 8, 4, 4)
@@ -95,7 +104,7 @@ def _solved(node: SpectralNode, planet_m: float = PLANET_M, progress: Silent | N
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(source_store, "_memory", type(source_store._memory)())
+    monkeypatch.setattr(solver, "_memory", type(solver._memory)())
     return tmp_path
 
 
@@ -108,7 +117,7 @@ def test_tables_are_kept_and_damage_is_noticed(store: Path) -> None:
             self.told.append(state.split(",")[0])
 
     def solved(told: list[str]) -> np.ndarray:
-        source_store._memory.clear()
+        solver._memory.clear()
         return _solved(_node(), progress=Listening(told)).air.moments
 
     told: list[str] = []
@@ -132,10 +141,10 @@ def test_any_altered_bit_of_a_table_makes_it_anew(store: Path, monkeypatch: pyte
     fields = [DiffuseField(1e5, PLANET_M, 2, np.full((3, 4, 9), n), np.full(4, n)) for n in (1.0, 2.0)]
     solution = MultipleScattering(fields[0], fields[1], 0.25)
     calls: list[int] = []
-    monkeypatch.setattr(source_store, "solve", lambda *_: calls.append(1) or [solution])
+    monkeypatch.setattr(solver, "solve", lambda *_: calls.append(1) or [solution])
 
     def got() -> MultipleScattering:
-        source_store._memory.clear()
+        solver._memory.clear()
         return _solved(_node())
 
     got()
@@ -160,7 +169,7 @@ def test_any_altered_bit_of_a_table_makes_it_anew(store: Path, monkeypatch: pyte
 def test_a_store_that_cannot_be_written_costs_only_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.setattr(source_store, "_memory", type(source_store._memory)())
+    monkeypatch.setattr(solver, "_memory", type(solver._memory)())
     assert _solved(_node()).spherical_albedo > 0
 
 
@@ -181,13 +190,13 @@ def test_columns_are_solved_together_and_alike(store: Path, monkeypatch: pytest.
         calls.append(len(some))
         return solve(some, *rest)
 
-    monkeypatch.setattr(source_store, "solve", counted)
+    monkeypatch.setattr(solver, "solve", counted)
     together = multiple_scattering(nodes, ALTITUDE_M, PLANET_M, COARSE, _sun_table)
     assert sorted(calls) == [1, 1, 4], "molecules by fours, particles apart, and what occurs twice once"
     for path in store.rglob("*.npz"):
         path.unlink()
     for node, beside in zip(nodes, together, strict=True):
-        source_store._memory.clear()
+        solver._memory.clear()
         alone = _solved(node)
         for name in ("air", "bounce"):
             a, b = getattr(alone, name), getattr(beside, name)

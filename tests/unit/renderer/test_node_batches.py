@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 activate()
 import drjit as dr  # noqa: E402
 import mitsuba as mi  # noqa: E402
 
+from horizonval.renderer.frame import render_frame  # noqa: E402
 from horizonval.renderer.kernel.march import march, optical_depth  # noqa: E402
 from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, SolarNodes  # noqa: E402
 from horizonval.renderer.planet import Planet  # noqa: E402
-from horizonval.renderer.scene.frame import render_frame  # noqa: E402
 from horizonval.renderer.tables import AltitudeGrid, SunTable, table_of, vectors  # noqa: E402
 from horizonval.renderer.types import constant  # noqa: E402
 from horizonval.spec.camera import CameraSpec  # noqa: E402

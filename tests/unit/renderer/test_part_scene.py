@@ -12,7 +12,7 @@ def test_the_map_of_the_earth_holds_what_the_camera_sees() -> None:
     """Straight down and straight up, and the limb where it is: rows of the map from zenith to nadir."""
     import mitsuba as mi
 
-    from horizonval.renderer.scene.frame import viewpoint_of
+    from horizonval.renderer.frame import viewpoint_of
 
     camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 9, "height": 9, "fov_deg": 5.0})
     scene = hv.Scene(camera, altitude_km=500.0, atmosphere={"profile": "none"}, sun={"zenith_deg": 20.0})

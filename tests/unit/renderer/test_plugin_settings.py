@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before Dr.Jit is imported)
-from horizonval.renderer.plugin import integrator, scene_text
-from horizonval.renderer.plugin.plugins import mitsuba_scene
-from horizonval.renderer.plugin.settings import LimbSettings
-from horizonval.renderer.scene.description import Described, describe
+from horizonval.renderer import plugins
+from horizonval.renderer.frame import Described, describe
+from horizonval.renderer.plugins import LimbSettings, mitsuba_scene
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -45,8 +44,8 @@ def test_a_scene_file_has_the_same_settings_and_the_same_image(described: Descri
     import mitsuba as mi
 
     properties = {
-        "integrator": scene_text.limb_properties(SCENE, CAMERA),
-        "sensor": scene_text.camera_properties(described.sensor),
+        "integrator": plugins.limb_properties(SCENE, CAMERA),
+        "sensor": plugins.camera_properties(described.sensor),
     }
     scene = mi.load_dict({"type": "scene", **properties})
     settings = scene.integrator().settings
@@ -59,7 +58,7 @@ def test_a_scene_file_has_the_same_settings_and_the_same_image(described: Descri
 
 def test_tables_are_made_once_for_the_same_content(described: Described, monkeypatch: pytest.MonkeyPatch) -> None:
     limb = described.limb
-    tables = integrator.prepare(limb)
+    tables = plugins.prepare(limb)
 
     def refuse(*_: Any) -> None:
         raise AssertionError("tables were made again")
@@ -70,7 +69,7 @@ def test_tables_are_made_once_for_the_same_content(described: Described, monkeyp
         nodes = (replace(node, extinction_per_m=node.extinction_per_m * factor), *others)
         return replace(limb, model=replace(limb.model, nodes=nodes), nodes=32, sun_itrs=(1.0, 0.0, 0.0))
 
-    monkeypatch.setattr(integrator, "_make_tables", refuse)
-    assert integrator.prepare(scaled(1.0)) is tables
+    monkeypatch.setattr(plugins, "_make_tables", refuse)
+    assert plugins.prepare(scaled(1.0)) is tables
     with pytest.raises(AssertionError, match="made again"):
-        integrator.prepare(scaled(1.0 + 1e-15))
+        plugins.prepare(scaled(1.0 + 1e-15))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 TOP_M = 1e5
 EDGES_M = (13_878.0, 15_038.0, 21_000.0)
@@ -18,9 +18,9 @@ def _backend():
 
 
 def _plane(origin, to_ground=False, edges_m=EDGES_M):
-    from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+    from horizonval.renderer.kernel.frame_geometry import RayCoordinates
     from horizonval.renderer.planet import Planet
-    from horizonval.renderer.view_table.ray_plane import RayPlane
+    from horizonval.renderer.view_table.sunlit_air import RayPlane
 
     planet = Planet(6_378_137.0, 6_356_752.3)
     return RayPlane.of(RayCoordinates.of(planet, np.array(origin), TOP_M), to_ground, edges_m, TOP_M)

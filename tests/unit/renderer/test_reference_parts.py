@@ -11,7 +11,7 @@ import pytest
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, itrs_from_geodetic
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 from horizonval.renderer.reference import reference
 from horizonval.spec.camera import CameraSpec
 
@@ -32,8 +32,7 @@ def _positions() -> np.ndarray:
 def test_heights_equal_geometry(mi: Any) -> None:
     """1e-6 m for exact shells, 0.6 m for the grid, poles and equator included."""
     from horizonval.renderer.planet import Planet
-    from horizonval.renderer.reference.grid_volume import _radius_and_height
-    from horizonval.renderer.reference.reference_scene import Placement, geodetic
+    from horizonval.renderer.reference.reference_scene import Placement, _radius_and_height, geodetic
 
     r = _positions()
     planet = Planet(WGS84.a_m, WGS84.b_m)
@@ -93,7 +92,7 @@ def test_too_few_samples_are_refused() -> None:
 
 
 def test_xml_keeps_every_digit_and_sign(mi: Any) -> None:
-    from horizonval.renderer.reference.scene_xml import scene_xml
+    from horizonval.renderer.reference.reference import scene_xml
 
     text = '{"a": "<&>", "b": 0.1}'
     data = {

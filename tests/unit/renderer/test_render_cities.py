@@ -9,8 +9,8 @@ import pytest
 
 from horizonval.earth import tables
 from horizonval.earth.surface import city_lights
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -50,7 +50,7 @@ def test_kernel_luminance_equals_numpy() -> None:
     activate()
     import mitsuba as mi
 
-    from horizonval.renderer.ground.cover import GroundTable, Places, luminance
+    from horizonval.renderer.kernel.surface import GroundTable, Places, luminance
 
     rng = np.random.default_rng(np.random.SeedSequence(19))
     latitude, longitude = TOKYO[0] + rng.normal(0, 0.3, 500), TOKYO[1] + rng.normal(0, 0.3, 500)

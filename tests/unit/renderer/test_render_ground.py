@@ -21,8 +21,8 @@ from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, surface_normal
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import truth_of
@@ -65,7 +65,7 @@ def _places(n: int, seed: int) -> np.ndarray:
 def test_kernel_reflectance_equals_numpy(mi: Any) -> None:
     """1e-6: Dr.Jit's erf."""
     from horizonval.earth.surface import snow_reflectance as snow
-    from horizonval.renderer.ground.reflectance import fresnel, glint_brdf, snow_factor
+    from horizonval.renderer.kernel.surface import fresnel, glint_brdf, snow_factor
 
     rng = np.random.default_rng(np.random.SeedSequence(8))
     a, b, c = rng.uniform(-0.05, 1.0, 2000), rng.uniform(-0.05, 1.0, 2000), rng.uniform(-1.0, 1.0, 2000)
@@ -83,7 +83,7 @@ def test_kernel_ground_equals_numpy(mi: Any, month: float) -> None:
     """Materials to 1e-6 (a place is known to 1e-9 deg), and heights, in all but the few places where rounding decides
     whether there is land.
     """
-    from horizonval.renderer.ground.cover import GroundTable, Places, cover, height_m
+    from horizonval.renderer.kernel.surface import GroundTable, Places, cover, height_m
 
     normal = _places(50_000, 3)
     latitude, longitude = np.degrees(np.arcsin(normal[:, 2])), np.degrees(np.arctan2(normal[:, 1], normal[:, 0]))

@@ -21,9 +21,9 @@ from horizonval.geometry.camera import (
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_columns, signed_limb_angle
-from horizonval.renderer.kernel.rays import RayCamera
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
+from horizonval.renderer.kernel.frame_geometry import RayCamera
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

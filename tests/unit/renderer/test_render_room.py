@@ -12,11 +12,11 @@ import pytest
 
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
-from horizonval.renderer.kernel.coverage import cell_coverage
-from horizonval.renderer.kernel.rays import RayCamera
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
+from horizonval.renderer.kernel.discs import cell_coverage
+from horizonval.renderer.kernel.frame_geometry import RayCamera
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 

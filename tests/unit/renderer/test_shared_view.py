@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from horizonval.renderer.scene.shared_view import shared_view, viewpoint_key
+from horizonval.renderer.frame_cost import shared_view, viewpoint_key
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
 

@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.backend import activate
 
 activate()
 import mitsuba as mi  # noqa: E402
 
-from horizonval.renderer.spline_table import NodeGrid, SplineTable, StationTable  # noqa: E402
+from horizonval.renderer.tables import NodeGrid, SplineTable, StationTable  # noqa: E402
 
 GRID = NodeGrid(9, 7)
 ROWS = np.array([0.0, 0.3, 1.0, 2.5, 6.9, 7.2, 8.0, 11.0, -1.0])

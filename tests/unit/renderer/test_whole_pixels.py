@@ -11,10 +11,10 @@ import drjit as dr
 import numpy as np
 import pytest
 
+from horizonval.renderer.backend import activate
+from horizonval.renderer.frame import render_frame
 from horizonval.renderer.kernel.cells import Cells, group_cells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
-from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -51,8 +51,8 @@ def specs(changes: Mapping[str, Any], method: str, band: dict[str, Any] = SOLAR)
 def opened(changes: Mapping[str, Any], every_cell: bool, band: dict[str, Any] = SOLAR) -> tuple[Any, FrameGeometry]:
     """The integrator and the geometry of a frame."""
     activate()
-    from horizonval.renderer.plugin.plugins import mitsuba_scene
-    from horizonval.renderer.scene.description import describe
+    from horizonval.renderer.frame import describe
+    from horizonval.renderer.plugins import mitsuba_scene
 
     described = describe(*specs(changes, "march", band))
     scene = mitsuba_scene(described.limb, described.sensor)
@@ -63,7 +63,7 @@ def opened(changes: Mapping[str, Any], every_cell: bool, band: dict[str, Any] = 
 def marched(changes: Mapping[str, Any], every_cell: bool, band: dict[str, Any] = SOLAR) -> np.ndarray:
     """A frame without view tables."""
     integrator, view = opened(changes, every_cell, band)
-    from horizonval.renderer.plugin.image import render_bands
+    from horizonval.renderer.image import render_bands
 
     made, settings = integrator.prepared, integrator.settings
     radiance, _ = render_bands(view, made.batches, integrator.bands, settings.nodes, made.thermal, made.model.emission)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from horizonval.renderer.scene.description import describe
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import describe, render_frame
 from horizonval.spec.load import Case, load_scene
 from horizonval.store.exr import read_frame, write_frame
 from horizonval.suites.identity import frame_identity

@@ -74,20 +74,17 @@ def test_epoch_in_quotes_and_without(folder):
         assert load_scene(folder / "s.toml")[0].platform.epoch_utc == datetime(2026, 3, 20, 12, tzinfo=UTC)
 
 
-def test_atmosphere_file_becomes_an_absolute_path(folder):
-    (folder / "a.json").write_text("{}")
-    (folder / "s.toml").write_text(SCENE + '[atmosphere]\nfile = "a.json"\n')
-    assert load_scene(folder / "s.toml")[0].atmosphere.file == str((folder / "a.json").resolve())
-    (folder / "s.toml").write_text(SCENE + '[atmosphere]\nfile = "us76"\n')
-    assert load_scene(folder / "s.toml")[0].atmosphere.file == str((shipped_root() / "atmospheres/us76.json").resolve())
-
-
-def test_profile_file_is_looked_for_beside_the_scene(folder, monkeypatch, tmp_path_factory):
-    (folder / "air.csv").write_text("")
-    (folder / "s.toml").write_text(SCENE + '[atmosphere]\nprofile_file = "air.csv"\n')
+def test_files_of_air_are_looked_for_beside_the_scene(folder, monkeypatch, tmp_path_factory):
+    for name in ("a.json", "air.csv"):
+        (folder / name).write_text("{}")
     monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
-    scene, _ = load_scene(folder / "s.toml")
-    assert scene.atmosphere.profile_file == str((folder / "air.csv").resolve())
+    for key, name, path in [
+        ("file", "a.json", folder / "a.json"),
+        ("file", "us76", shipped_root() / "atmospheres/us76.json"),
+        ("profile_file", "air.csv", folder / "air.csv"),
+    ]:
+        (folder / "s.toml").write_text(SCENE + f'[atmosphere]\n{key} = "{name}"\n')
+        assert getattr(load_scene(folder / "s.toml")[0].atmosphere, key) == str(path.resolve())
 
 
 @pytest.mark.parametrize(
@@ -110,10 +107,6 @@ def test_air_with_gases_has_haze_unless_it_is_told_otherwise(folder, table, aero
     assert scene.atmosphere.aerosol == aerosol
     # What a frame's truth keeps must read back.
     assert Atmosphere.model_validate(scene.atmosphere.model_dump(mode="json")) == scene.atmosphere
-
-
-def test_a_band_need_not_say_how_many_nodes(folder):
-    assert load_camera(folder / "c.toml").band[0].nodes is None
 
 
 def test_frames_lie_over_defaults(folder):

@@ -14,7 +14,7 @@ from horizonval.api.check import check
 from horizonval.core import memory
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Execution
-from horizonval.renderer.scene.frame_memory import frame_bytes, refuse_too_large
+from horizonval.renderer.frame_cost import frame_bytes, refuse_too_large
 from horizonval.spec.load import load_scene
 from horizonval.suites.suite import load_suite
 from horizonval.suites.worker_memory import largest_frame, within_memory

@@ -22,7 +22,7 @@ from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import fit_cone, horizon_cam
 from horizonval.geometry.rotation import angle_between
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.scoring.errors import score
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec

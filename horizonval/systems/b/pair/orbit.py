@@ -15,7 +15,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods import linear_heads
 from horizonval.plugins.registry import run_safely
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.scoring.errors import score
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec

@@ -104,7 +104,7 @@ def _radiance(
     magnify_at: tuple[int, int] | None,
 ) -> NDArray[np.float32]:
     """Return the radiance on the camera's pixels; kept, for benches that differ in their noise alone."""
-    from horizonval.renderer.plugin.backend import activate
+    from horizonval.renderer.backend import activate
 
     activate()
     from horizonval.systems.b.rig import scene

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.systems.b.rig.panel import Panel

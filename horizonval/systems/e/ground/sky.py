@@ -19,7 +19,7 @@ from scipy.interpolate import RectBivariateSpline
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.frames import rotate
-from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.systems.e.localisation.stations import Station

@@ -77,7 +77,7 @@ def test_half_a_pixel_is_caught_by_rendering_again(night):
 
 
 def test_a_wrong_sign_of_k1_is_caught_by_rendering_again(night):
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.frame import render_frame
 
     def wrong(scene, camera):
         lens = camera.camera.model_copy(update={"distortion": [0.02, 0.0, 0.0, 0.0, 0.0]})

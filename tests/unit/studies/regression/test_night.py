@@ -33,7 +33,7 @@ def first(here, night, tmp_path_factory):
     known = dict(night.frames)
 
     def render(scene, camera):
-        from horizonval.renderer.scene.frame import render_frame
+        from horizonval.renderer.frame import render_frame
 
         name = key_of(scene)
         seeded = scene.scene.seed == 3

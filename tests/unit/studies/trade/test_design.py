@@ -144,13 +144,6 @@ def test_a_mistake_in_the_conditions_names_the_design(load):
     assert "s.toml: design psf_sigma_px_0.5, frames: frames_000: platform.latitude_degrees" in e.value.where
 
 
-def test_an_unknown_estimator_is_a_key_of_the_study(load):
-    study = load(STUDY.replace('"ideal"]', '"ideel"]'))
-    with pytest.raises(UserError) as e:
-        refuse_mistakes(study.suite, plan_of(study.suite))
-    assert e.value.where.endswith("s.toml: study.estimators")
-
-
 def test_the_season_is_an_axis_and_flights_are_clusters(load):
     study = load(SEASONS)
     assert {case.scene.platform.epoch_utc.month for case in study.suite.cases} == {3, 6}
@@ -180,21 +173,16 @@ def test_heads_are_one_camera(load):
     [
         (("psf_sigma_px", "psf_sgima_px"), ["design psf_sgima_px_0.5, frames", "optics.psf_sgima_px: unknown"]),
         (("platform.latitude_deg", "camera.optics.psf_sigma_px"), [": design:", "varied by [frames] too"]),
-        (("n = 3", "share = 1.0"), ["frames", "give sobol.n"]),
-        (("[design.grid]", "[design.grids]"), ["unknown key", "grid"]),
         (('"camera.optics.psf_sigma_px"', '"orbit.altitude_km"'), ["a design changes the orbit", "frames.orbit"]),
         (('"camera.optics.psf_sigma_px"', '"estimator"'), ["design.grid.estimator", "study.estimators"]),
         (("seed = 3", "requirement.availability = 99.0"), ["study.requirement.availability", "99.0"]),
         (("seed = 3", "cheapest_by = \"mass\""), ["study.cheapest_by", "'mass' is no column", "pixel_rate"]),
-        (("seed = 3", "cheapest_by = \"open('x')\""), ["study.cheapest_by", "is not allowed"]),
         (("[design.grid]", "[design]\ncost = { pixels = 1.0 }\n[design.grid]"), ["a cost is named 'pixels'"]),
-        (("[design.grid]", "[design]\ncost = { mass_g = true }\n[design.grid]"), ["cost"]),
         (
             ("[design.grid]", "[design]\nlist = [{ name = \"a\", cost.mass_g = 1 }, { name = \"b\" }]\n[design.grid]"),
             ["list[2].cost has no mass_g"],
         ),
         (("[design.grid]", "[design]\nlist = [{ scene.seed = 1 }]\n[design.grid]"), ["list[1] has no name"]),
-        (("[frames.sobol]", "[frame.sobol]"), ["unknown key", "frames"]),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_line(load, change, parts):
@@ -205,11 +193,6 @@ def test_a_mistake_is_one_line(load, change, parts):
     assert "\n" not in line
     assert "s.toml" in line
     assert all(part in line for part in parts), line
-
-
-def test_an_unknown_study_is_told_the_shipped_ones():
-    with pytest.raises(UserError, match="altitude-free-optics"):
-        read_study("altitude-free-optic")
 
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)

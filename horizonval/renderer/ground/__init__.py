@@ -1,1 +1,0 @@
-"""The ground of a frame as the kernel has it."""

@@ -1,1 +1,0 @@
-"""The plugins that Mitsuba loads: integrator, camera, and the choice of its back-end."""

@@ -1,1 +1,0 @@
-"""Radiance along given rays: the integrators alone, without camera or film."""

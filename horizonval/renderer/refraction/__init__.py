@@ -1,1 +1,0 @@
-"""Refraction: air in apparent-radius (Bouguer) coordinates, bending angles, where sunlight comes from."""

@@ -1,1 +1,0 @@
-"""From a scene to a frame."""
