@@ -140,7 +140,7 @@ def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
         "cards": cards,
         "hidden": len({view.case for view in run.views if not view.shown}),
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
-        **limit_words(unit),
+        "limits": limit_words(unit),
         "gamma": f"{pictures.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in pictures.GREY_PERCENTILES],
         "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),

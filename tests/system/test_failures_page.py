@@ -113,6 +113,6 @@ def test_images_that_do_not_belong_together_are_refused(run, horizonval):
     assert len(horizonval("estimate", left, forward, "--estimator", "altitude-free").stdout.splitlines()) == 2
     assert_one_line(
         horizonval("estimate", left, forward, "--camera", "vis-pair-1024-60deg", "--estimator", "video-vertical"),
-        "--camera",
+        "camera",
     )
     assert_one_line(horizonval("estimate", left, far, "--estimator", "video-vertical"), "another camera, place, time")
