@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import string
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from horizonval.spec.camera import CameraSpec
 
 MOST_IMAGES = 10_000
-FIELDS = ("band", "exposure", "seed")
 
 
 def observe(
@@ -311,17 +309,21 @@ def plans(
     count = len(chosen_seeds) * len(chosen_exposures) * len(chosen_bands)
     if count > MOST_IMAGES:
         raise UserError(f"{count} images", where="--seed", expected=f"at most {MOST_IMAGES} in one command")
-    several = {"band": len(chosen_bands) > 1, "exposure": len(chosen_exposures) > 1, "seed": len(chosen_seeds) > 1}
-    pattern = _pattern(out, [name for name in FIELDS if several[name]], count)
+    lists = {"band": chosen_bands, "exposure": chosen_exposures, "seed": chosen_seeds}
+    differ = [f"{{{name}}}" for name, values in lists.items() if len(values) > 1]
+    if differ and "{" not in out and (Path(out).is_dir() or not Path(out).suffix):
+        # A folder: its files are named after what differs.
+        out = str(Path(out) / ("-".join(differ) + ".exr"))
     images = [
-        ImagePlan(Path(_filled(pattern, camera, band, exposure, seed)), seed, exposure, band)
+        ImagePlan(Path(_filled(out, camera, band, exposure, seed)), seed, exposure, band)
         for band, exposure, seed in itertools.product(chosen_bands, chosen_exposures, chosen_seeds)
     ]
-    paths: set[Path] = set()
-    for plan in images:
-        if plan.path in paths:
-            raise UserError(f"two images would be called {str(plan.path)!r}", where="--out")
-        paths.add(plan.path)
+    if len({plan.path for plan in images}) < count:
+        raise UserError(
+            f"{count} images would overwrite each other in {out!r}",
+            where="--out",
+            fix=f"put {' and '.join(differ)} into the name, or name a folder",
+        )
     return images
 
 
@@ -364,34 +366,10 @@ def _exposures(texts: Sequence[str], camera: CameraSpec) -> list[float]:
     return list(exposures)
 
 
-def _pattern(out: str, differ: Sequence[str], count: int) -> str:
-    """Return the pattern of the files' names; a folder gets one after what differs."""
-    try:
-        fields = [name for _, name, _, _ in string.Formatter().parse(out) if name is not None]
-    except ValueError as e:
-        raise UserError(f"found {out!r}", where="--out", expected="{seed}, {exposure}, {band} or none") from e
-    unknown = [name for name in fields if name not in FIELDS]
-    if unknown:
-        raise UserError(
-            f"found {{{unknown[0]}}}", where="--out", expected=" or ".join(f"{{{name}}}" for name in FIELDS)
-        )
-    if differ and not fields and (Path(out).is_dir() or not Path(out).suffix):
-        return str(Path(out) / ("-".join(f"{{{name}}}" for name in differ) + ".exr"))
-    missing = [name for name in differ if name not in fields]
-    if missing:
-        fix = " and ".join(f"{{{name}}}" for name in missing)
-        raise UserError(
-            f"{count} images would overwrite each other in {out!r}",
-            where="--out",
-            fix=f"put {fix} into the name, or name a folder",
-        )
-    return out
-
-
 def _filled(pattern: str, camera: CameraSpec, band: str | None, exposure_s: float | None, seed: int) -> str:
     seconds = exposure_s or getattr(camera.detector, "exposure_s", 0.0)
     name = band or (camera.band[0].name if camera.band else "")
     try:
         return pattern.format(band=name, exposure=f"{seconds:.9g}", seed=seed)
-    except ValueError as e:
-        raise UserError(f"found {pattern!r}: {e}", where="--out", expected="{seed}, {exposure}, {band}") from e
+    except (ValueError, LookupError, AttributeError) as e:
+        raise UserError(f"found {pattern!r}", where="--out", expected="{seed}, {exposure}, {band} or none") from e

@@ -1,4 +1,11 @@
-"""What an estimator is given, and what it gives back.
+"""How well the camera that an estimator is told is known: standard deviations, each of them 0 where it is exact.
+
+The camera itself stands in the observation as it is told. What a sigma says of the mounting and of the time is in the
+prior's sigmas of attitude and position as well, which are those of what a platform would say of itself.
+
+What a data sheet says of a lens beside where it maps to: how its blur changes over the field, and its aperture.
+
+What an estimator is given, and what it gives back.
 
 An estimator is a function of an :class:`Observation` that returns a :class:`Fit` or a
 :class:`horizonval.core.outcome.Refusal`. It never sees
@@ -8,17 +15,74 @@ the renderer or the truth, with one exception by definition: the ideal sensor mo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.calibration import Calibration
-from horizonval.estimation.lens import Lens
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Standard deviations of the errors of a camera's calibration.
+
+    Attributes
+    ----------
+    focal_length_sigma : float
+        Of both focal lengths together, as a share of them.
+    principal_point_sigma_px : float
+        Of column and row.
+    distortion_sigma_px : float
+        Of the radial distortion, as it moves the image's farthest corner.
+    mounting_sigma_rad : tuple of 3 floats
+        Of a turn about the body's x, y and z.
+    exposure_offset_sigma_s, clock_sigma_s : float
+        Of the time by which an image is later than its stamp, and of the clock.
+    """
+
+    focal_length_sigma: float = 0.0
+    principal_point_sigma_px: float = 0.0
+    distortion_sigma_px: float = 0.0
+    mounting_sigma_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    exposure_offset_sigma_s: float = 0.0
+    clock_sigma_s: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """What is told of a lens; without anything its blur is the same all over the field and its aperture wide.
+
+    How soft it is on the whole is left to whoever looks at the image.
+
+    Attributes
+    ----------
+    angles_rad : ndarray, shape (b,)
+        From the axis, rising.
+    ratios : ndarray, shape (b,)
+        Of the blur there to their root mean square, without diffraction. Between two angles a point's light is shared
+        out between both blurs.
+    diffraction_px : float
+        Mean wavelength times f-number; 0 where rings are no wider than the pixels show.
+    """
+
+    angles_rad: FloatArray = field(default_factory=lambda: np.zeros(1))
+    ratios: FloatArray = field(default_factory=lambda: np.ones(1))
+    diffraction_px: float = 0.0
+
+    def shares(self, off_axis_rad: FloatArray) -> FloatArray:
+        """Return the shares of the blurs at angles from the axis (m,), shape (b, m); beyond the ends that of the end.
+
+        Between two angles they are linear in the angle.
+        """
+        return np.array([np.interp(off_axis_rad, self.angles_rad, one) for one in np.eye(len(self.angles_rad))])
+
+    def in_wider_pixels(self, scale: int) -> Lens:
+        """Return the same lens before pixels ``scale`` times as wide."""
+        return replace(self, diffraction_px=self.diffraction_px / scale)
 
 
 @dataclass(frozen=True)

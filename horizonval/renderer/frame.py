@@ -1,7 +1,4 @@
-"""Render one frame of a scene: radiance per band, truth maps, and the exact truth beside them.
-
-What a scene is before it has pixels: its exact truth, its optical properties, its lights, and its plugins.
-"""
+"""Frames of scenes: what a scene is before it has pixels, and its radiance, truth maps and exact truth."""
 
 from __future__ import annotations
 

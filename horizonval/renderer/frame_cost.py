@@ -4,7 +4,8 @@
 MB, detector image included; 270, 630 and 1790 MB are predicted, because a field of 10 deg, all limb, takes 580 MB with
 1024 pixels. Marched, with 2048 pixels: 2070 MB, 2500 MB predicted; under clouds: 3070 MB, 3340 MB predicted.
 
-Which frames share their tables of light: those of one place, one Sun and one air, seen through the same bands.
+**Shared tables.** Frames of one position, one Sun and one air, seen through the same bands, share their tables of
+light.
 """
 
 from __future__ import annotations

@@ -2,18 +2,16 @@
 
 Tables are found again by what they depend on: the columns of air, the ground, the camera's place and the light.
 
-A map of the light that the ground around a camera sends up, blurred as the air above sees it.
-
-Light scattered more than once is ``I = I_air + B F``: B is what a ground of reflected flux 1 adds to the field, the
-same everywhere, and F the flux that ground and clouds send up, over that which falls on them. On a ground that varies
-F is a map,
+**The map** of the light that the ground around a camera sends up, blurred as the air above sees it. Light scattered
+more than once is ``I = I_air + B F``: B is what a ground of reflected flux 1 adds to the field, the same everywhere,
+and F the flux that ground and clouds send up, over that which falls on them. On a ground that varies F is a map,
 
     F(x) = A(x) / (1 - s A_sky(x)),        A_sky = A weakened by the transfer function of the sky
 
 with the albedo A, clouds at their place, and the spherical albedo s of the air; and the field at a point takes F
-weakened by the transfer function of its height (:mod:`horizonval.renderer.scattering.source_table`). What is
-above a place hundreds of kilometres wide sees its own ground alone, what is above a chequered ground of smaller squares
-their mean.
+weakened by the transfer function of its height (:mod:`horizonval.renderer.scattering.source_table`). What is above a
+place hundreds of kilometres wide sees its own ground alone, what is above a chequered ground of smaller squares their
+mean.
 
 The map is Lambert's equal-area map of everything in sight, :data:`SIDE` cells a side, around the point below the
 camera: 9 km a cell at 500 km, 20 km from the geostationary orbit. A cell is the mean of ``SAMPLES^2`` looks from
@@ -23,11 +21,9 @@ Neglected: that light falls more obliquely on one end of a footprint than on the
 where the Sun is low), cloud shadows on what is sent up, what goes to and fro between a thin cloud and the ground, and
 that light sent up by a high cloud spreads less far.
 
-By how much the ground counts that a ray's air was lit from: a table over the rays of one camera position.
-
-The radiance of the air along a ray is ``L = L_air + q L_B``: L_B over a ground of reflected flux 1, and q the mean of
-what the ray's air sees of the true ground (:mod:`horizonval.renderer.local_light`), weighted by what each
-piece of the ray adds to L_B,
+**Factors of rays**: by how much the ground counts from which the air of a ray was lit. The radiance of the air along a
+ray is ``L = L_air + q L_B``: L_B over a ground of reflected flux 1, and q the mean of what the ray's air sees of the
+true ground, weighted by what each piece of the ray adds to L_B,
 
     w = (1 - exp(-dtau)) exp(-tau) s / k I_B
 

@@ -2,19 +2,17 @@
 
 The share is that of the truth (:mod:`horizonval.geometry.part`) and not of the rays that lit the parts.
 
-Surfaces of spacecraft by name: how they reflect sunlight, and how they emit.
-
-Reflectance at a few wavelengths, linear between them and constant beyond. Each is read off typical published curves of
-its kind (Henninger, Solar absorptance and thermal emittance of some common spacecraft thermal-control coatings, NASA RP
-1121, 1984) and right to 0.05 or so: coatings differ from maker to maker, and age. Roughness is chosen here.
+**Surfaces by name.** Reflectance at a few wavelengths, linear between them and constant beyond. Each is read off
+typical published curves of its kind (Henninger, Solar absorptance and thermal emittance of some common spacecraft
+thermal-control coatings, NASA RP 1121, 1984) and right to 0.05 or so: coatings differ from maker to maker, and age.
+Roughness is chosen here.
 
 In thermal bands every surface is a grey Lambert one: what it does not emit it reflects, evenly into all directions.
 
-The light of parts in every pixel that they cover, by stock Mitsuba's ``path`` integrator.
-
-The scene is metres large, in camera axes with the camera at its origin, so that single precision serves. Rays are the
-camera's own, spread over each pixel (multi-jittered); a pixel's light is the mean over those that meet a part. Pixels
-that a part covers by a sliver which no ray met take the light of the nearest pixel that has some.
+**Light of parts**, by stock Mitsuba's ``path`` integrator. The scene is metres large, in camera axes with the camera at
+its origin, so that single precision serves. Rays are the camera's own, spread over each pixel (multi-jittered); a
+pixel's light is the mean over those that meet a part. Pixels that a part covers by a sliver which no ray met take the
+light of the nearest pixel that has some.
 
 Sunlight and the light of the Earth are rendered apart, for neither is noisy then because of the other: under the Sun a
 Lambert panel is noisy by 2e-4 of its light, by an even Earth by 0.1 % (from above)
@@ -26,19 +24,17 @@ throws onto another part (a caustic) is noisier: single pixels may stand out. In
 Light goes from part to part, at most :data:`MOST_BOUNCES` times; heat that one part emits and another reflects is left
 out. Seeds come from a hash of the frame's identity, so that equal frames are equal to the last bit.
 
-What shines on parts of the spacecraft: the Earth all round, and the Sun through whatever air is before it.
-
-The Earth is our own picture of it from the same place: a map in longitude and latitude about the nadir, so that the
-limb runs along a row and is covered exactly, looked up in the same tables as the frame. It is a Mitsuba ``envmap``,
-which is linear between rows from pole to pole and between the middles of columns; the map's camera is laid so that its
-pixels are those points. Sun and Moon are left out of it: the Sun is a light of its own, moonlight on parts is nothing.
+**What shines on parts**: the Earth all round, and the Sun through the air before it. The Earth is our own picture of it
+from the same place: a map in longitude and latitude about the nadir, so that the limb runs along a row and is covered
+exactly, looked up in the same tables as the frame. It is a Mitsuba ``envmap``, which is linear between rows from pole
+to pole and between the middles of columns; the map's camera is laid so that its pixels are those points. Sun and Moon
+are left out of it: the Sun is a light of its own, moonlight on parts is nothing.
 
 The Sun's light is dimmed by the share of its disc that the Earth hides and by the air before it, mean over points of
 the disc along straight rays.
 
-The Sun as a Mitsuba emitter: a disc at infinity of unit irradiance, which smooth surfaces mirror as a disc.
-
-Stock Mitsuba has no such emitter: ``directional`` is a point, which no mirror shows; a far sphere loses 0.2 % in single
+**The Sun** is a Mitsuba emitter: a disc at infinity of unit irradiance, which smooth surfaces mirror as a disc. Stock
+Mitsuba has no such emitter: ``directional`` is a point, which no mirror shows; a far sphere loses 0.2 % in single
 precision; a map of the sky cannot hold half a degree. Directions are drawn evenly over the disc, in ``1 - cos``, whose
 small values are worked out in double precision.
 """

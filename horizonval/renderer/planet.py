@@ -5,21 +5,17 @@ stay lines with the same parameter. With primed vectors in the stretched space a
 ``m = |o' x d'| / |d'| <= a``, and it is nearest to it at ``t = -(o'.d') / |d'|^2``. The form ``a^2 - m^2`` is used
 instead of the textbook discriminant ``b^2 - ac``, which cancels at planetary distances.
 
-Where steps go along rays: the stretch of a ray inside the air, its parameter, and how steps are shared out.
+**Steps along rays.** A ray is cut at its lowest point into a descending and an ascending piece. With ``y`` from -1
+(entry) over 0 (lowest point) to 1 (exit) the distance from the lowest point is ``l (c |y| + (1 - c) |y|^3)``: dense
+where the air is dense. One step holds two Gauss points.
 
-A ray is cut at its lowest point into a descending and an ascending piece. With ``y`` from -1 (entry) over 0 (lowest
-point) to 1 (exit) the distance from the lowest point is ``l (c |y| + (1 - c) |y|^3)``: dense where the air is dense.
-One step holds two Gauss points.
-
-Steps along rays through layers of thin cloud: no step straddles a layer's edge.
-
-A ray is cut where it enters and leaves each layer's heights, on its way down and on its way up. Every piece has a
-number of steps of its own, so that neighbouring rays differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in
-one with gaps (:func:`steps_among_gaps`), half the march's outside the highest and below the lowest one, a quarter
-between two. A piece without length, of a ray that passes above, has no steps: as a piece shrinks so does what its steps
-add up, and nothing jumps where they go.
-Within a piece steps are even in the ray parameter of :mod:`horizonval.renderer.planet`; where the umbra's edge
-crosses the ray, a third of them lies before, in and behind it.
+**Layers of thin cloud**: no step straddles a layer's edge. A ray is cut where it enters and leaves each layer's
+heights, on its way down and on its way up. Every piece has a number of steps of its own, so that neighbouring rays
+differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:func:`steps_among_gaps`), half the
+march's outside the highest and below the lowest one, a quarter between two. A piece without length, of a ray that
+passes above, has no steps: as a piece shrinks so does what its steps add up, and nothing jumps where they go. Within a
+piece steps are even in the ray parameter of :mod:`horizonval.renderer.planet`; where the umbra's edge crosses the ray,
+a third of them lies before, in and behind it.
 """
 
 from __future__ import annotations

@@ -1,20 +1,15 @@
-"""Both plugins in Mitsuba: registered by name for scene files, and made from settings for scenes in this process.
+"""Both plugins in Mitsuba, registered by name for scene files, and made from settings for scenes in this process.
 
-``horizon_limb``: the deterministic limb march as a Mitsuba integrator plugin.
+``horizon_limb`` is the deterministic limb march as an integrator. ``mi.render`` on a scene with this integrator and a
+``horizon_camera`` returns a tensor (height, width, channels): the radiance of every band, then the energy radiance of
+every solar band, in W m-2 sr-1 (:mod:`horizonval.earth.spectral.bands`). It makes Float64 rays and ignores sample count
+and seed, because nothing is random.
 
-``mi.render`` on a scene with this integrator and a ``horizon_camera`` returns a tensor (height, width, channels): the
-radiance of every band, then the energy radiance of every solar band, in W m-2 sr-1
-(:mod:`horizonval.earth.spectral.bands`). It makes its own Float64 rays and ignores sample count and seed, because
-nothing is random.
+``horizon_camera`` is the camera as a sensor. The limb integrator takes the intrinsics from it;
+:meth:`HorizonCamera.sample_ray` serves stock integrators (single precision, same projection).
 
-``horizon_camera``: the camera as a Mitsuba sensor plugin.
-
-The limb integrator takes the intrinsics from here and makes its own Float64 rays; :meth:`HorizonCamera.sample_ray`
-serves stock integrators (single precision, same projection).
-
-The plugins' settings as text properties of Mitsuba, for scene files.
-
-What the plugins are told: plain data, handed over as it is in process and as text in scene files.
+In this process both get their settings as objects. In a scene file the integrator has the specification of the scene
+and camera, the sensor the camera and its pose, each as JSON.
 """
 
 from __future__ import annotations

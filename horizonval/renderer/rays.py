@@ -1,9 +1,4 @@
-"""Scattered sunlight of every spectral node along given rays through layered air.
-
-Thermal radiance along given rays through air that varies with latitude: no camera, no tables.
-
-Thermal radiance along rays that end on cloud tops: black bodies as warm as the air around them.
-"""
+"""Radiance along given rays, without camera or film: scattered sunlight, thermal bands, and thermal rays to clouds."""
 
 from __future__ import annotations
 

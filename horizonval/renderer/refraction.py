@@ -32,16 +32,9 @@ Earth's ellipsoid, 3 m at 10 km, less above); geodetic verticals turn with the r
 (1e-4 rad). Light is bent as by the column below the camera, whatever the air at the limb: no horizontal gradients, no
 scintillation. The index starts from 1 at the highest node.
 
-The Sun as bent rays see it: sunlight that arrives through refracting air, and the umbra's edge under refraction.
-
-Notation and approximations: :mod:`horizonval.renderer.refraction`.
-
-Bending angles: directions behind the air, places along bent rays, and where sunlight comes from.
-
-A ray that grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted
-and flattened.
-
-Where rays end on the planet as it is, and how they arrive there, with and without refraction.
+**Bending angles** give directions behind the air, positions along bent rays and the direction of sunlight. A ray that
+grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted and
+flattened.
 """
 
 from __future__ import annotations

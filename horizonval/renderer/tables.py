@@ -11,12 +11,10 @@ The optical depth towards the Sun from height ``h`` under solar zenith cosine ``
 squares put nodes where the optical depth bends most: near the ground and near the horizon. What is stored is
 ``ln(tau + tau_0)``, ``tau_0 = 1e-12``: nearly linear along both axes, so bilinear interpolation serves.
 
-Tables over the rays of one camera position that a kernel reads by cubic interpolation (Catmull and Rom).
-
-Rows are places on an axis of rays (:mod:`horizonval.renderer.kernel.frame_geometry`), columns azimuths from 0 to
-:math:`\pi`, where what is tabulated is the same on both sides of the camera's meridian since it depends on height and
-latitude alone, or else all round. A node is made when a frame first looks near it, and what it holds depends on nothing
-that was looked at before.
+**Tables over the rays of one camera position** are read by cubic interpolation (Catmull and Rom). Rows are places on an
+axis of rays (:mod:`horizonval.renderer.kernel.frame_geometry`), columns azimuths from 0 to :math:`\pi`, where what is
+tabulated is the same on both sides of the camera's meridian since it depends on height and latitude alone, or else all
+round. A node is made when a frame first looks near it, and what it holds depends on nothing that was looked at before.
 
 Node values f are joined by cubics with the slopes ``(f[i + 1] - f[i - 1]) / 2``: smooth, and exact for parabolas.
 Beyond the ends of rows one more node lies on the parabola through the last three; beyond those of columns they are

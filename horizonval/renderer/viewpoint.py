@@ -1,8 +1,7 @@
-"""One place, instant and air, and as many frames as the camera has turns there.
+"""One position, instant and air, and as many frames as the camera has attitudes there.
 
-Maps beside the radiance: what the ray through each pixel's centre meets, where, and under which Sun.
-
-They describe the picture for a reader; the truth that scores an estimator is analytic and never comes from here.
+Truth maps say what the ray through the centre of each pixel meets, where, and under which Sun. They describe the
+picture for a reader; the truth that scores an estimator is analytic and never comes from here.
 """
 
 from __future__ import annotations

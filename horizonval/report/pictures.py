@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -45,6 +44,7 @@ from horizonval.frame import DetectorImage, Hit, RadianceFrame
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 from horizonval.report import page
 from horizonval.report.load import load_run
+from horizonval.report.plots import house_style
 from horizonval.spec.camera import Band
 
 # ---------------------------------------------------------------------------------------------- detector images in grey
@@ -226,10 +226,7 @@ def infrared_picture(panels: Sequence[ThermalPanel]) -> NDArray[np.uint8]:
     w, h = scale * width, scale * height
     bar_x = _EDGE + len(rows[0]) * (w + _GAP)
     total_w, total_h = bar_x + _BAR + _NUMBERS, len(rows) * (_HEAD + h) + _EDGE
-    with matplotlib.rc_context():
-        # A user's own matplotlibrc must not show.
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_DARK)
+    with house_style(_DARK):
         # A quarter of a pixel more: 2.3 inches are 229.999 px, and some versions of matplotlib cut.
         figure = Figure(figsize=((total_w + 0.25) / _DPI, (total_h + 0.25) / _DPI), dpi=_DPI)
         canvas = FigureCanvasAgg(figure)
@@ -320,9 +317,7 @@ def contact_sheet(tiles: Sequence[Tile], columns: int) -> bytes:
     heights = [max(grey.shape[0] for grey, _ in row) + CAPTION_PX for row in tiles_drawn]
     width = 2 * MARGIN_PX + columns * (TILE_PX + GAP_PX) - GAP_PX
     height = 2 * MARGIN_PX + sum(heights) + GAP_PX * (len(rows) - 1)
-    with matplotlib.rc_context():
-        # A user's own matplotlibrc must not show.
-        matplotlib.rcdefaults()
+    with house_style({}):
         figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor="white")
         canvas = FigureCanvasAgg(figure)
         top = MARGIN_PX

@@ -21,7 +21,7 @@ from typing import Any
 from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from horizonval.core.errors import UserError, command_line
-from horizonval.core.files import MissingFileError, UnfitFileError, kind_at, open_file
+from horizonval.core.files import kind_at
 from horizonval.report.viewer import RunFrames
 
 HOST = "127.0.0.1"
@@ -116,20 +116,14 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "horizonval", ""
     timeout = 60.0
 
-    def do_GET(self) -> None:
-        self._answer(with_body=True)
-
-    def do_HEAD(self) -> None:
-        self._answer(with_body=False)
-
     def log_message(self, format: str, *args: Any) -> None:
         """Print nothing: the terminal is the user's."""
 
-    def _answer(self, *, with_body: bool) -> None:
+    def do_GET(self) -> None:
         # A page of another site that has this address looked up under its own name gets nothing.
         port = self.server.server_address[1]
         if self.headers.get("Host") not in (f"{HOST}:{port}", f"localhost:{port}"):
-            return self._send(HTTPStatus.FORBIDDEN, b"ask for 127.0.0.1\n", "text/plain", with_body)
+            return self._send(HTTPStatus.FORBIDDEN, b"ask for 127.0.0.1\n", "text/plain")
         address = urlsplit(self.path)
         if address.path == "/":
             self.send_response(HTTPStatus.FOUND)
@@ -138,23 +132,19 @@ class _Handler(BaseHTTPRequestHandler):
             self.end_headers()
             return None
         if address.path in (FRAMES, FRAME):
-            return self._send_json(address.path, parse_qs(address.query, keep_blank_values=True), with_body)
+            return self._send_json(address.path, parse_qs(address.query, keep_blank_values=True))
         path = file_below(self.server.what.root, address.path)
-        try:
-            if path is None:
-                raise MissingFileError("no such file")
-            with open_file(path, links=False) as file:
-                body = file.read()
-        except UnfitFileError:
-            return self._send(HTTPStatus.NOT_FOUND, b"no such file\n", "text/plain", with_body)
+        if path is None:
+            return self._send(HTTPStatus.NOT_FOUND, b"no such file\n", "text/plain")
+        body = path.read_bytes()
         kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
         if kind == "text/html":
             kind += "; charset=utf-8"
             if self.server.what.frames is not None:
                 body = body.replace(*_POLICY, 1).replace(*_MARK, 1)
-        return self._send(HTTPStatus.OK, body, kind, with_body)
+        return self._send(HTTPStatus.OK, body, kind)
 
-    def _send_json(self, path: str, query: dict[str, list[str]], with_body: bool) -> None:
+    def _send_json(self, path: str, query: dict[str, list[str]]) -> None:
         frames, status = self.server.what.frames, HTTPStatus.OK
         answer: object
         try:
@@ -167,17 +157,16 @@ class _Handler(BaseHTTPRequestHandler):
         except UserError as error:
             status, answer = HTTPStatus.NOT_FOUND, {"problem": error.line()}
         body = json.dumps(answer, allow_nan=False).encode()
-        self._send(status, body, "application/json", with_body)
+        self._send(status, body, "application/json")
 
-    def _send(self, status: HTTPStatus, body: bytes, kind: str, with_body: bool) -> None:
+    def _send(self, status: HTTPStatus, body: bytes, kind: str) -> None:
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Cache-Control", "no-store")
         self.send_header("X-Content-Type-Options", "nosniff")
         self.end_headers()
-        if with_body:
-            self.wfile.write(body)
+        self.wfile.write(body)
 
 
 def file_below(root: Path, address: str) -> Path | None:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.estimation.lens import Lens
+from horizonval.estimation.observation import Lens
 from horizonval.frame import DetectorImage, Hit, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.sensor.detector import bayer, cmos, readout, thermal

@@ -21,7 +21,7 @@ An error is what is told less what is true: the key's own, and one drawn from it
 quantity has a random stream of its own, seeded with ``calibration.draw``, or without it the scene's ``draw`` or name,
 with the scene's seed, and, of what is a lens's own, with the head.
 
-- the camera: :mod:`horizonval.estimation.miscalibrated`;
+- the camera: :mod:`horizonval.estimation.lens_error`;
 - the mounting ``M``: ``q_cam_from_body`` is told as ``M exp([e x])``, so that an answer's roll and pitch of a level
   body are larger by ``e_x`` and ``e_y``;
 - the clock, ahead by ``e``: inertial axes are right, since stars need no clock, and with ``n = sqrt(GM / r^3)`` about
@@ -53,8 +53,8 @@ from horizonval.core.errors import UserError, nearest
 from horizonval.earth.atmosphere import profiles
 from horizonval.earth.weather import real_states
 from horizonval.earth.weather.real_states import PREFIX
-from horizonval.estimation.calibration import Calibration
-from horizonval.estimation.miscalibrated import miscalibrated
+from horizonval.estimation.lens_error import miscalibrated
+from horizonval.estimation.observation import Calibration
 from horizonval.estimation.prior import BY_LATITUDE_MONTH, FILE_KEYS, MEAN_RADIUS_M, Prior
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, check_invertible

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from horizonval.core import files, memory
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.estimation.limb.grey import to_grey
+from horizonval.estimation.limb.picture import to_grey
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.spec.camera import CameraSpec
 

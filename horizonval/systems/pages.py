@@ -5,20 +5,17 @@ Both are made of the same :class:`Reproduction`; the book's first page gathers t
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-
 from horizonval.core import atomic
 from horizonval.core.code import code_version
-from horizonval.report.plots import house_style
+from horizonval.report.plots import png
 from horizonval.store.folder import read_json, write_json
 from horizonval.systems import markdown
-from horizonval.systems.result import Figure, Reproduction
+from horizonval.systems.result import Reproduction
 
 SCHEMA = 1
 PICTURE_DPI = 120
@@ -56,7 +53,7 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
         "figures": [markdown.picture_name(letter, figure) for figure in result.figures],
     }
     for figure in result.figures:
-        atomic.write_bytes(folder / markdown.picture_name(letter, figure), _picture(figure))
+        atomic.write_bytes(folder / markdown.picture_name(letter, figure), png(figure.draw, PICTURE_DPI))
     atomic.write_text(folder / f"{letter}.md", markdown.page(result, seed))
     write_json(folder / f"{letter}.json", content, bound=False)
     return content
@@ -85,16 +82,3 @@ def printed_rows(content: dict[str, Any]) -> Iterator[str]:
             yield f"  {name}"
             name = ""
         yield f"  {name:{width}}  {published:>12}  {measured:>12}  {row['unit']:8} {verdict}".rstrip()
-
-
-def _picture(figure: Figure) -> bytes:
-    with house_style():
-        drawn = figure.draw()
-        for axes in drawn.axes:
-            if axes.images:
-                # The house's grid is for curves; over a picture it would be taken for a part of it.
-                axes.grid(visible=False)
-        FigureCanvasAgg(drawn)
-        stream = io.BytesIO()
-        drawn.savefig(stream, format="png", dpi=PICTURE_DPI, metadata={"Software": None})
-    return stream.getvalue()

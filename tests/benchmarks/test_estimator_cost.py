@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.known_air import KnownAir
-from horizonval.estimation.likelihood.profile.ray_height import ray_height
+from horizonval.estimation.likelihood.profile.air import KnownAir
+from horizonval.estimation.likelihood.profile.pixels import ray_height
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -31,6 +31,9 @@ FINER = 4
 DISC_MARGIN_RAD = math.radians(0.3)
 """Pixels as near to the edge of Sun or Moon count for themselves, not for what the brightest pixel is."""
 
+DAY_FLOOR, DAY_WORST, DAY_MEDIAN = 1e-3, 1e-3, 2e-5
+TWILIGHT_FLOOR, TWILIGHT_WORST = 1e-4, 3e-3
+"""Least share of the brightest pixel that counts, and the largest errors, by day and in twilight."""
 Tables = dict[str, Any]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
 import numpy as np
 import pytest
 from emission_reference import RADIUS_M, Band, limits_um, planck_per_cm
@@ -13,8 +12,6 @@ from latitude_limb import Climate
 from scipy.integrate import quad
 from thermal_model import limb_rays, model_of
 
-from horizonval.frame import RadianceFrame
-from horizonval.renderer.backend import activate
 from horizonval.renderer.frame import render_frame
 from horizonval.renderer.rays import thermal_radiance
 
@@ -177,25 +174,6 @@ def test_the_sun_seen_away_from_the_earth_is_not_dimmed() -> None:
     bands = model_of(BANDS_UM).thermal
     for band in bands:
         assert float(frame.radiance[band.name].max()) == pytest.approx(float(band.sun_radiance.sum()), rel=1e-4)
-
-
-def test_threads_change_no_bit() -> None:
-    """Two frames of a scene are the same bytes, with any number of threads."""
-    activate()
-    fast = {"subsamples": 1, "nodes": 64}
-    scene = scene_of(clouds={"cover": 0.4}, render=fast, attitude={"roll_deg": 64.0})
-    camera = camera_of(40, 30, 20.0, {"co2": BANDS["co2"]})
-
-    def digest(frame: RadianceFrame) -> bytes:
-        return frame.radiance["co2"].tobytes()
-
-    first, before = digest(render_frame(scene, camera)), dr.thread_count()
-    try:
-        for threads in (1, 2, 1):
-            dr.set_thread_count(threads)
-            assert digest(render_frame(scene, camera)) == first
-    finally:
-        dr.set_thread_count(before)
 
 
 def test_the_year_closes() -> None:

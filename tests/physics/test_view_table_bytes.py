@@ -8,7 +8,6 @@ import sys
 from functools import cache
 from pathlib import Path
 
-import drjit as dr
 import pytest
 from table_and_march import GREEN, NIR, angle_of_limb_deg, camera_of, scene_of
 
@@ -58,18 +57,6 @@ def _alone(name: str) -> str:
 
 BY_NAME = ["day", *(pytest.param(name, marks=pytest.mark.slow) for name in FRAMES if name != "day")]
 """The others' frames are compared in other orders below."""
-
-
-@pytest.mark.parametrize("name", BY_NAME)
-def test_threads_change_no_bit(name: str) -> None:
-    alone, before = _alone(name), dr.thread_count()
-    try:
-        for threads in (1, 2):
-            dr.set_thread_count(threads)
-            TABLES.clear()
-            assert _digest(*FRAMES[name]) == alone
-    finally:
-        dr.set_thread_count(before)
 
 
 @pytest.mark.parametrize("name", BY_NAME)

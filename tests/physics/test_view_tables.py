@@ -9,14 +9,25 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from table_and_march import BLUE, GREEN, NIR, RED, angle_of_limb_deg, camera_of, scene_of, table_errors
+from table_and_march import (
+    BLUE,
+    DAY_FLOOR,
+    DAY_MEDIAN,
+    DAY_WORST,
+    GREEN,
+    NIR,
+    RED,
+    TWILIGHT_FLOOR,
+    TWILIGHT_WORST,
+    angle_of_limb_deg,
+    camera_of,
+    scene_of,
+    table_errors,
+)
 
 from horizonval.renderer.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-
-DAY_FLOOR, DAY_WORST, DAY_MEDIAN = 1e-3, 1e-3, 2e-5
-TWILIGHT_FLOOR, TWILIGHT_WORST = 1e-4, 3e-3
 
 Case = tuple[SceneSpec, CameraSpec]
 

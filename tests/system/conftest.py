@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import subprocess
@@ -113,6 +114,23 @@ def mini_run(mini_suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     )
     assert done.returncode == 0, done.stderr
     return out
+
+
+def _entry(run: Path, key: str) -> Path:
+    address = json.loads((run / "cases" / "frame-0.json").read_text())[key]
+    return run / "archive" / address[:2] / f"{address}.exr"
+
+
+@pytest.fixture
+def frame_path(mini_run: Path) -> Path:
+    """The first frame of the small run; do not change it."""
+    return _entry(mini_run, "truth_frame")
+
+
+@pytest.fixture
+def image_path(mini_run: Path) -> Path:
+    """The first image of the small run; do not change it."""
+    return _entry(mini_run, "image")
 
 
 def outcome_of(out: Path) -> dict[str, str]:

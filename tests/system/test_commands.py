@@ -48,18 +48,6 @@ def scene(tmp_path):
     return tmp_path
 
 
-@pytest.fixture
-def frame_path(mini_run):
-    case = json.loads((mini_run / "cases" / "frame-0.json").read_text())
-    return mini_run / "archive" / case["truth_frame"][:2] / f"{case['truth_frame']}.exr"
-
-
-@pytest.fixture
-def image_path(mini_run):
-    case = json.loads((mini_run / "cases" / "frame-0.json").read_text())
-    return mini_run / "archive" / case["image"][:2] / f"{case['image']}.exr"
-
-
 def _estimate(done):
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 
 import cv2
 import pytest
@@ -40,13 +39,6 @@ grid = {{ prior.position_sigma_km = [1.0, 10.0] }}
 """
 
 
-@pytest.fixture
-def image_path(mini_run: Path) -> Path:
-    case = json.loads((mini_run / "cases" / "frame-0.json").read_text())
-    path: Path = mini_run / "archive" / case["image"][:2] / f"{case['image']}.exr"
-    return path
-
-
 def _report(done) -> dict:  # type: ignore[no-untyped-def]
     assert done.returncode == 0, done.stderr
     report: dict = json.loads(done.stdout)
@@ -60,7 +52,6 @@ def test_a_picture_says_what_was_assumed_and_can_be_given_more(horizonval, image
     bare = _report(horizonval("estimate", *picture, "--json"))
     assert bare["status"] == "valid"
     assert bare["assumed"] == "the Earth as a sphere of 6371.0088 km, its flattening as an error"
-    assert "assumed              the Earth as a sphere" in horizonval("estimate", *picture).stdout
 
     (tmp_path / "p.toml").write_text('[prior]\nshape = "sphere"\nradius_km = 6300.0\n')
     small = _report(horizonval("estimate", *picture, "--prior", "p.toml", "--json"))
@@ -76,18 +67,16 @@ def test_a_picture_says_what_was_assumed_and_can_be_given_more(horizonval, image
 
 def test_an_image_of_ours_has_its_values_drawn(horizonval, image_path, tmp_path) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / "p.toml").write_text("[prior]\naltitude_sigma_km = 0.001\nposition_sigma_km = 1.0\n")
-    reports = [
-        _report(horizonval("estimate", image_path, "--estimator", "altitude-free", "--prior", "p.toml", "--json"))
-        for _ in range(2)
-    ]
-    assert reports[0]["assumed"] == reports[1]["assumed"]
+    report, again = (
+        _report(horizonval("estimate", image_path, *METHOD, "--prior", "p.toml", "--json")) for _ in range(2)
+    )
+    assert report["assumed"] == again["assumed"]
     # 500 km to a metre: to the digits that are printed.
-    assert "altitude 500.00" in reports[0]["assumed"] or "altitude 499.99" in reports[0]["assumed"]
-    assert "position " in reports[0]["assumed"]
-    assert "time 2026-03-20 12:00:00 UTC" in reports[0]["assumed"]
-    plain = _report(horizonval("estimate", image_path, "--estimator", "altitude-free", "--json"))
+    assert "altitude 500.00" in report["assumed"] or "altitude 499.99" in report["assumed"]
+    assert "position " in report["assumed"]
+    plain = _report(horizonval("estimate", image_path, *METHOD, "--json"))
     assert plain["assumed"] == "WGS84, by spherical methods a sphere of 6371.0088 km"
-    assert plain["nadir_cam"] == reports[0]["nadir_cam"], "a method that uses nothing of it answers the same"
+    assert plain["nadir_cam"] == report["nadir_cam"], "a method that uses nothing of it answers the same"
 
 
 def test_mistakes_are_one_line(horizonval, image_path, tmp_path) -> None:  # type: ignore[no-untyped-def]

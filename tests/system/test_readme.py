@@ -23,48 +23,31 @@ INSTALL_AND_TEST = frozenset({"pip install .", 'pip install ".[test]"', "pytest 
 QUICK_SECONDS = 2 * 180
 """Of processor time: three minutes on two processors. By the clock it depends on what else the machine does."""
 
-LONGEST_SENTENCE = 30
 ROW = re.compile(
     r"^\| (?P<question>[^|]+\?) \| (?P<answer>[^|]+) \| \[[^]]+\]\((?P<file>[^)]+)\) \|$", flags=re.MULTILINE
 )
 
 
-@pytest.fixture(scope="module")
-def transcript(tmp_path_factory):
-    """Run everything in order, in one empty folder; ``(folder, {command: (result, processor seconds)})``."""
-    folder = tmp_path_factory.mktemp("readme")
-    done = run_page(README, folder, PROGRAM, INSTALL_AND_TEST)
-    return folder, {one.command: (one.result, one.processor_s) for one in done}
+RUN = "horizonval run --out out"
 
 
-def test_the_commands_are_found():
-    assert COMMANDS[:2] == ["pip install .", "horizonval run --out out"]
-    assert set(COMMANDS) >= INSTALL_AND_TEST
-    assert sum(block.kind == "python" for block in blocks(README)) == 1
-
-
-def test_everything_succeeds(transcript):
-    _, done = transcript
+def _done(page: str, folder: Path) -> dict[str, tuple]:
+    """Run everything of a page in order, in one empty folder; every command's result and processor time [s]."""
+    done = {one.command: (one.result, one.processor_s) for one in run_page(page, folder, PROGRAM, INSTALL_AND_TEST)}
     for command, (result, _) in done.items():
         assert result.returncode == 0, (command, result.stderr)
-    # The script stands last: nothing before it has stopped the page.
+    # The script is last: nothing before it has stopped the page.
     assert "import horizonval as hv" in list(done)[-1]
+    return done
 
 
-def test_the_default_run_is_quick_and_makes_what_is_promised(transcript):
-    folder, done = transcript
-    assert done["horizonval run --out out"][1] < QUICK_SECONDS
-    out = folder / "out"
+def _assert_whole(out: Path, suite: str, frames: int) -> None:
+    """The run is finished, and its report opens from the disk without a network."""
     summary = json.loads((out / "summary.json").read_text())
-    frames = int(re.search(r"(\d+) frames", README).group(1))
-    assert (summary["suite"], summary["n_cases"], summary["failed"]) == ("quick", frames, {})
+    assert (summary["suite"], summary["n_cases"], summary["failed"]) == (suite, frames, {})
     assert (out / "results.parquet").stat().st_size > 0
     assert len(list((out / "archive").rglob("*.exr"))) == 2 * frames
-
-
-def test_the_report_opens_from_the_disk(transcript):
-    folder, _ = transcript
-    report = folder / "out" / "report"
+    report = out / "report"
     page = (report / "index.html").read_text(encoding="utf-8")
     assert page.lstrip().lower().startswith("<!doctype html>")
     for reference in re.findall(r'(?:src|href)="([^"#]+)"', page):
@@ -72,6 +55,27 @@ def test_the_report_opens_from_the_disk(transcript):
             continue
         assert "://" not in reference, "no network is needed"
         assert (report / reference.split("#")[0]).exists(), reference
+
+
+def test_the_commands_are_found():
+    assert COMMANDS[:2] == ["pip install .", RUN]
+    assert set(COMMANDS) >= INSTALL_AND_TEST
+    assert sum(block.kind == "python" for block in blocks(README)) == 1
+
+
+def test_everything_runs_with_six_small_frames_for_the_default_suite(mini_suite, tmp_path):
+    page = README.replace(RUN, f"horizonval run {mini_suite} --out out")
+    page = page.replace('hv.run("quick"', f'hv.run("{mini_suite}"')
+    assert page.count(str(mini_suite)) == 2
+    _done(page, tmp_path)
+    _assert_whole(tmp_path / "out", "mini", 6)
+
+
+@pytest.mark.slow
+def test_everything_runs_as_it_is_written(tmp_path):
+    done = _done(README, tmp_path)
+    assert done[RUN][1] < QUICK_SECONDS
+    _assert_whole(tmp_path / "out", "quick", int(re.search(r"(\d+) frames", README).group(1)))
 
 
 def test_files_named_in_the_readme_exist():
@@ -107,10 +111,3 @@ def test_the_count_of_bars_is_that_of_the_published_systems():
     met = sum(row["holds"] for row in rows)
     assert f"{met} of {len(rows)} bars are met" in README
     assert all(row["why"] for row in rows if not row["holds"])
-
-
-def test_sentences_are_short():
-    prose = re.sub(r"^```.*?^```", "", README, flags=re.MULTILINE | re.DOTALL)
-    lines = [line for line in prose.splitlines() if line and line[0] not in "|#!"]
-    for sentence in re.split(r"(?<=[.:?]) |\n\n", " ".join(lines)):
-        assert len(sentence.split()) < LONGEST_SENTENCE, sentence

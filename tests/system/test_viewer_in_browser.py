@@ -99,9 +99,18 @@ def read_value(browser: Browser) -> tuple[int, int, int]:
     return x, y, value
 
 
+def assert_stored(browser: Browser, case: int, *places: tuple[float, float]) -> None:
+    """The numbers under the pointer are those of the image."""
+    dn = toy_image(synthetic_cases()[case].truth).dn
+    for place in places:
+        point_at(browser, *place)
+        x, y, value = read_value(browser)
+        assert value == dn[y, x]
+
+
 def test_pages_ask_for_nothing_and_fit(browser, page, campaign_page, tmp_path):
-    assert browser.faults(campaign_page.as_uri()) == []
-    assert browser.faults(page) == []
+    for address in (campaign_page.as_uri(), page):
+        assert browser.faults(address) == []
     # The frame is on the first screen.
     assert browser.evaluate("document.getElementById('v-frame').getBoundingClientRect().top") < 800
     # The probe would see it.
@@ -109,20 +118,15 @@ def test_pages_ask_for_nothing_and_fit(browser, page, campaign_page, tmp_path):
     assert len(browser.faults((tmp_path / "bad.html").as_uri(), [1400])) >= 4
 
 
-def test_the_value_under_the_pointer_is_the_stored_number(browser, page):
-    dn = toy_image(synthetic_cases()[0].truth).dn
+def test_the_value_under_the_pointer_is_the_stored_number_where_the_canvas_shows_it(browser, page):
     visit(browser, page)
+    canvas = "[0, 1].map(i => document.getElementById('v-frame')[['clientWidth', 'clientHeight'][i]])"
     for place in ((0.5, 0.5), (0.45, 0.2), (0.52, 0.83), (0.6, 0.66)):
-        point_at(browser, *place)
-        x, y, value = read_value(browser)
-        assert value == dn[y, x]
-        # That pixel is where the canvas shows it.
-        width, height = browser.evaluate(
-            "[0, 1].map(i => document.getElementById('v-frame')[['clientWidth', 'clientHeight'][i]])"
-        )
-        scale = min(width / dn.shape[1], height / dn.shape[0])
+        assert_stored(browser, 0, place)
+        width, height = browser.evaluate(canvas)
+        scale = min(width / 640, height / 480)
         expected = ((place[0] - 0.5) * width / scale + 319.5, (place[1] - 0.5) * height / scale + 239.5)
-        np.testing.assert_allclose((x, y), expected, atol=0.51)
+        np.testing.assert_allclose(read_value(browser)[:2], expected, atol=0.51)
 
 
 def test_direction_and_light_are_those_of_the_truth(browser, page):
@@ -181,24 +185,29 @@ def test_no_value_is_read_before_the_frame_is_there(browser, page):
     assert "DN of 1023" in words[0]
     assert words[1] == ""
     browser.evaluate(READY)
-    point_at(browser, 0.5, 0.5)
-    x, y, value = read_value(browser)
-    assert value == toy_image(synthetic_cases()[1].truth).dn[y, x]
+    assert_stored(browser, 1, (0.5, 0.5))
 
 
-def test_two_estimators_and_the_truth_are_drawn(browser, page):
+def test_two_estimators_and_the_truth_are_drawn_over_frame_and_cards(browser, page):
     visit(browser, page)
+    drawn = "[...document.querySelectorAll('.tile:first-child svg.image path')].map(path => path.className.baseVal)"
+    assert browser.evaluate(drawn) == ["limb", "points", "truth"]
     pictures = {browser.evaluate(PICTURE)}
     for key in ("t", "p", "l"):
         browser.press(key)
         pictures.add(browser.evaluate(PICTURE))
     assert len(pictures) == 4
+    assert browser.evaluate(drawn) == []
     for key in ("t", "p", "l"):
         browser.press(key)
     alone = browser.evaluate(PICTURE)
     browser.choose("v-b", "ideal")
     assert browser.evaluate(PICTURE) != alone
     assert browser.evaluate("document.getElementById('v-scores').tBodies[0].rows.length") == 2
+    curves = "document.querySelector('.tile svg.image').innerHTML"
+    before = browser.evaluate(curves)
+    browser.choose("v-a", "ideal")
+    assert browser.evaluate(curves) != before
 
 
 def test_an_address_brings_everything_back(browser, page):
@@ -253,18 +262,6 @@ def test_cards_are_chosen_sorted_and_lead_to_the_viewer(browser, page):
     assert browser.complaints == []
 
 
-def test_curves_over_cards_follow_the_viewer(browser, page):
-    visit(browser, page)
-    curves = "document.querySelector('.tile svg.image').innerHTML"
-    drawn = "[...document.querySelectorAll('.tile:first-child svg.image path')].map(path => path.className.baseVal)"
-    assert browser.evaluate(drawn) == ["limb", "points", "truth"]
-    before = browser.evaluate(curves)
-    browser.choose("v-a", "ideal")
-    assert browser.evaluate(curves) != before
-    browser.press("t")
-    assert "truth" not in browser.evaluate(drawn)
-
-
 def test_the_keyboard_alone_moves_and_reads(browser, page):
     dn = toy_image(synthetic_cases()[0].truth).dn
     visit(browser, page + "#frame=0&zoom=4&x=300&y=240")
@@ -305,16 +302,12 @@ def test_a_server_has_the_frames_that_the_page_leaves_out(browser, long_run):
     visit(browser, page.as_uri() + "#frame=1")
     assert " of 3: " in browser.evaluate(NAME)
     assert "not in the page" in browser.evaluate("document.getElementById('v-value').textContent")
-    cases = synthetic_cases()
     for index in (0, 2, 5):
-        name, dn = cases[index].truth.scene["scene"]["name"], toy_image(cases[index].truth).dn
+        name = synthetic_cases()[index].truth.scene["scene"]["name"]
         visit(browser, f"{address}#case={name}")
         assert browser.evaluate(NAME) == f"{index + 1} of 8: {name}"
         assert browser.complaints == []
-        for place in ((0.5, 0.5), (0.52, 0.7)):
-            point_at(browser, *place)
-            x, y, value = read_value(browser)
-            assert value == dn[y, x]
+        assert_stored(browser, index, (0.5, 0.5), (0.52, 0.7))
     assert browser.evaluate("document.querySelectorAll('#v-line i').length") == 8
 
 
@@ -322,10 +315,7 @@ def test_the_page_of_a_campaign_has_its_worst_frames(browser, campaign_page):
     visit(browser, campaign_page.as_uri())
     names = "[...document.querySelectorAll('script.v-data')].map(text => JSON.parse(text.textContent).name)"
     assert browser.evaluate(names) == [case.truth.scene["scene"]["name"] for case in synthetic_cases()]
-    dn = toy_image(synthetic_cases()[0].truth).dn
-    point_at(browser, 0.5, 0.7)
-    x, y, value = read_value(browser)
-    assert value == dn[y, x]
+    assert_stored(browser, 0, (0.5, 0.7))
 
 
 def test_a_thermal_frame_says_what_a_black_body_would_have_to_be(browser, tmp_path, monkeypatch):

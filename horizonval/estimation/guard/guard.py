@@ -5,13 +5,13 @@ where it cannot:
 
 1. *The limb itself* is the curve whose predicted profile makes the pixels most probable
    (:mod:`horizonval.estimation.limb.finder`); one that is many pixels deep is looked at in a smaller copy.
-2. *Points*: moved to the steepest place of the soft limb (:mod:`horizonval.estimation.limb.model.steepest`); those on
+2. *Points*: moved to the steepest place of the soft limb (:mod:`horizonval.estimation.limb.steepest`); those on
    a saturated, faded or restless piece are left out, spots between such pieces, and outliers from the cone through the
-   rest (:mod:`horizonval.estimation.limb.model.trusted`). Where the Sun's direction is known the sunlit limb is
+   rest (:mod:`horizonval.estimation.limb.trusted`). Where the Sun's direction is known the sunlit limb is
    followed towards the terminator, and its height there, which is known too, taken away
-   (:mod:`horizonval.estimation.limb.model.sunlit`); points are used as far as they make the nadir better known.
+   (:mod:`horizonval.estimation.guard.sunlit`); points are used as far as they make the nadir better known.
 3. *Enough*: the pieces that are left must determine the nadir, for noise and for all that makes the limb no circle
-   (:mod:`horizonval.estimation.guard.limb_model`), to what a claim needs; and the body must be large enough not to be
+   (:mod:`horizonval.estimation.guard.limits`), to what a claim needs; and the body must be large enough not to be
    the Moon.
 4. *The method* runs on the points that are left (``Estimator.from_points``). Its answer must lie where the guard's own
    cone lies, within the uncertainty of both.
@@ -21,13 +21,13 @@ where it cannot:
 A method that takes no points but the whole image has a search and a model of its own: it answers first, and the fifth
 step decides.
 
-Methods of several heads are guarded by :mod:`horizonval.estimation.guard.guard_heads`.
+Methods of several heads are guarded by :mod:`horizonval.estimation.guard.heads`.
 
 Where the calibration states errors of the lens, all of it is asked again with each of them
 (:mod:`horizonval.estimation.lens_error`), and a claim that they make too uncertain is refused.
 
 A fit from points claims as noise what the detector's noise alone does
-(:mod:`horizonval.estimation.limb.model.steepest_noise`); ``systematic_nadir_cam`` says beside it what the method's
+(:mod:`horizonval.estimation.limb.steepest`); ``systematic_nadir_cam`` says beside it what the method's
 model leaves out, and what else scatters the points.
 """
 
@@ -42,23 +42,19 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard import guard_limits as limits
-from horizonval.estimation.guard.guard_heads import run_heads
-from horizonval.estimation.guard.limb_model import blur_of, model_covariance
-from horizonval.estimation.guard.three_tests import SeenLimb, doubted
-from horizonval.estimation.guard.wider_pixels import in_wider_pixels
+from horizonval.estimation.guard import limits
+from horizonval.estimation.guard.heads import run_heads
+from horizonval.estimation.guard.limits import blur_of, model_covariance
+from horizonval.estimation.guard.sunlit import SunlitLimb, sun_angles, sunlit_limb
+from horizonval.estimation.guard.three_tests import SeenLimb, doubted, in_wider_pixels
 from horizonval.estimation.lens_error import lens_errors, with_lens_error
-from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD
+from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD
+from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.limb.finder import find_limb_and_picture
-from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
-from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
-from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
-from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
-from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, median
-from horizonval.estimation.limb.result import LimbPoints
-from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
-from horizonval.estimation.limb.smaller import in_whole
+from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, Picture, in_whole, median
+from horizonval.estimation.limb.proposals import LimbPoints
+from horizonval.estimation.limb.steepest import NEEDED_PX, noise_covariance, pixel_variance, to_steepest
+from horizonval.estimation.limb.trusted import alone, faded, faint, read_sides, restless, saturated
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.horizon import Cone, fit_cone

@@ -1,4 +1,20 @@
-r"""A claimed nadir is tested against the pixels: the limb that it predicts is fitted to them, and asked three times.
+"""An observation as a detector with wider pixels would have made it: limbs many pixels deep are edges there.
+
+What every piece of a limb shows: whether the edge that was fitted is there, with its sign, and nowhere else.
+
+The limb in view is cut into pieces, :data:`PIECES` of every sector of a fit. The pixels of a piece are explained by
+``b + (a + c x) E(x) + noise``, with ``E`` the edge of the fitted limb and ``x`` the pixels inside it. A piece *shows*
+the limb where the step ``a`` has the sign of the whole limb's and stands :data:`STEP_SIGMAS` of its own standard
+deviations out of the noise.
+
+Not all of a limb is *due* to show. Of a sunlit one it is what the Sun's direction says is lit, and where that is not
+known half a round of azimuth, the one with the most light: a sphere is lit over half of its limb from anywhere. In a
+thermal band all of it is.
+
+A *rival* is another place, beyond the reach of any air, at which the pieces show as large a step of the same sign: of
+two limbs one cannot be chosen.
+
+A claimed nadir is tested against the pixels: the limb that it predicts is fitted to them, and asked three times.
 
 From the claim's nadir and angular radius, or altitude, a limb is predicted, and the most probable one near it fitted to
 the pixels across it (:mod:`horizonval.estimation.likelihood.fit`): a sphere's, of free altitude, with the flattening
@@ -11,7 +27,7 @@ and the uneven height of the limb as unknowns with priors. Of that fit is asked:
 
    for ``m`` pieces of limb: within a piece what the model leaves out is alike, between pieces it is not.
 2. *explained share*: of the pieces of the predicted limb that are in view and lit
-   (:mod:`horizonval.estimation.guard.limb_pieces`) so many must show the edge, with its sign, as tosses of a coin would
+   (:mod:`horizonval.estimation.guard.three_tests`) so many must show the edge, with its sign, as tosses of a coin would
    not, and no other place may show one in as many.
 3. *consistency*: the fitted limb must be the claimed one, to the height of the air and the Earth's flattening, and of
    what is known: the air's scale height, the altitude, the attitude, each by the Mahalanobis distance, :data:`SIGMAS`
@@ -23,29 +39,244 @@ one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
-from horizonval.estimation.guard import guard_limits as limits
-from horizonval.estimation.guard.limb_pieces import LimbPieces, limb_pieces
-from horizonval.estimation.guard.wider_pixels import in_wider_pixels
-from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, knowledge_in_air
+from horizonval.estimation.guard import limits
+from horizonval.estimation.guard.sunlit import sun_angles
 from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
-from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE, LimbPose, sphere_knowledge
-from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
-from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
+from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE, LimbKnowledge, LimbPose, sphere_knowledge
+from horizonval.estimation.likelihood.light import (
+    MIDDLE_LEVEL,
+    PIXEL_VARIANCE,
+    EdgeProfile,
+    edge_profile,
+    light_basis,
+    weighed,
+)
+from horizonval.estimation.likelihood.pixels import (
+    MISPLACED_PX,
+    LimbPixels,
+    image_scale,
+    limb_angle,
+    limb_pixels,
+    near_pixels,
+    pixel_at_limb_m,
+)
+from horizonval.estimation.likelihood.start import SCALE_HEIGHT_M, SCALE_SIGMA_M, knowledge_in_air
 from horizonval.estimation.limb.finder import LARGEST_RHO_RAD
+from horizonval.estimation.limb.picture import smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.horizon import Cone
 from horizonval.geometry.rotation import angle_between, off_axis_angle, tangent_basis
+
+
+def in_wider_pixels(observation: Observation, scale: int) -> Observation:
+    """Return what pixels ``scale`` times as wide would have seen; columns and rows left over are cut."""
+    if scale == 1:
+        return observation
+    image, camera = smaller(observation.image, observation.camera, scale)
+    lens = None if observation.lens is None else observation.lens.in_wider_pixels(scale)
+    return replace(observation, image=image, camera=camera, lens=lens)
+
+
+BoolArray = NDArray[np.bool_]
+
+PIECES = 3
+"""Of a sector of 24 px of limb: 8 px long and 20 across, 160 pixels that know a step of one pixel's noise to a sixth of
+itself, and four dozen of which a picture of 160 px holds more than ten."""
+STEP_SIGMAS = 5.0
+"""Rose's criterion, for a piece in place of a pixel."""
+LEAST_NOISE = 1e-3
+"""Of a pixel's variance over that of all residuals: keeps the equations regular."""
+RIVAL_STEP = 0.5
+"""Of the limb's own step: half of it is the level at which edges are placed."""
+RIVAL_WIDTH_PX = 3.0
+"""To either side of a rival's place: an edge of a lens of 0.7 px lasts two."""
+FARTHEST_RIVAL_PX = 40.0
+RIVAL_STEPS_PX = 2.0
+
+
+@dataclass(frozen=True)
+class LimbPieces:
+    """What m pieces of a limb show.
+
+    Attributes
+    ----------
+    steps : ndarray, shape (m,)
+        Step of every piece over its standard deviation, positive where it has the whole limb's sign.
+    due : ndarray of bool, shape (m,)
+    bright_inside : bool
+    edge_misfit : float
+        Mean square of the residuals across the edge, less the noise that the pixels to both sides of it have, over the
+        square of the limb's step.
+    rival_shown : int
+        Pieces that are due and show some other place as well.
+    """
+
+    steps: FloatArray
+    due: BoolArray
+    bright_inside: bool
+    edge_misfit: float
+    rival_shown: int
+
+    @property
+    def shown(self) -> int:
+        """Number of pieces that are due and show the limb."""
+        return int((self.due & (self.steps > STEP_SIGMAS)).sum())
+
+
+def limb_pieces(
+    image: FloatArray, observation: Observation, found: LimbLikelihoodFit, knowledge: LimbKnowledge
+) -> LimbPieces:
+    """Return what the pieces of a fitted limb show.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+    observation : Observation
+        Camera, band and Sun are used.
+    found : LimbLikelihoodFit
+    knowledge : LimbKnowledge
+        Of the fit.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Too little limb in view.
+    """
+    blur = float(np.sqrt(found.blur_px**2 + PIXEL_VARIANCE))
+    near = limb_pixels(image, observation.camera, found.pose, knowledge, blur, found.scale_height_m)
+    x, edge = _edge(near, found, knowledge, blur)
+    light = weighed(light_basis(edge.level, x, near.along), near.values, near.sectors.starts)
+    level = np.clip(edge.level, 0.0, 1.0)
+    expected = light.variance[0] + (light.variance[1] - light.variance[0]) * level
+    # Space of whole levels may be all alike: it is known to a level then, and not for sure.
+    expected = np.maximum(expected, LEAST_NOISE * float(np.mean(light.residuals**2)) + 1e-300)
+    starts = np.concatenate(
+        [np.linspace(a, b, PIECES, endpoint=False) for a, b in pairwise(near.sectors.starts)]
+        + [near.sectors.starts[-1:]]
+    ).astype(np.intp)
+    steps, sigmas, middles = _steps(near.values, edge.level, x, 1.0 / expected, starts)
+    los = near.pixels.los_cam[:, middles].T
+    sign = np.sign(np.sum(steps / sigmas**2)) or 1.0
+    steps = sign * steps
+    due = _due(los, steps, found.pose.nadir_cam, observation)
+    between = (edge.level > MIDDLE_LEVEL) & (edge.level < 1.0 - MIDDLE_LEVEL) & (light.weights > 0.0)
+    typical = float(np.median(np.abs(steps[due]))) if due.any() else 0.0
+    beyond = float(np.mean(light.residuals[between] ** 2 - expected[between])) if between.any() else 0.0
+    rival = _rival(image, observation, found, knowledge, near, starts, sign * RIVAL_STEP * np.abs(steps), due)
+    misfit = max(beyond, 0.0) / typical**2 if typical > 0.0 else np.inf
+    return LimbPieces(steps / sigmas, due, bool(sign > 0.0), misfit, rival)
+
+
+def _edge(
+    near: LimbPixels, found: LimbLikelihoodFit, knowledge: LimbKnowledge, blur: float
+) -> tuple[FloatArray, EdgeProfile]:
+    """Return the pixels' distance inside the fitted limb, and its edge there."""
+    pose = found.pose
+    axes = knowledge.ellipsoid.axes_m + pose.height_m
+    angle = limb_angle(near.pixels.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+    scale = image_scale(angle, near.pixels.by_column, near.pixels.by_row)
+    x = (angle.delta + angle.by_height * near.lift_m) / scale
+    return x, edge_profile(x, blur, found.scale_height_m * np.abs(angle.by_height) / scale)
+
+
+def _steps(
+    values: FloatArray, level: FloatArray, x: FloatArray, weights: FloatArray, starts: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
+    """Return every piece's step, its standard deviation, and the pixel nearest to the limb in its middle."""
+    basis = np.array([np.ones_like(x), level, level * x])
+    steps, sigmas, middles = [], [], []
+    for first, last in pairwise(starts):
+        here = slice(first, last)
+        weighted = basis[:, here] * weights[here]
+        inverse = np.linalg.pinv(weighted @ basis[:, here].T, rcond=1e-12, hermitian=True)
+        steps.append(float((inverse @ (weighted @ values[here]))[1]))
+        sigmas.append(float(np.sqrt(max(inverse[1, 1], 0.0))))
+        middles.append(first + int(np.argmin(np.abs(x[here]))))
+    return np.array(steps), np.maximum(sigmas, 1e-300), np.array(middles, dtype=np.intp)
+
+
+def _due(los_cam: FloatArray, steps: FloatArray, nadir_cam: FloatArray, observation: Observation) -> BoolArray:
+    """Return which pieces must show the limb, shape (m,)."""
+    if observation.band_kind == "thermal":
+        return np.ones(len(steps), dtype=bool)
+    if observation.sun_cam is not None:
+        lit = sun_angles(los_cam, nadir_cam, observation.sun_cam)[0] < 0.5 * np.pi
+        if lit.any():
+            return np.asarray(lit)
+    across = los_cam @ tangent_basis(nadir_cam)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    brightest = np.maximum(steps, 0.0) @ across
+    return np.asarray(across @ brightest >= 0.0)
+
+
+def _rival(
+    image: FloatArray,
+    observation: Observation,
+    found: LimbLikelihoodFit,
+    knowledge: LimbKnowledge,
+    near: LimbPixels,
+    starts: NDArray[np.intp],
+    needed: FloatArray,
+    due: BoolArray,
+) -> int:
+    """Return the number of pieces that show some place that is no part of the limb, each its own.
+
+    ``needed``: signed step, shape (m,), that a rival must reach in every piece.
+    """
+    pose, camera = found.pose, observation.camera
+    axes = knowledge.ellipsoid.axes_m + pose.height_m
+    far = FARTHEST_RIVAL_PX + RIVAL_WIDTH_PX
+    wide = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, far, far)
+    angle = limb_angle(wide.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+    scale = image_scale(angle, wide.by_column, wide.by_row)
+    x = angle.delta / scale
+    low, high = limb_height_m(observation.band_kind)
+    air_px = (high - low) * float(np.median(np.abs(angle.by_height) / scale))
+    values = np.asarray(image[wide.rows, wide.columns], dtype=float)
+    piece = _piece_of(wide.los_cam, near.pixels.los_cam[:, starts[:-1]], pose.nadir_cam)
+    count = len(due)
+    shown = np.zeros(count, dtype=bool)
+    nearest = max(RIVAL_WIDTH_PX, air_px) + RIVAL_WIDTH_PX
+    for sign in (1.0, -1.0):
+        for place in np.arange(nearest, FARTHEST_RIVAL_PX, RIVAL_STEPS_PX):
+            off = x - sign * place
+            inner = _means(values, piece, (off >= 0.0) & (off < RIVAL_WIDTH_PX), count)
+            outer = _means(values, piece, (off < 0.0) & (off >= -RIVAL_WIDTH_PX), count)
+            with np.errstate(invalid="ignore"):
+                shown |= due & ((inner - outer) * np.sign(needed) >= np.abs(needed))
+    return int(shown.sum())
+
+
+def _piece_of(los_cam: FloatArray, first_cam: FloatArray, nadir_cam: FloatArray) -> NDArray[np.intp]:
+    """Return the number of the piece, shape (n,), in whose azimuth pixels lie; ``first_cam``: its first one, (3, m)."""
+    basis = tangent_basis(nadir_cam).T
+    begin = basis @ first_cam
+    azimuth = np.arctan2(begin[1], begin[0])
+    turn = np.mod(azimuth - azimuth[0], 2.0 * np.pi)
+    across = basis @ los_cam
+    own = np.mod(np.arctan2(across[1], across[0]) - azimuth[0], 2.0 * np.pi)
+    return np.asarray(np.searchsorted(np.maximum.accumulate(turn), own, side="right") - 1)
+
+
+def _means(values: FloatArray, piece: NDArray[np.intp], which: BoolArray, count: int) -> FloatArray:
+    """Return the mean of the chosen values of every piece, NaN where there are none."""
+    numbers = np.bincount(piece[which], minlength=count)
+    sums = np.bincount(piece[which], weights=values[which], minlength=count)
+    return np.where(numbers > 0, sums / np.maximum(numbers, 1), np.nan)
+
 
 PROFILE_SHARE = 0.15
 """Root mean square by which the light across a limb departs from an exponential through lens and pixel, of its step:

@@ -21,8 +21,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb, nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
 from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
-from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.smaller import in_whole, smaller
+from horizonval.estimation.limb.picture import Picture, in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid

@@ -30,12 +30,18 @@ from itertools import pairwise
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, EdgeProfile, edge_profile
 from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M, LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.light import LimbLight, brightness, light_basis, solved, weighed
-from horizonval.estimation.likelihood.limb_angle import LimbAngle, limb_angle
-from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
-from horizonval.estimation.likelihood.pixels import image_scale
+from horizonval.estimation.likelihood.light import (
+    PIXEL_VARIANCE,
+    EdgeProfile,
+    LimbLight,
+    brightness,
+    edge_profile,
+    light_basis,
+    solved,
+    weighed,
+)
+from horizonval.estimation.likelihood.pixels import LimbAngle, LimbPixels, image_scale, limb_angle, limb_pixels
 from horizonval.estimation.likelihood.sectors import eliminated
 from horizonval.geometry.camera import CameraModel
 

@@ -1,4 +1,6 @@
-"""What a fit of the limb starts from and what it leans on: a pose, and the information that priors give on it.
+"""Places along the limb, at which its height is asked for, and what answers.
+
+What a fit of the limb starts from and what it leans on: a pose, and the information that priors give on it.
 
 Information is the inverse of a covariance, so that what is not known at all is zero, and what is fixed is large: free
 and known altitude, sphere and ellipsoid, are the same fit with other rows.
@@ -7,16 +9,52 @@ and known altitude, sphere and ellipsoid, are the same fit with other rows.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.likelihood.height.limb_places import LimbHeights
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, sphere
 from horizonval.geometry.rotation import rotation_vector
+
+
+@dataclass(frozen=True)
+class ArcPlaces:
+    """Places along the limb.
+
+    Attributes
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight.
+    up_cam : ndarray, shape (n, 3)
+        Verticals there.
+    cam_from_itrs : ndarray, shape (3, 3)
+    pixel_m : ndarray, shape (n,)
+        Of height in a pixel.
+    """
+
+    los_cam: FloatArray
+    up_cam: FloatArray
+    cam_from_itrs: FloatArray
+    pixel_m: FloatArray
+
+
+class LimbHeights(Protocol):
+    """What is known of the limb's height along it; :class:`.uneven_limb.UnevenLimb` is."""
+
+    def along(self, places: ArcPlaces, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the heights above the pose's [m], shape (n,), and their covariance [m^2], shape (n, n).
+
+        Parameters
+        ----------
+        places : ArcPlaces
+        azimuth : ndarray, shape (n,)
+            About the nadir [rad].
+        """
+
 
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 """Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius, 6.4 km, that of the

@@ -1,4 +1,23 @@
-r"""The pixels near a limb that is known roughly: where they look, and how an angle there becomes pixels.
+"""How far inside the limb of an ellipsoid a line of sight passes, with exact derivatives by everything in a pose.
+
+Divided by the semi-axes ``s = (a + h, a + h, b + h)`` the ellipsoid, raised by the height ``h`` of the limb, is the
+unit sphere, the observer stands at ``p = r / s`` and a line of sight runs along ``e ~ d / s``. With ``n = -p / |p|``::
+
+    delta = asin(1 / |p|) - angle(e, n)
+
+is positive inside the limb and zero on it. For a sphere it is the angle from the limb; for the Earth it departs from it
+by the flattening times itself, and whoever needs a true distance divides by the gradient. Derivatives, with ``t`` the
+unit vector from ``e`` towards ``n`` and ``q`` the one from ``n`` towards ``e``, and ``k = sqrt(|p|^2 - 1)``::
+
+    d delta / d d = t / (|d / s| s)                       by the line of sight (it has no part along d)
+    d delta / d p = (n / k - q) / |p|                     by the scaled position
+
+A rotation of the camera by the small vector ``theta`` in its own axes turns what it sees by ``-theta``; ``h`` changes
+``s`` and so both ``p`` and ``d / s``.
+
+The raised ellipsoid is not quite the surface at height ``h``: less than ``h f^2 / 2``, 0.2 m at 40 km.
+
+The pixels near a limb that is known roughly: where they look, and how an angle there becomes pixels.
 
 Of a megapixel a limb needs some ten thousand pixels. Squares of 8 x 8 pixels are looked at first, by their centres,
 and only those that the limb may come near are taken apart.
@@ -6,6 +25,8 @@ and only those that the limb may come near are taken apart.
 A distance in the image is an angle over its gradient by column and row, taken at the pixel itself. A blur of variance
 ``s^2`` moves the image of a bent limb by ``s^2 / 2`` times its bend, the divergence of the distance's gradient: by
 5e-4 px on a disc of 1000 px. It changes so slowly along the limb that some places stand for all.
+
+The pixels of one image near the limb of one pose: in order of azimuth, with all that no step of a fit changes.
 """
 
 from __future__ import annotations
@@ -16,9 +37,92 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.limb_angle import LimbAngle, limb_angle
-from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
+from horizonval.estimation.likelihood.knowledge import ArcPlaces, LimbKnowledge, LimbPose
+from horizonval.estimation.likelihood.sectors import (
+    Sectors,
+    modes_of,
+    oblate_covariance,
+    relief_modes,
+    relief_nodes,
+    sectors_of,
+)
+from horizonval.estimation.limb.picture import PIXEL_DIRECTIONS
 from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.rotation import cross, tangent_basis
+
+
+@dataclass(frozen=True)
+class LimbAngle:
+    """Of n lines of sight.
+
+    Attributes
+    ----------
+    delta : ndarray, shape (n,)
+        [rad], positive inside the limb.
+    by_direction : ndarray, shape (3, n)
+        By the line of sight in camera axes [rad per unit].
+    by_rotation : ndarray, shape (3, n)
+        By a rotation vector of the camera in its own axes: ``cam_from_itrs`` becomes ``exp([theta x]) cam_from_itrs``.
+    by_position : ndarray, shape (3, n)
+        By the position in Earth-fixed axes [rad/m].
+    by_height : ndarray, shape (n,)
+        By the height of the limb [rad/m].
+    """
+
+    delta: FloatArray
+    by_direction: FloatArray
+    by_rotation: FloatArray
+    by_position: FloatArray
+    by_height: FloatArray
+
+
+def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> LimbAngle:
+    """Return how far inside the limb lines of sight pass.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (3, n)
+        Unit vectors in camera axes.
+    cam_from_itrs : ndarray, shape (3, 3)
+    r_itrs : ndarray, shape (3,)
+        Observer [m].
+    axes_m : ndarray, shape (3,)
+        Semi-axes of the ellipsoid, the height of the limb included.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the observer stands on or below the limb.
+    """
+    p = r_itrs / axes_m
+    size = float(np.sqrt(p @ p))
+    if not size > 1.0:
+        raise np.linalg.LinAlgError("the position lies below the limb")
+    k = float(np.sqrt((size - 1.0) * (size + 1.0)))
+    n = -p / size
+    scaled = (cam_from_itrs / axes_m).T @ los_cam
+    length = np.sqrt(np.einsum("ij,ij->j", scaled, scaled))
+    e = scaled / length
+    cosine = n @ e
+    t = n[:, None] - cosine * e
+    sine = np.maximum(np.sqrt(np.einsum("ij,ij->j", t, t)), 1e-300)
+    t /= sine
+    delta = np.arctan2(1.0, k) - np.arctan2(sine, cosine)
+    by_scaled_direction = t / length
+    by_direction = (cam_from_itrs / axes_m) @ by_scaled_direction
+    q = (e - cosine * n[:, None]) / sine
+    by_scaled_position = n[:, None] / (size * k) - q / size
+    by_height = -((p / axes_m) @ by_scaled_position) - np.einsum(
+        "ij,ij->j", scaled / axes_m[:, None], by_scaled_direction
+    )
+    return LimbAngle(
+        delta=delta,
+        by_direction=by_direction,
+        by_rotation=np.array(cross(by_direction, los_cam)),
+        by_position=by_scaled_position / axes_m[:, None],
+        by_height=by_height,
+    )
+
 
 SQUARE_PX = 8
 """Side of the squares that the search for near pixels starts with."""
@@ -215,3 +319,167 @@ def _gradient(angle: LimbAngle, by_column: FloatArray, by_row: FloatArray) -> tu
         np.einsum("ij,ij->j", angle.by_direction, by_column),
         np.einsum("ij,ij->j", angle.by_direction, by_row),
     )
+
+
+OUTSIDE_PX, INSIDE_PX = 12.0, 8.0
+"""Of a sharp limb, from it into space and into the Earth. Where every sector has levels of its own, known from ``w``
+pixels to either side, they cost the place of an edge of blur ``s`` the share ``s sqrt(pi) / 2 (1 / w_in + 1 / w_out)``
+of its information, 14 % here; the Earth's brightness is less even than space, and is taken from nearer."""
+OUTSIDE_SCALES = 4.0
+"""Of a soft limb, more of space in scale heights: what is left of it there is 2 %."""
+BLURS = 3.0
+"""Of the blur beyond that of a sharp limb: pixels across which the edge lasts, to either side."""
+SHARP_PX = 1.0
+FEWEST_LIMB_PX = 8
+"""Of limb in view: seven unknowns and a level."""
+BEND_PLACES = 400
+"""Along the limb: the bend is interpolated between them."""
+SHORTEST_RAD = 0.05
+"""At the Earth's centre, as far as clouds keep a height alike: 3 deg."""
+
+MISPLACED_PX = 0.05
+"""Standard deviation by which the limb of real air lies elsewhere in its pixels than an exponential, alike all along.
+The residuals at the edge of rendered limbs are 0.01 to 0.05 of the step; over its slope, 0.5 of the step in a pixel,
+that is 0.02 to 0.1 px. Where pixels are of one size it cannot be told from a height, and costs nothing; where they are
+not it bends the limb. Chosen after seeing frames of 110 deg."""
+
+
+@dataclass(frozen=True)
+class LimbPixels:
+    """Pixels near the limb, n of them in order of azimuth.
+
+    Attributes
+    ----------
+    pixels : NearPixels
+    values : ndarray, shape (n,)
+        The image's levels.
+    sectors : Sectors
+    along : ndarray, shape (n,)
+        Place in the sector, from -1/2 to 1/2.
+    neighbours : ndarray of int, shape (2, k)
+        Numbers of pixels side by side.
+    bend : ndarray, shape (n,)
+        Of the limb beside each of them, as :func:`.pixels.limb_bend` says.
+    lift_m : ndarray, shape (n,)
+        By how much the limb is known to stand above the height of the pose.
+    modes : ndarray, shape (k, n)
+        Of the relief, and of a limb that is misplaced by one share of a pixel all along (last) [m].
+    """
+
+    pixels: NearPixels
+    values: FloatArray
+    sectors: Sectors
+    along: FloatArray
+    neighbours: NDArray[np.intp]
+    bend: FloatArray
+    lift_m: FloatArray
+    modes: FloatArray
+
+
+def limb_pixels(
+    image: FloatArray,
+    camera: CameraModel,
+    pose: LimbPose,
+    knowledge: LimbKnowledge,
+    blur_px: float,
+    scale_m: float,
+    fewest_px: int = FEWEST_LIMB_PX,
+    whole: float = 0.0,
+) -> LimbPixels:
+    """Return the pixels near the limb of a pose.
+
+    Those beside which the limb itself lies outside of the picture are left out: they tell of levels and of no edge, and
+    levels without an edge are none. With them limbs along a border were misplaced by up to half a pixel.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+    camera : CameraModel
+    pose : LimbPose
+    knowledge : LimbKnowledge
+        The planet and the relief are used.
+    blur_px, scale_m : float
+        Width of the edge: blur of lens and pixel, scale height.
+    fewest_px : int
+        Of limb in view.
+    whole : float
+        Share of the way across the limb, as far as pixels are taken to either side, that must lie in the picture.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Too little limb in view.
+    """
+    axes = knowledge.ellipsoid.axes_m + pose.height_m
+    to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
+    wide = BLURS * max(blur_px - SHARP_PX, 0.0)
+    soft = OUTSIDE_SCALES * scale_m / to_limb * max(camera.fx, camera.fy)
+    outside, inside = OUTSIDE_PX + wide + soft, INSIDE_PX + wide
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, outside, inside)
+    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+    near = near.take(in_view(camera, near, angle, (-whole * outside, whole * inside)))
+    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+    scale = image_scale(angle, near.by_column, near.by_row)
+    on_limb = np.abs(angle.delta) < 0.5 * scale
+    limb_px = int(on_limb.sum())
+    if limb_px < fewest_px:
+        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {fewest_px} are needed")
+    across = tangent_basis(pose.nadir_cam).T @ near.los_cam
+    sectors = sectors_of(np.arctan2(across[1], across[0]), limb_px, float(scale[on_limb].sum()))
+    pixels, azimuth = near.take(sectors.order), sectors.azimuth
+    some = np.flatnonzero(on_limb[sectors.order])
+    some = some[:: max(1, len(some) // BEND_PLACES)]
+    uv = np.column_stack([pixels.columns[some], pixels.rows[some]]).astype(float)
+    bend = limb_bend(camera, uv, pose.cam_from_itrs, pose.r_itrs, axes)
+    seen = np.isfinite(bend)
+    rho = float(np.arctan2(axes[0], to_limb))
+    pixel_m = (scale / angle.by_height)[sectors.order]
+    lift = np.zeros(len(azimuth))
+    if knowledge.uneven is None:
+        nodes, of_relief = relief_modes(float(azimuth[-1]), knowledge.reliefs, knowledge.flattened_m, rho)
+    else:
+        nodes = relief_nodes(float(azimuth[-1]), SHORTEST_RAD / float(np.cos(rho)))
+        first = float(np.arctan2(*(across[::-1, sectors.order[0]])))
+        places = _places(nodes + first, pose, rho, np.interp(nodes, azimuth[some], pixel_m[some]))
+        height, covariance = knowledge.uneven.along(places, nodes)
+        lift = np.interp(azimuth, nodes, height)
+        of_relief = modes_of(covariance + oblate_covariance(nodes + first, knowledge.flattened_m, rho))
+    modes = [np.interp(azimuth, nodes, mode) for mode in of_relief]
+    if knowledge.reliefs and knowledge.uneven is None:
+        # As a height, since a height is what a mode is of.
+        modes.append(MISPLACED_PX * pixel_m)
+    return LimbPixels(
+        pixels=pixels,
+        values=np.asarray(image[pixels.rows, pixels.columns], dtype=float),
+        sectors=sectors,
+        # A linear array crosses the limb in one pixel, which has no place along it.
+        along=sectors.along if limb_px > 1 else np.zeros(len(azimuth)),
+        neighbours=_neighbours(pixels),
+        bend=np.interp(azimuth, azimuth[some][seen], bend[seen]) if seen.any() else np.zeros(len(azimuth)),
+        lift_m=lift,
+        modes=np.array(modes).reshape(len(modes), len(azimuth)),
+    )
+
+
+def _neighbours(pixels: NearPixels) -> NDArray[np.intp]:
+    """Return the numbers of pixels side by side in a row or a column, shape (2, k)."""
+    across = int(pixels.columns.max()) + 2
+    number = pixels.rows * across + pixels.columns
+    order = np.argsort(number)
+    ranked = number[order]
+    pairs = []
+    for step in (1, across):
+        at = np.minimum(np.searchsorted(ranked, number + step), len(ranked) - 1)
+        found = ranked[at] == number + step
+        pairs.append(np.array([np.flatnonzero(found), order[at[found]]]))
+    return np.concatenate(pairs, axis=1)
+
+
+def _places(azimuth: FloatArray, pose: LimbPose, rho_rad: float, pixel_m: FloatArray) -> ArcPlaces:
+    """Return places along the limb at azimuths (m,) about the nadir."""
+    nadir = pose.nadir_cam
+    basis = tangent_basis(nadir)
+    outwards = np.cos(azimuth)[:, None] * basis[:, 0] + np.sin(azimuth)[:, None] * basis[:, 1]
+    los = np.cos(rho_rad) * nadir + np.sin(rho_rad) * outwards
+    up = np.cos(rho_rad) * outwards - np.sin(rho_rad) * nadir
+    return ArcPlaces(los, up, pose.cam_from_itrs, pixel_m)

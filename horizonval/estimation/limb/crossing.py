@@ -30,8 +30,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA
-from horizonval.estimation.rounding import rounding_variance
+from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, rounding_variance
 
 FINE_STEP = 0.1
 """[px], as published."""

@@ -1,4 +1,8 @@
-"""Image in, limb points out: the limb that makes the picture most probable, coarse to fine.
+"""The Sun as a distractor: a compact blob of saturated pixels.
+
+Its rim is a perfect circle with a flat sky outside, everything a limb is, only far too small and saturated inside.
+
+Image in, limb points out: the limb that makes the picture most probable, coarse to fine.
 
 1. The picture is made smaller by halves (:mod:`.search.pyramid`); on sizes that are cheap, cones through agreeing edge
    points are proposed (:mod:`.search.proposals`).
@@ -18,18 +22,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.checks import DARK_LEVEL, check_image
-from horizonval.estimation.limb.edges import Edges, find_edges
-from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, TRIM_SIGMAS, median, percentile
-from horizonval.estimation.limb.result import FEWEST_POINTS, LimbPoints
-from horizonval.estimation.limb.search.evidence import (
+from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty
+from horizonval.estimation.limb.edges import Edges, find_edges, half_window, refine
+from horizonval.estimation.limb.evidence import (
     MOST_SECTORS,
     PROFILES,
     SHIFTS_PX,
@@ -38,17 +40,77 @@ from horizonval.estimation.limb.search.evidence import (
     inner_reach,
     weigh,
 )
-from horizonval.estimation.limb.search.locate import points_of
-from horizonval.estimation.limb.search.proposals import propose
-from horizonval.estimation.limb.search.pyramid import LARGEST_FINE_PX, PyramidLevel, levels_of, without_disc
-from horizonval.estimation.limb.search.trace import on_cone, trace_limb
-from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty
-from horizonval.estimation.limb.subpixel import half_window, refine
-from horizonval.estimation.limb.sun import find_sun
+from horizonval.estimation.limb.locate import points_of
+from horizonval.estimation.limb.picture import (
+    DARK_LEVEL,
+    MEDIAN_TO_SIGMA,
+    TRIM_SIGMAS,
+    Picture,
+    check_image,
+    median,
+    percentile,
+)
+from horizonval.estimation.limb.proposals import FEWEST_POINTS, LimbPoints, propose
+from horizonval.estimation.limb.pyramid import (
+    LARGEST_FINE_PX,
+    PyramidLevel,
+    levels_of,
+    on_cone,
+    trace_limb,
+    without_disc,
+)
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import Cone, fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+
+LARGEST_SHARE_OF_SIDE = 0.3
+"""A blob wider than this share of the image's smaller side is not called the Sun."""
+SMALLEST_PIXELS = 9
+"""Three by three: hot pixels are fewer."""
+SMALLEST_SHARE_OF_SATURATED = 0.6
+"""The Sun is most of what is saturated; sunlit clouds saturate in many patches."""
+
+
+@dataclass(frozen=True)
+class SunBlob:
+    """A saturated blob: centre (column, row) and radius [px]."""
+
+    column: float
+    row: float
+    radius_px: float
+
+
+def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
+    """Return the largest compact saturated blob, or None.
+
+    Parameters
+    ----------
+    saturated : ndarray of bool, shape (H, W)
+        See :func:`horizonval.estimation.limb.picture.saturated_pixels`.
+    """
+    height, width = saturated.shape
+    pixels = np.count_nonzero(saturated)
+    # Nothing, or more than the largest Sun could be most of.
+    largest = (LARGEST_SHARE_OF_SIDE * min(height, width)) ** 2
+    if pixels < SMALLEST_PIXELS or SMALLEST_SHARE_OF_SATURATED * pixels > largest:
+        return None
+    mask = saturated.view(np.uint8)
+    first_column, first_row, across, down = cv2.boundingRect(mask)
+    lit = np.ascontiguousarray(mask[first_row : first_row + down, first_column : first_column + across])
+    count, _, stats, _ = cv2.connectedComponentsWithStats(lit, connectivity=8)
+    stats[:, :2] += (first_column, first_row)
+    best: SunBlob | None = None
+    best_area = SMALLEST_PIXELS - 1
+    for left, top, wide, high, area in stats[1:count]:
+        at_rim = left == 0 or top == 0 or left + wide == width or top + high == height
+        compact = area > 0.6 * wide * high and (at_rim or 0.6 < wide / high < 1.7)
+        if compact and max(wide, high) < LARGEST_SHARE_OF_SIDE * min(height, width) and area > best_area:
+            best_area = int(area)
+            best = SunBlob(left + (wide - 1) / 2, top + (high - 1) / 2, max(wide, high) / 2)
+    enough = best_area >= SMALLEST_SHARE_OF_SATURATED * pixels
+    return best if enough else None
+
 
 STILL_SHOWN = float(np.sqrt(0.5))
 """Of the largest likelihood of all sizes that one must have to be gone on to, where the edge is as wide there as any

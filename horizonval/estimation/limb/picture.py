@@ -1,4 +1,31 @@
-"""One image on its way through a search: what several steps ask of it is worked out once.
+"""The least noise of digital numbers: a converter that rounds to whole steps leaves ``1 / sqrt(12)`` of one.
+
+Where the noise before it is small beside a step, nearly all pixels of an even field get one number. What they scatter
+by is then next to nothing, and the few that got another number seem to be far outliers.
+
+Medians and percentiles of a picture's pixels: NumPy's, to the bit, in a fifth of the time.
+
+NumPy parts values at several places at once, the last among them, to see NaN too. At a single place that is many times
+as fast; and of a detector's whole numbers it is enough to know how often each occurs.
+
+Any picture array to one grey plane.
+
+Colour becomes the plain mean of its channels: the limb is looked for where *any* channel changes, and luminance
+weights would mute the blue of the daylight limb. Channel order (RGB or BGR) then does not matter either.
+
+Is this an image at all? Checks that need no search for edges.
+
+An estimator must answer anything with a typed refusal, so whatever later steps assume is asked for here: two
+dimensions, a few pixels, finite numbers, and some pixels between darkness and saturation.
+
+Smaller copies of an image: what a detector with wider pixels would have seen.
+
+The directions of a camera's pixels, kept for the next image of the same camera.
+
+A flight of images has one camera, and to undistort a million pixels takes longer than most of what is asked of an
+image.
+
+One image on its way through a search: what several steps ask of it is worked out once.
 
 A detector gives whole numbers. Where an image holds nothing else, up to sixteen bits of them, its percentiles come from
 counts and its stretch from a table, which are the same numbers sooner.
@@ -6,15 +33,238 @@ counts and its stretch from a table, which are the same numbers sooner.
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
+from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.checks import saturated_pixels
-from horizonval.estimation.limb.ranks import MEDIAN_TO_SIGMA, level_counts, median, percentile, percentile_of_counts
+from horizonval.core.outcome import Outcome, Refusal
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+
+OF_WHOLE_STEPS = 1.0 / 12.0
+
+
+def rounding_variance(values: FloatArray) -> float:
+    """Return the variance of rounding in values of finite numbers: that of whole steps where all are whole, else 0."""
+    return OF_WHOLE_STEPS if np.array_equal(values, np.rint(values)) else 0.0
+
+
+MEDIAN_TO_SIGMA = 1.4826
+"""Standard deviation over the median distance from the median, of normal numbers: outliers bear
+little on it."""
+ROSE_SIGMAS = 5.0
+"""Of noise, from which on a feature is told from it (Rose's criterion)."""
+TRIM_SIGMAS = 3.5
+"""Robust standard deviations beyond which a value of many is left out: of normal ones one of two thousand is."""
+
+
+def median(values: NDArray[Any]) -> float:
+    """Return the median of finite numbers, at least one, in the precision of their type."""
+    flat = values.ravel()
+    middle = flat.size // 2
+    parted = np.partition(flat, middle)
+    if flat.size % 2:
+        return float(parted[middle])
+    return float((parted[:middle].max() + parted[middle]) / 2)
+
+
+def percentile(values: NDArray[np.floating[Any]], q: float) -> float:
+    """Return a percentile (linear between ranks) of finite numbers, at least one, in the precision of their type."""
+    flat = values.ravel()
+    rank, share = _rank(flat.size, q)
+    parted = np.partition(flat, rank)
+    above = parted[rank + 1 :]
+    return _between(parted[rank], above.min() if above.size else parted[rank], share)
+
+
+def level_counts(levels: NDArray[np.uint16] | NDArray[np.float32], top: int) -> NDArray[np.int64]:
+    """Return how many pixels have each of the levels up to ``top``, shape (top + 1,)."""
+    return np.bincount(levels.ravel().astype(np.intp), minlength=top + 1)
+
+
+def percentile_of_counts(counts: NDArray[np.int64], q: float) -> float:
+    """Return a percentile of whole numbers from 0 on that occur so many times each, at least one at all."""
+    up_to = np.cumsum(counts)
+    rank, share = _rank(int(up_to[-1]), q)
+    below, above = np.searchsorted(up_to, [rank, min(rank + 1, int(up_to[-1]) - 1)], side="right")
+    return _between(np.float64(below), np.float64(above), share)
+
+
+def _rank(count: int, q: float) -> tuple[int, float]:
+    place = (count - 1) * (q / 100.0)
+    return int(place), place - int(place)
+
+
+def _between(low: Any, high: Any, share: float) -> float:
+    rise = high - low
+    return float(low + rise * share if share < 0.5 else high - rise * (1.0 - share))
+
+
+def to_grey(array: NDArray[Any]) -> FloatArray:
+    """Return the grey level of a picture, in the units of its digital numbers.
+
+    Parameters
+    ----------
+    array : ndarray, shape (H, W), (H, W, 1), (H, W, 2), (H, W, 3) or (H, W, 4)
+        Integer or floating point. A second (grey) or fourth (colour) channel is opacity and is left out.
+
+    Returns
+    -------
+    ndarray, shape (H, W), float64
+
+    Raises
+    ------
+    ValueError
+        If the array has another shape or is not numeric.
+    """
+    data = np.asarray(array)
+    if data.dtype.kind not in "buif":
+        raise ValueError(f"a picture of numbers is needed, not {data.dtype}")
+    if data.ndim == 2:
+        return data.astype(np.float64)
+    if data.ndim == 3 and data.shape[2] in (1, 2):
+        return data[:, :, 0].astype(np.float64)
+    if data.ndim == 3 and data.shape[2] in (3, 4):
+        return np.asarray(data[:, :, :3].mean(axis=2, dtype=np.float64))
+    raise ValueError(f"a picture of shape (H, W) or (H, W, 1..4) is needed, not {data.shape}")
+
+
+SMALLEST_SIDE_PX = 8
+"""A profile across an edge has five pixels at least, and one to either side to be moved by."""
+SATURATED_SHARE = 0.9
+"""Above this share of saturated pixels nothing is left to see a limb in."""
+COMMON_FULL_SCALES = (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)
+"""Full scales of float, 8, 10, 12, 14 and 16 bit images: a constant image at one of these is saturated, not dark."""
+DARK_LEVEL = 0.2
+"""Of full scale: an image without an edge whose brightest pixels stay below it shows nothing lit."""
+DARK_SHARE = 0.01
+"""A constant image below this share of full scale is called dark."""
+
+
+def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal | None:
+    """Return why the image cannot hold a limb, or None if it may.
+
+    Parameters
+    ----------
+    image : ndarray
+        Grey levels, hopefully of shape (H, W).
+    full_scale : float, optional
+        Digital number at which the converter saturates.
+    """
+    if not isinstance(image, np.ndarray) or image.dtype.kind not in "buif":
+        return Refusal(Outcome.BAD_INPUT, "the image is not an array of numbers")
+    if image.ndim != 2:
+        return Refusal(Outcome.BAD_INPUT, f"the image has {image.ndim} dimensions; a grey image has 2")
+    if min(image.shape) < SMALLEST_SIDE_PX:
+        rows, columns = image.shape
+        return Refusal(
+            Outcome.BAD_INPUT, f"the image is {columns} x {rows} pixels; {SMALLEST_SIDE_PX} a side are needed"
+        )
+    low, high = float(image.min()), float(image.max())
+    # Either of them is not finite if any pixel is not.
+    if not (np.isfinite(low) and np.isfinite(high)):
+        bad = int(image.size - np.isfinite(image).sum())
+        return Refusal(Outcome.BAD_INPUT, f"{bad} pixels are not finite")
+    if high == low:
+        return _flat(high, full_scale)
+    if full_scale is not None:
+        share = np.count_nonzero(image >= full_scale) / image.size
+        if share > SATURATED_SHARE:
+            return Refusal(Outcome.SATURATED, f"{share:.0%} of the pixels are saturated")
+    return None
+
+
+def saturated_pixels(image: FloatArray, full_scale: float | None = None) -> NDArray[np.bool_]:
+    """Return where the image is saturated.
+
+    Without a known full scale, the image's largest value counts as saturation where it forms a plateau: at least nine
+    pixels share it exactly, which noise does not do.
+    """
+    top = float(image.max()) if full_scale is None else full_scale
+    at_top = image >= top
+    if full_scale is None and np.count_nonzero(at_top) < 9:
+        return np.zeros(image.shape, dtype=bool)
+    return np.asarray(at_top)
+
+
+def _flat(level: float, full_scale: float | None) -> Refusal:
+    scales = COMMON_FULL_SCALES if full_scale is None else (full_scale,)
+    if level in scales or (full_scale is not None and level >= full_scale):
+        return Refusal(Outcome.SATURATED, f"every pixel is saturated at {level:g}")
+    if level <= DARK_SHARE * (full_scale if full_scale is not None else COMMON_FULL_SCALES[0]):
+        return Refusal(Outcome.DARK, f"every pixel is {level:g}: nothing is lit")
+    return Refusal(Outcome.NO_LIMB, f"every pixel is {level:g}: there is no contrast")
+
+
+def smaller(image: FloatArray, camera: CameraModel, scale: int) -> tuple[FloatArray, CameraModel]:
+    """Return an image and its camera with pixels ``scale`` times as wide; columns and rows left over are cut."""
+    width, height = camera.width // scale, camera.height // scale
+    whole = np.asarray(image, dtype=np.float64)[: height * scale, : width * scale]
+    small = replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx / scale,
+        fy=camera.fy / scale,
+        cx=(camera.cx + 0.5) / scale - 0.5,
+        cy=(camera.cy + 0.5) / scale - 0.5,
+    )
+    return whole.reshape(height, scale, width, scale).mean(axis=(1, 3)), small
+
+
+def in_whole(uv: FloatArray, scale: int) -> FloatArray:
+    """Return places (n, 2) of a copy as those of the image that it was made of."""
+    return np.asarray(scale * (uv + 0.5) - 0.5)
+
+
+MOST_BYTES = 64 << 20
+"""Of all cameras together: two of a megapixel. A larger camera is not kept."""
+
+
+class PixelDirections:
+    """Unit directions of pixel centres by camera; what was asked for longest ago goes first.
+
+    Every number of a camera counts: two that differ in their distortion alone are two.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Of all that is kept.
+    """
+
+    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+        self._most_bytes = most_bytes
+        self._kept: OrderedDict[CameraModel, FloatArray] = OrderedDict()
+        self._lock = threading.Lock()
+
+    @property
+    def nbytes(self) -> int:
+        """What is kept [bytes]."""
+        return sum(directions.nbytes for directions in self._kept.values())
+
+    def of(self, camera: CameraModel) -> FloatArray:
+        """Return the unit directions in camera axes, shape (H, W, 3), read only; NaN where a pixel sees nothing."""
+        with self._lock:
+            directions = self._kept.pop(camera, None)
+            if directions is None:
+                directions = unproject(camera, pixel_grid(camera))
+                directions.flags.writeable = False
+            if directions.nbytes <= self._most_bytes:
+                self._kept[camera] = directions
+            while self.nbytes > self._most_bytes:
+                self._kept.popitem(last=False)
+        return directions
+
+
+PIXEL_DIRECTIONS = PixelDirections()
+"""Of this process."""
+
 
 IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 """The operator that measures noise: of a level and its first derivatives it makes nothing."""
@@ -31,7 +281,7 @@ class Picture:
     Parameters
     ----------
     image : ndarray, shape (H, W)
-        Finite, not constant: see :func:`horizonval.estimation.limb.checks.check_image`.
+        Finite, not constant: see :func:`horizonval.estimation.limb.picture.check_image`.
     full_scale : float, optional
         Digital number at which the converter saturates.
     saturated : ndarray of bool, shape (H, W), optional

@@ -32,10 +32,10 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard.limb_model import model_covariance
+from horizonval.estimation.guard.limits import model_covariance
 from horizonval.estimation.lens_error import with_lens_error
+from horizonval.estimation.limb.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, arc_order, cone_uncertainty
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, arc_order, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
 from horizonval.geometry.horizon import cones_through, fit_cone
@@ -153,7 +153,7 @@ def fit_points(
     observation : Observation
         Mounting, Earth radius and what is known of the limb's shape are used.
     slow_px : float
-        As for :func:`horizonval.estimation.limb.shape.cone.slow_error`.
+        As for :func:`horizonval.estimation.limb.cone.slow_error`.
     """
     if len(los_cam) < 4:
         return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
@@ -193,7 +193,7 @@ def fit_of_cone(
         Mounting and Earth radius are used.
     steps : ndarray, shape (k, m), optional
     model : ndarray, shape (3, 3), optional
-        What the cone leaves out: :func:`horizonval.estimation.guard.limb_model.model_covariance`.
+        What the cone leaves out: :func:`horizonval.estimation.guard.limits.model_covariance`.
     """
     nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam)
     roll, pitch = roll_pitch_of_nadir(nadir_body)

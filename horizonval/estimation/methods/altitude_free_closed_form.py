@@ -26,10 +26,10 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard.limb_model import model_covariance
+from horizonval.estimation.guard.limits import model_covariance
 from horizonval.estimation.lens_error import with_lens_error
+from horizonval.estimation.limb.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter
 from horizonval.estimation.methods.altitude_free import fit_of_cone
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.rotation import off_axis_angle

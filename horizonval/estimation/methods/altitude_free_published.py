@@ -11,7 +11,7 @@ tangents of the angles sought whatever rho is. The limit is that tangent: beyond
 first step overshoots, and the iteration may end at the mirrored cone (-n, pi - rho), or nowhere.
 
 **Covariance.** A whole-pixel point is off by up to half a pixel. Where the limb runs along the pixels its neighbours
-are off alike; :func:`horizonval.estimation.limb.shape.cone.cone_uncertainty` counts the correlation that the residuals
+are off alike; :func:`horizonval.estimation.limb.cone.cone_uncertainty` counts the correlation that the residuals
 show along the arc (on most arcs there is little: the staircase's saw teeth cancel). They do not show what all points
 share, Canny's preference for one of two equally steep pixels and the pull of shaded ground: see
 :data:`COMMON_OFFSET_PX`.
@@ -25,8 +25,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty
 from horizonval.estimation.limb.finder import find_canny_pixels
-from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty
 from horizonval.estimation.methods.altitude_free import fit_of_cone, newton
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import nadir_of_roll_pitch

@@ -8,7 +8,7 @@ methods of a cone do, so that they can be compared; roll and pitch are against i
 It needs a position and an attitude, and refuses without: a sphere of the local radius would be another method, with
 other errors (``limb-sphere``).
 
-Where it starts: :mod:`horizonval.estimation.likelihood.ellipsoid_start`.
+Where it starts: :mod:`horizonval.estimation.likelihood.start`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import claim
-from horizonval.estimation.likelihood.ellipsoid_start import ellipsoid_start
+from horizonval.estimation.likelihood.start import ellipsoid_start
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 

@@ -1,7 +1,7 @@
 """The limb in all heads of a housing at once: one pose, by maximum likelihood of the pixels across it.
 
 Cameras or linear arrays, any number of them: each shows a piece of one limb, and their pixels are fitted together
-(:mod:`horizonval.estimation.likelihood.heads.fit`). Levels, noise and blur are each head's own; pose, height and
+(:mod:`horizonval.estimation.likelihood.heads_fit`). Levels, noise and blur are each head's own; pose, height and
 softness of the limb, and its relief, are common.
 
 With a position and a coarse attitude in the prior the planet is the ellipsoid, as in ``limb-ellipsoid``; without, a
@@ -19,10 +19,8 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_prior
 from horizonval.estimation.likelihood.claim import fit_of
-from horizonval.estimation.likelihood.closed_form import position_from_limb
-from horizonval.estimation.likelihood.heads.fit import HeadImage, fit_heads
+from horizonval.estimation.likelihood.heads_fit import HeadImage, fit_heads
 from horizonval.estimation.likelihood.knowledge import (
     LOCAL_RADIUS_SHARE,
     LimbKnowledge,
@@ -31,6 +29,7 @@ from horizonval.estimation.likelihood.knowledge import (
     sphere_knowledge,
     turned_to,
 )
+from horizonval.estimation.likelihood.start import knowledge_in_air, limb_height_prior, position_from_limb
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
 from horizonval.estimation.limb.finder import find_limb_and_picture, wrong_size
 from horizonval.estimation.observation import Estimator, Fit, Observation

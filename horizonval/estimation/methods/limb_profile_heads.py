@@ -1,7 +1,7 @@
 """The whole profile of the limb in all heads of a housing at once: one pose, one air.
 
 ``limb-profile`` for several cameras: their pixels are fitted together
-(:mod:`horizonval.estimation.likelihood.heads.profile_fit`), with an air that the limbs in all of them share. What one
+(:mod:`horizonval.estimation.likelihood.profile.heads`), with an air that the limbs in all of them share. What one
 camera cannot tell apart, a tilt and the height of its limb, another one at right angles can. Each head is fitted alone
 first; heads that show no limb, or something that is none, are left out, and one head that does show it is enough.
 
@@ -21,11 +21,11 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import fit_of
-from horizonval.estimation.likelihood.heads.profile_fit import ProfileHead, fit_profiles
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.fit import ProfileSearch, explained, uneven_lens
+from horizonval.estimation.likelihood.profile.heads import ProfileHead, fit_profiles
 from horizonval.estimation.likelihood.profile.knowledge import NoLimbError
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
-from horizonval.estimation.likelihood.profile.search import ProfileSearch, explained, uneven_lens
 from horizonval.estimation.methods import limb_heads
 from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of
 from horizonval.estimation.observation import Estimator, Fit, Observation

@@ -39,10 +39,9 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
-from horizonval.estimation.limb.arc import Arc, find_arc
-from horizonval.estimation.limb.shape.circle import fit_circle
-from horizonval.estimation.limb.shape.cone import SLOW_PX, cone_uncertainty
+from horizonval.estimation.likelihood.light import PIXEL_VARIANCE
+from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle
+from horizonval.estimation.limb.cone import SLOW_PX, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.frames import roll_pitch_of_nadir

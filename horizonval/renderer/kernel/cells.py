@@ -1,8 +1,8 @@
 """Which cells of a frame see ground, limb or Sun, and the rays through them.
 
-Pixels with an edge in them are cut into k x k cells (``whole_pixels`` tells which). A cell whose outline test is clear
+Pixels with an edge in them are cut into k x k cells. A cell whose outline test is clear
 is one ray through its centre. A cell on the hard edge is two: one through the middle of its covered part, ending at the
-ground, one through the middle of the rest, passing it (see ``coverage``). Where the outline of clouds cuts what lies
+ground, one through the middle of the rest, passing it. Where the outline of clouds cuts what lies
 above the limb, that is two as well, one below the outline and one above (``cloud_outline``). A whole pixel is one ray.
 Rays above the atmosphere are not marched at all.
 
@@ -10,13 +10,11 @@ Cells and whole pixels are grouped by what they see before any light is looked u
 fixed order: the same bytes for any number of threads. Both have slots in one array: first the cells, those of a pixel
 side by side, then the whole pixels.
 
-Which pixels of a frame one ray serves, and which are cut into cells.
-
-A pixel is cut where anything in it has an edge or bends: near the limb and in the air above it, where the light changes
-over the scale height of the air, at the discs of Sun and Moon. A pixel of space needs no ray at all. A pixel of even
-ground is one ray through its centre: where the light changes over an angle s, the mean of 2 x 2 cells differs from the
-value at the centre by :math:`(p/s)^2/32` for pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS` pixels to s. The
-scales are
+**Whole pixels.** A pixel is cut where anything in it has an edge or bends: near the limb and in the air above it, where
+the light changes over the scale height of the air, at the discs of Sun and Moon. A pixel of space needs no ray at all.
+A pixel of even ground is one ray through its centre: where the light changes over an angle s, the mean of 2 x 2 cells
+differs from the value at the centre by :math:`(p/s)^2/32` for pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS`
+pixels to s. The scales are
 
 - the angle from the limb, in powers of which a grazing ray's way through the air changes,
 - the width of the particles' phase function (:data:`PHASE_RAD`) and of the glint (:data:`GLINT_RAD`),

@@ -11,12 +11,11 @@ narrower than a step may be missed where a ray grazes them. Points are found in 
 enters the layer on: heights are good to a metre. Two more maps hold the highest top in squares of
 :data:`SQUARES` nodes a side and all around them: steps that stay above it are not looked at.
 
-Where a layer of thin cloud is cloudy, as a map around the point below the camera that the march looks up.
-
-An equal-area map (Lambert's) of everything in sight, made once per camera position by the same arithmetic as
-:mod:`horizonval.earth.clouds.layers`, bilinear between its nodes. It has :data:`NODES_PER_SCALE` nodes per scale of
-the gaps, and :data:`MOST_NODES` along a side at most: from 500 km that is enough for scales of 50 km and more; of
-smaller ones, and from far, the finest edges are blurred to a node, 2 km from 500 km and 4 km from 36 000.
+**Gaps of thin cloud** are a map around the point below the camera, too. An equal-area map (Lambert's) of everything in
+sight, made once per camera position by the same arithmetic as :mod:`horizonval.earth.clouds.layers`, bilinear between
+its nodes. It has :data:`NODES_PER_SCALE` nodes per scale of the gaps, and :data:`MOST_NODES` along a side at most: from
+500 km that is enough for scales of 50 km and more; of smaller ones, and from far, the finest edges are blurred to a
+node, 2 km from 500 km and 4 km from 36 000.
 
 The map is looked up at the normal of the ellipsoid below a point. With refraction it is that of the straight ray among
 the apparent heights: gaps stand up to 15 km along the ray from where they are, the same in all bands.

@@ -17,16 +17,15 @@ are. A pixel's radiance is the energy in it over the solid angle of the pixel, t
 summed over the frame, radiance times solid angle is the irradiance.
 
 Cells that are coarse against the disc, or against the air in front of it, are split into sub-cells, each with a ray of
-its own for the transmittance and its own part behind the Earth (see ``coverage``).
+its own for the transmittance and its own part behind the Earth.
 
 The Moon has a phase: a sub-cell's share of the disc's area times the law of Lommel and Seeliger (mean of 16 points).
 
-How much of a pixel cell lies inside a smooth outline: the limb, or the Sun's disc.
-
-The outline is the zero of a smooth function F of the pixel coordinates, positive inside. F is sampled on the cell's
-3 x 3 grid. Along each of three lines across the cell (in the direction in which F changes faster) the root of the
-parabola through the three samples is the outline's position; the parabola :math:`p(s)` through the three roots is the
-outline. The covered area is then exact::
+**Coverage** of a cell by the inside of a smooth outline: the limb, or the Sun's disc. The outline is the zero of a
+smooth function F of the pixel coordinates, positive inside. F is sampled on the cell's 3 x 3 grid. Along each of three
+lines across the cell (in the direction in which F changes faster) the root of the parabola through the three samples is
+the outline's position; the parabola :math:`p(s)` through the three roots is the outline. The covered area is then
+exact::
 
     area = int clip(p(s), 0, 1) ds = int max(p, 0) ds - int max(p - 1, 0) ds,     s in [-1/2, 1/2]
 

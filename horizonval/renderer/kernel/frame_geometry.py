@@ -1,21 +1,19 @@
 r"""What is geometric about a frame: its rays, its lights, the planet, and how far directions lie from the limb.
 
-Primary rays in Float64: pixel coordinates to directions, inside the kernel.
-
-Written apart from ``geometry.camera`` so that the rendered edge and the analytic horizon share no projection code.
-Pixel ``(0, 0)`` is the centre of the upper left pixel.
+**Rays of the camera**, from pixel coordinates to directions, are in Float64. Written apart from ``geometry.camera`` so
+that the rendered edge and the analytic horizon share no projection code. Pixel ``(0, 0)`` is the centre of the upper
+left pixel.
 
 Brown-Conrady is inverted by Newton's method from the distorted point. Where a lens is so strong that this ends beside
 the answer or beyond a fold, the answer is followed from the axis outwards instead. A fisheye's polynomial is inverted
 by bisection, then Newton: it grows between the axis and the angle where it turns back, so that nothing can go astray.
 Pixels beyond that angle get rays at it, harmlessly: they lie outside the image circle.
 
-All rays from one camera as two numbers each: where a table of what they meet is smooth.
-
-In the stretched space (see :mod:`horizonval.renderer.planet`) the ellipsoid is a sphere of radius a. A ray has an
-azimuth :math:`\alpha` about the direction to the sphere's centre, 0 towards the north, and a nadir angle
-:math:`\theta`. Seen from o' its miss distance is ``|o'| sin(theta)``: a on the hard limb, exactly. The second number
-depends on what the ray meets:
+**Ray coordinates**: two numbers for every ray from one camera, in which a table of what rays meet is smooth. In the
+stretched space (see :mod:`horizonval.renderer.planet`) the ellipsoid is a sphere of radius a. A ray has an azimuth
+:math:`\alpha` about the direction to the sphere's centre, 0 towards the north, and a nadir angle :math:`\theta`. Seen
+from o' its miss distance is ``|o'| sin(theta)``: a on the hard limb, exactly. The second number depends on what the ray
+meets:
 
 - ground: the elevation e at which it arrives there, ``|o'| sin(theta) = a cos(e)``. What lies between is smooth in e
   up to grazing rays, where the distance from the limb has a square root;

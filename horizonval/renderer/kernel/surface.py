@@ -10,12 +10,11 @@ beam through as it is is left out. Where a cloud stands before the Sun, ground a
 cloud lets through: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera;
 skylight sees them as an albedo.
 
-What the ground below rays is made of: :mod:`horizonval.earth.surface.ground_map`, written again for the kernel.
+**Ground cover** is :mod:`horizonval.earth.surface.ground_map`, written again for the kernel. The map is a table of
+words, eight cells in each. Kinds of ground are looked up in a table of mixtures, four cells a ray, and blended; the ice
+of the sea in the latitudes of its edges in the month at hand.
 
-The map is a table of words, eight cells in each. Kinds of ground are looked up in a table of mixtures, four cells a
-ray, and blended; the ice of the sea in the latitudes of its edges in the month at hand.
-
-Reflectance of water and snow in the kernel: :mod:`horizonval.earth.surface.surface` and
+Reflectance of water and snow: :mod:`horizonval.earth.surface.surface` and
 :mod:`horizonval.earth.surface.snow_reflectance`, written again.
 """
 

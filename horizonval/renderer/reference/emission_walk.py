@@ -20,21 +20,18 @@ from there.
 From Mitsuba come the rays of the camera, the ground that they hit and its normal (an ``instance``, as in sunlight), the
 random numbers and the film. With the march it shares no code but that of the optical properties.
 
-Emitting air for the Monte Carlo reference: extinction and source function of every g point, and a majorant.
-
-What the column of a thermal band says (:class:`horizonval.earth.atmosphere.emission.EmittingBand`) on even heights:
-linear in height, and linear in the sine of latitude between rows. No code of the march has a part in it.
+**Air**: extinction and source function of every g point, and a majorant. What the column of a thermal band says
+(:class:`horizonval.earth.atmosphere.emission.EmittingBand`) on even heights: linear in height, and linear in the sine
+of latitude between rows. No code of the march has a part in it.
 
 Opaque air is made less opaque where nothing of it can be seen: below the height where the optical depth straight up is
 :data:`UNSEEN`, the extinction stays what it is there. The light of what lies deeper is a share of ``exp(-20)``, 2e-9,
 and a path through the air above does not have to walk in steps of metres.
 
-Emitting ground for the Monte Carlo reference: shares, temperatures and emissivities of the kinds of ground in view.
-
-Shares and temperatures of :mod:`horizonval.earth.surface.ground_emission` lie on a grid of latitude and longitude over
-all that the camera's horizon encloses, linear between: 0.04 degrees from 500 km up, where the map of ground has 0.05.
-A path meets one kind of ground, by chance. There it ends with the probability of its emissivity, or is reflected: by
-water as by a mirror, by all else in all directions alike.
+**Ground.** Shares and temperatures of :mod:`horizonval.earth.surface.ground_emission` lie on a grid of latitude and
+longitude over all that the camera's horizon encloses, linear between: 0.04 degrees from 500 km up, where the map of
+ground has 0.05. A path meets one kind of ground, by chance. There it ends with the probability of its emissivity, or is
+reflected: by water as by a mirror, by all else in all directions alike.
 """
 
 from __future__ import annotations

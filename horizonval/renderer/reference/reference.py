@@ -5,12 +5,9 @@
 noise: several passes with independent seeds, whose scatter is the standard error. Thermal bands say how far the
 deterministic frame is from them, of the same scene without what the reference leaves out.
 
-Scenes as files that a Mitsuba user opens: the deterministic frame, and the same scene in stock plugins.
-
-A scene dictionary as Mitsuba's XML.
-
-Mitsuba's own writer (``mi.parser.write_file``, 3.9.1) takes transforms apart and writes a wrong scale for the
-ellipsoid, and it does not know plugins written in Python.
+**Scene files** that a Mitsuba user opens hold the deterministic frame, and the same scene in stock plugins. Mitsuba's
+own writer (``mi.parser.write_file``, 3.9.1) takes transforms apart and writes a wrong scale for the ellipsoid, and it
+does not know plugins written in Python.
 """
 
 from __future__ import annotations

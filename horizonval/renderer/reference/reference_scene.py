@@ -16,12 +16,11 @@ Single precision forces three choices, all measured:
   crosses a boundary (each crossing shifts a ray sideways, which costs up to 9 % at the limb);
 * the ground is an ``instance`` of a unit sphere: a ``sphere`` with unequal scales is silently a sphere.
 
-Shells of air as a grid, for Mitsuba without us: one oriented box around the air that a camera sees.
-
-A grid cannot hold the whole shell: at 25 km a voxel nothing is left of a scale height of 8 km. So the box covers what
-the camera's rays cross, and the way of the sunlight to there; its axes are along the local vertical, along the line of
-sight and across. A voxel's edges are in inverse proportion to the rms component of the vertical along them, which
-makes the interpolation's error least for a number of voxels.
+**Air on a grid**, for Mitsuba without us, is one oriented box around the air that a camera sees. A grid cannot hold the
+whole shell: at 25 km a voxel nothing is left of a scale height of 8 km. So the box covers what the camera's rays cross,
+and the way of the sunlight to there; its axes are along the local vertical, along the line of sight and across. A
+voxel's edges are in inverse proportion to the rms component of the vertical along them, which makes the interpolation's
+error least for a number of voxels.
 
 Molecules fall off exponentially. Trilinear interpolation of an exponential between samples :math:`\delta` apart is
 :math:`(x/2) \coth(x/2)` too high in the mean, with :math:`x = \delta / H`; their scattering is divided by that along

@@ -19,7 +19,7 @@ that every Lambert albedo A is served::
 
 (0.1 % of the diffuse light by day, 0.4 % with the Sun 6 deg below the horizon, at 450 nm and an albedo of 0.8.)
 
-**One pass** is in :mod:`.diffuse_march`. Everything that spans decades in twilight is interpolated as ``ln I_00`` and
+Everything that spans decades in twilight is interpolated as ``ln I_00`` and
 ratios to it.
 
 **Accuracy** of the radiance in all, as tested: 0.6 % against another code (1.2 % with ozone) and 1 % beside its noise
@@ -36,20 +36,15 @@ those up to ``later_degree``: a third of the time, 0.1 % by day and at most 1 % 
 Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, horizontal change of the air; for a ground
 that varies the two parts are kept apart (:mod:`horizonval.renderer.local_light`).
 
-The light that the orders of scattering begin with: scattered once, or straight from the ground.
+**One pass** for all heights i, polar directions j, ray nodes n and Sun angles k first contracts the harmonics of the
+node with the moments at its radius, leaving ``F_m(i, j, n, k)``: along the ray only ``sum_m F_m cos(m phi)`` at the
+node's own Sun angle remains to be interpolated. The columns differ in extinction and scattering alone, so that one
+march finds the places for all of them.
 
-One order of scattering from the last: the march of diffuse light along all rays of a few columns.
-
-One pass for all heights i, polar directions j, ray nodes n and Sun angles k first contracts the harmonics of the node
-with the moments at its radius, leaving ``F_m(i, j, n, k)``: along the ray only ``sum_m F_m cos(m phi)`` at the node's
-own Sun angle remains to be interpolated. The columns differ in extinction and scattering alone, so that one march finds
-the places for all of them.
-
-Diffuse fields on disk: solved once for every column of air, found again by its content.
-
-The key is a hash of everything the solution depends on: the planet's radius, the columns, the phase functions, the
-quality and the version of the method. Albedo, Sun, camera and scene are not in it. Files are written aside and moved
-into place, so that runs side by side cannot harm each other; a damaged file is solved again.
+**On disk** diffuse fields are solved once for every column of air and found again by its content. The key is a hash of
+everything the solution depends on: the planet's radius, the columns, the phase functions, the quality and the version
+of the method. Albedo, Sun, camera and scene are not in it. Files are written aside and moved into place, so that runs
+side by side cannot harm each other; a damaged file is solved again.
 """
 
 from __future__ import annotations

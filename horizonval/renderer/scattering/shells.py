@@ -15,13 +15,10 @@ parameter y::
 radii cancels for level rays. ``mu_h`` is the cosine of the geometric horizon; directions are split there, cubed above
 it and squared below, because the sky changes fastest just above the horizon.
 
-One column of air for one spectral node, with the heights and Sun angles at which its diffuse field is solved.
-
-Real spherical harmonics that are even about the plane of zenith and Sun.
-
-The diffuse field of a spherical shell is symmetric about the plane that holds the local vertical and the Sun, so that
-only the cosine harmonics are needed. With the polar axis up, the azimuth counted from the Sun's side, c the cosine of
-the polar angle theta and the orthonormal associated Legendre functions P_lm (without Condon and Shortley's phase)::
+**Harmonics.** The diffuse field of a spherical shell is symmetric about the plane that holds the local vertical and the
+Sun, so that only the cosine harmonics are needed. With the polar axis up, the azimuth counted from the Sun's side, c
+the cosine of the polar angle theta and the orthonormal associated Legendre functions P_lm (without Condon and
+Shortley's phase)::
 
     Y_l0 = P_l0(c),        Y_lm = sqrt(2) P_lm(c) cos(m phi)
 
@@ -31,20 +28,13 @@ the polar angle theta and the orthonormal associated Legendre functions P_lm (wi
 The recurrences hold for numpy and Dr.Jit arrays alike. Source: Holmes and Featherstone, J. Geodesy 76, 279 (2002),
 eqs. 11 to 13, rescaled to unit norm over the sphere.
 
-The axis of Sun angles of the diffuse field: dense where day turns into night.
+**Sun angles** are dense where day turns into night. With ``u`` uniform between its ends, ``mu_s = -0.05 + 0.1 sinh(u)``
+runs from -0.40 (Sun 23.6 deg below the horizon) to 1: 0.3 deg at the terminator for 96 points, 3 deg with the Sun
+overhead.
 
-With ``u`` uniform between its ends, ``mu_s = -0.05 + 0.1 sinh(u)`` runs from -0.40 (Sun 23.6 deg below the horizon) to
-1: 0.3 deg at the terminator for 96 points, 3 deg with the Sun overhead.
-
-Resolution of the tables of light scattered more than once.
-
-The diffuse field of a column of air: moments of the sky at every height and Sun angle.
-
-Forward peaks of thin cloud: what no cut series of moments can hold goes straight on and counts as not scattered.
-
-A phase function of asymmetry g has the moments ``g^l``; the diffuse field keeps those up to a degree N, and ice with
-g = 0.8 has more. Wiscombe's delta-M method (J. Atmos. Sci. 34, 1408 (1977)) takes the share ``f = g^(N + 1)`` as a
-peak straight ahead::
+**Forward peaks of thin cloud** count as not scattered: a cut series of moments cannot hold them. A phase function of
+asymmetry g has the moments ``g^l``; the diffuse field keeps those up to a degree N, and ice with g = 0.8 has more.
+Wiscombe's delta-M method (J. Atmos. Sci. 34, 1408 (1977)) takes the share ``f = g^(N + 1)`` as a peak straight ahead::
 
     k' = k - f k_s,        source of light scattered before: k_s (g^l - f) for l <= N
 

@@ -10,10 +10,9 @@ and solar irradiance, of molecules and of particles::
 Everything is Float32 in here: 1e-6 of the diffuse light. The tables are made for a sphere; on the ellipsoid they are
 read at geodetic height and with the angle between Sun and geodetic vertical.
 
-How far light from the ground spreads sideways before the air scatters it: a transfer function over the ground.
-
-Over a ground of reflected flux ``F(x)`` the mean radiance at height z is a convolution of F. For a wave of F with
-horizontal wave number k (in a plane-parallel column, scattering isotropic) it obeys, as an amplitude,
+**Light from the ground** spreads sideways before the air scatters it, by a transfer function over the ground. Over a
+ground of reflected flux ``F(x)`` the mean radiance at height z is a convolution of F. For a wave of F with horizontal
+wave number k (in a plane-parallel column, scattering isotropic) it obeys, as an amplitude,
 
     J_k(z) = D_k(z) + sum over z' of s(z') dz' G_k(z, z') J_k(z')
     D_k(z)     = int_0^1 exp(-tau(0, z) / mu) J0(k z sqrt(1 - mu^2) / mu) dmu           straight from the ground

@@ -11,12 +11,10 @@ Asked for stations, the march also writes down what a cloud top between the ends
 the radiance P of the air before it, and ``Q = sum over g of exp(-tau_g(t)) S_g(air at t)``, the emission of a black
 body as warm as the air there.
 
-The air of a thermal band as the emission march reads it: columns over latitude, a few g points at a time.
-
-Extinction and source function are linear in height between the nodes of one grid, linear in the sine of geodetic
-latitude between rows, and beyond the outermost rows as on them; or bilinear between columns on a map. In memory the g
-points of a batch lie side by side, extinction and source of a node one after the other, so that one node costs two
-packet gathers.
+**Columns of air** are read a few g points at a time. Extinction and source function are linear in height between the
+nodes of one grid, linear in the sine of geodetic latitude between rows, and beyond the outermost rows as on them; or
+bilinear between columns on a map. In memory the g points of a batch lie side by side, extinction and source of a node
+one after the other, so that one node costs two packet gathers.
 """
 
 from __future__ import annotations

@@ -22,11 +22,9 @@ Even rows and not patches that are refined where they must be: what bends is the
 same all around, and a table of squares would follow each of them around the circle (five times the rays for the same
 error).
 
-What the ends of rays emit: kinds of ground, their temperatures, and the sky that they reflect.
-
-Ground of temperature T and emissivity e sends ``sum over g of through_g [e_g S_g(T) + (1 - e_g) sky_g]`` along a ray.
-Water mirrors: its sky is the air along the reflected ray. For all else sky_g is the mean radiance of the air above
-(downwelling irradiance over pi), that of the row of columns at its latitude::
+**The ends of rays.** Ground of temperature T and emissivity e sends ``sum over g of through_g [e_g S_g(T) + (1 - e_g)
+sky_g]`` along a ray. Water mirrors: its sky is the air along the reflected ray. For all else sky_g is the mean radiance
+of the air above (downwelling irradiance over pi), that of the row of columns at its latitude::
 
     sky_g = int S_g 2 E_2(tau) dtau,        layer by layer  S (2 E_3(tau_low) - 2 E_3(tau_high))
 

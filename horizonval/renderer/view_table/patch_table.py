@@ -1,7 +1,7 @@
 """Tables over the rays of one camera position, made where they are looked at and as fine as they need to be.
 
 The plane of place on the row axis (x from 0 to 1) and azimuth is cut into :data:`ROW_PATCHES` x :data:`AZIMUTH_PATCHES`
-patches of splines (:mod:`horizonval.renderer.view_table.patch_table`). One is fine enough if the splines through every
+patches of splines. One is fine enough if the splines through every
 second of its nodes, along rows and along azimuths, predict the others within the tolerance: where the function is
 smooth the spline through all nodes is then better by a factor of 16, where it has a kink by a factor of 2. If not it is
 halved along the axis that needs it, down to :data:`FINEST`. Kinks that run along rows, at the top of the air and at the
@@ -12,9 +12,7 @@ in them are to be marched.
 Patches are made when rays first fall into them. What a patch holds, and whether it is halved, depends on nothing that
 was seen before.
 
-Square patches of bicubic splines: values at the nodes of an even grid made into coefficients, and read by a kernel.
-
-A patch has :data:`INTERVALS` intervals a side. In each direction the spline is
+**A patch** has :data:`INTERVALS` intervals a side. In each direction the spline is
 
     s(t) = sum_k c_k B(t - k),      B the cubic B-spline on whole numbers,      k = -1 .. INTERVALS + 1
 

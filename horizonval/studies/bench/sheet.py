@@ -9,7 +9,6 @@ Below is the picture of where each method earns its points: scores by cells.
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -176,18 +175,17 @@ def cells_png(ranked: Sequence[Mapping[str, Any]], sheets: Mapping[str, Any]) ->
     sheets : mapping
         By method, as :func:`horizonval.studies.bench.sheet.sheet_of` returns.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from horizonval.report.plots import house_style
+    from horizonval.report.plots import png
 
     methods = [row["method"] for row in ranked]
     cells = sorted(sheets[methods[0]]["cells"])
     scores = np.array([[_score(sheets[name]["cells"][cell]) for cell in cells] for name in methods])
     width, height = _TEXT_IN + _CELL_IN * len(cells) + 0.9, 1.9 + _HEIGHT_IN * len(methods)
-    with house_style():
+
+    def draw() -> Figure:
         figure = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
         axes = figure.add_subplot()
         shown = axes.imshow(np.ma.masked_invalid(scores), cmap="RdYlGn", vmin=-100.0, vmax=100.0, aspect="auto")
         axes.set_facecolor("0.85")
@@ -195,15 +193,14 @@ def cells_png(ranked: Sequence[Mapping[str, Any]], sheets: Mapping[str, Any]) ->
         axes.set_yticks(np.arange(len(methods)), methods, fontsize=8)
         axes.set_xticks(np.arange(-0.5, len(cells)), minor=True)
         axes.set_yticks(np.arange(-0.5, len(methods)), minor=True)
-        axes.grid(visible=False, which="major")
         axes.grid(which="minor", color="white", linewidth=0.8)
         axes.tick_params(which="both", length=0)
         bar = figure.colorbar(shown, ax=axes, fraction=0.03, pad=0.01)
         bar.set_label("score of the cell", fontsize=8)
         bar.ax.tick_params(labelsize=7)
-        stream = io.BytesIO()
-        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
-    return stream.getvalue()
+        return figure
+
+    return png(draw, DPI)
 
 
 def _score(cell: Mapping[str, Any]) -> float:

@@ -38,6 +38,8 @@ from horizonval.suites.suite import fly_scene
 ESTIMATOR_AXIS = "estimator"
 MOST_DESIGNS = 10_000
 _TABLE = "frames"
+PLAN_FILE = "study-plan.json"
+PLAN_SCHEMA = 1
 
 
 @dataclass(frozen=True)
@@ -83,26 +85,47 @@ class Design:
 
 
 @dataclass(frozen=True)
-class Study:
-    """A study that is expanded.
+class StudyPlan:
+    """Designs, conditions and frames of a study: what its results follow from, with the rows.
 
     Attributes
     ----------
-    spec : StudySpec
-    source : str
+    head : StudyHead
     designs : tuple of Design
     conditions : dict
         Cluster of every condition: samples of one flight belong together where there are several flights.
     frames : dict
         Entry and condition of every frame, by the case's name.
-    suite : Suite
     """
 
-    spec: StudySpec
-    source: str
+    head: StudyHead
     designs: tuple[Design, ...]
     conditions: dict[str, str]
     frames: dict[str, tuple[str, str]]
+
+    @property
+    def requirement(self) -> Requirement:
+        return self.head.requirement
+
+    def design(self, name: str, where: str) -> Design:
+        """Return the design of a name, or of a number from 1.
+
+        Raises
+        ------
+        UserError
+            There is none.
+        """
+        for number, design in enumerate(self.designs, start=1):
+            if name in (design.name, str(number)):
+                return design
+        known = ", ".join(nearest(name, [design.name for design in self.designs])[:8])
+        raise UserError(f"no design {name!r}", where=where, expected=f"a number up to {len(self.designs)}, or {known}")
+
+
+@dataclass(frozen=True)
+class Study(StudyPlan):
+    """A study that is expanded, with the suite of its frames."""
+
     suite: Suite
 
 
@@ -181,7 +204,7 @@ def expand(spec: StudySpec, path: Path) -> Study:
     if len(set(clusters.values())) == 1:
         # Of one flight nobody can say how flights differ: what follows holds for this one.
         clusters = {condition: condition for condition in clusters}
-    return Study(spec, str(path), tuple(designs), clusters, frames, suite)
+    return Study(head, tuple(designs), clusters, frames, suite)
 
 
 def leaves(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[str]:
@@ -348,45 +371,6 @@ def _value(tree: Any, key: str) -> Any:
 
 def _plain(value: Any) -> Any:
     return value.isoformat() if isinstance(value, datetime) else value
-
-
-PLAN_FILE = "study-plan.json"
-PLAN_SCHEMA = 1
-
-
-@dataclass(frozen=True)
-class StudyPlan:
-    """Designs, conditions and frames of a study; see :class:`horizonval.studies.trade.design.Study`."""
-
-    head: StudyHead
-    designs: tuple[Design, ...]
-    conditions: dict[str, str]
-    frames: dict[str, tuple[str, str]]
-
-    @property
-    def requirement(self) -> Requirement:
-        return self.head.requirement
-
-    def design(self, name: str, where: str) -> Design:
-        """Return the design of a name, or of a number from 1.
-
-        Raises
-        ------
-        UserError
-            There is none.
-        """
-        for number, design in enumerate(self.designs, start=1):
-            if name in (design.name, str(number)):
-                return design
-        from horizonval.core.errors import nearest
-
-        known = ", ".join(nearest(name, [design.name for design in self.designs])[:8])
-        raise UserError(f"no design {name!r}", where=where, expected=f"a number up to {len(self.designs)}, or {known}")
-
-
-def plan_of_study(study: Study) -> StudyPlan:
-    """Return the plan of an expanded study."""
-    return StudyPlan(study.spec.study, study.designs, study.conditions, study.frames)
 
 
 def write_plan(plan: StudyPlan, folder: Path) -> None:

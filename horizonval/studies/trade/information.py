@@ -127,7 +127,7 @@ def run_information(
     trial = read_json(out_dir / RESULT) or {"designs": []}
     result = {
         "schema": 1,
-        "study": study.spec.study.model_dump(mode="json"),
+        "study": study.head.model_dump(mode="json"),
         "conditions": len(study.conditions),
         "failed": {name: one.error for name, one in done.items() if one.error is not None},
         "designs": _designs(study, found, trial["designs"]),
@@ -138,7 +138,7 @@ def run_information(
 
 
 def _designs(study: Study, found: Mapping[str, Mapping[str, Any]], trial: Sequence[JsonObject]) -> list[JsonObject]:
-    limit_arcsec = 3600.0 * study.spec.study.requirement.error_deg
+    limit_arcsec = 3600.0 * study.requirement.error_deg
     by_entry: dict[str, list[Mapping[str, Any]]] = {}
     for name, bands in found.items():
         by_entry.setdefault(study.frames[name][0], []).extend(bands.values())

@@ -20,7 +20,6 @@ from horizonval.studies.trade.design import (
     PLAN_FILE,
     Study,
     expand,
-    plan_of_study,
     read_plan,
     read_study,
     write_plan,
@@ -94,12 +93,11 @@ def run_study(
         A mistake in the study, told before anything is rendered; or as :func:`horizonval.suites.run.run_suite`.
     """
     study = study_in(path_or_name, frames)
-    plan = plan_of_study(study)
     made: list[tuple[dict[str, Any], dict[str, Any], Path]] = []
 
     def concluded() -> list[Path]:
-        write_plan(plan, out_dir)
-        made.append((*conclude(read_data(plan, out_dir), out_dir), study_page.write_page(out_dir)))
+        write_plan(study, out_dir)
+        made.append((*conclude(read_data(study, out_dir), out_dir), study_page.write_page(out_dir)))
         return [*files_of_study(out_dir), made[0][-1]]
 
     start = None if on_start is None else partial(on_start, study)

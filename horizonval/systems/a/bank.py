@@ -17,10 +17,10 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Refusal
+from horizonval.estimation.limb.cone import SLOW_PX, slow_error
 from horizonval.estimation.limb.finder import find_canny_pixels, find_edges_only, find_limb
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.result import LimbPoints
-from horizonval.estimation.limb.shape.cone import SLOW_PX, slow_error
+from horizonval.estimation.limb.proposals import LimbPoints
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M

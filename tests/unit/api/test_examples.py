@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import doctest
-import inspect
 import sys
 
 import pytest
@@ -25,14 +24,3 @@ def test_a_public_name_has_an_example_that_runs(name, in_user_folder, capsys):
     for example in examples:
         runner.run(example, clear_globs=False)
     assert not runner.failures, capsys.readouterr().out
-
-
-@pytest.mark.parametrize("name", THINGS)
-def test_a_public_name_says_what_it_takes_and_gives(name):
-    """numpydoc: parameters for functions that take any, and what comes back."""
-    thing = THINGS[name]
-    text = inspect.getdoc(thing) or ""
-    if inspect.isfunction(thing):
-        assert not inspect.signature(thing).parameters or "Parameters\n-----" in text
-        assert "Returns\n-----" in text
-    assert len(repr(text.splitlines()[0])) > 20

@@ -55,28 +55,18 @@ def test_scenes_are_shown_in_what_their_cameras_see(tmp_path: Path, drawn: dict[
     assert [band.name for band in drawn["glint"].band] == ["red", "green", "blue"]
     assert drawn["ir-limb-tropical"] == load_scene("ir-limb-tropical")[1]
     text = page.read_text()
-    assert text.index("Scenes in visible light") < text.index('id="glint"') < text.index("Scenes in the infrared")
-    assert text.index("Scenes in the infrared") < text.index('id="ir-limb-tropical"')
+    assert text.index('id="glint"') < text.index('id="ir-limb-tropical"')
     assert sorted(path.name for path in tmp_path.iterdir()) == ["glint.png", "index.html", "ir-limb-tropical.png"]
 
 
-def test_a_hall_without_pictures_is_not_there(tmp_path: Path, drawn: dict[str, CameraSpec]) -> None:
-    assert "infrared" not in gallery.make_gallery(tmp_path, ["glint"], progress=Silent()).read_text()
-    assert "visible light" not in gallery.make_gallery(tmp_path, ["limb-night-ir"], progress=Silent()).read_text()
+@pytest.mark.parametrize("name", ["glint", "limb-night-ir"])
+def test_a_hall_without_pictures_is_not_there(tmp_path: Path, drawn: dict[str, CameraSpec], name: str) -> None:
+    assert gallery.make_gallery(tmp_path, [name], progress=Silent()).read_text().count("<section") == 1
 
 
-def test_colours_take_the_place_of_the_cameras_own_bands() -> None:
-    _, camera = load_scene("glint")
-    assert [band.name for band in gallery.in_colour(camera).band] == ["red", "green", "blue"]
-
-
-def test_unknown_scene(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="twilight-06"):
-        gallery.make_gallery(tmp_path / "out", ["twilight-6"], progress=Silent())
-    assert not (tmp_path / "out").exists()
-
-
-def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+def test_what_cannot_be_shown_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(UserError, match="file"):
-        gallery.make_gallery(tmp_path / "file" / "out", ["glint"], progress=Silent())
+    for folder, name, words in (("out", "twilight-6", "twilight-06"), ("file/out", "glint", "file")):
+        with pytest.raises(UserError, match=words):
+            gallery.make_gallery(tmp_path / folder, [name], progress=Silent())
+    assert not (tmp_path / "out").exists()

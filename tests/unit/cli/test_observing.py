@@ -11,9 +11,14 @@ import pytest
 from horizonval.cli.images import plans
 from horizonval.core.errors import UserError
 from horizonval.spec.camera import CameraSpec
+from horizonval.spec.load import load_camera
 
 CAMERA: dict[str, Any] = {
     "camera": {"name": "small", "width": 40, "height": 30, "fov_deg": 60.0},
+    "band": [
+        {"name": "red", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7},
+        {"name": "blue", "kind": "solar", "lo_um": 0.4, "hi_um": 0.5},
+    ],
     "detector": {
         "kind": "cmos",
         "pixel_pitch_um": 5.5,
@@ -24,20 +29,7 @@ CAMERA: dict[str, Any] = {
         "bits": 10,
     },
 }
-TABLES = copy.deepcopy(CAMERA) | {
-    "band": [
-        {"name": "red", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7},
-        {"name": "blue", "kind": "solar", "lo_um": 0.4, "hi_um": 0.5},
-    ]
-}
-SPEC = CameraSpec.model_validate(TABLES)
-THERMAL = CameraSpec.model_validate(
-    CAMERA
-    | {
-        "band": [{"name": "lwir", "kind": "thermal", "lo_um": 8.0, "hi_um": 14.0}],
-        "detector": {"kind": "microbolometer", "pixel_pitch_um": 12.0, "netd_k": 0.05, "bits": 14},
-    }
-)
+SPEC = CameraSpec.model_validate(CAMERA)
 
 
 def names(out: str, seeds: list[str], exposures: list[str], bands: list[str]) -> list[str]:
@@ -76,7 +68,7 @@ def test_a_folder_names_its_files_after_what_differs(tmp_path: Path) -> None:
 
 
 def test_an_exposure_takes_the_place_of_the_automatic_one() -> None:
-    tables: dict[str, Any] = copy.deepcopy(TABLES)
+    tables: dict[str, Any] = copy.deepcopy(CAMERA)
     tables["detector"]["auto_exposure"] = {"min_s": 1e-5, "max_s": 1e-2}
     spec = CameraSpec.model_validate(tables)
     (plan,) = plans("image.exr", [], ["3e-3"], [], spec)
@@ -90,19 +82,16 @@ def test_an_exposure_takes_the_place_of_the_automatic_one() -> None:
     [
         ("i.exr", ["0-9"], [], ["10 images would overwrite each other", "{seed}", "a folder"]),
         ("i-{seed}.exr", ["0-1"], ["1,2"], ["4 images", "{exposure}"]),
-        ("i-{time}.exr", [], [], ["found {time}", "{seed}"]),
+        ("i-{time}.exr", [], [], ["found 'i-{time}.exr'", "{seed}"]),
         ("i-{seed", ["0-1"], [], ["found 'i-{seed'"]),
-        ("i-{seed:x%}.exr", ["0-1"], [], ["--out"]),
-        ("i-{exposure:.4}.exr", [], ["0.001,0.002"], ["two images would be called 'i-0.00.exr'"]),
+        ("i-{exposure:.4}.exr", [], ["0.001,0.002"], ["2 images would overwrite each other"]),
         ("{seed}.exr", ["-1"], [], ["found '-1'", "from 0 up"]),
         ("{seed}.exr", ["4-2"], [], ["found '4-2'"]),
-        ("{seed}.exr", ["1.5"], [], ["found '1.5'"]),
         ("{seed}.exr", ["0-99999"], [], ["too many", "10000"]),
         ("{seed}-{exposure}.exr", ["0-999"], [",".join(map(str, range(1, 12)))], ["11000 images"]),
         ("i.exr", [], ["0"], ["found '0'", "seconds above 0"]),
         ("i.exr", [], ["fast"], ["found 'fast'"]),
         ("i.exr", [], ["inf"], ["found 'inf'"]),
-        ("i.exr", [], ["nan"], ["found 'nan'"]),
         ("out", ["0-9999", "10000-19999"], [], ["20000 images"]),
         ("out", ["9" * 5000], [], ["numbers from 0 up"]),
         ("out", [], ["9" * 5000], ["at most"]),
@@ -119,4 +108,4 @@ def test_refused(out: str, seeds: list[str], exposures: list[str], parts: list[s
 
 def test_no_exposure_in_the_infrared() -> None:
     with pytest.raises(UserError, match=r"--exposure: .*'microbolometer'.* no exposure"):
-        plans("i.exr", [], ["1e-3"], [], THERMAL)
+        plans("i.exr", [], ["1e-3"], [], load_camera("ir-bolometer-160-57deg"))

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.shape.cone import noise_bias
+from horizonval.estimation.limb.cone import noise_bias
 from horizonval.estimation.methods import altitude_free_closed_form as closed_form
 from horizonval.estimation.methods import altitude_free_published as published
 from horizonval.estimation.methods.altitude_free import newton, solve, step_by_qr

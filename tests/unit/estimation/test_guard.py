@@ -15,11 +15,10 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.guard.guard import guarded, trusted_limb
-from horizonval.estimation.limb.model.sunlit import blur_rad, sunlit_limb
+from horizonval.estimation.guard.sunlit import blur_rad, sunlit_limb
 from horizonval.estimation.methods import altitude_free, altitude_free_published
-from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.horizon import fit_cone

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
-from horizonval.estimation.guard import guard_limits as limits
-from horizonval.estimation.guard.guard_heads import (
+from horizonval.estimation.guard import limits
+from horizonval.estimation.guard.heads import (
     _angular_radius,
     _arc_in_head,
     _confirmed,
@@ -23,7 +23,7 @@ from horizonval.estimation.guard.guard_heads import (
     _turns,
     _without_outliers,
 )
-from horizonval.estimation.limb.shape.cone import limb_directions
+from horizonval.estimation.limb.cone import limb_directions
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject

@@ -10,10 +10,10 @@ import pytest
 from scipy import stats
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard import guard_limits as limits
-from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
-from horizonval.estimation.guard.limb_model import _seen_relief
-from horizonval.estimation.limb.model.steepest import REACH_PX, STEP_PX, profile_places, steepest_sample, to_steepest
+from horizonval.estimation.guard import limits
+from horizonval.estimation.guard.heads import RowLimb, is_row, misfit, row_limb
+from horizonval.estimation.guard.limits import _seen_relief
+from horizonval.estimation.limb.steepest import REACH_PX, STEP_PX, profile_places, steepest_sample, to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject

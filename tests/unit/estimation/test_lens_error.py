@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.observation import Calibration, Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
 
 CAMERA = CameraModel(width=64, height=48, fx=200.0, fy=200.0, cx=31.5, cy=23.5)

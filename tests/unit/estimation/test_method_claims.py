@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from horizonval.estimation.limb.cone import cone_uncertainty
 from horizonval.estimation.limb.crossing import _width, row_noise, sub_pixel_crossing
-from horizonval.estimation.limb.shape.cone import cone_uncertainty
 from horizonval.estimation.methods import ideal
 from horizonval.estimation.methods.altitude_free import fit_of_cone, solve
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.arc import Arc, find_arc, longest_chain
-from horizonval.estimation.limb.shape.circle import fit_circle
+from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle, longest_chain
 from horizonval.estimation.methods import video_vertical
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve, vertical
 from horizonval.estimation.observation import Fit, Observation

@@ -15,9 +15,7 @@ import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.answer import checked
-from horizonval.estimation.calibration import Calibration
-from horizonval.estimation.lens import Lens
-from horizonval.estimation.observation import Fit, Observation, OraclePose
+from horizonval.estimation.observation import Calibration, Fit, Lens, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 from horizonval.plugins.messages import (

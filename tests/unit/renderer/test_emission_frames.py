@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from typing import Any
 
-import drjit as dr
 import numpy as np
 import pytest
 from emission_models import black, camera, frame_of, isothermal, scene
@@ -246,21 +244,6 @@ def test_opaque_clouds_straight_down_have_the_closed_form() -> None:
         air = np.sum(0.5 * (s[:, 1:] + s[:, :-1]) * np.diff(passed, axis=1))
         expected = air + np.sum(passed[:, 0] * s[:, 0])
         assert float(frame.radiance["b"][row, column]) == pytest.approx(expected, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_the_number_of_threads_changes_no_bit() -> None:
-    seen = scene(**VARYING, surface={"kind": "earth"}, clouds=CLOUDS)
-    spec = camera(CO2)
-    prints = set()
-    before = dr.thread_count()
-    try:
-        for threads in (1, 2, 4):
-            dr.set_thread_count(threads)
-            prints.add(hashlib.sha256(render_frame(seen, spec).radiance["b"].tobytes()).hexdigest())
-    finally:
-        dr.set_thread_count(before)
-    assert len(prints) == 1
 
 
 @pytest.mark.slow

@@ -13,14 +13,11 @@ activate()
 import drjit as dr  # noqa: E402
 import mitsuba as mi  # noqa: E402
 
-from horizonval.renderer.frame import render_frame  # noqa: E402
 from horizonval.renderer.kernel.march import march, optical_depth  # noqa: E402
 from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, SolarNodes  # noqa: E402
 from horizonval.renderer.planet import Planet  # noqa: E402
 from horizonval.renderer.tables import AltitudeGrid, SunTable, table_of, vectors  # noqa: E402
 from horizonval.renderer.types import constant  # noqa: E402
-from horizonval.spec.camera import CameraSpec  # noqa: E402
-from horizonval.spec.scene import SceneSpec  # noqa: E402
 
 RADIUS_M, TOP_M, K = 6.4e6, 1e5, 1.2e-5
 PLANET = Planet(RADIUS_M, RADIUS_M)
@@ -71,39 +68,6 @@ def test_sunlight_is_scattered_once_by_thin_air() -> None:
     )
     radiance, _ = _march(batch)
     assert radiance == pytest.approx(thin * TOP_M * 7.0 / (4.0 * np.pi), rel=1e-4)
-
-
-def test_a_second_scene_compiles_no_march() -> None:
-    """Where a camera stands and where the Sun is are data, not constants of kernels.
-
-    Left out are the kernels over the cells on the limb alone, a hundred here, which Dr.Jit makes for their number.
-    """
-    camera = CameraSpec.model_validate(
-        {
-            "camera": {"width": 24, "height": 18, "fov_deg": 60.0},
-            "band": [{"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}],
-        }
-    )
-
-    def scene(altitude_km: float, zenith_deg: float, albedo: float) -> SceneSpec:
-        return SceneSpec.model_validate(
-            {
-                "camera": {"file": "test", "mount_roll_deg": 66.0},
-                "platform": {"altitude_km": altitude_km, "latitude_deg": 20.0, "longitude_deg": -160.0},
-                "sun": {"zenith_deg": zenith_deg, "azimuth_deg": 60.0},
-                "surface": {"kind": "uniform", "albedo": albedo},
-                "render": {"orders": "single"},
-            }
-        )
-
-    render_frame(scene(500.0, 40.0, 0.1), camera)
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
-        render_frame(scene(620.0, 55.0, 0.4), camera)
-        history = dr.kernel_history([dr.KernelType.JIT])
-    large = [kernel for kernel in history if kernel["size"] > 150]
-    assert len(large) > 8
-    assert not [kernel for kernel in large if not kernel["cache_hit"]]
 
 
 def test_kernels_do_not_depend_on_where_numpy_puts_an_array() -> None:

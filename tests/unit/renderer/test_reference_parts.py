@@ -11,17 +11,8 @@ import pytest
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, itrs_from_geodetic
-from horizonval.renderer.backend import activate
 from horizonval.renderer.reference import reference
 from horizonval.spec.camera import CameraSpec
-
-
-@pytest.fixture(scope="module")
-def mi() -> Any:
-    activate()
-    import mitsuba
-
-    return mitsuba
 
 
 def _positions() -> np.ndarray:

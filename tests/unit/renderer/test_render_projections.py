@@ -21,7 +21,6 @@ from horizonval.geometry.camera import (
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_columns, signed_limb_angle
-from horizonval.renderer.backend import activate
 from horizonval.renderer.frame import render_frame
 from horizonval.renderer.kernel.frame_geometry import RayCamera
 from horizonval.spec.camera import CameraSpec
@@ -30,14 +29,6 @@ from horizonval.spec.scene import SceneSpec
 THERMAL = {"name": "lwir", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
 SOLAR = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
 FISHEYE = {"width": 160, "height": 160, "fov_deg": 196.0, "projection": "fisheye", "image_circle_deg": 190.0}
-
-
-@pytest.fixture(scope="module")
-def mi() -> Any:
-    activate()
-    import mitsuba
-
-    return mitsuba
 
 
 def frame_of(
@@ -68,6 +59,9 @@ def limb_angle(frame: RadianceFrame, camera: CameraModel) -> Any:
 
 
 CAMERAS = {
+    "pinhole": CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0),
+    "distorted": CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01)),
+    "equal angle": CameraModel(640, 640, 3000.0, 3000.0, 319.5, 319.5, projection="equal_angle"),
     "f-theta": CameraModel(640, 480, 200.0, 201.0, 320.4, 241.0, projection="fisheye"),
     "fisheye": CameraModel(640, 480, 170.0, 170.0, 319.5, 239.5, (0.03, -0.012, 0.002, -0.0001, 0.0), "fisheye"),
     "fisheye beside its fold": CameraModel(640, 480, 466.0, 466.0, 319.5, 239.5, (-0.2, 0.0, 0.0, 0.0, 0.0), "fisheye"),
@@ -75,16 +69,20 @@ CAMERAS = {
     "pincushion": CameraModel(640, 480, 250.0, 250.0, 319.5, 239.5, (0.17, 0.05, 2e-3, -5e-4, 0.02)),
     "moustache": CameraModel(640, 480, 400.0, 400.0, 319.5, 239.5, (0.63, 5e-3, -1e-2, -1e-2, -0.4)),
 }
+SIMPLE = ("pinhole", "distorted", "equal angle")
 
 
-@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
-def test_rays_equal_the_analytic_camera(mi: Any, camera: CameraModel) -> None:
-    """1e-9 rad, 0.2 milliarcsec: both are float64 and share no code. All over the image and its outer edge."""
+@pytest.mark.parametrize("name", CAMERAS)
+def test_rays_equal_the_analytic_camera(mi: Any, name: str) -> None:
+    """1e-12 rad through simple lenses, else 1e-9 rad: both are float64 and share no code. Up to the outer edge."""
+    camera = CAMERAS[name]
     check_invertible(camera)
     u, v = np.meshgrid(np.linspace(-0.5, 639.5, 65), np.linspace(-0.5, 479.5, 49))
     rays = RayCamera.of(camera, np.eye(3)).direction(mi.Float64(u.ravel()), mi.Float64(v.ravel()))
     ours = np.stack([np.array(c) for c in rays], axis=1)
-    assert np.abs(ours - unproject(camera, np.stack([u, v], axis=-1)).reshape(-1, 3)).max() < 1e-9
+    assert np.abs(ours - unproject(camera, np.stack([u, v], axis=-1)).reshape(-1, 3)).max() < (
+        1e-12 if name in SIMPLE else 1e-9
+    )
 
 
 @pytest.mark.parametrize("projection", ["fisheye", "pinhole", "equal_angle"])
@@ -144,19 +142,26 @@ def test_the_whole_earth_fills_its_solid_angle(mi: Any, geometry: dict[str, Any]
         assert space == pytest.approx(2 * math.pi * (1 + math.cos(rho)), rel=1e-4)
 
 
-@pytest.mark.parametrize("off_axis_deg", [40.0, 93.0])
-def test_the_sun_carries_its_irradiance_wherever_it_stands(mi: Any, off_axis_deg: float) -> None:
+@pytest.mark.parametrize(
+    ("geometry", "off_axis_deg", "error"),
+    [(FISHEYE, 40.0, 1e-4), (FISHEYE, 93.0, 1e-4), ({"width": 120, "height": 90, "fov_deg": 24.0}, 5.0, 1e-2)],
+    ids=["fisheye", "behind a fisheye", "pinhole"],
+)
+def test_the_sun_carries_its_irradiance_wherever_it_stands(
+    mi: Any, geometry: dict[str, Any], off_axis_deg: float, error: float
+) -> None:
     """1e-4 of the Sun's irradiance on a surface that faces it, also behind the camera plane of a 190 deg fisheye.
 
     The shares of cells are exact, and the pixel's solid angle is the polygon of its corners in the renderer but the
-    Jacobian here, which differ by the pixel angle squared (1.2 deg: 4.6e-4) over 12.
+    Jacobian here, which differ by the pixel angle squared (1.2 deg: 4.6e-4) over 12. In the pinhole
+    the disc is a few cells across, and its outline in a cell is taken as a parabola: 1 %.
     """
     scene: dict[str, Any] = {
         "camera": {"file": "t", "mount_roll_deg": 180.0},
         "sun": {"zenith_deg": off_axis_deg, "azimuth_deg": 30.0},
     }
-    spec = CameraSpec.model_validate({"camera": FISHEYE, "band": [SOLAR]})
-    frame, camera = frame_of(FISHEYE, SOLAR, **scene)
+    spec = CameraSpec.model_validate({"camera": geometry, "band": [SOLAR]})
+    frame, camera = frame_of(geometry, SOLAR, **scene)
     from horizonval.earth.optical import optical_model
     from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
@@ -164,7 +169,7 @@ def test_the_sun_carries_its_irradiance_wherever_it_stands(mi: Any, off_axis_deg
     _, distance_m = sun_itrs(full.platform.epoch_utc)
     nodes = optical_model(full, spec, distance_m / AU_M).nodes
     expected = sum(n.weight * n.solar_irradiance for n in nodes)
-    assert float((frame.radiance["vis"] * pixel_solid_angle(camera)).sum()) == pytest.approx(expected, rel=1e-4)
+    assert float((frame.radiance["vis"] * pixel_solid_angle(camera)).sum()) == pytest.approx(expected, rel=error)
 
 
 def test_a_line_of_pixels_sees_the_limb(mi: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 from horizonval.renderer.backend import activate
-from horizonval.renderer.frame import render_frame
 from horizonval.renderer.kernel.cells import Cells, group_cells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.spec.camera import CameraSpec
@@ -158,18 +156,3 @@ def test_pixels_at_the_sun_are_cut() -> None:
     image, reference = (marched(changes, every_cell) for every_cell in (False, True))
     assert reference.max() > 1e6 * np.median(reference)
     assert np.array_equal(image, reference)
-
-
-@pytest.mark.parametrize("method", ["table", "march"])
-def test_the_number_of_threads_changes_no_bit_of_grouped_pixels(method: str) -> None:
-    activate()
-    seen = set()
-    before = dr.thread_count()
-    try:
-        for threads in (1, 2, 1, 2):
-            dr.set_thread_count(threads)
-            image = render_frame(*specs({"geometry": LENS}, method)).radiance["vis"]
-            seen.add(hashlib.sha256(image.tobytes()).hexdigest())
-    finally:
-        dr.set_thread_count(before)
-    assert len(seen) == 1

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from synthetic import toy_image, truth_at
 
 from horizonval.core.errors import UserError
+from horizonval.estimation.lens_error import k1_per_px, miscalibrated
 from horizonval.estimation.methods import altitude_free
-from horizonval.estimation.miscalibrated import k1_per_px, miscalibrated
 from horizonval.estimation.observation import Observation
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject

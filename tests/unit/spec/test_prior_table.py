@@ -56,6 +56,8 @@ def test_a_whole_file_is_read(tmp_path: Path) -> None:
     assert spec.epoch_utc == datetime(2026, 3, 20, 12, tzinfo=UTC)
     # What is kept with a frame as JSON reads back.
     assert PriorSpec.model_validate(json.loads(spec.model_dump_json())) == spec
+    with pytest.raises(UserError, match=r"none\.toml"):
+        load_prior(tmp_path / "none.toml")
 
 
 def test_a_climates_file_lies_beside_the_file_that_names_it(tmp_path: Path) -> None:

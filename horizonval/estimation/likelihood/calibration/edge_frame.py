@@ -29,8 +29,6 @@ from horizonval.estimation.likelihood.calibration.shared import (
     seen_by_changed,
     without_own,
 )
-from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
-from horizonval.estimation.likelihood.ellipsoid_start import EllipsoidStart
 from horizonval.estimation.likelihood.fit import (
     LARGEST_LOG_STEP,
     LARGEST_SCALE_STEP_M,
@@ -44,11 +42,11 @@ from horizonval.estimation.likelihood.fit import (
     scatter,
 )
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
-from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
-from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
+from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, LimbLight, solved, weighed
+from horizonval.estimation.likelihood.pixels import LimbPixels, limb_pixels, pixel_at_limb_m
 from horizonval.estimation.likelihood.sectors import eliminated
-from horizonval.estimation.limb.smaller import smaller
+from horizonval.estimation.likelihood.start import EllipsoidStart
+from horizonval.estimation.limb.picture import smaller
 from horizonval.geometry.camera import CameraModel
 
 STEP_PX = 0.02

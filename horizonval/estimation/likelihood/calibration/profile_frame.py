@@ -31,10 +31,10 @@ from horizonval.estimation.likelihood.calibration.shared import (
 )
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile import model as profile
+from horizonval.estimation.likelihood.profile.fit import ProfileSearch, least_variance, noise_at, wider
 from horizonval.estimation.likelihood.profile.known_profile import KnownProfile
 from horizonval.estimation.likelihood.profile.model import BLUR, GAIN, POSE, ProfileModel, priors_beside_pose
-from horizonval.estimation.likelihood.profile.ray_height import level_distance, ray_height
-from horizonval.estimation.likelihood.profile.search import ProfileSearch, least_variance, noise_at, wider
+from horizonval.estimation.likelihood.profile.pixels import level_distance, ray_height
 from horizonval.geometry.camera import CameraModel
 
 STEP_PX = 0.02

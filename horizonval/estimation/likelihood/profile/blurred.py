@@ -37,7 +37,7 @@ import numpy as np
 from scipy import fft
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.lens import Lens
+from horizonval.estimation.observation import Lens
 
 REACH_BLURS = 5.0
 """To which samples at whole pixels are summed up: 4e-6 of the middle one."""

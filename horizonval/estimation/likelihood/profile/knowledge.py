@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.lens import Lens
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.air import NodeAir
+from horizonval.estimation.observation import Lens
 from horizonval.geometry.ellipsoid import Ellipsoid
 
 

@@ -18,14 +18,13 @@ from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.light import PIXEL_VARIANCE
 from horizonval.estimation.likelihood.profile.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles, blur_after
-from horizonval.estimation.likelihood.profile.floor import Floor, floor_of
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
-from horizonval.estimation.likelihood.profile.pixels import profile_pixels
-from horizonval.estimation.likelihood.profile.ray_height import level_distance
+from horizonval.estimation.likelihood.profile.noise import Floor, floor_of
+from horizonval.estimation.likelihood.profile.pixels import level_distance, profile_pixels
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.rotation import off_axis_angle
 

@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.arc import Arc, find_arc
+from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from horizonval.estimation.likelihood.height.alike import correlations, everywhere, lengths_along, north_of
+from horizonval.estimation.likelihood.height import correlations, everywhere, lengths_along, north_of
 
 POLE = np.array([0.0, 0.0, 1.0])
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from horizonval.estimation.likelihood.profile.ray_height import ray_height
+from horizonval.estimation.likelihood.profile.pixels import ray_height
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.estimation.likelihood.profile.floor import Floor, floor_of
+from horizonval.estimation.likelihood.profile.noise import Floor, floor_of
 
 
 def cut(rng: np.random.Generator, level: float, sigma: float, n: int, lowest: int = 0) -> np.ndarray:

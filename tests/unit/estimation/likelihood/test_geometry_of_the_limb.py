@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from horizonval.estimation.likelihood.closed_form import position_from_limb
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.limb_angle import limb_angle
-from horizonval.estimation.likelihood.pixels import image_scale, limb_bend, near_pixels
+from horizonval.estimation.likelihood.pixels import image_scale, limb_angle, limb_bend, near_pixels
+from horizonval.estimation.likelihood.start import position_from_limb
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
 from horizonval.geometry.horizon import horizon_directions, signed_limb_angle

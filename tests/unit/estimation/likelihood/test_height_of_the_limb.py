@@ -12,15 +12,11 @@ from scipy.ndimage import gaussian_filter
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M
-from horizonval.estimation.likelihood.edge_profile import edge_profile
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
-from horizonval.estimation.likelihood.height.band_heights import BandHeights, band_heights
-from horizonval.estimation.likelihood.height.edge_height import edge_height
-from horizonval.estimation.likelihood.height.limb_places import ArcPlaces, LimbHeights
-from horizonval.estimation.likelihood.height.uneven_limb import UnevenLimb
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, sphere_knowledge
-from horizonval.estimation.likelihood.light import light_basis, weighed
+from horizonval.estimation.likelihood.height import BandHeights, UnevenLimb, band_heights, edge_height
+from horizonval.estimation.likelihood.knowledge import ArcPlaces, LimbHeights, LimbKnowledge, sphere_knowledge
+from horizonval.estimation.likelihood.light import edge_profile, light_basis, weighed
+from horizonval.estimation.likelihood.start import SCALE_HEIGHT_M
 from horizonval.estimation.methods import limb_sphere
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, edge_profile
-from horizonval.estimation.likelihood.light import brightness, light_basis, weighed
-from horizonval.estimation.likelihood.relief_modes import relief_modes
-from horizonval.estimation.likelihood.sectors import eliminated, sectors_of, solve_levels
+from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, brightness, edge_profile, light_basis, weighed
+from horizonval.estimation.likelihood.sectors import eliminated, relief_modes, sectors_of, solve_levels
 
 
 def _summed(x: np.ndarray, lens_px: float, scale: float, slant_rad: float) -> np.ndarray:

@@ -11,19 +11,16 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs
-from horizonval.estimation.calibration import Calibration
+from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.likelihood.calibration.shared import seen_by_changed
 from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
 from horizonval.estimation.likelihood.claim import limb_scale
-from horizonval.estimation.likelihood.edge_profile import edge_profile
-from horizonval.estimation.likelihood.ellipsoid_start import EllipsoidStart, ellipsoid_start
-from horizonval.estimation.likelihood.limb_angle import limb_angle
-from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
-from horizonval.estimation.likelihood.pixels import NearPixels, image_scale
-from horizonval.estimation.likelihood.relief_modes import relief_modes
+from horizonval.estimation.likelihood.light import edge_profile
+from horizonval.estimation.likelihood.pixels import MISPLACED_PX, NearPixels, image_scale, limb_angle
+from horizonval.estimation.likelihood.sectors import relief_modes
+from horizonval.estimation.likelihood.start import EllipsoidStart, ellipsoid_start
 from horizonval.estimation.methods import limb_ellipsoid
-from horizonval.estimation.miscalibrated import miscalibrated
-from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.observation import Calibration, Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import WGS84

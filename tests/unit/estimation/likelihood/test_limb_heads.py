@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import SOLAR_RELIEF
-from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M
-from horizonval.estimation.likelihood.height.band_heights import band_heights
-from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
-from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD, UnevenLimb
+from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD, UnevenLimb, band_heights
+from horizonval.estimation.likelihood.knowledge import ArcPlaces
+from horizonval.estimation.likelihood.start import SCALE_HEIGHT_M
 from horizonval.estimation.methods.limb_heads import run
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -25,23 +25,21 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.lens import Lens
 from horizonval.estimation.likelihood.fit import nadir_derivative
-from horizonval.estimation.likelihood.height.alike import everywhere
+from horizonval.estimation.likelihood.height import everywhere
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile import known_profile, search
+from horizonval.estimation.likelihood.profile import fit as profile_fit
+from horizonval.estimation.likelihood.profile import known_profile
+from horizonval.estimation.likelihood.profile.air import KnownAir, sun_of_time
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles
-from horizonval.estimation.likelihood.profile.fit import fit_profile, strained
+from horizonval.estimation.likelihood.profile.fit import ProfileSearch, fit_profile, strained, uneven_lens
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
-from horizonval.estimation.likelihood.profile.known_air import KnownAir, sun_of_time
+from horizonval.estimation.likelihood.profile.known_profile import start_pose
 from horizonval.estimation.likelihood.profile.model import SHARED, Guess, ProfileModel
-from horizonval.estimation.likelihood.profile.pixels import profile_pixels
-from horizonval.estimation.likelihood.profile.ray_height import ray_height
-from horizonval.estimation.likelihood.profile.search import ProfileSearch, uneven_lens
-from horizonval.estimation.likelihood.profile.start import start_pose
+from horizonval.estimation.likelihood.profile.pixels import profile_pixels, ray_height
 from horizonval.estimation.likelihood.templates import LimbTemplates, load_templates
 from horizonval.estimation.methods import limb_profile
-from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84, sphere
@@ -194,7 +192,7 @@ def test_a_fit_that_ran_out_of_steps_claims_as_much_as_one_that_settled(
     Were that left out, its claim would be smaller by 4.5 %: there is little in common here, and more in rendered ones.
     """
     settled, _, across = fitted(0, modes=False, left=True, lift_sigma_m=50.0)
-    monkeypatch.setattr(search, "MOST_STEPS", steps)
+    monkeypatch.setattr(profile_fit, "MOST_STEPS", steps)
     stopped, _, _ = fitted(0, modes=False, left=True, lift_sigma_m=50.0)
     claims = []
     for fit in (settled, stopped):
@@ -717,7 +715,7 @@ def test_a_fit_that_ran_out_of_steps_far_away_is_not_called_an_image_without_a_l
 ) -> None:
     """The limb is there: what is wanting is steps."""
     observation, _ = seen(3, monkeypatch)
-    monkeypatch.setattr(search, "MOST_STEPS", 1)
+    monkeypatch.setattr(profile_fit, "MOST_STEPS", 1)
     found = limb_profile.run(observation)
     assert isinstance(found, Refusal)
     assert found.status is Outcome.NOT_CONVERGED

@@ -14,10 +14,10 @@ from scipy.stats import chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.heads import profile_fit
-from horizonval.estimation.likelihood.heads.common_air import common_air
-from horizonval.estimation.likelihood.height.alike import correlations
+from horizonval.estimation.likelihood.height import correlations
+from horizonval.estimation.likelihood.profile import heads as profile_heads
 from horizonval.estimation.likelihood.profile.air import POLE_ITRS, LimbNodes, NodeAir, node_air
+from horizonval.estimation.likelihood.profile.heads import common_air
 from horizonval.estimation.methods import limb_heads, limb_profile, limb_profile_heads
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -106,10 +106,10 @@ def test_a_step_that_gains_nothing_is_not_worth_another(
     pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A search that goes on as long as nothing becomes worse creeps until its steps are used up."""
-    search, worth = profile_fit._SearchOfHeads, []
+    search, worth = profile_heads._SearchOfHeads, []
     along = search._search_along
 
-    def watched(self: profile_fit._SearchOfHeads, step: FloatArray) -> bool:
+    def watched(self: profile_heads._SearchOfHeads, step: FloatArray) -> bool:
         worth.append(along(self, step))
         return worth[-1]
 
@@ -124,10 +124,10 @@ def test_the_way_begins_with_the_noise_that_every_head_had_alone(
     pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where a head's limb lies beside the common pose residuals are large, and noise found in them would hide it."""
-    search, seen = profile_fit._SearchOfHeads, []
+    search, seen = profile_heads._SearchOfHeads, []
     equations = search._equations
 
-    def watched(self: profile_fit._SearchOfHeads) -> profile_fit.ProfileStep:
+    def watched(self: profile_heads._SearchOfHeads) -> profile_heads.ProfileStep:
         both = zip(self.weights, self.heads, strict=True)
         seen.append([(weights.copy(), head.alone.inverse_variance) for weights, head in both])
         return equations(self)
@@ -144,11 +144,11 @@ def test_lenses_stay_as_they_were_alone_till_all_heads_are_at_one_pose(
     pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A lens that becomes sharp to make up for the way to the common pose does not come back."""
-    search = profile_fit._SearchOfHeads
+    search = profile_heads._SearchOfHeads
     search_along = search._search_along
     held: list[tuple[bool, list[bool]]] = []
 
-    def watched(self: profile_fit._SearchOfHeads, step: FloatArray) -> bool:
+    def watched(self: profile_heads._SearchOfHeads, step: FloatArray) -> bool:
         aligning, improved = self.aligning, search_along(self, step)
         both = zip(self.now.heads, self.heads, strict=True)
         alone = [(now, head.alone.now) for now, head in both]

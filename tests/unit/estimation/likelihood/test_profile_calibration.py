@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.calibration.frames import frames_of
+from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.likelihood.calibration.profile_frame import ProfileFrame
 from horizonval.estimation.likelihood.calibration.shared import SHARED, SharedUnknowns
-from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
-from horizonval.estimation.likelihood.profile.ray_height import level_distance
-from horizonval.estimation.miscalibrated import miscalibrated
+from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate, frames_of
+from horizonval.estimation.likelihood.profile.pixels import level_distance
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.frames import compose

@@ -16,11 +16,11 @@ from scipy.stats import norm
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.fit import nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.air import KnownAir
+from horizonval.estimation.likelihood.profile.fit import ProfileSearch
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
-from horizonval.estimation.likelihood.profile.known_air import KnownAir
+from horizonval.estimation.likelihood.profile.known_profile import start_pose
 from horizonval.estimation.likelihood.profile.model import CLOUD_TOP_M, POSE, Guess, ProfileModel
-from horizonval.estimation.likelihood.profile.search import ProfileSearch
-from horizonval.estimation.likelihood.profile.start import start_pose
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from horizonval.estimation.likelihood.spline import slopes, spline_weights
+from horizonval.estimation.likelihood.templates import slopes, spline_weights
 
 AXIS = np.array([0.0, 0.4, 0.7, 1.3, 1.5, 2.2])
 VALUES = np.array([1.0, 3.0, 2.0, 2.5, 0.5, 0.0])

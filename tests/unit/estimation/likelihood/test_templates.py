@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.estimation.likelihood.height.alike import everywhere
+from horizonval.estimation.likelihood.height import everywhere
 from horizonval.estimation.likelihood.templates import (
     FOLDER,
     LimbTemplates,

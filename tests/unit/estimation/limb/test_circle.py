@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.estimation.limb.shape.circle import fit_circle
+from horizonval.estimation.limb.arc import fit_circle
 
 
 @pytest.mark.parametrize("arc_deg", [5.0, 40.0, 360.0])

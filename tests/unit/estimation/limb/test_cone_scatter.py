@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from horizonval.estimation.limb.shape.cone import cone_scatter, cone_uncertainty, noise_bias
+from horizonval.estimation.limb.cone import cone_scatter, cone_uncertainty, noise_bias
 from horizonval.geometry.horizon import fit_cone
 
 RHO = 1.1

@@ -9,9 +9,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
-from horizonval.estimation.limb.model.steepest import to_steepest
-from horizonval.estimation.limb.model.steepest_noise import _bilinear, _response, pixel_variance
-from horizonval.estimation.limb.shape.cone import limb_directions
+from horizonval.estimation.limb.cone import limb_directions
+from horizonval.estimation.limb.steepest import _bilinear, _response, pixel_variance, to_steepest
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.rotation import off_axis_angle
 

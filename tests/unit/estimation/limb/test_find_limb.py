@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.result import LimbPoints
+from horizonval.estimation.limb.proposals import LimbPoints
 from horizonval.geometry.camera import CameraModel, project
 
 CAMERA = CameraModel(200, 160, 180.0, 180.0, 99.5, 79.5)

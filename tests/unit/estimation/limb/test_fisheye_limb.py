@@ -10,7 +10,7 @@ import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.result import LimbPoints
+from horizonval.estimation.limb.proposals import LimbPoints
 from horizonval.geometry.camera import CameraModel, in_image_circle, pixel_grid, unproject
 from horizonval.geometry.horizon import fit_cone
 

@@ -7,18 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.estimation.limb.model import trusted
-from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
-from horizonval.estimation.limb.model.sunlit import height_under
-from horizonval.estimation.limb.model.trusted import Sides, alone, faded, faint, read_sides, restless, smoothed
-from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.shape.cone import (
+from horizonval.estimation.guard.sunlit import cone_perturbation, height_under, unknown_sun_covariance
+from horizonval.estimation.limb import trusted
+from horizonval.estimation.limb.cone import (
     SLOW_PATTERNS,
     arc_order,
     cone_scatter,
     limb_directions,
     slow_error,
 )
+from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.trusted import Sides, alone, faded, faint, read_sides, restless, smoothed
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.horizon import fit_cone
 

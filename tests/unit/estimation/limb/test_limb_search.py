@@ -14,13 +14,12 @@ from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.guard.wider_pixels import in_wider_pixels
+from horizonval.estimation.guard.three_tests import in_wider_pixels
+from horizonval.estimation.limb.evidence import allowed_widths, weigh
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.result import LimbPoints
-from horizonval.estimation.limb.search.evidence import allowed_widths, weigh
-from horizonval.estimation.limb.search.pyramid import known_pixels, levels_of
-from horizonval.estimation.limb.search.trace import trace_limb
+from horizonval.estimation.limb.proposals import LimbPoints
+from horizonval.estimation.limb.pyramid import known_pixels, levels_of, trace_limb
 from horizonval.estimation.methods import altitude_free
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.estimation.limb import pixel_directions
-from horizonval.estimation.limb.pixel_directions import PixelDirections
+from horizonval.estimation.limb import picture
+from horizonval.estimation.limb.picture import PixelDirections
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 
 CAMERA = CameraModel(32, 24, 30.0, 30.0, 15.5, 11.5)
@@ -22,7 +22,7 @@ def test_directions_are_those_of_the_camera_and_made_once(monkeypatch: pytest.Mo
         made.append(camera)
         return unproject(camera, uv)
 
-    monkeypatch.setattr(pixel_directions, "unproject", counted)
+    monkeypatch.setattr(picture, "unproject", counted)
     kept = PixelDirections()
     first, again = kept.of(CAMERA), kept.of(replace(CAMERA))
     assert first is again

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.estimation.limb import ranks
+from horizonval.estimation.limb import picture
 from horizonval.estimation.limb.picture import Picture
 
 SIZES = (1, 2, 3, 10, 11, 999, 1000, 4801)
@@ -15,24 +15,24 @@ SIZES = (1, 2, 3, 10, 11, 999, 1000, 4801)
 @pytest.mark.parametrize("size", SIZES)
 def test_ranks_are_numpys_to_the_bit(kind: type, size: int) -> None:
     values = np.random.default_rng(size).normal(50.0, 30.0, size).astype(kind)
-    assert ranks.median(values) == float(np.median(values))
+    assert picture.median(values) == float(np.median(values))
     for q in (0.5, 50.0, 99.9):
-        assert ranks.percentile(values, q) == float(np.percentile(values, q))
+        assert picture.percentile(values, q) == float(np.percentile(values, q))
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_counts_have_the_percentiles_of_what_they_count(size: int) -> None:
     levels = np.random.default_rng(size).integers(0, 1000, (size, 3)).astype(np.uint16)
-    counts = ranks.level_counts(levels, 999)
+    counts = picture.level_counts(levels, 999)
     assert counts.tolist() == np.bincount(levels.ravel(), minlength=1000).tolist()
     for q in (0.5, 50.0, 99.9):
-        assert ranks.percentile_of_counts(counts, q) == float(np.percentile(levels, q))
+        assert picture.percentile_of_counts(counts, q) == float(np.percentile(levels, q))
 
 
 def test_whole_numbers_are_counted_in_any_type() -> None:
     levels = np.arange(40).reshape(5, 8) % 3
     for kind in (np.uint16, np.float32):
-        assert ranks.level_counts(levels.astype(kind), 3).tolist() == [14, 13, 13, 0]
+        assert picture.level_counts(levels.astype(kind), 3).tolist() == [14, 13, 13, 0]
 
 
 @pytest.mark.parametrize("full_scale", [None, 700.0, 1023.0])

@@ -9,13 +9,16 @@ import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, longest_chain
-from horizonval.estimation.limb.checks import SMALLEST_SIDE_PX, check_image, saturated_pixels
-from horizonval.estimation.limb.edges import find_edges
-from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.grey import to_grey
-from horizonval.estimation.limb.picture import Picture, noise_sigma
-from horizonval.estimation.limb.subpixel import half_window, refine
-from horizonval.estimation.limb.sun import find_sun
+from horizonval.estimation.limb.edges import find_edges, half_window, refine
+from horizonval.estimation.limb.finder import find_limb, find_sun
+from horizonval.estimation.limb.picture import (
+    SMALLEST_SIDE_PX,
+    Picture,
+    check_image,
+    noise_sigma,
+    saturated_pixels,
+    to_grey,
+)
 from horizonval.geometry.camera import CameraModel
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.result import LimbPoints
+from horizonval.estimation.limb.proposals import LimbPoints
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.rotation import off_axis_angle
 

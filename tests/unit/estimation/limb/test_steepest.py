@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.model.steepest import to_steepest
-from horizonval.estimation.limb.result import LimbPoints
+from horizonval.estimation.limb.proposals import LimbPoints
+from horizonval.estimation.limb.steepest import to_steepest
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.rotation import off_axis_angle
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
-from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
-from horizonval.estimation.limb.shape.cone import limb_directions
+from horizonval.estimation.limb.cone import limb_directions
+from horizonval.estimation.limb.steepest import NEEDED_PX, noise_covariance, pixel_variance, to_steepest
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis

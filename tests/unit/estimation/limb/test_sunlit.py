@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from horizonval.estimation.guard.sunlit import (
+    blur_rad,
+    cone_perturbation,
+    heights_of,
+    steepest_height,
+    sun_angles,
+    sunlit_limb,
+    unknown_sun_covariance,
+)
 from horizonval.estimation.likelihood.templates import FOLDER, load_templates
-from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
-from horizonval.estimation.limb.model.steepest_height import steepest_height
-from horizonval.estimation.limb.model.sunlit import blur_rad, sun_angles, sunlit_limb
-from horizonval.estimation.limb.model.sunlit_heights import heights_of
-from horizonval.estimation.limb.shape.cone import limb_directions
+from horizonval.estimation.limb.cone import limb_directions
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis

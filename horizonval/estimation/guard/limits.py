@@ -1,0 +1,164 @@
+"""Every threshold of the guard, in one place, each with its reason.
+
+What the model of a circular cone leaves out of a limb, as a covariance that any method of one limb may claim.
+
+Oblateness, uneven height of the limb, its change with the Sun, and slow errors of sub-pixel points: none of it gets
+less with more points or other noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.limb_heights import Relief, reliefs, systematic_covariance
+from horizonval.estimation.guard.sunlit import blur_rad, cone_perturbation, unknown_sun_covariance
+from horizonval.estimation.limb.cone import SLOW_PX, slow_error
+from horizonval.estimation.limb.steepest import SIGMA_PX
+from horizonval.estimation.limb.trusted import SMOOTHED_RAD, smoothed
+from horizonval.estimation.observation import Observation
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+
+FEWEST_POINTS = 12
+
+MUCH_LOST = 0.3
+"""Share of the points beyond which what took them is named as the reason of a refusal."""
+
+MOST_SATURATED = 0.5
+"""Share of a limb that is fitted by its pixels. Where a quarter to two fifths of it was saturated, fits were 0.03 to
+0.08 deg off and said so; where all of it was, 0.6 deg."""
+
+LOW_SUN_RAD = float(np.deg2rad(75.0))
+"""Sun's zenith angle from which the limb is followed along the cone: a search for edges begins to lose it there."""
+FOLLOWED_PX = 3.0
+"""Farthest that a followed point may lie from the cone: the limb rises by two pixels of 20 km."""
+REACHES_RAD = tuple(float(np.deg2rad(angle)) for angle in (83.0, 86.0, 88.0, 90.0, 91.0, 92.0, 93.0, 94.0))
+"""Sun's zenith angles up to which points may be used; the one that determines the nadir best is taken."""
+
+TRIMS = 5
+TRIM_SIGMAS = 4.0
+SMALLEST_TRIM_PX = 0.3
+"""Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
+
+SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
+"""Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
+
+LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
+"""A claim further off than 0.5 deg is false (the suite's own limit): two and a half standard deviations of the worst
+direction."""
+
+LARGEST_PIXEL_SIGMA_RAD = float(np.deg2rad(0.1))
+"""The same of methods that fit the pixels, whose claims are false beyond 0.25 deg."""
+
+AGREEMENT = 5.0
+AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
+"""Of methods that use pixels or circles where the guard uses sub-pixels and cones."""
+
+HEAD_RIM_PX = 11.0
+"""A profile across the limb reaches 10 px to either side."""
+HEAD_SCATTER_PX = 2.0
+HEAD_LIMB_SHARE = 0.5
+"""Of the answer's cone in a head's image that must be a limb: what crosses it (Sun, terminator) is a point of it."""
+
+HEAD_LOWEST_SUN_RAD = float(np.deg2rad(83.0))
+"""Sun's zenith angle at which the rendered limb has risen by 0.7 km; by 2 km at 86.5 deg, by 5 km at 91 deg. Heads see
+pieces too short to tell such a rise from a tilt."""
+HEAD_ARC_SHARE = 0.15
+"""Of the image's shorter side that an arc must measure in every head: less is a chord of a few pixels."""
+HEADS_MISFIT_RAD = float(np.deg2rad(0.25))
+HEADS_MISFIT_PX = 1.5
+"""Root mean square by which the limbs of all heads may miss one cone: oblateness, and the search's scatter."""
+HEAD_KNOTS = 6
+"""Places along a head's arc at which the limb is moved to see what the method makes of it."""
+
+ROW_PX = 16
+"""An image whose shorter side has no more pixels is a linear array."""
+ROW_NEAR_PX = 10.0
+ROW_NEAR_WIDTHS = 4.0
+"""How far the limb itself reaches to either side of its half level, in widths from 20 to 80 %: a plateau bends over."""
+ROW_FEWEST_PX = 4
+ROW_SMOOTHING_PX = 1.0
+ROW_SIGMAS = 5.0
+"""Of the smoothed row's noise, the largest of 160 pixels: one row of a million by chance."""
+ROW_SPACE_SHARE = 0.1
+ROW_EARTH_SHARES = (0.6, 1.5)
+"""Levels beyond and within the limb, of its step: carbon dioxide's disc is 0.9 to 1.1 of its plateau, space a hundredth
+of it; what comes near half of the step is another edge."""
+MISFIT_CHANCE = 1e-6
+"""Probability of the crossings' misfit below which they are not of one limb."""
+SEEN_RELIEF_RAD = 0.15
+"""Correlation length of the relief that an image shows of itself: clouds and coasts of some hundred kilometres."""
+
+
+def model_covariance(
+    los_cam: FloatArray,
+    axis_cam: FloatArray,
+    rho_rad: float,
+    observation: Observation,
+    estimates: str = "geocentric",
+    patterns_m: FloatArray | None = None,
+    slow_px: float = SLOW_PX,
+) -> FloatArray:
+    """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
+
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+    observation : Observation
+    estimates : {"geocentric", "geodetic"}
+    patterns_m : ndarray, shape (k, n), optional
+        Errors of a known height of the limb, where the points have been lowered by one. Without, the Sun of a solar
+        band is taken to be anywhere.
+    slow_px : float
+        As for :func:`horizonval.estimation.limb.cone.slow_error`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    camera, radius = observation.camera, observation.prior.sphere_radius_m
+    covariance = systematic_covariance(
+        los_cam,
+        axis_cam,
+        rho_rad,
+        flattening=observation.prior.flattening,
+        reliefs=(*reliefs(observation.band_kind), _seen_relief(los_cam, axis_cam, rho_rad, radius)),
+        earth_radius_m=radius,
+        estimates="geodetic" if estimates == "geodetic" else "geocentric",
+    )
+    covariance = covariance + slow_error(los_cam, tangent_basis(axis_cam), 1.0 / max(camera.fx, camera.fy), slow_px)
+    if patterns_m is not None:
+        moved = cone_perturbation(los_cam, axis_cam, rho_rad, patterns_m, radius)
+        return np.asarray(covariance + moved.T @ moved)
+    if observation.band_kind == "solar":
+        blur = blur_of(los_cam, axis_cam, observation)
+        return covariance + unknown_sun_covariance(los_cam, axis_cam, rho_rad, blur, radius, observation.band_um)
+    return covariance
+
+
+def _seen_relief(los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, earth_radius_m: float) -> Relief:
+    """Return the relief that the points themselves show: their smoothed distances from the cone.
+
+    Clouds, coasts and haze are known by it. The cone has followed the longest waves already; what is left of a relief
+    with this correlation length is most of it.
+    """
+    off = off_axis_angle(los_cam, axis_cam) - rho_rad
+    across = los_cam @ tangent_basis(axis_cam)
+    azimuth = np.arctan2(across[:, 1], across[:, 0])
+    waves = smoothed(off - off.mean(), azimuth)
+    # A mean over k points keeps a k-th of their noise; k - 1 times that is what it took away.
+    k = float((np.abs(azimuth[:, None] - azimuth[None, :]) <= 0.5 * SMOOTHED_RAD).sum(axis=1).mean())
+    noise = float(np.var(off - waves)) / max(k - 1.0, 1.0)
+    sigma = float(np.sqrt(max(float(np.var(waves)) - noise, 0.0)))
+    return Relief(sigma * earth_radius_m / float(np.tan(rho_rad)), SEEN_RELIEF_RAD)
+
+
+def blur_of(los_cam: FloatArray, axis_cam: FloatArray, observation: Observation) -> FloatArray:
+    """Return the blur of a search for the steepest place across the limb [rad], shape (n,)."""
+    camera = observation.camera
+    return blur_rad(camera, los_cam, axis_cam, SIGMA_PX / max(camera.fx, camera.fy))

@@ -1,0 +1,363 @@
+"""At which height a blurred profile of the limb is steepest.
+
+A profile is a polygon over the height ``z``, level below its first height, with the bends ``D_j`` at ``z_j``; above the
+last its light fades over a kilometre. Blurred by a Gaussian of ``s`` it falls at ``x`` by ::
+
+    -P_s'(x) = - sum_j D_j Phi((x - z_j) / s)
+
+with ``Phi`` the normal distribution, and the place where that is largest is what a search for the steepest place of an
+edge finds. Between the places of a search's grid it is that of a parabola.
+
+Where the rendered limb of a band is steepest, by blur and the Sun's place: made of the shipped profiles of it.
+
+The profiles (:mod:`horizonval.estimation.likelihood.templates`) are of lines by the Sun's angles at *their own* lowest
+points. Lines of one camera side by side across the limb have their lowest points at other places: that of a height
+``h`` lies the angle ::
+
+    d = acos((R + h) / r) - acos(R / r)
+
+further from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon, and the Sun
+stands otherwise there. A deep disc seen from afar so has another slope than one seen from near, and the table has the
+distance as an axis. Between the places of the profiles logarithms are linear: in twilight light falls by an order of
+magnitude in three degrees.
+
+Heights are those of limbs without clouds: the mean of limbs with and without is the profile of neither, and is steep at
+two places. What a sensor cannot know is taken from the table's modes: those that are alike along the limb of a low
+orbit or more (haze, whether there are clouds at all, ground). A pattern is half of what the height changes by from one
+standard deviation of a mode below to one above the mean. Air and single clouds, which vary along the limb, are left to
+its relief (:mod:`horizonval.earth.limb_heights`).
+
+How high above the ground a sunlit limb is steepest, from the place of the Sun: a table of marched limbs.
+
+A camera that does not resolve the air sees the limb where its blurred profile is steepest. That place is not fixed:
+ground that gets darker inwards or outwards pulls at it, air that is lit from ahead shines higher up, and towards the
+terminator the lowest sunlit layer rises. With pixels of 20 km it moves by 10 km between an overhead and a low Sun, by
+another 20 km to the terminator, and differently on the side towards the Sun and away from it. The bow that this makes
+of an arc pulls the nadir by tenths of a degree, and it is known where the Sun's direction is: to a degree is enough.
+
+Heights come from the shipped profiles of the camera's band, which are means over air, haze, clouds and ground, and so
+does what a sensor cannot know of them (:mod:`horizonval.estimation.guard.sunlit`).
+
+Against the place in the table: refraction is in it, and in wide blurs the curvature of a small disc is not.
+
+What a limb of uneven height does to a fitted cone: the move of the nadir for known heights, covariance for unknown.
+
+As in :mod:`horizonval.earth.limb_heights`: a limb that stands ``h`` above the sphere is seen ``delta = h
+tan(rho) / R`` outside of it, and the fitted cone moves by the least-squares answer to ``t(phi) . dn + drho =
+delta(phi)``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+from scipy.special import ndtr
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.height import (
+    EARTH_RADIUS_M,
+    FAINTEST,
+    SEEN_FROM_M,
+    SUNS,
+    ZENITHS_RAD,
+    seen_from,
+    without_clouds,
+)
+from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
+from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
+
+TYPICAL_M = 20e3
+"""Where the search has its middle: sunlit limbs are steepest from the ground to some 40 km."""
+SEARCH_SIGMAS = 5.0
+"""As far as the guard looks for the steepest place: six pixels, of 1.25 pixels of blur."""
+LEAST_REACH_M = 35e3
+"""From the typical height, however narrow the blur: 55 km, above which no band shines."""
+STEPS = 5.0
+"""Of the search's grid in a blur: the parabola between them leaves a thousandth of the blur."""
+FADE_M = 1e3
+"""Over which the light of the last height fades: one step of the shipped tables."""
+
+
+def steepest_height(height_m: FloatArray, profiles: FloatArray, sigma_m: float) -> FloatArray:
+    """Return the heights [m], shape (n,); NaN where a profile has no steepest place within reach.
+
+    Parameters
+    ----------
+    height_m : ndarray, shape (h,)
+        Rising.
+    profiles : ndarray, shape (n, h)
+    sigma_m : float
+        Of the blur.
+    """
+    slopes = np.diff(profiles, axis=1) / np.diff(height_m)
+    ends = np.zeros((len(profiles), 1))
+    slopes = np.concatenate([ends, slopes, -profiles[:, -1:] / FADE_M, ends], axis=1)
+    places = np.append(height_m, height_m[-1] + FADE_M)
+    reach = max(SEARCH_SIGMAS * sigma_m, LEAST_REACH_M)
+    step = sigma_m / STEPS
+    x = np.arange(TYPICAL_M - reach, TYPICAL_M + reach, step)
+    fall = -np.diff(slopes, axis=1) @ ndtr((x[None, :] - places[:, None]) / sigma_m)
+    best = np.argmax(fall, axis=1)
+    inside = (best > 0) & (best < len(x) - 1)
+    best = np.clip(best, 1, len(x) - 2)
+    row = np.arange(len(fall))
+    before, middle, after = fall[row, best - 1], fall[row, best], fall[row, best + 1]
+    bent = before - 2.0 * middle + after
+    found = x[best] + 0.5 * step * (before - after) / np.where(bent < 0.0, bent, -1.0)
+    return np.where(inside & (middle > 0.0) & (bent < 0.0), found, np.nan)
+
+
+ALTITUDES_M = (300e3, 700e3, 2000e3, 36000e3)
+"""Of observers: from low orbits to the geostationary one; between them heights are linear in the slant."""
+SIGMAS_M = np.geomspace(4e3, 512e3, 15)
+"""A narrower blur sees the layers of one haze, which a mean over many has not."""
+LEAST_LENGTH_RAD = math.radians(28.0)
+"""At the Earth's centre, of modes that are patterns: half of the horizon of an orbit of 800 km measures as much."""
+VISIBLE_UM = (0.45, 0.75)
+"""Of a camera whose band nobody says."""
+
+
+class SunlitHeights:
+    """Heights of a band's steepest place, and their patterns, on a grid.
+
+    Parameters
+    ----------
+    table : LimbTemplates
+        Of a sunlit band.
+    """
+
+    def __init__(self, table: LimbTemplates) -> None:
+        sheet = (np.log(SIGMAS_M), ZENITHS_RAD, table.axes[1])
+        self._slants = [math.tan(math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + up))) for up in ALTITUDES_M[::-1]]
+        clear = without_clouds(table)
+        mean = np.stack([_heights(table, clear[None], up)[0] for up in ALTITUDES_M[::-1]])
+        long = table.modes[:, :, (table.correlation_rad >= LEAST_LENGTH_RAD).all(axis=(0, 2))]
+        states = [
+            np.maximum(table.mean + s * m, FAINTEST * table.mean) for m in np.moveaxis(long, 2, 0) for s in (1, -1)
+        ]
+        changed = _heights(table, np.array(states), SEEN_FROM_M)
+        patterns = 0.5 * (changed[::2] - changed[1::2])
+        outside = {"bounds_error": False, "fill_value": np.nan}
+        self._mean = RegularGridInterpolator((self._slants, *sheet), mean, **outside)
+        self._patterns = [RegularGridInterpolator(sheet, one, **outside) for one in patterns]
+
+    def height_m(self, rho_rad: float, sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
+        """Return the heights, shape (n,), of points with a blur and the Sun's angles there; NaN where it is night.
+
+        Parameters
+        ----------
+        rho_rad : float
+            Angular radius of the Earth.
+        sigma_m : ndarray, shape (n,)
+            Wider and narrower blurs than the table's are taken for its last, as are nearer and farther observers.
+        zenith, azimuth : ndarray, shape (n,)
+        """
+        slant = np.full(len(zenith), np.clip(math.tan(rho_rad), self._slants[0], self._slants[-1]))
+        return np.asarray(self._mean(np.column_stack([slant, *_sheet(sigma_m, zenith, azimuth)])))
+
+    def patterns_m(self, sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
+        """Return one standard deviation of every pattern, shape (k, n)."""
+        at = np.column_stack(_sheet(sigma_m, zenith, azimuth))
+        return np.array([pattern(at) for pattern in self._patterns])
+
+
+def heights_of(band_um: tuple[float, float] | None) -> SunlitHeights:
+    """Return the heights of a band; those of the visible one where no table is of it, or nobody says the band."""
+    known = VISIBLE_UM if band_um is None else band_um
+    return _made(known if shipped_templates("solar", known) is not None else VISIBLE_UM)
+
+
+@cache
+def _made(band_um: tuple[float, float]) -> SunlitHeights:
+    table = shipped_templates("solar", band_um)
+    assert table is not None
+    return _of_table(table)
+
+
+@cache
+def _of_table(table: LimbTemplates) -> SunlitHeights:
+    return SunlitHeights(table)
+
+
+def _sheet(sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> list[FloatArray]:
+    low, high = SIGMAS_M[0], SIGMAS_M[-1]
+    return [np.log(np.clip(np.nan_to_num(sigma_m, nan=high), low, high)), zenith, azimuth]
+
+
+def _heights(table: LimbTemplates, states: FloatArray, altitude_m: float) -> FloatArray:
+    """Return the steepest heights of states (s, A, B, h), shape (s, sigma, A, B)."""
+    seen = seen_from(table, np.log(np.maximum(states, 1e-300)), altitude_m)
+    flat = np.exp(seen).reshape(-1, len(table.height_m))
+    found = np.array([steepest_height(table.height_m, flat, float(sigma)) for sigma in SIGMAS_M])
+    return np.moveaxis(found.reshape(len(SIGMAS_M), *seen.shape[:3]), 1, 0)
+
+
+LENS_PX = 0.8
+"""Blur of a usual lens (0.7 px), of the pixel's own width and of reading between pixels."""
+
+
+@dataclass(frozen=True)
+class SunlitLimb:
+    """The limb's height at points, shape (n,) each; NaN where the table has none (no light, or no edge).
+
+    Attributes
+    ----------
+    height_m : ndarray, shape (n,)
+        Above the ground.
+    patterns_m : ndarray, shape (k, n)
+        Independent errors of it, one standard deviation each, every one along the whole limb together.
+    zenith_rad : ndarray, shape (n,)
+        Of the Sun at the tangent point.
+    """
+
+    height_m: FloatArray
+    patterns_m: FloatArray
+    zenith_rad: FloatArray
+
+
+def sunlit_limb(
+    los_cam: FloatArray,
+    axis_cam: FloatArray,
+    rho_rad: float,
+    sun_cam: FloatArray,
+    blur_rad: FloatArray,
+    sun_sigma_rad: float = 0.0,
+    band_um: tuple[float, float] | None = None,
+) -> SunlitLimb:
+    """Return the height at which the limb is steepest.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight to the limb.
+    axis_cam : ndarray, shape (3,)
+        Nadir.
+    rho_rad : float
+        Angular radius of the Earth.
+    sun_cam : ndarray, shape (3,)
+    blur_rad : ndarray, shape (n,)
+        Standard deviation of what blurs the limb across it: see :func:`blur_rad`.
+    sun_sigma_rad : float
+        Of the Sun's direction, each of two angles: two more patterns.
+    band_um : tuple of two floats, optional
+        Of the camera; the visible one without.
+    """
+    heights = heights_of(band_um)
+    sigma = blur_rad * EARTH_RADIUS_M / math.tan(rho_rad)
+    zenith, azimuth = sun_angles(los_cam, axis_cam, sun_cam)
+    height = heights.height_m(rho_rad, sigma, zenith, azimuth)
+    patterns = list(heights.patterns_m(sigma, zenith, azimuth))
+    for k in range(2 if sun_sigma_rad > 0.0 else 0):
+        moved = sun_cam + sun_sigma_rad * tangent_basis(sun_cam)[:, k]
+        there = heights.height_m(rho_rad, sigma, *sun_angles(los_cam, axis_cam, moved / np.linalg.norm(moved)))
+        patterns.append(there - height)
+    known = np.isfinite(height) & np.isfinite(patterns).all(axis=0)
+    return SunlitLimb(np.where(known, height, np.nan), np.where(known, np.array(patterns), np.nan), zenith)
+
+
+def height_under(
+    los_cam: FloatArray,
+    axis_cam: FloatArray,
+    rho_rad: float,
+    suns_cam: FloatArray,
+    blur_rad: FloatArray,
+    band_um: tuple[float, float] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the height [m] alone, and the Sun's zenith angle, shape (n,) each; of Suns (k, 3) the shape is (k, n).
+
+    NaN where the table has no height; other parameters as above.
+    """
+    zenith, azimuth = sun_angles(los_cam, axis_cam, suns_cam)
+    sigma = np.broadcast_to(blur_rad * EARTH_RADIUS_M / math.tan(rho_rad), zenith.shape)
+    height = heights_of(band_um).height_m(rho_rad, sigma.ravel(), zenith.ravel(), azimuth.ravel())
+    return height.reshape(zenith.shape), zenith
+
+
+def sun_angles(los_cam: FloatArray, axis_cam: FloatArray, sun_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return zenith angle and azimuth from the line of sight [rad] of the Sun at the tangent points, shape (n,) each.
+
+    Of several Suns, shape (k, 3), they have the shape (k, n).
+    The vertical at a tangent point is across the line of sight, away from the cone's axis.
+    """
+    up = los_cam * (los_cam @ axis_cam)[:, None] - axis_cam
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    cosine = np.clip(sun_cam @ up.T, -1.0, 1.0)
+    level = sun_cam[..., None, :] - cosine[..., None] * up
+    length = np.linalg.norm(level, axis=-1)
+    ahead = np.einsum("...ij,ij->...i", level, los_cam) / np.where(length > 1e-9, length, 1.0)
+    return np.arccos(cosine), np.arccos(np.clip(ahead, -1.0, 1.0))
+
+
+def blur_rad(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, smoothing_rad: float) -> FloatArray:
+    """Return the blur across the limb [rad], shape (n,): that of lens and pixels, and a search's own smoothing."""
+    inwards = axis_cam - los_cam * (los_cam @ axis_cam)[:, None]
+    inwards /= np.linalg.norm(inwards, axis=1)[:, None]
+    step = 0.5 / max(camera.fx, camera.fy)
+    before, _ = project(camera, los_cam - step * inwards)
+    behind, _ = project(camera, los_cam + step * inwards)
+    px_per_rad = np.linalg.norm(behind - before, axis=1) / (2.0 * step)
+    local = np.where(px_per_rad > 0.0, LENS_PX / np.where(px_per_rad > 0.0, px_per_rad, 1.0), np.nan)
+    return np.hypot(local, smoothing_rad)
+
+
+MOST_POINTS = 60
+"""Points that stand for all of them: heights are smooth along the limb."""
+
+
+def cone_perturbation(
+    los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, heights_m: FloatArray, earth_radius_m: float
+) -> FloatArray:
+    """Return how far heights move the fitted cone: (axis along basis 1, basis 2, half-angle) [rad], shape (k, 3).
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+    heights_m : ndarray, shape (k, n)
+    earth_radius_m : float
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    across = los_cam @ tangent_basis(axis_cam)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    jacobian = np.column_stack([across, np.ones(len(across))])
+    gain = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
+    return np.asarray(heights_m @ gain.T * (math.tan(rho_rad) / earth_radius_m))
+
+
+def unknown_sun_covariance(
+    los_cam: FloatArray,
+    axis_cam: FloatArray,
+    rho_rad: float,
+    blur_rad: FloatArray,
+    earth_radius_m: float,
+    band_um: tuple[float, float] | None = None,
+) -> FloatArray:
+    """Return the covariance [rad^2], shape (3, 3), of a cone through a sunlit limb for a method that knows no Sun.
+
+    Every Sun that lights the whole arc is taken to be equally likely. Parameters as above; ``blur_rad`` and ``band_um``
+    as for :func:`horizonval.estimation.guard.sunlit.sunlit_limb`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    stride = max(1, len(los_cam) // MOST_POINTS)
+    los_cam, blur_rad = los_cam[::stride], blur_rad[::stride]
+    height, zenith = height_under(los_cam, axis_cam, rho_rad, fibonacci_sphere(SUNS), blur_rad, band_um)
+    lit = (zenith.max(axis=1) <= 0.5 * np.pi) & np.isfinite(height).all(axis=1)
+    if not lit.any():
+        return np.zeros((3, 3))
+    moved = cone_perturbation(los_cam, axis_cam, rho_rad, height[lit], earth_radius_m)
+    moved[:, 2] -= moved[:, 2].mean()
+    return np.asarray(moved.T @ moved / len(moved))

@@ -1,1 +1,0 @@
-"""One pose fitted to the images of all heads of a body."""

@@ -1,0 +1,480 @@
+"""How alike a random function is at two places, if it stays alike farther along parallels than along meridians.
+
+At a place with the unit vectors ``u`` up, ``n`` north and the lengths ``l_n`` along the meridian, ``l_e`` along the
+parallel, it varies as one whose covariance is normal with the matrix ::
+
+    S = l_e^2 1 + (l_n^2 - l_e^2) n n^T
+
+and between two places, ``d = u_i - u_j``, with ``S_m = (S_i + S_j) / 2``::
+
+    c_ij = |S_i|^1/4 |S_j|^1/4 |S_m|^-1/2 exp(-d^T S_m^-1 d / 2)
+
+(C. J. Paciorek and M. J. Schervish, Environmetrics 17, 483 (2006), equation 1), a covariance whatever the lengths are.
+Where they are the same everywhere it is ``exp(-d^2 / (2 l^2))``. Both places' matrices have the same form, so that with
+``a = (l_ei^2 + l_ej^2) / 2``, ``b_i = (l_ni^2 - l_ei^2) / 2``, ``g = n_i . n_j``, ``p = n_i . d``, ``q = n_j . d``::
+
+    D = (1 + b_i / a) (1 + b_j / a) - b_i b_j g^2 / a^2,      |S_m| = a^3 D
+    d^T S_m^-1 d = d^2 / a - (b_i (1 + b_j / a) p^2 - 2 b_i b_j g p q / a + b_j (1 + b_i / a) q^2) / (a^2 D)
+
+The shipped profiles of a sunlit band as one camera sees them, and those of limbs without clouds.
+
+The profiles (:mod:`horizonval.estimation.likelihood.templates`) are of lines by the Sun's angles at *their own* lowest
+points. Lines of one camera side by side across the limb have their lowest points at other places: that of a height
+``h`` lies the angle ::
+
+    d = acos((R + h) / r) - acos(R / r)
+
+further from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon, and the Sun
+stands otherwise there. A deep disc seen from afar so has another slope than one seen from near.
+
+At which height a fit of an exponential edge places a profile of the limb that is none.
+
+A fit (:mod:`horizonval.estimation.likelihood.fit`) takes the pixels across a limb for ``b + (a + c x + d x^2) E(x)``,
+with ``E`` the edge of :mod:`horizonval.estimation.likelihood.light`. Of a rendered profile, blurred by lens and
+pixel, the levels are solved for at every height of a grid, and the height is that which leaves least, by the parabola
+through its neighbours. The scale height is that of the fit's prior: where pixels are larger than it only the middle of
+the light is seen, the edge's height and the scale height together, and where they are smaller that middle is kept by
+what a fit makes of the two.
+
+What is left over says how little the profile is of that shape.
+
+How high the fitted edge of a band's limb stands, and how it may depart from that: made of the shipped profiles.
+
+The heights are those of :mod:`.edge_height`, over the size of a pixel and the two axes of a table: the Sun's angles of
+a sunlit band, latitude and month of a thermal one. Of a mode of the profiles the height changes by half of the
+difference between one standard deviation above the mean and one below, and stays so along the limb as far as the mode
+does.
+
+Whether a scene has clouds at all is no normal number but one of two, and a height is to be right for either: it is the
+middle of both, known to half of their distance, whatever share of the ensemble has clouds.
+
+A profile that is no exponential leaves its height open by a multiple of what a fit of it leaves
+(:data:`MISFIT_PX`): little by day, and much of the veil of a Sun that stands behind the limb.
+
+How high the limb stands along its arc, and how that may differ from what is known: for the relief of a fit.
+
+From the shipped profiles of the band (:mod:`.band_heights`), where the limb is and as the Sun stands there::
+
+    height(phi) = mean(phi) + sum over modes of  p_k(phi) g_k(phi)
+
+with functions ``g_k`` of variance 1, alike at two places as :mod:`.alike` has it. What is not known of the Sun is in
+it, too: the error of a Sun sensor as two patterns more, and where there is none every Sun that lights the whole arc,
+all alike likely. The same where a thermal band's place is not known: of all latitudes and months the spread is one
+number for the whole arc, and what changes along it is the relief that was measured
+(:mod:`horizonval.earth.limb_heights`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import RegularGridInterpolator
+from scipy.special import ndtr
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.limb_heights import Relief
+from horizonval.estimation.likelihood.knowledge import BLUR_PX, ArcPlaces
+from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, edge_profile, light_basis
+from horizonval.estimation.likelihood.pixels import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES
+from horizonval.estimation.likelihood.templates import MONTHS, LimbTemplates, shipped_templates
+from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
+
+AT_POLE = 1e-9
+"""Cosine of a latitude above which a place is the pole itself, where no direction is north."""
+
+
+def everywhere(lengths_rad: ArrayLike, count: int) -> FloatArray:
+    """Return lengths (K,) that are the same at so many places and in all directions, shape (count, K, 2)."""
+    lengths = np.asarray(lengths_rad, dtype=np.float64)
+    return np.ascontiguousarray(np.broadcast_to(lengths[None, :, None], (count, len(lengths), 2)))
+
+
+def correlations(lengths_rad: FloatArray, up: FloatArray, pole: FloatArray) -> FloatArray:
+    """Return how alike functions are at places.
+
+    Parameters
+    ----------
+    lengths_rad : ndarray, shape (n, k, 2)
+        Of every place and function, along the meridian and along the parallel; angles at the Earth's centre.
+    up : ndarray, shape (n, 3)
+        Unit vectors from the Earth's centre, in any frame.
+    pole : ndarray, shape (3,)
+        The Earth's axis in the same frame.
+
+    Returns
+    -------
+    ndarray, shape (k, n, n)
+        Distances are chords of the unit sphere.
+    """
+    square = np.moveaxis(np.asarray(lengths_rad, dtype=np.float64) ** 2, 1, 0)
+    north = north_of(up, pole)
+    parallel = square[..., 1]
+    # at a pole only the parallel's length counts
+    more = 0.5 * (square[..., 0] - parallel) * north.any(axis=1)
+    apart = up[:, None] - up[None, :]
+    p, q = np.einsum("ix,ijx->ij", north, apart), np.einsum("jx,ijx->ij", north, apart)
+    g = north @ north.T
+    a = 0.5 * (parallel[:, :, None] + parallel[:, None, :])
+    b = more[:, :, None] / a
+    c = more[:, None, :] / a
+    d = (1.0 + b) * (1.0 + c) - b * c * g**2
+    along = (b * (1.0 + c) * p**2 - 2.0 * b * c * g * p * q + c * (1.0 + b) * q**2) / d
+    size = parallel**2 * (parallel + 2.0 * more)
+    share = (size[:, :, None] * size[:, None, :]) ** 0.25 / np.sqrt(a**3 * d)
+    return np.asarray(share * np.exp(-0.5 * (np.sum(apart**2, axis=-1) - along) / a))
+
+
+def lengths_along(lengths_rad: FloatArray, up: FloatArray, level: FloatArray, pole: FloatArray) -> FloatArray:
+    """Return the lengths, shape (n, k), along level directions (n, 3) at places; others as of :func:`correlations`."""
+    northward = np.einsum("ij,ij->i", north_of(up, pole), level)[:, None] ** 2
+    inverse = northward / lengths_rad[..., 0] ** 2 + (1.0 - northward) / lengths_rad[..., 1] ** 2
+    return np.asarray(1.0 / np.sqrt(inverse))
+
+
+def north_of(up: FloatArray, pole: FloatArray) -> FloatArray:
+    """Return unit vectors towards the north, shape (n, 3), and nothing at a pole."""
+    level = pole - (up @ pole)[:, None] * up
+    size = np.linalg.norm(level, axis=1, keepdims=True)
+    return np.asarray(np.where(size > AT_POLE, level / np.maximum(size, AT_POLE), 0.0))
+
+
+EARTH_RADIUS_M = 6371008.8
+ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
+"""Beyond the last the profiles say too little, and there is too little light."""
+CLOUDED = 0.75
+"""Share of the ensemble's scenes that have clouds."""
+FAINTEST = 0.05
+"""Of the mean: what modes leave of it at least."""
+
+
+def without_clouds(table: LimbTemplates) -> FloatArray:
+    """Return the profiles of scenes without clouds, shape (A, B, h).
+
+    A scene has clouds or not, with the shares ``q`` and ``1 - q``. The variable of unit variance that says so is
+    ``-sqrt(q / (1 - q))`` without. Modes have one sign over all places: under a high Sun clouds are brighter, under a
+    low one darker than what lies beneath, which the Sun on the air makes bright.
+    """
+    clear = table.mean
+    for k in np.flatnonzero(np.array(table.mode_kinds) == "scene"):
+        mode = table.modes[:, :, k]
+        sign = 1.0 if mode[0].sum() > 0.0 else -1.0
+        clear = clear - sign * math.sqrt(CLOUDED / (1.0 - CLOUDED)) * mode
+    return np.asarray(np.maximum(clear, FAINTEST * table.mean))
+
+
+def seen_from(table: LimbTemplates, values: FloatArray, altitude_m: float) -> FloatArray:
+    """Return values (s, A, B, h) as the lines of one camera have them, by the Sun's angles at the ground's horizon."""
+    zenith, azimuth = np.meshgrid(ZENITHS_RAD, table.axes[1], indexing="ij")
+    up, ahead = np.cos(zenith)[..., None], (np.sin(zenith) * np.cos(azimuth))[..., None]
+    side = (np.sin(zenith) * np.sin(azimuth))[..., None]
+    away = EARTH_RADIUS_M + altitude_m
+    turn = np.arccos(np.minimum((EARTH_RADIUS_M + table.height_m) / away, 1.0)) - math.acos(EARTH_RADIUS_M / away)
+    there = np.arccos(np.clip(up * np.cos(turn) + ahead * np.sin(turn), -1.0, 1.0))
+    level = np.arctan2(np.broadcast_to(side, there.shape), ahead * np.cos(turn) - up * np.sin(turn))
+    (i, u), (j, v) = (_before(axis, x) for axis, x in zip(table.axes, (there, level), strict=True))
+    h = np.arange(len(table.height_m))
+    near = (1.0 - v) * values[:, i, j, h] + v * values[:, i, j + 1, h]
+    far = (1.0 - v) * values[:, i + 1, j, h] + v * values[:, i + 1, j + 1, h]
+    return np.asarray((1.0 - u) * near + u * far)
+
+
+def _before(axis: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
+    i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, len(axis) - 2)
+    return i, np.clip((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0)
+
+
+LOWEST_M, HIGHEST_M = -20e3, 60e3
+"""Of an edge: no band's light lies outside of it."""
+STEP_M, STEP_PX = 1e3, 0.05
+"""Of the grid of heights, whichever is wider; the parabola leaves a hundredth of it."""
+BETWEEN_PX = 0.5
+"""Of the places at which a profile is read: a lens of 0.7 px leaves nothing that is finer."""
+LEVELS = 4
+"""Of the light, those of one place: the others are of its change along the limb."""
+
+
+def edge_height(
+    height_m: FloatArray, profiles: FloatArray, pixel_m: float, blur_px: float, scale_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the heights [m] and the root mean square of what is left, of a profile's span, shape (n,) each.
+
+    Parameters
+    ----------
+    height_m : ndarray, shape (h,)
+        Rising.
+    profiles : ndarray, shape (n, h)
+        Straight between the heights; nothing shines above the last.
+    pixel_m : float
+        Of height in a pixel at the limb.
+    blur_px : float
+        Of the lens, standard deviation.
+    scale_m : float
+        Scale height of the edge.
+    """
+    blur = float(np.sqrt(blur_px**2 + PIXEL_VARIANCE))
+    soft = scale_m / pixel_m
+    x = np.arange(-OUTSIDE_PX - OUTSIDE_SCALES * soft, INSIDE_PX, BETWEEN_PX)
+    middle = 0.5 * (LOWEST_M + HIGHEST_M)
+    seen = _blurred(height_m, profiles, middle - x * pixel_m, blur * pixel_m)
+    span = np.ptp(seen, axis=1)
+    heights = np.arange(LOWEST_M, HIGHEST_M, max(STEP_M, STEP_PX * pixel_m))
+    total = np.einsum("ij,ij->i", seen, seen)
+    left = np.empty((len(profiles), len(heights)))
+    for k, height in enumerate(heights):
+        inside = x + (height - middle) / pixel_m
+        edge = edge_profile(inside, blur, np.full(len(x), soft)).level
+        basis = light_basis(edge, inside, np.zeros_like(x))[:LEVELS]
+        explained = seen @ np.linalg.qr(basis.T)[0]
+        left[:, k] = total - np.einsum("ij,ij->i", explained, explained)
+    best = np.clip(np.argmin(left, axis=1), 1, len(heights) - 2)
+    row = np.arange(len(left))
+    before, at, after = left[row, best - 1], left[row, best], left[row, best + 1]
+    bent = before - 2.0 * at + after
+    share = np.clip(0.5 * (before - after) / np.where(bent > 0.0, bent, np.inf), -0.5, 0.5)
+    lowest = np.maximum(at - 0.25 * (before - after) * share, 0.0)
+    return heights[best] + (heights[1] - heights[0]) * share, np.sqrt(lowest / len(x)) / np.maximum(span, 1e-300)
+
+
+def _blurred(height_m: FloatArray, profiles: FloatArray, at_m: FloatArray, sigma_m: float) -> FloatArray:
+    """Return profiles (n, h) blurred by a Gaussian, at heights (m,), shape (n, m).
+
+    A profile is a polygon: level below its first height, with the bends ``D_j`` at ``z_j``. A bend blurred is ``D_j``
+    times the integral of ``Phi((z - z_j) / s)``.
+    """
+    places = np.append(height_m, height_m[-1] + STEP_M)
+    values = np.concatenate([profiles, np.zeros((len(profiles), 1))], axis=1)
+    slopes = np.diff(values, axis=1) / np.diff(places)
+    ends = np.zeros((len(profiles), 1))
+    bends = np.diff(np.concatenate([ends, slopes, ends], axis=1), axis=1)
+    z = (at_m[None, :] - places[:, None]) / sigma_m
+    ramp = sigma_m * (z * ndtr(z) + np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi))
+    return np.asarray(profiles[:, :1] + bends @ ramp)
+
+
+PIXELS_M = np.geomspace(2e3, 256e3, 15)
+"""Of height in a pixel: of a camera of 0.05 deg in low orbit, and of one of a degree at four times its distance."""
+SEEN_FROM_M = 700e3
+"""Where the observer stands above the ground, of sunlit profiles: from 300 to 2000 km heights of a high Sun differ by
+0.1 km."""
+MISFIT_PX = 5.0
+"""Pixels by which a limb is misplaced for what the fit of it leaves, of its step. A residual that is all like the slope
+of the edge, half of the step in a pixel and over three of the twenty that are fitted, moves it by so much."""
+
+
+@dataclass(frozen=True)
+class EdgeHeights:
+    """At n places along a limb.
+
+    Attributes
+    ----------
+    mean_m : ndarray, shape (n,)
+    patterns_m : ndarray, shape (k, n)
+        One standard deviation of what each mode changes, and of what is no exponential (last).
+    correlation_rad : ndarray, shape (n, k, 2)
+        Angle at the Earth's centre as far as which each stays alike, along the meridian and along the parallel.
+    """
+
+    mean_m: FloatArray
+    patterns_m: FloatArray
+    correlation_rad: FloatArray
+
+
+class BandHeights:
+    """Heights of a band's edge on a grid.
+
+    Parameters
+    ----------
+    table : LimbTemplates
+    scale_m : float
+        Scale height of the edge that is fitted.
+    """
+
+    def __init__(self, table: LimbTemplates, scale_m: float) -> None:
+        states = _states(table)
+        axes = (ZENITHS_RAD, table.axes[1]) if table.band_kind == "solar" else table.axes
+        self._thermal = table.band_kind == "thermal"
+        if table.band_kind == "solar":
+            states = np.exp(seen_from(table, np.log(np.maximum(states, 1e-300)), SEEN_FROM_M))
+        else:
+            # The year is a circle: its first month follows the last.
+            states = np.concatenate([states, states[:, :, :1]], axis=2)
+            axes = (table.axes[0], np.append(table.axes[1], table.axes[1][0] + MONTHS))
+        flat = states.reshape(-1, len(table.height_m))
+        found = [edge_height(table.height_m, flat, float(pixel), BLUR_PX, scale_m) for pixel in PIXELS_M]
+        shape = (len(PIXELS_M), *states.shape[:3])
+        heights = np.moveaxis(np.array([one[0] for one in found]).reshape(shape), 1, 0)
+        misfit = np.array([one[1] for one in found]).reshape(shape)[:, 0]
+        changes = 0.5 * (heights[1::2] - heights[2::2])
+        middle = heights[0] + sum(
+            0.5 * (more + less) - heights[0]
+            for kind, more, less in zip(table.mode_kinds, heights[1::2], heights[2::2], strict=True)
+            if kind == "scene"
+        )
+        open_m = MISFIT_PX * misfit * PIXELS_M[:, None, None]
+        values = np.concatenate([middle[None], changes, open_m[None]])
+        self._grid = RegularGridInterpolator((np.log(PIXELS_M), *axes), np.moveaxis(values, 0, -1))
+        self._ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
+        # What is no exponential is so as the light is, which changes along the limb no faster than the air does.
+        self._table, self._air = table, [kind == "air" for kind in table.mode_kinds]
+
+    def at(self, pixel_m: FloatArray, first: FloatArray, second: FloatArray) -> EdgeHeights:
+        """Return the heights at places along a limb.
+
+        Parameters
+        ----------
+        pixel_m : ndarray, shape (n,)
+            Of height in a pixel; wider and narrower ones than the grid's are taken for its last.
+        first, second : ndarray, shape (n,)
+            Along the table's axes: the Sun's zenith angle and azimuth from the line of sight [rad]; latitude [rad] and
+            month. Beyond the ends their last values hold.
+        """
+        if self._thermal:
+            second = self._ends[1][0] + (second - self._ends[1][0]) % MONTHS
+        places = [np.log(np.clip(pixel_m, PIXELS_M[0], PIXELS_M[-1]))]
+        places += [np.clip(x, *ends) for x, ends in zip((first, second), self._ends, strict=True)]
+        points = np.column_stack(np.broadcast_arrays(*places))
+        found = self._grid(points).T
+        lengths = self._table.lengths_at(points[:, 1])
+        lengths = np.concatenate([lengths, lengths[:, self._air].mean(axis=1, keepdims=True)], axis=1)
+        return EdgeHeights(found[0], found[1:], lengths)
+
+
+@cache
+def band_heights(
+    band_kind: Literal["solar", "thermal"], band_um: tuple[float, float], scale_m: float
+) -> BandHeights | None:
+    """Return the heights of the shipped table of a band, None where none is."""
+    table = shipped_templates(band_kind, band_um)
+    return None if table is None else _of_table(table, scale_m)
+
+
+@cache
+def _of_table(table: LimbTemplates, scale_m: float) -> BandHeights:
+    return BandHeights(table, scale_m)
+
+
+def _states(table: LimbTemplates) -> FloatArray:
+    """Return the mean profiles, and those of each mode more and less, shape (1 + 2 k, A, B, h)."""
+    changed = []
+    for k, kind in enumerate(table.mode_kinds):
+        mode = table.modes[:, :, k]
+        more, less = 1.0, 1.0
+        if kind == "scene":
+            more, less = math.sqrt((1.0 - CLOUDED) / CLOUDED), math.sqrt(CLOUDED / (1.0 - CLOUDED))
+        sign = _of_clouds(table, mode) if kind == "scene" else 1.0
+        changed += [np.maximum(table.mean + by * mode, FAINTEST * table.mean) for by in (sign * more, -sign * less)]
+    return np.stack([table.mean, *changed])
+
+
+def _of_clouds(table: LimbTemplates, mode: FloatArray) -> float:
+    """Return the sign with which a mode has clouds: bright under a high Sun, cold in the infrared."""
+    below = mode[0] if table.band_kind == "solar" else -mode
+    return 1.0 if below[..., table.height_m < 0.0].sum() > 0.0 else -1.0
+
+
+SUN_SIGMA_RAD = math.radians(0.5)
+"""Of a coarse Sun sensor, right to a degree."""
+SUNS = 64
+"""Evenly over the sphere, for one that is not known."""
+TOTAL_LATITUDES, TOTAL_MONTHS = 19, 12
+"""Of a place that is not known."""
+
+
+@dataclass(frozen=True)
+class UnevenLimb:
+    """What is known of a band's limb.
+
+    Attributes
+    ----------
+    heights : BandHeights
+    sun_cam : ndarray, shape (3,), or None
+        Of a sunlit band.
+    sun_sigma_rad : float
+        Of each of its two angles.
+    month : float or None
+        Of a thermal band whose place is known by the pose; None where it is not.
+    thermal : bool
+    reliefs : tuple of Relief
+        What changes along the limb of an unknown place.
+    typical_m : float or None
+        The height that departures are from, which then has a prior of its own; None for the mean along the arc.
+    """
+
+    heights: BandHeights
+    sun_cam: FloatArray | None
+    sun_sigma_rad: float
+    month: float | None
+    thermal: bool
+    reliefs: tuple[Relief, ...] = ()
+    typical_m: float | None = None
+
+    def along(self, places: ArcPlaces, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the heights [m], shape (n,), and their covariance [m^2], shape (n, n).
+
+        Parameters
+        ----------
+        places : ArcPlaces
+        azimuth : ndarray, shape (n,)
+            About the nadir [rad].
+        """
+        if self.thermal:
+            mean, covariance = self._thermal(places, azimuth)
+        else:
+            mean, covariance = self._sunlit(places)
+        if self.typical_m is not None:
+            return mean - self.typical_m, covariance
+        level = np.eye(len(mean)) - 1.0 / len(mean)
+        return level @ mean, level @ covariance @ level
+
+    def _thermal(self, places: ArcPlaces, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if self.month is not None:
+            latitude = np.arcsin(np.clip((places.up_cam @ places.cam_from_itrs)[:, 2], -1.0, 1.0))
+            edge = self.heights.at(places.pixel_m, latitude, np.full(len(latitude), self.month))
+            return edge.mean_m, _covariance(edge, places)
+        # The mean over the sphere: latitudes whose sines are even.
+        latitude = np.repeat(np.arcsin(np.linspace(-1.0, 1.0, TOTAL_LATITUDES)), TOTAL_MONTHS)
+        month = np.tile(np.arange(1.0, TOTAL_MONTHS + 1.0), TOTAL_LATITUDES)
+        edge = self.heights.at(np.full(len(month), np.median(places.pixel_m)), latitude, month)
+        variance = float(np.var(edge.mean_m) + np.mean((edge.patterns_m**2).sum(axis=0)))
+        apart = np.abs(azimuth[:, None] - azimuth[None, :])
+        apart = np.minimum(apart, 2.0 * np.pi - apart)
+        covariance = np.full((len(azimuth), len(azimuth)), variance)
+        for relief in self.reliefs:
+            covariance += relief.sigma_m**2 * np.exp(-0.5 * (apart / relief.correlation_rad) ** 2)
+        return np.full(len(azimuth), float(edge.mean_m.mean())), covariance
+
+    def _sunlit(self, places: ArcPlaces) -> tuple[FloatArray, FloatArray]:
+        if self.sun_cam is not None:
+            edge = self._under(places, self.sun_cam)
+            covariance = _covariance(edge, places)
+            for across in tangent_basis(self.sun_cam).T:
+                moved = self.sun_cam + self.sun_sigma_rad * across
+                change = self._under(places, moved / np.linalg.norm(moved)).mean_m - edge.mean_m
+                covariance += np.outer(change, change)
+            return edge.mean_m, covariance
+        suns = fibonacci_sphere(SUNS)
+        lit = (suns @ places.up_cam.T >= 0.0).all(axis=1)
+        suns = suns[lit] if lit.any() else places.up_cam.mean(axis=0)[None]
+        edges = [self._under(places, sun / np.linalg.norm(sun)) for sun in suns]
+        heights = np.array([edge.mean_m for edge in edges])
+        mean = heights.mean(axis=0)
+        spread = (heights - mean).T @ (heights - mean) / len(heights)
+        return mean, spread + np.mean([_covariance(edge, places) for edge in edges], axis=0)
+
+    def _under(self, places: ArcPlaces, sun_cam: FloatArray) -> EdgeHeights:
+        cosine = np.clip(places.up_cam @ sun_cam, -1.0, 1.0)
+        level = sun_cam - cosine[:, None] * places.up_cam
+        length = np.maximum(np.linalg.norm(level, axis=1), 1e-9)
+        ahead = np.einsum("ij,ij->i", level, places.los_cam) / length
+        return self.heights.at(places.pixel_m, np.arccos(cosine), np.arccos(np.clip(ahead, -1.0, 1.0)))
+
+
+def _covariance(edge: EdgeHeights, places: ArcPlaces) -> FloatArray:
+    """Return what the patterns make of the heights [m^2], shape (n, n)."""
+    alike = correlations(edge.correlation_rad, places.up_cam, places.cam_from_itrs[:, 2])
+    return np.asarray(np.einsum("ki,kj,kij->ij", edge.patterns_m, edge.patterns_m, alike))

@@ -1,1 +1,0 @@
-"""How high the limb of a band stands along its arc, from its shipped profiles."""

@@ -1,0 +1,178 @@
+"""Position from points of the limb without a start and without steps: Christian and Robinson's method.
+
+Divided by the semi-axes of an ellipsoid, lines of sight to its limb become lines of sight ``e`` to the limb of a unit
+sphere, which lie on a cone about the direction to its centre (J. A. Christian and S. B. Robinson, "Noniterative
+horizon-based optical navigation by Cholesky factorization", J. Guidance, Control, and Dynamics 39, 2757, 2016, section
+III; J. A. Christian, IEEE Access 9, 2021, section V)::
+
+    e_i . m = 1,    |m| = 1 / cos rho',    sin rho' = 1 / |p|,    r = axes * p,    p = -|p| m / |m|
+
+with ``p`` the scaled position. They solve for ``m`` by least squares; here the same cone is fitted by orthogonal
+regression (:func:`horizonval.geometry.horizon.fit_cone`), which shrinks the radius of a short noisy arc less. A sphere
+is the special case of equal axes, in which the camera's own axes do for the planet's.
+
+It weighs the points as the scaling leaves them, to the flattening of 0.3 %: a start for a fit, not an answer.
+
+What is taken for known of the limb's air where no prior says it, of bands with shipped profiles and of others.
+
+Where a fit of the ellipsoid's limb starts and what it leans on, from a search, a position and a coarse attitude.
+
+Points of the search for the limb give a position by Christian and Robinson's closed form in the axes of the attitude's
+prior; the camera is turned by the shortest way that brings its direction to the prior's. What remains, yaw and
+distance, is the prior's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome, Refusal
+from horizonval.earth.atmosphere.climate import month_of
+from horizonval.earth.limb_heights import limb_height_m, reliefs
+from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD, UnevenLimb, band_heights
+from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, placed_knowledge, turned_to
+from horizonval.estimation.limb.finder import find_limb_and_picture
+from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.observation import Observation
+from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.horizon import fit_cone
+
+
+def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid: Ellipsoid) -> FloatArray:
+    """Return the position [m] in Earth-fixed axes, shape (3,), from which points of the limb are seen.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight, n >= 3.
+    cam_from_itrs : ndarray, shape (3, 3)
+        Rotation matrix. Of a sphere any will do, the identity say: the position is then in camera axes.
+    ellipsoid : Ellipsoid
+        Whose limb is seen: the Earth raised by the height of the limb.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points determine no cone narrower than a half space.
+    """
+    scaled = (los_cam @ cam_from_itrs) / ellipsoid.axes_m
+    cone = fit_cone(scaled / np.linalg.norm(scaled, axis=1)[:, None])
+    # Of the tips of unit vectors the plane may lie so that rounding takes it outside the unit sphere.
+    sin_rho = float(np.sqrt(max((1.0 - cone.cos_rho) * (1.0 + cone.cos_rho), 0.0)))
+    if not (sin_rho > 0.0 and cone.cos_rho > 0.0):
+        raise np.linalg.LinAlgError("the points determine no cone of a planet's limb")
+    return np.asarray(-ellipsoid.axes_m * cone.axis_cam / sin_rho)
+
+
+SCALE_HEIGHT_M = 7e3
+"""Of the air's density from the ground to 60 km: 6 to 8.5 km."""
+SCALE_SIGMA_M = 4e3
+"""Of the light's: a bare planet has none, haze and ozone stretch it by half."""
+MIDDLE_SIGMA_M = 1e3
+"""Of the middle of a limb's light, where its profile is known: what sunlit limbs under a high Sun, all of one air,
+scattered by about the known height, 0.8 km on 32 frames of the nightly suite, and a little more for other pixels."""
+
+
+def limb_height_prior(observation: Observation) -> tuple[float, float]:
+    """Return the mean height of the limb and its standard deviation [m]: the prior's, or that of any air.
+
+    Between the lowest and the highest limb of a band every height is alike: the variance of an even distribution is a
+    twelfth of its square width.
+    """
+    prior = observation.prior
+    if prior.limb_height_m is not None and prior.limb_height_sigma_m is not None:
+        return prior.limb_height_m, prior.limb_height_sigma_m
+    low, high = limb_height_m(observation.band_kind)
+    return 0.5 * (low + high), (high - low) / float(np.sqrt(12.0))
+
+
+def knowledge_in_air(
+    observation: Observation,
+    planet: Ellipsoid,
+    mean: LimbPose,
+    information: FloatArray,
+    flattened_m: float = 0.0,
+    *,
+    of_height: bool = False,
+    placed: bool = False,
+) -> LimbKnowledge:
+    """Return what is known of a limb whose air is any of the observation's band.
+
+    Parameters
+    ----------
+    observation : Observation
+    planet, mean, information, flattened_m
+        As of :class:`LimbKnowledge`; information of shape (7, 7).
+    of_height : bool, optional
+        Whether the height is that of the limb above the planet, of :func:`limb_height_prior`. Without, it stands in for
+        the planet's own, and only what changes along the limb is known.
+    placed : bool, optional
+        Whether the pose has Earth-fixed axes.
+    """
+    prior = observation.prior
+    knowledge = LimbKnowledge(
+        planet,
+        mean,
+        information,
+        scale_height_m=SCALE_HEIGHT_M,
+        scale_sigma_m=SCALE_SIGMA_M,
+        reliefs=reliefs(observation.band_kind),
+        flattened_m=flattened_m,
+    )
+    if observation.band_kind is None or observation.band_um is None:
+        return knowledge
+    heights = band_heights(observation.band_kind, observation.band_um, SCALE_HEIGHT_M)
+    if heights is None:
+        return knowledge
+    given = prior.limb_height_m is not None
+    thermal = observation.band_kind == "thermal"
+    uneven = UnevenLimb(
+        heights,
+        sun_cam=None if thermal else observation.sun_cam,
+        sun_sigma_rad=SUN_SIGMA_RAD if prior.sun_sigma_rad is None else prior.sun_sigma_rad,
+        month=month_of(prior.epoch_utc) if thermal and placed and prior.epoch_utc is not None else None,
+        thermal=thermal,
+        reliefs=reliefs(observation.band_kind),
+        typical_m=mean.height_m if of_height and not given else None,
+    )
+    known = of_height and not given
+    return replace(knowledge, uneven=uneven, middle_sigma_m=MIDDLE_SIGMA_M if known else np.inf)
+
+
+@dataclass(frozen=True)
+class EllipsoidStart:
+    """A picture with its limb found, a start within some pixels of it, and what is known."""
+
+    picture: Picture
+    pose: LimbPose
+    knowledge: LimbKnowledge
+
+
+def ellipsoid_start(observation: Observation, method: str) -> EllipsoidStart | Refusal:
+    """Return the start of a fit, or why there is none; ``method`` is named in refusals.
+
+    Parameters
+    ----------
+    observation : Observation
+        With a position and an attitude in its prior.
+    method : str
+    """
+    prior = observation.prior
+    if prior.r_itrs is None or prior.position_sigma_m is None:
+        return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the position (position_itrs_km)")
+    if prior.q_cam_from_itrs is None or prior.attitude_sigma_rad is None:
+        return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the attitude (q_cam_from_itrs)")
+    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
+    if isinstance(searched, Refusal):
+        return searched
+    found, picture = searched
+    ellipsoid, mean, information = placed_knowledge(observation, *limb_height_prior(observation))
+    try:
+        seen = position_from_limb(found.los_cam, mean.cam_from_itrs, ellipsoid.raised(mean.height_m))
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NOT_CONVERGED, str(e), found.uv)
+    knowledge = knowledge_in_air(observation, ellipsoid, mean, information, of_height=True, placed=True)
+    return EllipsoidStart(picture, turned_to(mean, seen), knowledge)

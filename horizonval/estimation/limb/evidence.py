@@ -1,0 +1,262 @@
+"""Is there a limb along this curve? The likelihood of the pixels across it, against that of no limb.
+
+The limb of a cone is cut into sectors, and the picture is read across each of them, ``x`` pixels inside of it, as the
+mean of neighbouring profiles. Two models are fitted to a sector by least squares, with as many free levels each::
+
+    limb      I = b + a E(x - d) + c E(x - d) (x - d),     E(x) = Phi(x / s)
+    no limb   I = b + a x + c x^2      or      I = b + a x + c E(x - d) (x - d)
+
+``b`` is space, ``a`` the Earth's brightness above or below it, ``c`` its shading. A smooth ramp is no limb, nor is a
+ramp that begins, as the terminator does. The width ``s`` is that of all sectors together, of a few; the shift ``d`` is
+a sector's own, up to two pixels. With the mean squares ``m`` that they leave, and the noise unknown, the logarithm of
+their likelihood ratio is ::
+
+    (n / 2) ln (m_none + f) / (m_limb + f),     f = noise^2 + (share of a)^2
+
+where ``f`` is what no predicted profile is better than: shading, clouds and the air's layers are in it.
+
+A width is only tried where it is a lens's or an air's: half of the brightness of a sunlit or a glowing limb comes from
+within some tens of kilometres, which the cone itself says how many pixels are. The terminator takes thousands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.pyramid import PyramidLevel, Trace, trace_limb
+from horizonval.estimation.prior import MEAN_RADIUS_M
+from horizonval.geometry.camera import CameraModel
+
+REACH_PX = 8
+"""Of a profile to either side of the curve: twice the widest edge and the farthest shift."""
+WIDTHS_PX = (0.4, 0.8, 1.6, 3.2)
+"""Of the edges that are tried, each twice the one before; an edge wider than the last is half as wide a level on."""
+SHIFTS_PX = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""A cone of a level is right to a pixel, which is two of the next one."""
+AIR_WIDTH_M = 40e3
+"""Widest air: from half of its brightness carbon dioxide's limb falls to a tenth within 20 km, haze and ozone less."""
+PROFILES = 4
+"""Neighbouring ones that make a sector's mean: half of the noise, over less limb than the tolerated relief takes."""
+MOST_SECTORS = 64
+"""More would tell no more of three unknowns and cost more: 256 profiles."""
+FEWEST_KNOWN = 0.75
+"""Of a sector's samples that must be known."""
+INNERMOST = 2
+"""Pixels of a profile that tell the Earth from a bright line."""
+MISFIT_SHARE = 0.03
+"""Of the step: what a good profile leaves."""
+CERTAIN = 6.0
+"""Logarithm of the likelihood ratio of a sector that shows a limb: 400 to 1. Of sectors of noise alone, with the best
+of twenty edges, one in a thousand passes it."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a level shows along a cone, in m sectors.
+
+    Attributes
+    ----------
+    log_ratio : ndarray, shape (m,)
+        Of the likelihoods of limb and no limb; negative where the bright side is not that of the rest.
+    step : ndarray, shape (m,)
+        Brightness of the Earth less that of space.
+    deep : ndarray, shape (m,)
+        The same of the innermost pixels that were read.
+    uv : ndarray, shape (m, 2)
+        Middle of the sector on its limb, in pixels of the picture.
+    width_px : float
+        Of the edge, in pixels of the level.
+    bright_inside : bool
+    sector_px : float
+        Length of a sector, in pixels of the picture.
+    azimuth : ndarray, shape (m,)
+    px_rad : float
+        Angle of a pixel of the level across the limb.
+    """
+
+    log_ratio: FloatArray
+    step: FloatArray
+    deep: FloatArray
+    uv: FloatArray
+    width_px: float
+    bright_inside: bool
+    sector_px: float
+    azimuth: FloatArray
+    px_rad: float
+
+    @property
+    def shows(self) -> NDArray[np.bool_]:
+        """Which sectors show a limb, shape (m,)."""
+        return np.asarray(self.log_ratio > CERTAIN)
+
+    @property
+    def bright_side(self) -> float:
+        """Share of the sectors that show a limb whose inside, away from the edge, is what the edge says."""
+        deep = self.deep[self.shows]
+        return float(np.mean((deep > 0.0) if self.bright_inside else (deep < 0.0))) if len(deep) else 0.0
+
+    @property
+    def score(self) -> float:
+        """Mean logarithm of the likelihood ratio of a pixel of limb, times its length."""
+        return float(self.log_ratio.sum()) * self.sector_px
+
+    @property
+    def arc_px(self) -> float:
+        """Length of the limb that shows [px of the picture]."""
+        return float(np.count_nonzero(self.shows)) * self.sector_px
+
+    @property
+    def explained(self) -> float:
+        """Share of the limb in view that shows."""
+        return float(np.mean(self.shows)) if len(self.log_ratio) else 0.0
+
+
+def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> Evidence | None:
+    """Return what a level shows along the limb of a cone; None where too little of it lies in the image.
+
+    Parameters
+    ----------
+    level : PyramidLevel
+    camera : CameraModel
+        Of the picture.
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+    """
+    trace = trace_limb(camera, axis_cam, rho_rad, level.scale, PROFILES * MOST_SECTORS)
+    sectors = len(trace.azimuth) // PROFILES
+    if not sectors:
+        return None
+    reach = inner_reach(trace, rho_rad, level.scale)
+    offsets = np.arange(-REACH_PX, reach + 1.0)
+    profiles, known = read_profiles(level, trace, offsets)
+    used = sectors * PROFILES
+    mean, good = _sector_means(
+        profiles[:used].reshape(sectors, PROFILES, -1), known[:used].reshape(sectors, PROFILES, -1), offsets
+    )
+    if not good.any():
+        return None
+    widths = allowed_widths(trace, rho_rad, level.scale)
+    log_ratio, step, space, shift, width = _compared(mean, reach, widths, level.noise / np.sqrt(PROFILES))
+    bright = bool(np.sum(np.where(log_ratio > 0.0, log_ratio, 0.0) * np.sign(step)) > 0.0)
+    log_ratio = np.where((step > 0.0) == bright, log_ratio, -np.abs(log_ratio))
+    first = np.flatnonzero(good) * PROFILES + PROFILES // 2
+    uv = trace.uv[first] + level.scale * shift[:, None] * trace.inwards[first]
+    px_rad = trace.middle_px_rad * level.scale
+    sector_px = trace.spacing * PROFILES
+    return Evidence(
+        log_ratio,
+        step,
+        mean[:, -INNERMOST:].mean(axis=1) - space,
+        uv,
+        width,
+        bright,
+        sector_px,
+        trace.azimuth[first],
+        px_rad,
+    )
+
+
+def inner_reach(trace: Trace, rho_rad: float, scale: float) -> int:
+    """Return how far inside a profile may go [px of the level]: not to the middle of a small disc."""
+    radius = rho_rad / (trace.middle_px_rad * scale)
+    return int(np.clip(radius, 2.0, REACH_PX))
+
+
+def allowed_widths(trace: Trace, rho_rad: float, scale: float) -> tuple[float, ...]:
+    """Return the widths of an edge that lens or air may have in a level; the sharpest always."""
+    km = MEAN_RADIUS_M / np.tan(rho_rad) * trace.middle_px_rad * scale
+    # A lens may blur its own pixels, not the means of many.
+    lens = WIDTHS_PX[2] if scale == 1.0 else WIDTHS_PX[1]
+    return tuple(width for width in WIDTHS_PX if width <= max(lens, AIR_WIDTH_M / km))
+
+
+def read_profiles(level: PyramidLevel, trace: Trace, offsets: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the level at offsets (k,) [px of the level] inside the limb, shape (n, k), and which are known."""
+    places = trace.uv[:, None, :] / level.scale + offsets[None, :, None] * trace.inwards[:, None, :]
+    return level.at(places)
+
+
+def _sector_means(
+    profiles: FloatArray, known: NDArray[np.bool_], offsets: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the means (g, k) of sectors' profiles (m, p, k) where enough of them is known, and where that is, (m,)."""
+    if known.all():
+        return profiles.mean(axis=1), np.ones(len(profiles), dtype=bool)
+    count = known.sum(axis=1)
+    total = np.where(known, profiles, 0.0).sum(axis=1)
+    middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
+    good = (count > 0).mean(axis=1) >= FEWEST_KNOWN
+    good &= (count[:, middle] > 0).all(axis=1)
+    return _without_gaps(total[good] / np.maximum(count[good], 1), count[good] > 0), good
+
+
+def _without_gaps(mean: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
+    """Return profiles with unknown samples at the level of the nearest known one."""
+    place = np.arange(mean.shape[1])
+    before = np.maximum.accumulate(np.where(known, place, -1), axis=1)
+    behind = np.minimum.accumulate(np.where(known, place, 10**6)[:, ::-1], axis=1)[:, ::-1]
+    nearest = np.where((before >= 0) & (place - before <= behind - place), before, np.minimum(behind, place[-1]))
+    return np.take_along_axis(mean, nearest, axis=1)
+
+
+@cache
+def _projections(reach: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return orthonormal columns of ramps (k, 3), their begins and edges (k, e, 3), and what gives levels (e, 3, k)."""
+    x = np.arange(-REACH_PX, reach + 1.0)
+    none, _ = np.linalg.qr(np.column_stack([np.ones_like(x), x, x * x]))
+    columns, begins, levels = [], [], []
+    for width in WIDTHS_PX:
+        for shift in SHIFTS_PX:
+            edge = ndtr((x - shift) / width)
+            design = np.column_stack([np.ones_like(x), edge, edge * (x - shift) / REACH_PX])
+            columns.append(np.linalg.qr(design)[0])
+            levels.append(np.linalg.pinv(design))
+            begins.append(np.linalg.qr(np.column_stack([np.ones_like(x), x, edge * (x - shift)]))[0])
+    return none, np.stack(begins, axis=1), np.stack(columns, axis=1), np.array(levels)
+
+
+def _compared(
+    mean: FloatArray, reach: int, widths: tuple[float, ...], noise: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
+    """Return of profiles (m, k): logarithm of the likelihood ratio, step, space, shift, (m,) each, and the width."""
+    ramp, begins, edges, solve = _projections(reach)
+    k = mean.shape[1]
+    centred = mean - mean.mean(axis=1, keepdims=True)
+    power = np.einsum("ij,ij->i", centred, centred)
+    tried = len(widths) * len(SHIFTS_PX)
+    of_begins = (np.tensordot(centred, begins[:, :tried], axes=(1, 0)) ** 2).sum(axis=2).max(axis=1)
+    of_ramp = ((centred @ ramp) ** 2).sum(axis=1)
+    left_none = np.maximum(power - np.maximum(of_ramp, of_begins), 0.0) / k
+    of_edges = np.tensordot(centred, edges[:, :tried], axes=(1, 0))
+    left = np.maximum(power[:, None] - (of_edges**2).sum(axis=2), 0.0) / k
+    levels = np.einsum("ejk,ik->iej", solve[:tried], mean)
+    step = levels[:, :, 1]
+    floor = noise**2 / k + (MISFIT_SHARE * step) ** 2
+    ratio = 0.5 * k * np.log((left_none[:, None] + floor) / (left + floor))
+    ratio = ratio.reshape(len(mean), len(widths), len(SHIFTS_PX))
+    best = int(np.argmax(ratio.max(axis=2).sum(axis=0)))
+    place = np.argmax(ratio[:, best], axis=1)
+    rows, column = np.arange(len(mean)), best * len(SHIFTS_PX) + place
+    return (
+        ratio[rows, best, place],
+        step[rows, column],
+        levels[rows, column, 0],
+        SHIFTS_PX[0] + place + _top(ratio[:, best], place),
+        widths[best],
+    )
+
+
+def _top(ratio: FloatArray, place: NDArray[np.intp]) -> FloatArray:
+    """Return how far between its neighbours a row's largest value lies, by a parabola; 0 at the ends."""
+    rows = np.arange(len(ratio))
+    inner = np.clip(place, 1, ratio.shape[1] - 2)
+    before, middle, after = (ratio[rows, inner + i] for i in (-1, 0, 1))
+    bend = before - 2.0 * middle + after
+    top = 0.5 * (before - after) / np.where(bend < 0.0, bend, -np.inf)
+    return np.where(place == inner, np.clip(top, -0.5, 0.5), 0.0)

@@ -1,0 +1,215 @@
+"""What a search for the limb gives back where it does not refuse (:mod:`horizonval.core.outcome`).
+
+Cones that may be the limb: through three edge points of one level whose gradients agree.
+
+Edge points are Canny's (IEEE Trans. PAMI 8, 679, 1986) where the gradient stands out of the noise. Of them those come
+first that have a calm side, since space is calm: mean gradient of the calmer side over their own. Three lines of sight
+determine a cone (:mod:`horizonval.geometry.horizon`); of random triples (Fischler and Bolles, Communications of the ACM
+24, 381, 1981) those are kept whose gradients stand across the cone's limb, all with the bright side on the same side of
+it, and they are asked how many of the other points agree.
+
+Nothing is decided here: what is proposed is judged by its likelihood (:mod:`.evidence`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.edges import SOBEL_NOISE_GAIN
+from horizonval.estimation.limb.picture import ROSE_SIGMAS
+from horizonval.estimation.limb.pyramid import PyramidLevel
+from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.horizon import cones_through, fit_cone
+
+FEWEST_POINTS = 8
+"""Of three unknowns, and something to see their scatter by."""
+
+
+@dataclass(frozen=True)
+class LimbPoints:
+    """Points of the Earth's limb in one image.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        (column, row) [px].
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight in camera axes.
+    scale : int
+        Pixels of the image per pixel of the size at which the limb is an edge: 1 of a sharp limb, more of one that is
+        many pixels deep.
+    """
+
+    uv: FloatArray
+    los_cam: FloatArray
+    scale: int = 1
+
+
+INT16 = np.iinfo(np.int16)
+UNITS = 8.0
+"""Steps of Canny's whole numbers per standard deviation of noise: 4 000 of them fit into 16 bits."""
+CALM_REACH_PX = 4
+"""From an edge to the middle of the square in which its side's calm is read, as wide as that."""
+MOST_EDGES = 400
+"""The calmest: a limb across a level of 320 px, and as many others of a quarter of its length each."""
+TRIPLES = 6_000
+"""Where a tenth of the edges are the limb's, six of these lie on it wholly."""
+COS_GRADIENT = float(np.cos(np.deg2rad(25.0)))
+"""Three standard deviations of the direction of a 3 x 3 gradient that just stands out of the noise."""
+MOST_CONES = 256
+"""That are asked for their support: where the limb is most of the edges, most triples lie on it."""
+TOLERANCE_PX = 1.5
+"""A whole pixel lies up to 0.7 px from a curve, and the curve through three of them as far again."""
+KEPT = 4
+"""Of a level; what one level does not show another does."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A cone that edge points agree with."""
+
+    axis_cam: FloatArray
+    rho_rad: float
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Edge points: lines of sight (n, 3), and across (n, 3), along (n, 3) the gradient by pixel."""
+
+    los: FloatArray
+    by_across: FloatArray
+    by_along: FloatArray
+
+    def agreement(self, axes: FloatArray, cosines: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return of k cones and n points, shape (k, n): distance inside [px], cosine of the gradient and its sign."""
+        across, along = axes @ self.by_across.T, axes @ self.by_along.T
+        slope = np.sqrt(across * across + along * along)
+        slope = np.maximum(slope, 1e-300)
+        return (axes @ self.los.T - cosines[:, None]) / slope, np.abs(across) / slope, across > 0.0
+
+
+def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) -> list[Proposal]:
+    """Return the cones that most edge points of a level agree with.
+
+    Parameters
+    ----------
+    level : PyramidLevel
+    camera : CameraModel
+        Of the picture.
+    largest_rho_rad : float
+    """
+    uv, gradient = edge_points(level)
+    if len(uv) < FEWEST_POINTS:
+        return []
+    edges = _sights(uv * level.scale, gradient, camera, level.scale)
+    n = len(edges.los)
+    if n < FEWEST_POINTS:
+        return []
+    rng = np.random.default_rng(np.random.SeedSequence(n))
+    triples = rng.integers(0, n, size=(TRIPLES, 3))
+    axes, cosines, inside = _agreeing(edges, triples, largest_rho_rad)
+    found: list[Proposal] = []
+    if not len(axes):
+        return found
+    supports = _supports(edges, axes, cosines, inside)
+    taken = np.zeros(n, dtype=bool)
+    for _ in range(KEPT):
+        votes = np.count_nonzero(supports & ~taken, axis=1)
+        best = int(np.argmax(votes))
+        if votes[best] < FEWEST_POINTS:
+            break
+        support, axis, cosine = supports[best], axes[best], cosines[best]
+        taken |= support
+        for _ in range(2):
+            cone = fit_cone(edges.los[support])
+            again = _supports(edges, cone.axis_cam[None], np.array([cone.cos_rho]), inside[best : best + 1])[0]
+            if np.count_nonzero(again) < np.count_nonzero(support):
+                break
+            support, axis, cosine = again, cone.axis_cam, cone.cos_rho
+        taken |= support
+        rho = _half_angle(edges.los[support], axis, cosine)
+        found.append(Proposal(axis, rho))
+    return found
+
+
+def _agreeing(
+    edges: _Edges, triples: NDArray[np.int64], largest_rho_rad: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return the first cones through triples (t, 3) of edges that agree: axes, cosines, bright side inside."""
+    batches: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = []
+    found = 0
+    # Where a quarter of the triples and more agree, the first part of them gives all that are asked for.
+    for some in np.array_split(triples, len(triples) // (4 * MOST_CONES)):
+        axes, cosines = cones_through(*(edges.los[some[:, i]] for i in range(3)))
+        good = axes.any(axis=1) & (cosines > np.cos(largest_rho_rad))
+        signs = np.empty((3, len(some)), dtype=bool)
+        for i in range(3):
+            across = np.einsum("ij,ij->i", axes, edges.by_across[some[:, i]])
+            along = np.einsum("ij,ij->i", axes, edges.by_along[some[:, i]])
+            good &= across * across >= COS_GRADIENT**2 * (across * across + along * along)
+            signs[i] = across > 0.0
+        good &= (signs[0] == signs[1]) & (signs[1] == signs[2])
+        rows = np.flatnonzero(good)[: MOST_CONES - found]
+        batches.append((axes[rows], cosines[rows], signs[0][rows]))
+        found += len(rows)
+        if found == MOST_CONES:
+            break
+    axes, cosines, inside = (np.concatenate(parts) for parts in zip(*batches, strict=True))
+    return axes, cosines, inside
+
+
+def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:
+    """Return places (n, 2) and unit gradients (n, 2) of a level's edges, those with a calm side."""
+    smooth = cv2.GaussianBlur(level.grey, (0, 0), 1.0)
+    unit = UNITS / (SOBEL_NOISE_GAIN * level.noise)
+    dx, dy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=unit), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=unit)
+    strength = cv2.magnitude(dx, dy)
+    across, down = (np.clip(d, -INT16.max, INT16.max).astype(np.int16) for d in (dx, dy))
+    # Half of what tells an edge from noise where one goes on.
+    mask = cv2.Canny(across, down, 0.5 * ROSE_SIGMAS * UNITS, ROSE_SIGMAS * UNITS, L2gradient=True)
+    rim = 2
+    mask[:rim] = mask[-rim:] = mask[:, :rim] = mask[:, -rim:] = 0
+    if level.known is not None:
+        mask[cv2.erode(level.known.view(np.uint8), np.ones((5, 5))) == 0] = 0
+    rows, columns = np.nonzero(mask)
+    gradient = np.column_stack([dx[rows, columns], dy[rows, columns]]).astype(np.float64)
+    own = strength[rows, columns].astype(np.float64)
+    gradient /= np.maximum(own, 1e-300)[:, None]
+    uv = np.column_stack([columns, rows]).astype(np.float64)
+    if len(uv) <= MOST_EDGES:
+        return uv, gradient
+    side = CALM_REACH_PX + 1
+    activity = cv2.blur(strength, (side, side))
+    height, width = activity.shape
+    calm = np.full(len(uv), np.inf)
+    for sign in (-1.0, 1.0):
+        at = np.rint(uv + sign * CALM_REACH_PX * gradient).astype(np.intp)
+        there = activity[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)]
+        calm = np.minimum(calm, there)
+    order = np.argsort((calm + UNITS) / own, kind="stable")[:MOST_EDGES]
+    return uv[order], gradient[order]
+
+
+def _sights(uv: FloatArray, gradient: FloatArray, camera: CameraModel, scale: float) -> _Edges:
+    los = unproject(camera, uv)
+    half = 0.5 * scale
+    across = unproject(camera, uv + half * gradient) - unproject(camera, uv - half * gradient)
+    turned = np.column_stack([-gradient[:, 1], gradient[:, 0]])
+    along = unproject(camera, uv + half * turned) - unproject(camera, uv - half * turned)
+    good = np.isfinite(los).all(axis=1) & np.isfinite(across).all(axis=1) & np.isfinite(along).all(axis=1)
+    return _Edges(los[good], across[good], along[good])
+
+
+def _supports(edges: _Edges, axes: FloatArray, cosines: FloatArray, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    off, cosine, sign = edges.agreement(axes, cosines)
+    return np.asarray((np.abs(off) <= TOLERANCE_PX) & (cosine >= COS_GRADIENT) & (sign == inside[:, None]))
+
+
+def _half_angle(los: FloatArray, axis: FloatArray, cosine: float) -> float:
+    sine = np.linalg.norm(np.cross(los, axis), axis=1).mean()
+    return float(np.arctan2(sine, cosine))

@@ -1,0 +1,266 @@
+"""A picture at several sizes: what is tens of pixels deep in one is an edge in another.
+
+Each level has half of the pixels a side of the one before, each the mean of its neighbours with the weights
+(1, 4, 6, 4, 1) / 16 both ways (Burt and Adelson, IEEE Trans. Communications 31, 532, 1983). A place ``uv`` of level
+``k`` is ``2^k uv`` of the picture.
+
+Pixels that hold no measurement are left out of all of them: rows and columns that a link lost and filled with one
+value, rectangles of one value, and what a lens does not fill.
+
+Where the limb of a cone runs in an image, and which way across it the Earth lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.picture import PIXEL_DIRECTIONS, Picture, median, noise_sigma
+from horizonval.geometry.camera import CameraModel, project, unproject
+from horizonval.geometry.rotation import tangent_basis
+
+COARSEST_PX = 24
+"""No level's shorter side is shorter: a window across a limb has 17 pixels."""
+LARGEST_FINE_PX = 320
+"""Of the longer side of a level that is looked at whole; larger ones are looked at near a limb that a smaller one
+shows. A disc of four pixels in a megapixel is still one of two in the level that is looked at."""
+SMALLEST_BLOCK_PX = 64
+"""Of one value that fill their rectangle to the last pixel: noise leaves no such one, and a horizon bends."""
+KNOWN_SHARE = 0.7
+"""Of what makes a pixel of a smaller level, to be one: a lost line is filled from both sides, a block is not known."""
+NOISE_FLOOR = 1e-3
+"""Of the range of levels: no picture is better than ten bits of it, whatever its space looks like."""
+
+
+@dataclass(frozen=True)
+class PyramidLevel:
+    """One size of a picture.
+
+    Attributes
+    ----------
+    grey : ndarray of float32, shape (h, w)
+    known : ndarray of bool, shape (h, w), or None
+        Which pixels hold a measurement; None if all do.
+    scale : float
+        Pixels of the picture per pixel.
+    floor : float
+        Smallest noise that is believed.
+    measured : float, optional
+        Noise of a pixel, where that is known; else it is measured here.
+    """
+
+    grey: NDArray[np.float32]
+    known: NDArray[np.bool_] | None
+    scale: float
+    floor: float
+    measured: float | None = None
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of a pixel's noise, by what neighbours show."""
+        return max(noise_sigma(self.grey) if self.measured is None else self.measured, self.floor)
+
+    def at(self, uv: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the levels at places (..., 2) of this level, interpolated linearly, and which are known."""
+        height, width = self.grey.shape
+        u, v = uv[..., 0], uv[..., 1]
+        inside = (u >= 0.0) & (v >= 0.0) & (u <= width - 1.0) & (v <= height - 1.0)
+        u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
+        column, row = np.minimum(u.astype(np.intp), width - 2), np.minimum(v.astype(np.intp), height - 2)
+        first = row * width + column
+        flat = self.grey.ravel()
+        right, down = (u - column).astype(np.float32), (v - row).astype(np.float32)
+        upper = flat[first] + right * (flat[first + 1] - flat[first])
+        first += width
+        lower = flat[first] + right * (flat[first + 1] - flat[first])
+        if self.known is not None:
+            inside &= self.known[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
+        return np.asarray(upper + down * (lower - upper), dtype=np.float64), inside
+
+
+def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
+    """Return the levels of a picture, the picture itself first."""
+    known = known_pixels(picture, camera)
+    grey = picture.single
+    if known is not None:
+        grey = _filled(grey, known)
+    greys, scales = [grey], [1.0]
+    while min(greys[-1].shape) >= 2 * COARSEST_PX:
+        greys.append(np.asarray(cv2.pyrDown(greys[-1]), dtype=np.float32))
+        scales.append(2.0 * scales[-1])
+    low, high = np.percentile(greys[-1], (1.0, 99.0))
+    # A picture of one level but for some pixels has a range of its own.
+    floor = NOISE_FLOOR * (float(high - low) or picture.brightest - picture.darkest)
+    share = None if known is None else known.astype(np.float32)
+    levels = []
+    for grey, scale in zip(greys, scales, strict=True):
+        # A picture of whole numbers is sooner counted than ranked.
+        measured = picture.noise_sigma if grey is picture.single else None
+        levels.append(PyramidLevel(grey, None if share is None else share > KNOWN_SHARE, scale, floor, measured))
+        share = None if share is None else np.asarray(cv2.pyrDown(share), dtype=np.float32)
+    return levels
+
+
+def without_disc(levels: list[PyramidLevel], column: float, row: float, radius_px: float) -> list[PyramidLevel]:
+    """Return the levels with a disc of the picture unknown in all of them."""
+    out = []
+    for level in levels:
+        height, width = level.grey.shape
+        v, u = np.ogrid[:height, :width]
+        outside = np.hypot(u - column / level.scale, v - row / level.scale) > radius_px / level.scale + 1.0
+        out.append(replace(level, known=outside if level.known is None else level.known & outside))
+    return out
+
+
+def known_pixels(picture: Picture, camera: CameraModel) -> NDArray[np.bool_] | None:
+    """Return which pixels hold a measurement, shape (H, W); None if all do."""
+    unknown = _lost_lines(picture.single) | _blocks(picture)
+    if camera.image_circle_rad is not None:
+        unknown |= ~np.isfinite(PIXEL_DIRECTIONS.of(camera)[:, :, 0])
+    return ~unknown if unknown.any() else None
+
+
+def _lost_lines(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return the pixels of rows and columns of one value between others that are not."""
+    lost = np.zeros(grey.shape, dtype=bool)
+    for image, out in ((grey, lost), (grey.T, lost.T)):
+        # Two pixels of a line tell most lines that vary.
+        flat = image[:, 0] == image[:, image.shape[1] // 2]
+        some = np.flatnonzero(flat)
+        flat[some] = (image[some] == image[some, :1]).all(axis=1)
+        varied = np.flatnonzero(~flat)
+        if flat.any() and len(varied):
+            inner = flat.copy()
+            inner[: varied[0]] = inner[varied[-1] :] = False
+            out[inner] = True
+    return lost
+
+
+def _blocks(picture: Picture) -> NDArray[np.bool_]:
+    """Return the pixels of rectangles that have the darkest value throughout."""
+    out = np.zeros(picture.grey.shape, dtype=bool)
+    darkest = picture.grey == picture.darkest
+    if np.count_nonzero(darkest) < SMALLEST_BLOCK_PX:
+        return out
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(darkest.view(np.uint8), connectivity=4)
+    for label in np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= SMALLEST_BLOCK_PX):
+        wide, high, area = stats[label][2:]
+        if label and area == wide * high and min(wide, high) > 1:
+            out[labels == label] = True
+    return out
+
+
+def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the picture with unknown pixels at the mean of known ones near by: they make no edges of their own."""
+    filled = grey.copy()
+    missing = ~known
+    size = 5
+    while missing.any() and size < 4 * max(grey.shape):
+        weight = cv2.blur((~missing).astype(np.float32), (size, size))
+        mean = cv2.blur(np.where(missing, np.float32(0.0), filled), (size, size))
+        there = missing & (weight > 0.0)
+        filled[there] = mean[there] / weight[there]
+        missing &= ~there
+        size *= 3
+    return filled
+
+
+AZIMUTHS = 768
+"""At which a cone is looked at first. They are dense towards the middle of the image: a telescope sees a degree."""
+STEP_RAD = 1e-5
+"""Over which the way across the limb is taken: far above rounding, far below a pixel."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Places along the limb of a cone, in order of azimuth, n of them.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        [px].
+    inwards : ndarray, shape (n, 2)
+        Unit vector across the limb, to the axis.
+    px_rad : ndarray, shape (n,)
+        Angle of a pixel across the limb.
+    azimuth : ndarray, shape (n,)
+        [rad], from -pi to pi.
+    spacing : float
+        Pixels of limb between two places.
+    """
+
+    uv: FloatArray
+    inwards: FloatArray
+    px_rad: FloatArray
+    azimuth: FloatArray
+    spacing: float
+
+    @cached_property
+    def middle_px_rad(self) -> float:
+        """Median angle of a pixel across the limb."""
+        return median(self.px_rad)
+
+    def take(self, which: NDArray[np.bool_]) -> Trace:
+        """Return some of the places."""
+        return Trace(self.uv[which], self.inwards[which], self.px_rad[which], self.azimuth[which], self.spacing)
+
+
+def trace_limb(
+    camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacing_px: float, most: int | None = None
+) -> Trace:
+    """Return evenly spaced places along the limb of a cone that lie in the image.
+
+    Parameters
+    ----------
+    camera : CameraModel
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+        Half-angle.
+    spacing_px : float
+        Of the places, at least.
+    most : int, optional
+        Places; of a longer limb they lie further apart.
+    """
+    basis = tangent_basis(axis_cam)
+    middle = unproject(camera, np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0])) @ basis
+    towards = float(np.arctan2(middle[1], middle[0])) if np.isfinite(middle).all() else 0.0
+    t = np.linspace(-1.0, 1.0, AZIMUTHS)
+    azimuth = towards + np.pi * t * np.abs(t)
+    uv, seen = project(camera, on_cone(axis_cam, basis, rho_rad, azimuth))
+    with np.errstate(invalid="ignore"):
+        seen &= ((uv >= -0.5) & (uv <= (camera.width - 0.5, camera.height - 0.5))).all(axis=1)
+        step = np.hypot(*np.diff(uv, axis=0).T)
+    near = seen[1:] | seen[:-1]
+    along = np.concatenate([[0.0], np.cumsum(np.where(near & np.isfinite(step), step, 0.0))])
+    if along[-1] < 1.0:
+        return Trace(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), spacing_px)
+    count = max(int(along[-1] / spacing_px), 2)
+    count = count if most is None else min(count, most)
+    wanted = (np.arange(count) + 0.5) * along[-1] / count
+    azimuth = np.interp(wanted, along, azimuth)
+    rho = rho_rad + STEP_RAD * np.array([0.0, -1.0, 1.0, 0.0])[:, None]
+    around = np.array([azimuth, azimuth, azimuth, azimuth + STEP_RAD])
+    # Across the limb in the image, which is not where the axis lies: at right angles to the limb itself.
+    (uv, inner, outer, along_limb), (seen, seen_inner, seen_outer, _) = project(
+        camera, on_cone(axis_cam, basis, rho, around)
+    )
+    with np.errstate(invalid="ignore"):
+        seen &= seen_inner & seen_outer & ((uv >= 0.0) & (uv <= (camera.width - 1, camera.height - 1))).all(axis=1)
+    tangent, radial = (along_limb - uv)[seen], (inner - outer)[seen]
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    normal /= np.maximum(np.hypot(*normal.T), 1e-300)[:, None]
+    across = np.einsum("ij,ij->i", normal, radial)
+    normal *= np.where(across < 0.0, -1.0, 1.0)[:, None]
+    px_rad = 2.0 * STEP_RAD / np.maximum(np.abs(across), 1e-300)
+    return Trace(uv[seen], normal, px_rad, np.arctan2(np.sin(azimuth[seen]), np.cos(azimuth[seen])), along[-1] / count)
+
+
+def on_cone(axis: FloatArray, basis: FloatArray, rho: float | FloatArray, azimuth: FloatArray) -> FloatArray:
+    """Return lines of sight on cones, shape (..., 3), at azimuths (...) in a basis (3, 2) across their axis."""
+    around = np.cos(azimuth)[..., None] * basis[:, 0] + np.sin(azimuth)[..., None] * basis[:, 1]
+    return np.asarray(np.cos(rho)[..., None] * axis + np.sin(rho)[..., None] * around)

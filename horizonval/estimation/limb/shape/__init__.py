@@ -1,1 +1,0 @@
-"""The shapes that limb points are fitted with: a circle in the image, a cone of directions."""

@@ -1,0 +1,87 @@
+"""The bytes of a frame depend neither on the number of threads nor on the frame that a campaign made before it."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from horizonval.renderer import frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.table_store import TABLES
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.load import load_scene
+from horizonval.spec.scene import SceneSpec
+
+SOLAR = {"name": "b", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
+THERMAL = {"name": "b", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
+CO2 = {"name": "b", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
+LENS = {"width": 320, "height": 320, "distortion": [-0.12, 0.03, 4e-4, -3e-4, -0.004]}
+EARTH = {"kind": "earth"}
+CLOUDS = {"cover": 0.5, "seed": 5, "scale_km": 200.0}
+CLIMATES = {"profile": "by_latitude_month"}
+ONCE = {"orders": "single", "nodes": 128}
+
+FRAMES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
+    "sunlight": ({}, SOLAR, {}),
+    "thermal": ({}, THERMAL, {}),
+    "clouds over the Earth": ({"surface": EARTH, "clouds": CLOUDS}, SOLAR, {}),
+    "clouds over even ground": ({"surface": {"albedo": 0.2}, "clouds": CLOUDS}, SOLAR, {}),
+    "thermal clouds": ({"clouds": CLOUDS}, CO2, {"width": 40, "height": 30}),
+    "whole pixels": ({"render": ONCE}, SOLAR, LENS),
+    "whole pixels, marched": ({"render": ONCE | {"method": "march"}}, SOLAR, LENS),
+    "climates under clouds": ({"atmosphere": CLIMATES, "surface": EARTH, "clouds": CLOUDS}, CO2, {}),
+    "terminator": ({"sun": {"zenith_deg": 94.0}, "clouds": CLOUDS, "surface": EARTH}, SOLAR, {}),
+    "moonlight": ({"sun": {"zenith_deg": 130.0}, "moon": {"zenith_deg": 60.0, "azimuth_deg": 10.0}}, SOLAR, {}),
+    "refraction": ({"sun": {"zenith_deg": 93.0}, "atmosphere": {"refraction": True}}, SOLAR, {}),
+}
+SLOW = ("climates under clouds", "terminator", "moonlight", "refraction")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in FRAMES])
+def test_the_number_of_threads_changes_no_bit(name: str) -> None:
+    activate()
+    changes, band, size = FRAMES[name]
+    scene = {
+        "camera": {"file": "test", "mount_roll_deg": 66.0},
+        "platform": {"altitude_km": 500.0, "latitude_deg": 20.0, "longitude_deg": -160.0},
+        "sun": {"zenith_deg": 40.0, "azimuth_deg": 60.0},
+    }
+    specs = (
+        SceneSpec.model_validate(scene | changes),
+        CameraSpec.model_validate({"camera": {"width": 96, "height": 72, "fov_deg": 60.0} | size, "band": [band]}),
+    )
+    seen, before = set(), dr.thread_count()
+    try:
+        for threads in (1, 2, 4):
+            dr.set_thread_count(threads)
+            TABLES.clear()
+            made = frame.render_frame(*specs)
+            seen.add(hashlib.sha256(made.radiance["b"].tobytes() + made.maps["hit"].tobytes()).hexdigest())
+    finally:
+        dr.set_thread_count(before)
+    assert len(seen) == 1
+
+
+def test_frames_of_one_viewpoint_have_the_bytes_of_frames_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, camera = load_scene("day-limb")
+    camera = camera.model_copy(update={"camera": camera.camera.model_copy(update={"width": 24, "height": 16})})
+    quick = scene.render.model_copy(update={"orders": "single", "subsamples": 1, "nodes": 16})
+    scene = scene.model_copy(update={"render": quick})
+    turned = scene.model_copy(update={"attitude": scene.attitude.model_copy(update={"yaw_deg": 20.0, "roll_deg": 3.0})})
+    higher = scene.model_copy(update={"platform": scene.platform.model_copy(update={"altitude_km": 777.0})})
+    described, describe = [], frame.describe
+    monkeypatch.setattr(frame, "_last", {})
+    monkeypatch.setattr(frame, "describe", lambda *arguments: described.append(1) or describe(*arguments))
+    frames = [frame.render_in_turn(one, camera) for one in (scene, turned, higher, scene)]
+    assert len(described) == 3
+    for made, one in zip(frames, (scene, turned, higher, scene), strict=True):
+        alone = frame.render_frame(one, camera)
+        assert made.truth == alone.truth
+        assert made.render == alone.render
+        for kind in ("radiance", "energy_radiance", "maps"):
+            for name, values in getattr(alone, kind).items():
+                np.testing.assert_array_equal(getattr(made, kind)[name], values)
