@@ -104,7 +104,7 @@ def write_report(run_dir: Path) -> list[Path]:
             sentences=opening,
             **common,
             **content,
-            **viewer.striking_frames(run),
+            **viewer.striking_frames(run.views, run.estimators),
             filters=campaign.FILTERS,
         )
         texts |= {figure["file"]: figure["svg"] for section in content["sections"] for figure in section["figures"]}
@@ -140,7 +140,7 @@ def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
         "cards": cards,
         "hidden": len({view.case for view in run.views if not view.shown}),
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
-        **limit_words(unit),
+        "limits": limit_words(unit),
         "gamma": f"{pictures.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in pictures.GREY_PERCENTILES],
         "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),
@@ -265,7 +265,7 @@ def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) ->
             "strip": width > STRIP_RATIO * height,
             "facts": [*_facts(expected, image.truth), *infrared.facts_of(image.truth, view.band),
                       ("drawn from black to white", drawn)],
-            "rerun": _rerun(view, image.truth, run),
+            "rerun": _rerun(view, run),
         }  # fmt: skip
     return card
 
@@ -365,15 +365,8 @@ def _known(truth: FrameTruth) -> list[tuple[str, str]]:
     return [("known beside the image", drawn_prior(PriorSpec.model_validate(stated), truth, first).in_words)]
 
 
-def rerun_of_view(view: CaseView, truth: FrameTruth, run: ReportRun) -> rerun.Rerun:
-    """Return how to make a view's image, or those of all heads, and the results again."""
-    ran = [name for name in run.estimators if name in view.rows] or list(run.estimators)
-    paths = view.head_paths or ({"": view.image_path} if view.image_path else {})
-    return rerun.rerun_of(truth, view.case, view.band, paths, ran, run.suite_of_programs)
-
-
-def _rerun(view: CaseView, truth: FrameTruth, run: ReportRun) -> dict[str, Any]:
-    made = rerun_of_view(view, truth, run)
+def _rerun(view: CaseView, run: ReportRun) -> dict[str, Any]:
+    made = rerun.rerun_of(view, run)
     files = [
         {"name": name, "text": text, "uri": f"data:application/toml;charset=utf-8,{quote(text)}"}
         for name, text in made.files

@@ -106,7 +106,7 @@ def page_of(run: ReportRun) -> JsonObject:
         "figures": [tails, *(bias if spread else ())],
         "worst": _worst(rows, link),
         "drawn": _has_draws(run),
-        **limit_words(DEG),
+        "limits": limit_words(DEG),
     }
 
 

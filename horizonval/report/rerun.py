@@ -9,12 +9,13 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from horizonval.frame import FrameTruth
+from horizonval.report.load import CaseView, ReportRun
 from horizonval.spec.files import shipped_names, shipped_path
 from horizonval.spec.load import load_camera
 
@@ -29,32 +30,24 @@ class Rerun:
     commands: tuple[str, ...]
 
 
-def rerun_of(
-    truth: FrameTruth,
-    case: str,
-    band: str,
-    image_paths: Mapping[str, str],
-    estimators: Sequence[str],
-    suites: Mapping[str, str],
-) -> Rerun:
-    """Return how to render, observe and estimate one image again, and how to estimate the archived one.
+def rerun_of(view: CaseView, run: ReportRun) -> Rerun:
+    """Return how to make an image, or those of all heads, and the results again, and how to use the archived one.
 
     The files belong into an empty folder inside the run's folder, where the commands are given: two frames may have
     cameras of one name.
 
     Parameters
     ----------
-    truth : FrameTruth
-    case, band : str
-    image_paths : mapping of str to str
-        Of the archived images by head: all heads of the scene where they were estimated together, else the one image
-        under any name; empty where nothing was kept, with an empty path where one head was not. From the run's folder
-        on, as those of ``suites``.
-    estimators : sequence of str
-        Those that were run on it.
-    suites : mapping of str to str
-        The suite's file, by the name of an estimator that is a program of it.
+    view : CaseView
+        With its image.
+    run : ReportRun
     """
+    assert view.image is not None
+    truth, case, band = view.image.truth, view.case, view.band
+    estimators = [name for name in run.estimators if name in view.rows] or list(run.estimators)
+    suites = run.suite_of_programs
+    # Of all heads of the scene where they were estimated together, else the one image; empty where one was not kept.
+    image_paths = view.head_paths or ({"": view.image_path} if view.image_path else {})
     # A word that begins with a hyphen would be taken for an option.
     stem = f"./{case}" if case.startswith("-") else case
     files = [(f"{case}.toml", toml(truth.scene))]

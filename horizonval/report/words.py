@@ -128,6 +128,10 @@ def unit_of(errors_arcsec: Iterable[float | None]) -> AngleUnit:
     return ARCSEC if largest < 0.01 * DEG.arcsec else DEG
 
 
+DEFAULT_SIGMA_ARCSEC = 3600.0 * math.degrees(limits.DEFAULT_SIGMA_RAD)
+"""Claims without a usable uncertainty are judged by this one."""
+
+
 def limit_words(unit: AngleUnit) -> dict[str, str]:
     """Return the limits of false claims, as the notes below the tables state them."""
     return {
@@ -138,8 +142,6 @@ def limit_words(unit: AngleUnit) -> dict[str, str]:
         "default_sigma": unit.text(DEFAULT_SIGMA_ARCSEC),
     }
 
-
-DEFAULT_SIGMA_ARCSEC = 3600.0 * math.degrees(limits.DEFAULT_SIGMA_RAD)
 
 # --------------------------------------------------------------------------------------------- outcomes and verdicts
 

@@ -11,8 +11,9 @@ import pytest
 from browser import Browser, chromium_path
 from conftest import PROGRAM, assert_one_line
 
-from horizonval.report import build, campaign
+from horizonval.report import campaign
 from horizonval.report.load import load_run
+from horizonval.report.rerun import rerun_of
 from horizonval.store.store import Store
 
 pytestmark = pytest.mark.slow
@@ -80,7 +81,7 @@ def test_the_commands_of_a_scene_of_all_heads_give_its_result_again(run, horizon
     name = "tilt_roll_deg_5_pitch_deg_0"
     view = next(view for view in load_run(run).views if view.case == name)
     assert set(view.head_paths) == set(HEADS)
-    again = build.rerun_of_view(view, view.image.truth, load_run(run))
+    again = rerun_of(view, load_run(run))
     (tmp_path / "archive").symlink_to(run / "archive")
     folder = tmp_path / "again"
     folder.mkdir()
@@ -112,6 +113,6 @@ def test_images_that_do_not_belong_together_are_refused(run, horizonval):
     assert len(horizonval("estimate", left, forward, "--estimator", "altitude-free").stdout.splitlines()) == 2
     assert_one_line(
         horizonval("estimate", left, forward, "--camera", "vis-pair-1024-60deg", "--estimator", "video-vertical"),
-        "--camera",
+        "camera",
     )
     assert_one_line(horizonval("estimate", left, far, "--estimator", "video-vertical"), "another camera, place, time")

@@ -35,8 +35,7 @@ class Balance(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.addresses += [v or "" for k, v in attrs if k in ("src", "href", "srcset", "action", "data", "poster")]
-        if tag not in VOID:
-            self.open.append(tag)
+        self.open += [] if tag in VOID else [tag]
 
     def handle_startendtag(self, tag, attrs):
         self.addresses += [v or "" for k, v in attrs if k in ("src", "href")]

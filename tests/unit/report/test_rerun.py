@@ -5,9 +5,10 @@ from __future__ import annotations
 import tomllib
 
 import pytest
-from synthetic import SOLAR_CAMERA
+from synthetic import SOLAR_CAMERA, toy_image
 
 from horizonval.report import rerun
+from horizonval.report.load import CaseView, ReportRun
 from horizonval.spec.load import load_scene
 from horizonval.truth.frame_truth import truth_of
 
@@ -27,6 +28,19 @@ def test_toml_comes_back():
     assert tomllib.loads(rerun.toml(data)) == expected
 
 
+def again(folder, truth, path="", estimators=("one",), programs=(), command=()):
+    """Write the files that make a frame again into a folder; return their names and the commands."""
+    case = truth.scene["scene"]["name"]
+    view = CaseView(case, truth.camera_spec.band[0].name, {}, {}, toy_image(truth), "", False, path)
+    run = ReportRun("s", "", "", estimators, (case,), (), (view,), command=command, programs=programs)
+    made = rerun.rerun_of(view, run)
+    folder.mkdir()
+    for name, text in made.files:
+        (folder / name).write_text(text)
+    assert truth_of(*load_scene(folder / f"{case}.toml")) == truth
+    return [name for name, _ in made.files], made.commands
+
+
 def test_the_written_scene_gives_the_same_frame(tmp_path):
     """The scene's hash names the frame and seeds its noise: it must survive the trip through the page."""
     (tmp_path / "cam.toml").write_text(rerun.toml(SOLAR_CAMERA))
@@ -34,17 +48,10 @@ def test_the_written_scene_gives_the_same_frame(tmp_path):
         'camera.file = "cam.toml"\nscene.name = "x"\nplatform = { altitude_km = 512.3456789, latitude_deg = -3e-7 }\n'
         "attitude.roll_deg = 66.1\nsun = { zenith_deg = 33.3 }\n"
     )
-    truth = truth_of(*load_scene(tmp_path / "scene.toml"))
-    again = rerun.rerun_of(truth, "x", "red", {"": "archive/ab/abc.exr"}, ["one", "two"], {"one": "../my suite.toml"})
-    folder = tmp_path / "again"
-    folder.mkdir()
-    for name, text in again.files:
-        (folder / name).write_text(text)
-    assert [name for name, _ in again.files] == ["x.toml", "cam.toml"]
-    assert truth_of(*load_scene(folder / "x.toml")) == truth
-    assert again.commands[-1] == (
-        "horizonval estimate ../archive/ab/abc.exr --estimator one --suite '../../my suite.toml'"
-    )
+    truth, command = truth_of(*load_scene(tmp_path / "scene.toml")), ("horizonval", "run", "../my suite.toml")
+    names, commands = again(tmp_path / "again", truth, "archive/ab/abc.exr", ("one", "two"), ("one",), command)
+    assert names == ["x.toml", "cam.toml"]
+    assert commands[-1] == "horizonval estimate ../archive/ab/abc.exr --estimator one --suite '../../my suite.toml'"
 
 
 @pytest.mark.parametrize(
@@ -56,11 +63,4 @@ def test_a_shipped_camera_is_written_where_its_keys_were_changed(tmp_path, chang
     (tmp_path / "scene.toml").write_text(
         f'scene.name = "x"\nplatform.altitude_km = 500.0\ncamera = {{ file = "vis-cmos-512-60deg"{changes} }}\n'
     )
-    truth = truth_of(*load_scene(tmp_path / "scene.toml"))
-    again = rerun.rerun_of(truth, "x", "vis", {}, ["one"], {})
-    assert [name for name, _ in again.files] == files
-    folder = tmp_path / "again"
-    folder.mkdir()
-    for name, text in again.files:
-        (folder / name).write_text(text)
-    assert truth_of(*load_scene(folder / "x.toml")) == truth
+    assert again(tmp_path / "again", truth_of(*load_scene(tmp_path / "scene.toml")))[0] == files

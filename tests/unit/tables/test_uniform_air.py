@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import horizonval as hv
 from horizonval.api.estimate import mission_table
@@ -78,14 +79,7 @@ def test_a_frame_of_that_air_has_the_brightness_of_its_table() -> None:
     x, y = np.meshgrid((u - 0.5 * (width - 1)) / focal, (v - 0.5 * (height - 1)) / focal)
     los = np.stack([x, y, np.ones_like(x)], axis=-1)
     los /= np.linalg.norm(los, axis=-1, keepdims=True)
-    a, b, c, w = truth.q_cam_from_itrs
-    turn = np.array(
-        [
-            [1 - 2 * (b * b + c * c), 2 * (a * b - c * w), 2 * (a * c + b * w)],
-            [2 * (a * b + c * w), 1 - 2 * (a * a + c * c), 2 * (b * c - a * w)],
-            [2 * (a * c - b * w), 2 * (b * c + a * w), 1 - 2 * (a * a + b * b)],
-        ]
-    )
+    turn = Rotation.from_quat(truth.q_cam_from_itrs).as_matrix()
     e, p = los @ turn / AXES_M, np.array(truth.r_itrs) / AXES_M
     q = p - ((e @ p) / (e * e).sum(axis=-1))[..., None] * e
     distance = np.linalg.norm(q, axis=-1)

@@ -1,11 +1,14 @@
-"""The sheet of scores against a table worked out by hand."""
+"""The benchmark: its frames, what a passphrase draws, and the sheet of scores against a table worked out by hand."""
 
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 
 import pytest
 
+from horizonval.core.errors import UserError
+from horizonval.studies.bench.frames import bench_suite, cell_of, commitment, sealed_seed
 from horizonval.studies.bench.sheet import Answer, ranking, score_of, sheet_of
 
 # Points by hand: on the bound 1; at 4 times the bound 1 / (1 + 2); a refusal where due 0; beyond half a degree -1; a
@@ -68,3 +71,38 @@ def test_other_frames_cannot_be_ranked() -> None:
     """A method that left frames out is not compared with one that did not."""
     with pytest.raises(ValueError, match="same frames"):
         ranking({"x": TABLE, "y": TABLE[1:]})
+
+
+def test_forty_cells_of_as_many_frames() -> None:
+    counts = Counter(cell_of(case.name) for case in bench_suite(frames_per_cell=2).cases)
+    assert len(counts) == 40
+    assert set(counts.values()) == {2}
+
+
+def test_fewer_frames_are_the_first_of_more() -> None:
+    few = {case.name.rpartition("_")[0]: case.scene for case in bench_suite(frames_per_cell=1).cases}
+    more = {case.name.rpartition("_")[0]: case.scene for case in reversed(bench_suite(frames_per_cell=2).cases)}
+    assert {name: scene.platform for name, scene in few.items()} == {
+        name: scene.platform for name, scene in more.items()
+    }
+
+
+def test_a_passphrase_draws_other_frames_and_always_the_same() -> None:
+    seed = sealed_seed("four words at random\n")
+    assert seed == sealed_seed("four words at random")
+    assert seed != sealed_seed("four words at Random")
+    assert f"{seed:x}" not in commitment(seed)
+    sealed, public = (bench_suite(s, frames_per_cell=1).cases for s in (seed, None))
+    assert [case.name for case in sealed] == [case.name for case in public]
+    assert all(a.scene.platform != b.scene.platform for a, b in zip(sealed, public, strict=True))
+
+
+@pytest.mark.parametrize("count", [0, 51])
+def test_counts_that_a_cell_has_not(count: int) -> None:
+    with pytest.raises(UserError, match=str(count)):
+        bench_suite(frames_per_cell=count)
+
+
+def test_short_passphrases_are_refused() -> None:
+    with pytest.raises(UserError, match="characters"):
+        sealed_seed("short")

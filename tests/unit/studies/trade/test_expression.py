@@ -35,8 +35,7 @@ def test_arithmetic(text, value):
     [
         "__import__('os').system('true')", "mass_g.real", "mass_g[0]", "[1, 2]", "lambda: 1", "mass_g if 1 else 2",
         "mass_g < 2", "'mass_g'", "True", "print(1)", "min()", "sqrt(1, 2)", "max(key=1)", "min(*mass_g)", "mass_g +",
-        "a := 1", "1e999", "1" * 400, "1j", "mass_g % 2", "~1", "(" * 250 + "1" + ")" * 250, "x" * 501, "", "f'{1}'",
-        "mass_g; 1", "mass_g\nmass_g", "\0",
+        "a := 1", "1e999", "1" * 400, "(" * 250 + "1" + ")" * 250, "x" * 501, "", "mass_g; 1", "\0",
     ],
 )  # fmt: skip
 def test_what_is_no_arithmetic_is_refused_in_one_line(text):
