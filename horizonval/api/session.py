@@ -13,12 +13,10 @@ from horizonval.api.camera import Camera
 from horizonval.api.frame import Frame
 from horizonval.api.image import Image, observe
 from horizonval.api.scene import Scene, SceneKeywords, plain, scene_of
-from horizonval.core.errors import UserError, one_of
-from horizonval.geometry.pose import scene_keys
+from horizonval.core.errors import UserError
+from horizonval.geometry.pose import turned
 from horizonval.jobs.progress import shown
-from horizonval.spec.load import validate
-from horizonval.spec.pose import ANGLES, QUATERNIONS, TABLE_OF, PoseKeys
-from horizonval.spec.scene import SceneSpec
+from horizonval.spec.pose import ANGLES
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress
@@ -28,8 +26,8 @@ if TYPE_CHECKING:
 Attitude: TypeAlias = "Sequence[float] | NDArray[np.float64] | Mapping[str, Any]"
 """Yaw, pitch and roll [deg]; a quaternion; or keys of a pose that turn the camera."""
 
-TURNS = (*(key for key, table in TABLE_OF.items() if table != "platform" and key != "head"), *QUATERNIONS)
-"""Keys of a pose that turn the camera where it is."""
+ATTITUDE = "Session: attitude"
+"""What errors call it."""
 
 
 class Session:
@@ -204,28 +202,16 @@ class Session:
         return f"<Session {repr(self.scene).removeprefix('<Scene ')}"
 
     def _rendered(self, attitude: Attitude | None, *, maps: bool) -> RadianceFrame:
-        spec = self.scene.spec if attitude is None else _with_attitude(self.scene.spec, attitude)
+        spec = self.scene.spec
+        if attitude is not None:
+            keys = attitude if isinstance(attitude, Mapping) else _keys_of_numbers(attitude, ATTITUDE)
+            spec = turned(spec, {str(key): plain(value) for key, value in keys.items()}, ATTITUDE)
         if self._viewpoint is None:
             from horizonval.renderer.frame import viewpoint_of
 
             with shown(self._progress) as listener:
                 self._viewpoint = viewpoint_of(self.scene.spec, self.camera.spec, listener)
         return self._viewpoint.frame(spec, maps=maps)
-
-
-def _with_attitude(spec: SceneSpec, attitude: Attitude) -> SceneSpec:
-    """Return a scene with another attitude; what is not named stays."""
-    where = "Session: attitude"
-    keys = attitude if isinstance(attitude, Mapping) else _keys_of_numbers(attitude, where)
-    for key in keys:
-        if key not in TURNS:
-            raise UserError("unknown key", where=f"{where}: {key}", expected=one_of(key, TURNS))
-    pose = validate(PoseKeys, {key: plain(value) for key, value in keys.items()}, where)
-    changed: dict[str, dict[str, Any]] = {"attitude": {}, "camera": {}}
-    for key, value in scene_keys(pose, spec, where).items():
-        changed[TABLE_OF[key]][key] = value
-    tables = {table: getattr(spec, table).model_copy(update=values) for table, values in changed.items() if values}
-    return spec.model_copy(update=tables)
 
 
 def _keys_of_numbers(attitude: Sequence[float] | NDArray[np.float64], where: str) -> dict[str, Any]:

@@ -13,13 +13,14 @@ The round trip costs the rounding of float64: some 1e-9 m and 1e-16 rad.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, one_of
 from horizonval.geometry import orbit
 from horizonval.geometry.ellipsoid import (
     WGS84,
@@ -41,7 +42,8 @@ from horizonval.geometry.frames import (
 from horizonval.geometry.orbit import EARTH_RATE_RAD_S
 from horizonval.spec.camera import CameraSpec, Head
 from horizonval.spec.earth import Earth
-from horizonval.spec.pose import ANGLES, GEODETIC, TABLE_OF, CameraUse, Platform, PoseKeys
+from horizonval.spec.load import validate
+from horizonval.spec.pose import ANGLES, GEODETIC, TABLE_OF, TURNS, CameraUse, Platform, PoseKeys
 from horizonval.spec.scene import SceneSpec
 
 FARTHEST_M = 2.1e9
@@ -207,6 +209,32 @@ def scene_keys(pose: PoseKeys, scene: SceneSpec, where: str) -> dict[str, Any]:
         angles = [_degrees(angle) for angle in to_yaw_pitch_roll(body_from_lvlh)]
         found |= dict(zip(ANGLES, angles, strict=True))
     return found
+
+
+def turned(scene: SceneSpec, keys: Mapping[str, Any], where: str) -> SceneSpec:
+    """Return a scene whose camera is turned where it is; what is not named stays.
+
+    Parameters
+    ----------
+    scene : SceneSpec
+    keys : mapping
+        Some of :data:`horizonval.spec.pose.TURNS`, as plain data.
+    where : str
+        Who gave the keys, for errors.
+
+    Raises
+    ------
+    UserError
+        Another key, or a value that cannot be.
+    """
+    for key in keys:
+        if key not in TURNS:
+            raise UserError("unknown key", where=f"{where}: {key}", expected=one_of(key, TURNS))
+    changed: dict[str, dict[str, Any]] = {"attitude": {}, "camera": {}}
+    for key, value in scene_keys(validate(PoseKeys, keys, where), scene, where).items():
+        changed[TABLE_OF[key]][key] = value
+    tables = {table: getattr(scene, table).model_copy(update=values) for table, values in changed.items() if values}
+    return scene.model_copy(update=tables)
 
 
 def _geodetic_keys(position_itrs_km: tuple[float, ...], ellipsoid: Ellipsoid, where: str) -> dict[str, float]:

@@ -104,7 +104,7 @@ def write_report(run_dir: Path) -> list[Path]:
             sentences=opening,
             **common,
             **content,
-            **viewer.striking_frames(run),
+            **viewer.striking_frames(run.views, run.estimators),
             filters=campaign.FILTERS,
         )
         texts |= {figure["file"]: figure["svg"] for section in content["sections"] for figure in section["figures"]}

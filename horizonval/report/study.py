@@ -63,7 +63,7 @@ def write_page(run_dir: Path) -> Path:
         loaded = load_run(run_dir, MOST_BESIDE)
         groups = summarise(loaded.rows, loaded.given_pose, loaded.orbit)["groups"]
         opening = sentences(loaded.judged_rows, loaded.judged_estimators, groups)
-        seen = striking_frames(loaded)
+        seen = striking_frames(loaded.views, loaded.estimators)
     head = result["study"]
     text = page.render(
         PAGE,

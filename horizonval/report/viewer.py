@@ -40,7 +40,7 @@ from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import horizon_pixels, tangent_cone
 from horizonval.geometry.rotation import perpendicular
 from horizonval.report import pictures
-from horizonval.report.load import CaseView, ReportRun, load_case, load_run
+from horizonval.report.load import CaseView, load_case, load_run
 from horizonval.report.words import DEG, VERDICTS, verdict_of
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.sensor.expected_image import black_level_dn, radiance_per_dn
@@ -148,8 +148,8 @@ def numbered_frames(images: Sequence[DetectorImage | None], budget_px: int = BUD
     return {there[k * len(there) // n] for k in range(n)}
 
 
-def striking_frames(run: ReportRun) -> dict[str, Any]:
-    """Return what a page other than the first one shows of a run's frames: those that tell most, in the run's order.
+def striking_frames(views: Sequence[CaseView], estimators: Sequence[str]) -> dict[str, Any]:
+    """Return what a page other than a run's first one shows of its frames: those that tell most, in their order.
 
     False claims, crashes and refusals of due frames go first, up to a size that keeps the page small.
 
@@ -158,7 +158,7 @@ def striking_frames(run: ReportRun) -> dict[str, Any]:
     dict
         ``frames``; ``kept``, how many frames with an image there are; ``estimators``.
     """
-    views = [view for view in run.views if view.image is not None]
+    views = [view for view in views if view.image is not None]
     order = sorted(
         views, key=lambda view: min((VERDICTS.index(verdict_of(row)) for row in view.rows.values()), default=9)
     )
@@ -170,8 +170,8 @@ def striking_frames(run: ReportRun) -> dict[str, Any]:
         if pixels > BESIDE_PX and chosen:
             break
         chosen.add((view.case, view.band))
-    frames = [one_frame(view, run.estimators) for view in views if (view.case, view.band) in chosen]
-    return {"frames": frames, "kept": len(views), "estimators": run.estimators}
+    frames = [one_frame(view, estimators) for view in views if (view.case, view.band) in chosen]
+    return {"frames": frames, "kept": len(views), "estimators": estimators}
 
 
 class RunFrames:

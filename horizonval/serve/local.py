@@ -15,12 +15,12 @@ from horizonval.api.camera import Camera
 from horizonval.api.client import Client
 from horizonval.api.image import observe
 from horizonval.api.scene import Scene
-from horizonval.api.session import TURNS, Session
+from horizonval.api.session import Session
 from horizonval.core.errors import UserError, one_of
 from horizonval.geometry.pose import scene_keys
 from horizonval.serve.protocol import ImageRequest, image_request
 from horizonval.spec.detector import Cmos
-from horizonval.spec.pose import TABLE_OF
+from horizonval.spec.pose import TABLE_OF, TURNS
 from horizonval.wire import SCHEMA, array_to_map
 
 MOST_PLACES = 4

@@ -99,6 +99,8 @@ TABLE_OF = {
 GEODETIC = ("latitude_deg", "longitude_deg", "altitude_km")
 ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
 QUATERNIONS = ("q_body_from_lvlh", "q_body_from_itrs")
+TURNS = (*(key for key, table in TABLE_OF.items() if table != "platform" and key != "head"), *QUATERNIONS)
+"""Keys of a pose that turn the camera where it is."""
 
 
 class PoseKeys(Mounting, Attitude, Platform):

@@ -407,9 +407,7 @@ def _decode(header: exr_header.Header, kind: Literal["frame", "image"], path: Pa
         expected = " or ".join(str(s) for s in READABLE_SCHEMAS)
         raise DamagedFileError(f"schema {schema}", where=str(path), expected=f"schema {expected}")
     exr_header.check_header(header, path)
-    if "dataWindow" not in attributes or len(attributes["dataWindow"].raw) != 16:
-        raise DamagedFileError("no data window", where=str(path))
-    window = np.frombuffer(attributes["dataWindow"].raw, dtype="<i4")
+    width, height = header.size(path)
     bands = attributes[_PREFIX + "bands"].text().split(",")
     if not all(_BAND.fullmatch(band) for band in bands):
         # They become names of files.
@@ -418,8 +416,8 @@ def _decode(header: exr_header.Header, kind: Literal["frame", "image"], path: Pa
         "kind": kind,
         "schema": schema,
         "bands": bands,
-        "width": int(window[2] - window[0] + 1),
-        "height": int(window[3] - window[1] + 1),
+        "width": width,
+        "height": height,
         "sha256": attributes[_PREFIX + "sha256"].text(),
     }
     for key in ("truth", "render" if kind == "frame" else "observation"):
@@ -466,11 +464,9 @@ def _truth(header: dict[str, Any], path: Path) -> FrameTruth:
 
 def _refuse_too_large(header: exr_header.Header, path: Path) -> None:
     """Raise ``UserError`` where memory does not hold the pixels that a header speaks of: a few bytes can be many."""
-    window, channels = (header.attributes.get(name) for name in ("dataWindow", "channels"))
-    if window is None or channels is None or len(window.raw) != 16:
-        raise DamagedFileError("the header has no data window or no channels", where=str(path))
-    x_min, y_min, x_max, y_max = (int(edge) for edge in np.frombuffer(window.raw, dtype="<i4"))
-    width, height = max(0, x_max - x_min + 1), max(0, y_max - y_min + 1)
+    width, height = header.size(path)
+    if (channels := header.attributes.get("channels")) is None:
+        raise DamagedFileError("the header has no channels", where=str(path))
     # Each channel has 16 bytes after its name, which takes two at least; a pixel has four at most, and is copied once.
     count = len(channels.raw) // 18 + 1
     what = f"an image of {width} x {height} pixels in {count} channels or fewer"

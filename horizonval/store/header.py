@@ -65,6 +65,16 @@ class Header:
     attributes: dict[str, Attribute]
     data: bytes
 
+    def size(self, path: Path) -> tuple[int, int]:
+        """Return width and height of the image [px]; ``DamagedFileError`` if the header does not say them."""
+        window = self.attributes.get("dataWindow")
+        if window is None or len(window.raw) != 16:
+            raise DamagedFileError("the header has no data window", where=str(path))
+        x_min, y_min, x_max, y_max = struct.unpack("<4i", window.raw)
+        if x_max < x_min or y_max < y_min:
+            raise DamagedFileError(f"the data window {x_min} {y_min} {x_max} {y_max} is empty", where=str(path))
+        return x_max - x_min + 1, y_max - y_min + 1
+
 
 def read_bytes(path: Path, limit: int | None = None) -> bytes:
     """Return the file's first ``limit`` bytes, all of them without a limit; ``UserError`` if it is no regular file."""

@@ -92,24 +92,21 @@ class Index:
 
         An index that cannot be written is left as it is, and of no entries none is made.
         """
+        known, damage = {}, None
         try:
-            known = self.known()
+            known = self.known() or {}
         except UserError as error:
-            rows = _described(places(self.root), progress)
-            if not self.read_only:
-                self._write(rows)
-                _LOG.warning(
-                    "horizonval: %s: %s; it was made again from the headers of %d entries, and what was gone before is "
-                    "not missed any more",
-                    printable(error.where),
-                    error.what,
-                    len(rows),
-                )
-            return rows
-        new = [path for path in places(self.root) if known is None or path.stem not in known]
-        rows = (known or {}) | _described(new, progress)
-        if new and not self.read_only:
-            self._write(rows)
+            damage = error
+        new = [path for path in places(self.root) if path.stem not in known]
+        rows = known | _described(new, progress)
+        if (new or damage) and not self.read_only and not self._write(rows) and damage:
+            _LOG.warning(
+                "horizonval: %s: %s; it was made again from the headers of %d entries, and what was gone before is not "
+                "missed any more",
+                printable(damage.where),
+                damage.what,
+                len(rows),
+            )
         return rows
 
     def rebuild(self, progress: Progress | None = None) -> int:

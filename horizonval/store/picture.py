@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import struct
 import sys
 import warnings
 from collections.abc import Iterator
@@ -20,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core import files, memory
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import UserError
 from horizonval.estimation.limb.picture import to_grey
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.spec.camera import CameraSpec
+from horizonval.store.header import read_header
 
 MAX_FILE_BYTES = 4 * 1024**3
 EXR_MAGIC = b"\x76\x2f\x31\x01"
@@ -177,7 +177,9 @@ def size_of(path: Path) -> tuple[int, int]:
         from horizonval.store import fits
 
         return fits.size_of(path)
-    return _exr_size(path) if magic == EXR_MAGIC else _common_size(path, magic)
+    if magic == EXR_MAGIC:
+        return read_header(path).size(path)
+    return _common_size(path, magic)
 
 
 def refuse_too_large(width: int, height: int, path: Path) -> None:
@@ -189,18 +191,6 @@ def refuse_too_large(width: int, height: int, path: Path) -> None:
             expected=f"at most {LARGEST_SIDE_PX} x {LARGEST_SIDE_PX} pixels, as of a camera",
         )
     memory.refuse_beyond(BYTES_PER_PIXEL * width * height, f"an image of {width} x {height} pixels", where=str(path))
-
-
-def _exr_size(path: Path) -> tuple[int, int]:
-    from horizonval.store.header import read_header
-
-    window = read_header(path).attributes.get("dataWindow")
-    if window is None or len(window.raw) != 16:
-        raise DamagedFileError("the header has no data window", where=str(path))
-    x_min, y_min, x_max, y_max = struct.unpack("<4i", window.raw)
-    if x_max < x_min or y_max < y_min:
-        raise DamagedFileError(f"the data window {x_min} {y_min} {x_max} {y_max} is empty", where=str(path))
-    return x_max - x_min + 1, y_max - y_min + 1
 
 
 def _common_size(path: Path, magic: bytes) -> tuple[int, int]:

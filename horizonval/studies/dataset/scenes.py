@@ -21,11 +21,11 @@ from horizonval.core import atomic, files
 from horizonval.core.code import code_digest
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.geometry.pose import turned
 from horizonval.renderer.frame_cost import shared_view
 from horizonval.spec.expand import seed_of, variants
 from horizonval.spec.files import find, shipped_names, shipped_path
-from horizonval.spec.load import MAX_FILE_BYTES, Case, Suite, validate
-from horizonval.spec.pose import Attitude, CameraUse
+from horizonval.spec.load import MAX_FILE_BYTES, Case, Suite
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.suite import CasesSpec, DatasetSpec, SobolSpec
 from horizonval.store.folder import read_json, write_json
@@ -34,7 +34,6 @@ from horizonval.suites.suite import load_suite
 
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
-MOUNTING = ("camera.mount_yaw_deg", "camera.mount_pitch_deg", "camera.mount_roll_deg")
 
 
 @dataclass(frozen=True)
@@ -141,21 +140,12 @@ def refuse_wrong_attitudes(scenes: Iterable[LearningScene], spec: DatasetSpec, s
 
 
 def _turned(scene: SceneSpec, drawn: JsonObject, where: str) -> SceneSpec:
-    attitude, camera = drawn.pop("attitude", {}), drawn.pop("camera", {})
-    others = [*drawn, *(f"camera.{key}" for key in camera if f"camera.{key}" not in MOUNTING)]
-    if others:
-        raise UserError(
-            f"unknown key {others[0]!r}",
-            where=f"{where}: dataset.attitudes",
-            expected=f"keys of attitude, or {', '.join(MOUNTING)}",
-        )
     place = f"{where}: dataset.attitudes"
-    return scene.model_copy(
-        update={
-            "attitude": validate(Attitude, {**scene.attitude.model_dump(exclude_unset=True), **attitude}, place),
-            "camera": validate(CameraUse, {**scene.camera.model_dump(exclude_unset=True), **camera}, place),
-        }
-    )
+    attitude, mounting = drawn.pop("attitude", {}), drawn.pop("camera", {})
+    others = [*drawn, *(f"camera.{key}" for key in mounting if not key.startswith("mount_"))]
+    if others:
+        raise UserError(f"unknown key {others[0]!r}", where=place, expected="keys of attitude, or camera.mount_*")
+    return turned(scene, attitude | mounting, place)
 
 
 def _split(place: int, parts: Sequence[int], seed: int) -> Split:

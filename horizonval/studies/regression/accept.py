@@ -25,7 +25,7 @@ from horizonval.studies.regression.baseline import (
 )
 from horizonval.studies.regression.gates import GateInputs, figure, pairs_of
 from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, PUBLISHED, WORK
-from horizonval.studies.regression.row import ReplicateRow
+from horizonval.studies.regression.row import ReplicateRow, summary_of
 from horizonval.studies.regression.units import arrays_of
 
 SHORTEST_REASON = 10
@@ -155,33 +155,20 @@ def _table_row(estimator: str, table: str, now: list[ReplicateRow], base: list[R
     after = [a for a, _ in common] if base else [r.nadir_error_arcsec for r in now if r.nadir_error_arcsec is not None]
     earlier = [b for _, b in common]
 
-    def both(function: Any, old: Any, new: Any) -> str:
-        values = [function(old)] if base else []
-        return " → ".join(figure(value) for value in [*values, function(new)])
+    def both(old: float | None, new: float | None) -> str:
+        return " → ".join(figure(value) for value in ([old] if base else []) + [new])
 
-    def percentile(share: float) -> Any:
-        return lambda values: float(np.percentile(values, share)) if len(values) else None
+    def shown(name: str) -> str:
+        old, new = (summary_of(rows).get(name, (None,))[0] for rows in (base, now))
+        return both(old, new)
 
-    return (
-        f"| {estimator} | {table} | {len(now)} | {both(_available, base, now)} | {both(_false, base, now)} "
-        f"| {both(percentile(50), earlier, after)} | {both(percentile(95), earlier, after)} "
-        f"| {both(_over_bound, base, now)} "
-        f"| {f'{changes} of {len(pairs)}' if base else '–'} |"
-    )
+    def percentile(share: float) -> str:
+        old, new = (float(np.percentile(values, share)) if values else None for values in (earlier, after))
+        return both(old, new)
 
-
-def _available(rows: Sequence[ReplicateRow]) -> float | None:
-    due = [row for row in rows if row.is_due]
-    return 100.0 * sum(row.is_claim for row in due) / len(due) if due else None
-
-
-def _false(rows: Sequence[ReplicateRow]) -> float | None:
-    return 100.0 * sum(row.false_valid for row in rows) / len(rows) if rows else None
-
-
-def _over_bound(rows: Sequence[ReplicateRow]) -> float | None:
-    over = [row.error_over_bound for row in rows if row.error_over_bound is not None]
-    return float(np.median(over)) if over else None
+    cells = [estimator, table, len(now), shown("availability"), shown("false claims"), percentile(50), percentile(95)]
+    cells += [shown("median error over bound"), f"{changes} of {len(pairs)}" if base else "–"]
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def _same_images(before: Baseline, scenes: Mapping[str, Any]) -> tuple[int, int]:

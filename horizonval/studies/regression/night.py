@@ -23,8 +23,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 import horizonval
 from horizonval.core import atomic
 from horizonval.core.code import code_version
@@ -43,7 +41,7 @@ from horizonval.studies.regression import history
 from horizonval.studies.regression.baseline import Baseline, read_baseline, release_path
 from horizonval.studies.regression.gates import GateInputs, Measured, changed, judge, measure, pairs_of
 from horizonval.studies.regression.images import compare_images
-from horizonval.studies.regression.row import ReplicateRow
+from horizonval.studies.regression.row import ReplicateRow, summary_of
 from horizonval.studies.regression.statistics import Verdict, night_verdict
 from horizonval.studies.regression.units import NightWork, Shown, Task, arrays_of, frozen_heads, shown, sweep
 from horizonval.suites.mistakes import check_heads
@@ -453,7 +451,11 @@ def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObjec
         "comparisons": comparisons,
         "gates": gates,
         "published": night.published,
-        "fresh": {"night": night.wanted.night, "batches": night.batches, "scenes": _count(night.fresh)},
+        "fresh": {
+            "night": night.wanted.night,
+            "batches": night.batches,
+            "scenes": len({row.case for row in night.fresh}),
+        },
         "levels": levels_of(night.all_rows() or night.replayed, night.fresh) | _cost(night),
     }
 
@@ -469,35 +471,14 @@ def _cost(night: Night) -> JsonObject:
     return found
 
 
-def _count(rows: Sequence[ReplicateRow]) -> int:
-    return len({row.case for row in rows})
-
-
 def levels_of(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> JsonObject:
-    """Return the figures whose trend is followed: availability, false claims and median error, by estimator."""
-    found: JsonObject = {}
-    for lane, own in (("fixed", rows), ("fresh", fresh)):
-        for estimator in sorted({row.estimator for row in own}):
-            mine = [row for row in own if row.estimator == estimator]
-            due = [row for row in mine if row.is_due]
-            errors = [row.nadir_error_arcsec for row in mine if row.nadir_error_arcsec is not None]
-            name = f"{lane} {estimator}"
-            if due:
-                share = sum(row.is_claim for row in due) / len(due)
-                found[f"{name}: availability"] = {"value": 100.0 * share, "unit": "%", "n": len(due)}
-            share = sum(row.false_valid for row in mine) / len(mine)
-            found[f"{name}: false claims"] = {"value": 100.0 * share, "unit": "%", "n": len(mine)}
-            if errors:
-                median = float(np.median(errors))
-                found[f"{name}: median nadir error"] = {"value": median, "unit": "arcsec", "n": len(errors)}
-            over = [row.error_over_bound for row in mine if row.error_over_bound is not None]
-            if over:
-                found[f"{name}: median error over bound"] = {
-                    "value": float(np.median(over)),
-                    "unit": "1",
-                    "n": len(over),
-                }
-    return found
+    """Return the figures whose trend is followed: availability, false claims and median errors, by estimator."""
+    return {
+        f"{lane} {estimator}: {name}": {"value": value, "unit": unit, "n": n}
+        for lane, own in (("fixed", rows), ("fresh", fresh))
+        for estimator in sorted({row.estimator for row in own})
+        for name, (value, unit, n) in summary_of([row for row in own if row.estimator == estimator]).items()
+    }
 
 
 def environment() -> dict[str, Any]:

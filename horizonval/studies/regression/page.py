@@ -1,8 +1,8 @@
 """What a night shows: one page that opens anywhere and asks for nothing, and JUnit XML for CI services.
 
-The page has one image of each scene and band, with tonight's outcomes and claims. A night stores what methods claim as
-roll and pitch, and no limb points. The limb of a claim is therefore drawn as the true horizon would lie at the claimed
-attitude.
+The page has images with tonight's outcomes and claims, of every scene and band that of the seed with the worst outcome.
+A night stores what methods claim as roll and pitch, and no limb points: the limb of a claim is drawn as a circle about
+the claimed nadir.
 
 In JUnit XML every gate and published figure is a test case, and one more is for completeness. FAIL is a failure.
 INCONCLUSIVE is ``skipped`` with its reason: neither passed nor failed, and shown as neither.
@@ -21,11 +21,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
-from horizonval.geometry.horizon import horizon_cam
 from horizonval.report import page, plots, viewer
 from horizonval.report.load import CaseView
 from horizonval.report.plots import Draw
@@ -51,10 +49,6 @@ LOOKS = {
 """Colour and mark of each verdict; the marks tell them apart without colour."""
 CLIP = 3.0
 MOST_LABELS = 12
-MOST_SHOWN, MOST_PX = 64, 2_000_000
-"""Images, and their pixels, that the page of a night holds."""
-_ARCSEC = math.radians(1 / 3600)
-_SAMPLES = 7200
 Key = tuple[str, str, int]
 """Scene, band, replicate."""
 
@@ -275,79 +269,46 @@ def shown_of(
     Returns
     -------
     dict
-        ``sentences``, one for each method or of many the best and the worst; ``frames``, as the viewer takes them;
-        ``kept``, of how many scenes and bands; ``estimators``.
+        ``sentences``, one for each method or of many the best and the worst; and what
+        :func:`horizonval.report.viewer.striking_frames` says.
     """
     estimators = tuple(dict.fromkeys(row.estimator for row in rows))
     known = {scene: FrameTruth.from_dict(dict(truths[scene])) for scene in {row.case for row in rows} & set(truths)}
-    by_image: dict[Key, list[ReplicateRow]] = {}
-    for row in rows:
-        if row.case in known:
-            by_image.setdefault((row.case, row.band, row.replicate), []).append(row)
-    expected = {place: expected_outcome(known[place[0]], place[1]) for place in {key[:2] for key in by_image}}
-
-    def of_frame(row: ReplicateRow) -> ReplicateRow:
-        about, camera = expected[row.case, row.band], known[row.case].camera_spec.camera.name or ""
-        return replace(row, camera=camera, expected=str(about.outcome), borderline=about.borderline)
-
-    by_method: dict[Key, dict[str, Row]] = {
-        key: {row.estimator: of_frame(row) for row in own} for key, own in by_image.items()
+    expected = {
+        place: expected_outcome(known[place[0]], place[1])
+        for place in dict.fromkeys((row.case, row.band) for row in rows if row.case in known)
     }
-    rank = {key: min(VERDICTS.index(verdict_of(row)) for row in own.values()) for key, own in by_method.items()}
-    # Of the replicates of a scene the worst, and of those alike the first.
-    worst: dict[tuple[str, str], Key] = {}
-    for key in sorted(by_method, key=lambda key: (rank[key], key[2])):
-        worst.setdefault(key[:2], key)
-    chosen: dict[Key, FrozenImage] = {}
-    pixels = 0
-    for key in sorted(worst.values(), key=lambda key: rank[key])[:MOST_SHOWN]:
-        if (image := load(key)) is None:
-            continue
-        pixels += image.dn.size
-        if pixels > MOST_PX and chosen:
-            break
-        chosen[key] = image
-    images = []
-    for key in (key for key in worst_in_order(by_image, worst) if key in chosen):
-        truth = known[key[0]]
-        view = CaseView(key[0], key[1], by_method[key], {}, frozen_image(truth, chosen[key]), "", False, "")
-        found = viewer.one_frame(view, estimators, expected[key[:2]]) | {"name": f"{key[0]}, seed {key[2]}"}
-        horizon = horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, truth.apparent_ellipsoid, _SAMPLES)
-        found["layers"] = [_layer(truth, horizon, by_image[key], name) for name in estimators]
-        images.append(found)
+    by_image: dict[Key, dict[str, Row]] = {}
+    for row in (row for row in rows if row.case in known):
+        about, camera = expected[row.case, row.band], known[row.case].camera_spec.camera.name or ""
+        full = replace(row, camera=camera, expected=str(about.outcome), borderline=about.borderline)
+        by_image.setdefault((row.case, row.band, row.replicate), {})[row.estimator] = full
+    rank = {key: min(VERDICTS.index(verdict_of(row)) for row in own.values()) for key, own in by_image.items()}
+    views = []
+    for place in expected:
+        # Of the replicates of a scene the worst, and of equal ones the first.
+        key = min((key for key in by_image if key[:2] == place), key=lambda key: (rank[key], key[2]))
+        if (image := load(key)) is not None:
+            truth, own = known[key[0]], by_image[key]
+            claims = {name: {"fit": _claim(truth, row)} for name, row in own.items()}
+            name = f"{key[0]}, seed {key[2]}"
+            views.append(CaseView(name, key[1], own, claims, frozen_image(truth, image), "", False, ""))
     return {
         "sentences": opening([_record(name, rows) for name in estimators]),
-        "frames": images,
-        "kept": len(worst),
-        "estimators": estimators,
+        **viewer.striking_frames(views, estimators),
     }
 
 
-def worst_in_order(images: Iterable[Key], worst: Mapping[tuple[str, str], Key]) -> list[Key]:
-    """Return the chosen replicates in the order in which their scenes and bands come first."""
-    return [worst[place] for place in dict.fromkeys(key[:2] for key in images)]
-
-
-def _layer(truth: FrameTruth, horizon: FloatArray, rows: Sequence[ReplicateRow], estimator: str) -> dict[str, str]:
-    """Return the limb of a claim as path data: the true horizon as it would lie at the claimed attitude."""
-    row = next((one for one in rows if one.estimator == estimator), None)
-    if row is None or row.roll_error_arcsec is None or row.pitch_error_arcsec is None:
-        return {"points": "", "limb": ""}
-    true = np.asarray(truth.nadir_geocentric_cam)
-    roll, pitch = frames.roll_pitch_of_nadir(frames.rotate(frames.inverse(truth.q_cam_from_body), true))
-    claimed = frames.rotate(
-        truth.q_cam_from_body,
-        frames.nadir_of_roll_pitch(roll + row.roll_error_arcsec * _ARCSEC, pitch + row.pitch_error_arcsec * _ARCSEC),
-    )
-    turned = frames.rotate(_shortest_turn(true, claimed), np.concatenate([horizon, horizon[:1]]))
-    return {"points": "", "limb": viewer.visible_path(truth.camera_model, turned)}
-
-
-def _shortest_turn(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the quaternion, scalar last, that turns one unit vector into another not opposite to it."""
-    q = np.append(np.cross(a, b), 1.0 + np.dot(a, b))
-    turn: FloatArray = q / np.linalg.norm(q)
-    return turn
+def _claim(truth: FrameTruth, row: Row) -> dict[str, Any] | None:
+    """Return the nadir that a row claims, and the true angular radius: the limb that is drawn of a claim."""
+    if row.roll_error_arcsec is None or row.pitch_error_arcsec is None:
+        return None
+    true = frames.rotate(frames.inverse(truth.q_cam_from_body), np.asarray(truth.nadir_geocentric_cam))
+    roll, pitch = frames.roll_pitch_of_nadir(true)
+    errors = (math.radians(error / 3600.0) for error in (row.roll_error_arcsec, row.pitch_error_arcsec))
+    claimed = frames.nadir_of_roll_pitch(*(angle + error for angle, error in zip((roll, pitch), errors, strict=True)))
+    nadir = frames.rotate(truth.q_cam_from_body, claimed)
+    return {"nadir_cam": nadir, "angular_radius_rad": truth.angular_radius_rad}
 
 
 def _record(name: str, rows: Sequence[ReplicateRow]) -> Record:

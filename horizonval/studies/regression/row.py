@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import numpy as np
+
 from horizonval.core.outcome import Outcome
 from horizonval.scoring.row import Row
 
@@ -77,6 +79,23 @@ class ReplicateRow(Row):
     def key(self) -> tuple[str, str, int, str]:
         """What a row of one night has in common with its partner of another."""
         return self.case, self.band, self.replicate, self.estimator
+
+
+def summary_of(rows: Sequence[ReplicateRow]) -> dict[str, tuple[float, str, int]]:
+    """Return value, unit and number of rows of what some rows show together; what no row tells is left out."""
+    due = [row for row in rows if row.is_due]
+    errors = [row.nadir_error_arcsec for row in rows if row.nadir_error_arcsec is not None]
+    over = [row.error_over_bound for row in rows if row.error_over_bound is not None]
+    found = {}
+    if due:
+        found["availability"] = (100.0 * (sum(row.is_claim for row in due) / len(due)), "%", len(due))
+    if rows:
+        found["false claims"] = (100.0 * (sum(row.false_valid for row in rows) / len(rows)), "%", len(rows))
+    if errors:
+        found["median nadir error"] = (float(np.median(errors)), "arcsec", len(errors))
+    if over:
+        found["median error over bound"] = (float(np.median(over)), "1", len(over))
+    return found
 
 
 def to_columns(rows: Iterable[ReplicateRow]) -> dict[str, list[Any]]:

@@ -302,17 +302,23 @@ def decide(
         How often the data may be looked at before the verdict is final; the level is shared among them.
     """
     known = [i for i, estimate in enumerate(estimates) if estimate is not None]
-    worse = dict(zip(known, holm([_p_worse(estimates[i], two_sided[i]) for i in known]), strict=True))
-    better = dict(zip(known, holm([_p_better(estimates[i]) for i in known]), strict=True))
+    chances = [_chances(estimates[i], two_sided[i]) for i in known]
+    worse, better = (dict(zip(known, holm(p), strict=True)) for p in ([p for p, _ in chances], [p for _, p in chances]))
     level = ALPHA / looks
     found: list[tuple[Verdict, float | None]] = []
     for i, (estimate, margin) in enumerate(zip(estimates, margins, strict=True)):
         if estimate is None:
             found.append((Verdict.INCONCLUSIVE, None))
-        elif two_sided[i]:
-            found.append((_two_sided(estimate, margin, worse[i] < level), worse[i]))
+            continue
+        off = abs(estimate.value) if two_sided[i] else estimate.value
+        if worse[i] < level and off > margin / 2:
+            verdict = Verdict.FAIL
+        elif not two_sided[i] and better[i] < level and estimate.value < -margin / 2:
+            verdict = Verdict.IMPROVED
         else:
-            found.append((_one_sided(estimate, margin, worse[i] < level, better[i] < level), worse[i]))
+            inside = estimate.upper95 < margin and (not two_sided[i] or -margin < estimate.lower95)
+            verdict = Verdict.PASS if inside else Verdict.INCONCLUSIVE
+        found.append((verdict, worse[i]))
     return found
 
 
@@ -324,25 +330,8 @@ def night_verdict(verdicts: Sequence[Verdict]) -> Verdict:
     return Verdict.PASS if verdicts else Verdict.INCONCLUSIVE
 
 
-def _one_sided(estimate: Estimate, margin: float, surely_worse: bool, surely_better: bool) -> Verdict:
-    if surely_worse and estimate.value > margin / 2:
-        return Verdict.FAIL
-    if surely_better and estimate.value < -margin / 2:
-        return Verdict.IMPROVED
-    return Verdict.PASS if estimate.upper95 < margin else Verdict.INCONCLUSIVE
-
-
-def _two_sided(estimate: Estimate, margin: float, surely_different: bool) -> Verdict:
-    if surely_different and abs(estimate.value) > margin / 2:
-        return Verdict.FAIL
-    return Verdict.PASS if -margin < estimate.lower95 and estimate.upper95 < margin else Verdict.INCONCLUSIVE
-
-
-def _p_worse(estimate: Estimate | None, two_sided: bool) -> float:
+def _chances(estimate: Estimate | None, two_sided: bool) -> tuple[float, float]:
+    """Return the p-values against worse (of a gate with two sides against any difference) and against better."""
     assert estimate is not None
-    return min(1.0, 2 * min(estimate.p_worse, estimate.p_better)) if two_sided else estimate.p_worse
-
-
-def _p_better(estimate: Estimate | None) -> float:
-    assert estimate is not None
-    return estimate.p_better
+    either = min(1.0, 2 * min(estimate.p_worse, estimate.p_better))
+    return either if two_sided else estimate.p_worse, estimate.p_better

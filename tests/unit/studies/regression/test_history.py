@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from matplotlib.figure import Figure
 
 from horizonval.studies.regression import history
-from horizonval.studies.regression.page import trend
 
 
 def night(label, value, verdict="PASS"):
@@ -49,16 +46,3 @@ def test_a_step_is_found_in_its_night_and_60_nights_are_shown(tmp_path):
     assert step["night"] == names[50]
     assert abs(step["after"] - step["before"] - 15.0) < 2.0
     assert history.steps_of(found[:35]) == []
-
-
-@pytest.mark.parametrize(("count", "share"), [(1, 0.12), (3, 0.35), (60, 1.0)])
-def test_nights_take_their_share_of_the_width(count, share):
-    """One night is not stretched over the picture: there is room for eight."""
-    figure = Figure()
-    labels = [f"2026-01-{i:02d}" for i in range(count)]
-    one = {"unit": "deg", "nights": labels, "values": [1.0 + i % 2 for i in range(count)], "n": [5] * count}
-    trend("x", one, dict.fromkeys(labels, "PASS"))(figure)
-    (axes,) = figure.axes
-    low, high = axes.get_xlim()
-    assert count / (high - low) == pytest.approx(share, abs=0.05)
-    assert len(axes.get_xticks()) <= 12

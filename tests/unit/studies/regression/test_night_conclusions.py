@@ -317,16 +317,6 @@ def test_a_release_is_compared_by_the_whole_chain_and_not_twice(bench: Bench) ->
     assert found["comparisons"][1]["replayed"] == 0
 
 
-def test_what_a_baseline_is_made_of(bench: Bench) -> None:
-    gathered = bench.night(bench.accepted())
-    content = gathered.content()
-    assert (len(content["rows"]), len(content["fresh"]), content["replicates"]) == (18, 8, 2)
-    assert set(content["scenes"]) == set(content["arrays"]) == set(bench.scenes)
-    assert all("/" not in name for name in content["arrays"].values())
-    assert all(r["scene"].startswith("0/") for r in content["fresh"])
-    assert [gate["name"] for gate in content["gates"]] == ["accuracy", "chain", "fresh"]
-
-
 def test_seeds_differ_by_night_suite_and_batch_and_fit_a_file() -> None:
     seeds = {seed_of_night(s, n, b) for s in ("a", "b") for n in ("1", "2") for b in range(3)}
     assert len(seeds) == 12
