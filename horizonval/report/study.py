@@ -61,7 +61,7 @@ def write_page(run_dir: Path) -> Path:
     seen: dict[str, Any] = {"frames": [], "kept": 0, "estimators": ()}
     if run:
         loaded = load_run(run_dir, MOST_BESIDE)
-        groups = summarise(loaded.rows, loaded.given_pose, loaded.orbit)["groups"]
+        groups = summarise(loaded.rows, loaded.given_pose, loaded.orbit, loaded.likelihood)["groups"]
         opening = sentences(loaded.judged_rows, loaded.judged_estimators, groups)
         seen = striking_frames(loaded.views, loaded.estimators)
     head = result["study"]
