@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.options import Dask, Json, Shard, Workers, estimators, files, shipped
-from horizonval.cli.output import print_json, resumable
+from horizonval.cli.output import print_json, print_result, resumable
 from horizonval.core.errors import UserError, printable
 
 bench_app = typer.Typer(help="The benchmark of horizon sensing: make, run, score.", rich_markup_mode=None)
@@ -41,12 +41,8 @@ def bench_make(
         seed = sealed_seed(text)
     with resumable("bench", "frames") as progress:
         head = make_frames(out, seed, frames_per_cell, workers, progress)
-    if as_json:
-        print_json(head)
-    else:
-        for group in ("frames", "heads"):
-            print(f"{out / group}: {head[group]['images']} images, digest {head[group]['images_sha256']}")
-        print(f"commitment {head['commitment']}")
+    made = (f"{out / g}: {head[g]['images']} images, digest {head[g]['images_sha256']}" for g in ("frames", "heads"))
+    print_result(head, as_json, [*made, f"commitment {head['commitment']}"])
 
 
 @bench_app.command("run")
@@ -103,10 +99,7 @@ def bench_score(folder: Folder, as_json: Json = False) -> None:
     from horizonval.studies.bench.submissions import page, score_submissions
 
     scores = score_submissions(folder)
-    if as_json:
-        print_json(scores)
-    else:
-        print("\n".join(printable(line) for line in page(scores).splitlines()))
+    print_result(scores, as_json, page(scores).splitlines())
 
 
 def dataset(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from horizonval.cli.options import CameraName, Json, PriorFile, estimators, shipped
-from horizonval.cli.output import check_target, print_json, watched
+from horizonval.cli.output import check_target, print_json, print_result, watched
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
 
@@ -97,16 +97,15 @@ def oracle(
     from horizonval.api.estimate import horizon_sensor
 
     readings = [{"file": str(path), **horizon_sensor(path)} for path in image]
-    if as_json:
-        print_json(readings)
-        return
-    for reading in readings:
-        if reading["roll_error_deg"] is None:
-            print(f"{reading['file']}: no nearest horizon point: {reading['status']}")
-            continue
-        errors = f"roll error {reading['roll_error_deg']:.6f}, pitch error {reading['pitch_error_deg']:.6f} deg"
-        other = f"elevations {reading['roll_elevation_deg']:.6f}, {reading['pitch_elevation_deg']:.6f} deg"
-        print(f"{reading['file']}: {errors} (other reading: {other})")
+    print_result(readings, as_json, map(_reading, readings))
+
+
+def _reading(reading: dict[str, Any]) -> str:
+    if reading["roll_error_deg"] is None:
+        return f"{reading['file']}: no nearest horizon point: {reading['status']}"
+    errors = f"roll error {reading['roll_error_deg']:.6f}, pitch error {reading['pitch_error_deg']:.6f} deg"
+    other = f"elevations {reading['roll_elevation_deg']:.6f}, {reading['pitch_elevation_deg']:.6f} deg"
+    return f"{reading['file']}: {errors} (other reading: {other})"
 
 
 def estimate(
@@ -226,11 +225,7 @@ def calibrate(
         report, text = calibrated(images, believed, known, progress=progress)
     if out is not None and text is not None:
         atomic.write_text(out, text)
-    if as_json:
-        print_json(report)
-    else:
-        for key, value in report.items():
-            print(f"{key:28} {value}")
+    print_result(report, as_json, (f"{key:28} {value}" for key, value in report.items()))
     return 0 if text is not None else 1
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.options import Json, kinds_of_files, lists, shipped
-from horizonval.cli.output import print_json, watched
+from horizonval.cli.output import print_result, watched
 from horizonval.core.errors import UserError
 
 
@@ -17,14 +17,11 @@ def doctor(as_json: Json = False) -> int:
     from horizonval.api.info import examine
 
     examination = examine()
-    if as_json:
-        print_json(examination)
-    else:
-        for label, text in examination["facts"]:
-            print(f"{label:24} {text}")
-        for problem, fix in examination["problems"]:
-            print(f"problem: {problem}\n    to mend it: {fix}")
-        print("ready" if examination["can_render"] else "rendering is impossible here")
+    lines = [f"{label:24} {text}" for label, text in examination["facts"]]
+    for problem, fix in examination["problems"]:
+        lines += [f"problem: {problem}", f"    to mend it: {fix}"]
+    verdict = "ready" if examination["can_render"] else "rendering is impossible here"
+    print_result(examination, as_json, [*lines, verdict])
     return 0 if examination["can_render"] else 1
 
 
@@ -47,12 +44,8 @@ def list_names(
     if what not in LISTS:
         raise UserError(f"nothing is called {what!r}", where="list", expected=one_of(what, LISTS))
     names = LISTS[what]()
-    if as_json:
-        print_json(names)
-    else:
-        width = max(map(len, names), default=0)
-        for name, line in names.items():
-            print(f"{name:{width}}  {line}".rstrip())
+    width = max(map(len, names), default=0)
+    print_result(names, as_json, (f"{name:{width}}  {line}".rstrip() for name, line in names.items()))
 
 
 def schema(
@@ -106,20 +99,15 @@ def templates(
     with watched("marching the air" if air else "cutting") as progress:
         made = mission_table(target, band, error, air, clear, progress)
     write_table(made, output)
-    if as_json:
-        a, b, k, h = made.cut.table.modes.shape
-        cut = made.cut
-        print_json(
-            {
-                "band": made.band.name,
-                "bytes": cut.bytes,
-                "frames": made.frames,
-                "places": [a, b],
-                "modes": k,
-                "heights": h,
-                "error": cut.error,
-                "rms_error": cut.rms,
-            }
-        )
-    else:
-        print(f"{output}: {made.band.name}, {made.frames} frames; {made.text}")
+    a, b, k, h = made.cut.table.modes.shape
+    facts = {
+        "band": made.band.name,
+        "bytes": made.cut.bytes,
+        "frames": made.frames,
+        "places": [a, b],
+        "modes": k,
+        "heights": h,
+        "error": made.cut.error,
+        "rms_error": made.cut.rms,
+    }
+    print_result(facts, as_json, [f"{output}: {made.band.name}, {made.frames} frames; {made.text}"])

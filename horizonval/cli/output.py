@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, printable
 
 if TYPE_CHECKING:
     from horizonval.api.run import DryRun
@@ -88,12 +88,18 @@ def print_json(data: object) -> None:
     print(json.dumps(data, indent=1, allow_nan=False))
 
 
+def print_result(data: object, as_json: bool, lines: Iterable[str]) -> None:
+    """Print plain data as JSON, or else lines of text; of a generator of lines the others are never made."""
+    if as_json:
+        print_json(data)
+    else:
+        for line in lines:
+            print(printable(line))
+
+
 def print_dry_run(counted: DryRun, as_json: bool) -> None:
     """Print what a command would make."""
-    if as_json:
-        print_json(counted.to_dict())
-    else:
-        print(counted)
+    print_result(counted.to_dict(), as_json, str(counted).splitlines())
 
 
 def print_summary(summary: dict[str, Any]) -> None:

@@ -9,7 +9,15 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.options import Dask, DryRun, Json, Merge, Shard, SuiteName, Workers, shipped
-from horizonval.cli.output import interruptible, print_dry_run, print_json, print_shard, print_summary, resumable
+from horizonval.cli.output import (
+    interruptible,
+    print_dry_run,
+    print_json,
+    print_result,
+    print_shard,
+    print_summary,
+    resumable,
+)
 from horizonval.core.errors import UserError, command_line
 
 
@@ -34,10 +42,7 @@ def check(
     import horizonval as hv
 
     report = hv.check(target, frames=frames)
-    if as_json:
-        print_json(report.to_dict())
-    else:
-        print(report)
+    print_result(report.to_dict(), as_json, str(report).splitlines())
     return 0 if report.ok else 1
 
 
@@ -220,9 +225,8 @@ def study(
     else:
         from horizonval.studies.trade.formatting import design_lines
 
-        print("\n".join(design_lines(done.result, done.costs)))
-        _print_answer((done.costs if done.result["prices"] is None else done.result)["query"])
-        print(f"report: {done.page}")
+        query = (done.costs if done.result["prices"] is None else done.result)["query"]
+        print("\n".join([*design_lines(done.result, done.costs), *_answer_lines(query), f"report: {done.page}"]))
     if done.failed:
         print(f"horizonval: {len(done.failed)} frames failed: {', '.join(done.failed)}", file=sys.stderr)
     return 1 if done.failed else 0
@@ -234,10 +238,7 @@ def _by_information(study: str, out: Path, execution: Any, frames: int | None, a
 
     with resumable("study", kept="frames") as progress:
         result = run_information(study, out, execution=execution, progress=progress, frames=frames)
-    if as_json:
-        print_json(result)
-    else:
-        print("\n".join(information_lines(result)))
+    print_result(result, as_json, information_lines(result))
     for name, error in result["failed"].items():
         print(f"horizonval: {name}: {error}", file=sys.stderr)
     return 1 if result["failed"] else 0
@@ -263,23 +264,16 @@ def _ask_study(
         requirement = with_option(requirement, "availability", availability, "--availability")
     if compare is not None:
         comparison = data.compare(*compare, requirement.error_deg)
-        if as_json:
-            print_json(comparison)
-        else:
-            print("\n".join(comparison_lines(comparison)))
+        print_result(comparison, as_json, comparison_lines(comparison))
         return 0
     answer = ask(data, conclude_again(folder), requirement, cheapest_by)
-    if as_json:
-        print_json(answer)
-    else:
-        _print_answer(answer)
+    print_result(answer, as_json, _answer_lines(answer))
     return 0
 
 
-def _print_answer(answer: dict[str, Any]) -> None:
-    """Print the answer in words, and where no design meets what is asked for, why frames were missed."""
+def _answer_lines(answer: dict[str, Any]) -> list[str]:
+    """Return the answer in words, and where no design meets what is asked for, why frames were missed."""
     from horizonval.studies.trade.formatting import miss_lines
 
-    print(answer["text"])
-    if answer["cheapest"] is None and any(answer["misses"].values()):
-        print("\n".join(miss_lines(answer["misses"])))
+    missed = answer["cheapest"] is None and any(answer["misses"].values())
+    return [answer["text"], *(miss_lines(answer["misses"]) if missed else [])]
