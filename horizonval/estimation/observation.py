@@ -244,6 +244,10 @@ class Estimator:
     estimates : {"geocentric", "geodetic"}
         Which vertical is claimed.
     needs : {"image", "pose", "heads"}
+    claim : {"cone", "likelihood"}
+        By which rule a claim is judged false (:func:`horizonval.scoring.limits.claim_limits`): as the fit of a cone to
+        points, whose covariance may leave out the height of the limb, or more strictly as a likelihood fit, whose
+        covariance claims everything.
     from_points : callable, optional
         The method behind its own search for points: (lines of sight (n, 3), pixels (n, 2), observation) to a result.
         A guard that has found limb points it trusts hands them over here.
@@ -263,6 +267,7 @@ class Estimator:
     run: Callable[[Observation], Fit | Refusal]
     estimates: Literal["geocentric", "geodetic"] = "geocentric"
     needs: Literal["image", "pose", "heads"] = "image"
+    claim: Literal["cone", "likelihood"] = "cone"
     from_points: Callable[[FloatArray, FloatArray, Observation], Fit | Refusal] | None = None
     from_heads: Callable[[Mapping[str, FloatArray], Observation], Fit | Refusal] | None = None
 

@@ -109,7 +109,9 @@ def _loaded(setup: dict[str, Any], exchange: int) -> tuple[Estimator | None, dic
             estimator = program_estimator(ProgramSpec(**setup["program"]), Path(setup["folder"]))
         else:
             estimator = registry.load(setup["name"])
-        said = {"title": str(estimator.title)[:1000]} | {key: getattr(estimator, key) for key in ("estimates", "needs")}
+        said = {"title": str(estimator.title)[:1000]} | {
+            key: getattr(estimator, key) for key in ("estimates", "needs", "claim")
+        }
         json.dumps(said)
         return estimator, said
     except BaseException as e:

@@ -433,7 +433,11 @@ def _pipes(process: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes], IO[b
 def _description(said: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(said.get("title"), str):
         raise ValueError("no title that is text")
-    known = {"estimates": ("geocentric", "geodetic"), "needs": ("image", "pose", "heads")}
+    known = {
+        "estimates": ("geocentric", "geodetic"),
+        "needs": ("image", "pose", "heads"),
+        "claim": ("cone", "likelihood"),
+    }
     for key, words in known.items():
         if said.get(key) not in words:
             raise ValueError(f"{key} that is none of {', '.join(words)}")

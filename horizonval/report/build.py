@@ -75,7 +75,7 @@ def build_report(run_dir: Path) -> Path:
 def write_report(run_dir: Path) -> list[Path]:
     """Write the pages of a report and return them, the first one first; otherwise as :func:`build_report`."""
     run = load_run(run_dir, MOST_CASES_SHOWN)
-    summary = summarise(run.rows, run.given_pose, run.orbit)
+    summary = summarise(run.rows, run.given_pose, run.orbit, run.likelihood)
     opening = sentences(run.judged_rows, run.judged_estimators, summary["groups"])
     has_campaign = campaign.is_due(run)
     common: dict[str, Any] = {

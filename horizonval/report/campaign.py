@@ -78,7 +78,7 @@ def headline(run: ReportRun) -> str:
 def page_of(run: ReportRun) -> JsonObject:
     """Return everything the template shows."""
     rows, link, names = run.judged_rows, links_of(run), run.judged_estimators
-    groups = summarise(rows)["groups"]
+    groups = summarise(rows, likelihood=run.likelihood)["groups"]
     tails = plots.figure(
         "Tails", "Share of claims with at least this error; the largest are marks that lead to their frames.",
         error_distribution(rows, names, link), 6.2, 4.8,
@@ -97,9 +97,9 @@ def page_of(run: ReportRun) -> JsonObject:
     return {
         "headline": headline(run),
         "sections": [_section(run, plan, index, link) for index, plan in enumerate(run.figures)],
-        "confusions": confusion_tables(rows, names),
+        "confusions": confusion_tables(rows, names, run.likelihood),
         "rates": [
-            *({"estimator": name, "camera": "", "n": len(own), **rates(own)} for name, own in pooled),
+            *({"estimator": name, "camera": "", "n": len(own), **rates(own, run.likelihood)} for name, own in pooled),
             *groups,
         ],
         "groups": groups,

@@ -43,7 +43,8 @@ class ReportRun:
 
     ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study; ``command``: the
     words that make the run again, given in its folder; ``programs``: estimators that are programs of the suite's file;
-    ``given_pose``: estimators that are told the true pose; ``orbit``: cases that are samples of an orbit.
+    ``given_pose``: estimators that are told the true pose; ``likelihood``: those whose claims are
+    those of a likelihood fit; ``orbit``: cases that are samples of an orbit.
     """
 
     suite: str
@@ -58,6 +59,7 @@ class ReportRun:
     command: tuple[str, ...] = ()
     programs: tuple[str, ...] = ()
     given_pose: tuple[str, ...] = ()
+    likelihood: tuple[str, ...] = ()
     orbit: frozenset[str] = frozenset()
 
     @property
@@ -125,6 +127,7 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
         command=tuple(head.get("command") or ()),
         programs=tuple(head.get("programs") or ()),
         given_pose=tuple(head.get("given_pose") or ()),
+        likelihood=tuple(head.get("likelihood") or ()),
         orbit=frozenset(head.get("orbit") or ()),
     )
 

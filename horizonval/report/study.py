@@ -61,7 +61,7 @@ def write_page(run_dir: Path) -> Path:
     seen: dict[str, Any] = {"frames": [], "kept": 0, "estimators": ()}
     if run:
         loaded = load_run(run_dir, MOST_BESIDE)
-        groups = summarise(loaded.rows, loaded.given_pose, loaded.orbit)["groups"]
+        groups = summarise(loaded.rows, loaded.given_pose, loaded.orbit, loaded.likelihood)["groups"]
         opening = sentences(loaded.judged_rows, loaded.judged_estimators, groups)
         seen = striking_frames(loaded.views, loaded.estimators)
     head = result["study"]
@@ -271,32 +271,14 @@ def pareto(
             # A log axis finds no room of its own round a single place.
             axes.set_xlim(min(places) / 1.5, max(places) * 1.5)
         for d in shown:
-            x, y = x_of[d["name"]], d["p95_deg"]
-            i = words.index(groups[d["name"]])
-            on = d["name"] in front
+            i, on = words.index(groups[d["name"]]), d["name"] in front
+            x, y = x_of[d["name"]]["value"], d["p95_deg"]["value"]
             if on or len(shown) <= MOST_WORDY:
-                axes.errorbar(
-                    x["value"],
-                    y["value"],
-                    xerr=_error_bars(x),
-                    yerr=_error_bars(y),
-                    fmt="none",
-                    ecolor="#8d949c",
-                    lw=0.8,
-                    zorder=1,
-                )
-                axes.annotate(
-                    str(d["number"]), (x["value"], y["value"]), xytext=(5, 4), textcoords="offset points", fontsize=8
-                )
-            axes.scatter(
-                x["value"],
-                y["value"],
-                marker=MARKERS[i % len(MARKERS)],
-                s=48 if on else 30,
-                facecolors=COLOURS[i % len(COLOURS)] if on else "white",
-                edgecolors=COLOURS[i % len(COLOURS)],
-                zorder=3,
-            )
+                axes.plot(_ends(x_of[d["name"]], x), [y, y], color="#8d949c", lw=0.8, zorder=1)
+                axes.plot([x, x], _ends(d["p95_deg"], y), color="#8d949c", lw=0.8, zorder=1)
+                axes.annotate(str(d["number"]), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
+            colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+            axes.plot(x, y, marker, ms=7 if on else 5.5, color=colour, mfc=colour if on else "white", zorder=3)
         steps = sorted((x_of[d["name"]]["value"], d["p95_deg"]["value"]) for d in shown if d["name"] in front)
         if len(steps) > 1:
             axes.step(*zip(*steps, strict=True), where="post", color=INK, lw=1.0, ls="-", zorder=2)
@@ -305,11 +287,10 @@ def pareto(
         axes.set_yscale("log")
         plain_ticks(axes.yaxis)
         axes.set(xlabel=label, ylabel="p95 of the nadir error [deg]")
-        handles = [
-            Line2D([], [], ls="", marker=MARKERS[i % len(MARKERS)], mfc="white",
-                   mec=COLOURS[i % len(COLOURS)], label=word)
-            for i, word in enumerate(words)
-        ]  # fmt: skip
+        handles = []
+        for i, word in enumerate(words):
+            colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+            handles.append(Line2D([], [], ls="", marker=marker, mfc="white", mec=colour, label=word))
         handles.append(Line2D([], [], color=INK, lw=1.0, marker="o", mfc=INK, label="front (filled)"))
         handles.append(Line2D([], [], **LIMIT, label=f"required: {limit_deg:g} deg"))
         figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=SMALL)
@@ -405,32 +386,16 @@ def level_words(level: Any) -> str:
     return f"{level:g}" if isinstance(level, float) else str(level)
 
 
-def _error_bars(found: JsonObject) -> list[list[float]] | None:
-    """Return the arms of an error bar: never negative, an open end drawn to the value."""
-    if found.get("interval") is None:
-        return None
-    low, high = found["interval"]
-    value = found["value"]
-    return [[max(value - (value if low is None else low), 0.0)], [max((value if high is None else high) - value, 0.0)]]
+def _ends(found: JsonObject, value: float) -> list[float]:
+    """Return the ends of the bar of a number; an open end, and one without interval, is at the number itself."""
+    known = [value, *(bound for bound in found["interval"] or () if bound is not None)]
+    return [min(known), max(known)]
 
 
 def _dots(axes: Axes, lines: Any, found: Sequence[JsonObject], key: str, index: int, marker: str, word: str) -> None:
-    offset = (index - 1) * 0.16
     colour = COLOURS[index % len(COLOURS)]
-    known = [(line + offset, item) for line, item in zip(lines, found, strict=True) if item[key] is not None]
-    for y, item in known:
-        bounds = [b for b in item["interval"] or [] if b is not None]
-        if bounds:
-            axes.plot([min(*bounds, item[key]), max(*bounds, item[key])], [y, y], color=colour, lw=0.9)
-    face = colour if marker == "x" else "white" if index % 2 else colour
-    axes.scatter(
-        [item[key] for _, item in known],
-        [y for y, _ in known],
-        marker=marker,
-        s=24,
-        facecolors=face,
-        edgecolors=None if marker == "x" else colour,
-        color=colour if marker == "x" else None,
-        zorder=3,
-        label=word,
-    )
+    known = [(line + (index - 1) * 0.16, one) for line, one in zip(lines, found, strict=True) if one[key] is not None]
+    for y, one in known:
+        axes.plot(_ends(one, one[key]), [y, y], color=colour, lw=0.9)
+    x, face = [one[key] for _, one in known], "white" if index % 2 and marker != "x" else colour
+    axes.plot(x, [y for y, _ in known], marker, color=colour, mfc=face, ms=5, zorder=3, label=word)

@@ -21,7 +21,7 @@ from typing import Any
 from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from horizonval.core.errors import UserError, command_line
-from horizonval.core.files import kind_at
+from horizonval.core.files import MissingFileError, UnfitFileError, kind_at, open_file
 from horizonval.report.viewer import RunFrames
 
 HOST = "127.0.0.1"
@@ -134,9 +134,13 @@ class _Handler(BaseHTTPRequestHandler):
         if address.path in (FRAMES, FRAME):
             return self._send_json(address.path, parse_qs(address.query, keep_blank_values=True))
         path = file_below(self.server.what.root, address.path)
-        if path is None:
+        try:
+            if path is None:
+                raise MissingFileError("no such file")
+            with open_file(path, links=False) as file:
+                body = file.read()
+        except UnfitFileError:
             return self._send(HTTPStatus.NOT_FOUND, b"no such file\n", "text/plain")
-        body = path.read_bytes()
         kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
         if kind == "text/html":
             kind += "; charset=utf-8"

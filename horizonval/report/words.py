@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -227,7 +227,9 @@ _FALSE_WORDS = {
 }
 
 
-def confusion_tables(rows: Sequence[Row], estimators: Sequence[str]) -> list[dict[str, Any]]:
+def confusion_tables(
+    rows: Sequence[Row], estimators: Sequence[str], likelihood: Collection[str] = ()
+) -> list[dict[str, Any]]:
     """Return expected against reported outcomes, a table for each estimator, all cameras together, counted strictly.
 
     Returns
@@ -237,11 +239,11 @@ def confusion_tables(rows: Sequence[Row], estimators: Sequence[str]) -> list[dic
         ``apart`` (the line of borderline frames, always the last) and ``cells`` of ``n``, ``share`` of the line,
         ``kind`` (a class of the style sheet) and ``glyph``.
     """
-    return [_confusion_table([row for row in rows if row.estimator == name], name) for name in estimators]
+    return [_confusion_table([row for row in rows if row.estimator == name], name, likelihood) for name in estimators]
 
 
-def _confusion_table(rows: Sequence[Row], estimator: str) -> dict[str, Any]:
-    counts = strict_confusion(rows)
+def _confusion_table(rows: Sequence[Row], estimator: str, likelihood: Collection[str]) -> dict[str, Any]:
+    counts = strict_confusion(rows, likelihood)
     columns = list(in_order({reported: 1 for line in counts.values() for reported in line}))
     lines = []
     for expected, found in counts.items():

@@ -43,7 +43,7 @@ def score(
     ----------
     truth : FrameTruth
     estimator : Estimator or None
-        ``estimates`` says which nadir is claimed, the name by which limits a claim is judged. None for what the fit
+        ``estimates`` says which nadir is claimed, ``claim`` by which limits that is judged. None for what the fit
         itself says, judged as a fit of a cone.
     result : Fit or Refusal
     earth_radius_m : float, optional
@@ -102,7 +102,7 @@ def score(
 
 
 def _limits(estimator: Estimator | None) -> limits.ClaimLimits:
-    return limits.CONE_LIMITS if estimator is None else limits.claim_limits(estimator.name)
+    return limits.CONE_LIMITS if estimator is None else limits.claim_limits(estimator.claim)
 
 
 def is_false(nadir_error_rad: float, nees_nadir: float | None, judged: limits.ClaimLimits = limits.CONE_LIMITS) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 NADIR_ERROR_LIMIT_RAD = math.radians(0.5)
 """A claimed nadir further off than this is false whatever uncertainty it claims.
@@ -55,18 +56,16 @@ class ClaimLimits:
 
 
 CONE_LIMITS = ClaimLimits(NADIR_ERROR_LIMIT_RAD, SIGMA_TEST_FLOOR_RAD)
-"""Of methods that fit a cone to points, and of all that are not ours."""
+"""Of methods that fit a cone to points, and of all that state nothing else."""
 LIKELIHOOD_LIMITS = ClaimLimits(math.radians(0.25), 0.0)
 """Of fits of the pixels' likelihood. They model the limb's height, its relief and the Earth's flattening, and claim
 what is left of them: nothing excuses them from the test of their own sigma. 0.25 deg is what small-satellite Earth
 sensors are specified to."""
-LIKELIHOOD_METHODS = ("limb-sphere", "limb-ellipsoid", "limb-profile", "limb-heads", "limb-profile-heads")
-GUARDED = "guarded-"
 
 
-def claim_limits(estimator: str) -> ClaimLimits:
-    """Return the limits by which the claims of a method are judged; a guarded one's are those of the method itself."""
-    return LIKELIHOOD_LIMITS if estimator.removeprefix(GUARDED) in LIKELIHOOD_METHODS else CONE_LIMITS
+def claim_limits(claim: Literal["cone", "likelihood"]) -> ClaimLimits:
+    """Return the limits by which a claim is judged, of the kind that its method states (``Estimator.claim``)."""
+    return LIKELIHOOD_LIMITS if claim == "likelihood" else CONE_LIMITS
 
 
 SMALLEST_SIGMA_RAD = 1e-15

@@ -65,14 +65,17 @@ BEYOND_SIGMA = "false_beyond_sigma"
 """Columns of a matrix for claims that are false; the column ``valid`` holds the others."""
 
 
-def why_false(row: Row) -> str | None:
+def why_false(row: Row, likelihood: Collection[str] = ()) -> str | None:
     """Return what makes a claim false: its error, else an error beyond its own sigma; ``None`` where it is not.
 
-    A claim whose error is no number is beyond every limit.
+    A claim whose error is no number is beyond every limit. ``likelihood`` names the estimators whose entry states that
+    their claims are those of a likelihood fit (``Estimator.claim``); the record of a run has them.
     """
     if not row.false_valid:
         return None
-    limit_arcsec = math.degrees(claim_limits(row.estimator).nadir_error_rad) * 3600.0
+    limit_arcsec = (
+        math.degrees(claim_limits("likelihood" if row.estimator in likelihood else "cone").nadir_error_rad) * 3600.0
+    )
     if row.nadir_error_arcsec is None or row.nadir_error_arcsec > limit_arcsec:
         return BEYOND_LIMIT
     return BEYOND_SIGMA
@@ -83,15 +86,11 @@ def confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
     return _matrix((row.expected, row.status) for row in rows)
 
 
-def strict_confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
+def strict_confusion(rows: Iterable[Row], likelihood: Collection[str] = ()) -> dict[str, dict[str, int]]:
     """Return the same with borderline frames on a line and false claims in a column of their own."""
-    return _matrix((BORDERLINE if row.borderline else row.expected, why_false(row) or row.status) for row in rows)
-
-
-def confusion_by_estimator(rows: Sequence[Row]) -> dict[str, dict[str, dict[str, int]]]:
-    """Return the strict matrix of every estimator, all cameras together."""
-    names = sorted({row.estimator for row in rows})
-    return {name: strict_confusion(row for row in rows if row.estimator == name) for name in names}
+    return _matrix(
+        (BORDERLINE if row.borderline else row.expected, why_false(row, likelihood) or row.status) for row in rows
+    )
 
 
 def _matrix(cells: Iterable[tuple[str, str]]) -> dict[str, dict[str, int]]:
@@ -134,7 +133,7 @@ def upper_bound(k: int, n: int) -> float | None:
     return float(one_sided.high)
 
 
-def rates(rows: Sequence[Row]) -> dict[str, Any]:
+def rates(rows: Sequence[Row], likelihood: Collection[str] = ()) -> dict[str, Any]:
     """Return what an estimator delivers and at what risk, from rows of results.
 
     Returns
@@ -152,7 +151,7 @@ def rates(rows: Sequence[Row]) -> dict[str, Any]:
     due = [row for row in clear if row.is_due]
     others = [row for row in clear if not row.is_due]
     answered = sum(row.is_claim for row in due)
-    reasons = Counter(why_false(row) for row in claims if row.false_valid)
+    reasons = Counter(why_false(row, likelihood) for row in claims if row.false_valid)
     false = reasons.total()
     return {
         "availability": proportion(answered, len(due)),
@@ -284,7 +283,12 @@ NEES_EXPECTED = 2.0
 Summary = dict[str, Any]
 
 
-def summarise(rows: Sequence[Row], given_pose: Collection[str] = (), orbit: Collection[str] = ()) -> Summary:
+def summarise(
+    rows: Sequence[Row],
+    given_pose: Collection[str] = (),
+    orbit: Collection[str] = (),
+    likelihood: Collection[str] = (),
+) -> Summary:
     """Summarise rows of results.
 
     Parameters
@@ -294,11 +298,13 @@ def summarise(rows: Sequence[Row], given_pose: Collection[str] = (), orbit: Coll
         Estimators that are told the true pose: they test the scoring, and their claims are no merit of a method.
     orbit : collection of str, optional
         Cases that are samples of an orbit.
+    likelihood : collection of str, optional
+        Estimators whose claims are those of a likelihood fit.
 
     Returns
     -------
     dict
-        JsonObject data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together but those of ``given_pose``
+        JSON data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together but those of ``given_pose``
         as :func:`horizonval.scoring.summary.rates`, and ``groups``, a list sorted by estimator and camera of what
         :func:`summarise_group` returns, each with ``given_pose``, whether its estimator is one of those, and
         ``headline`` as :func:`horizonval.scoring.summary.headline`.
@@ -310,21 +316,21 @@ def summarise(rows: Sequence[Row], given_pose: Collection[str] = (), orbit: Coll
         "schema": SUMMARY_SCHEMA,
         "n_cases": len({row.case for row in rows}),
         "n_rows": len(rows),
-        "rates": rates([row for row in rows if row.estimator not in given_pose]),
+        "rates": rates([row for row in rows if row.estimator not in given_pose], likelihood),
         "groups": [
             {
                 "estimator": estimator,
                 "camera": camera,
                 "given_pose": estimator in given_pose,
                 "headline": headline(groups[estimator, camera], orbit),
-                **summarise_group(groups[estimator, camera]),
+                **summarise_group(groups[estimator, camera], likelihood),
             }
             for estimator, camera in sorted(groups)
         ],
     }
 
 
-def summarise_group(rows: Sequence[Row]) -> dict[str, Any]:
+def summarise_group(rows: Sequence[Row], likelihood: Collection[str] = ()) -> dict[str, Any]:
     """Statistics over rows that belong together; ``None`` wherever there is nothing to compute from.
 
     Returns
@@ -358,11 +364,11 @@ def summarise_group(rows: Sequence[Row]) -> dict[str, Any]:
         "bound_arcsec": _magnitude(_column(claims, "bound_arcsec")),
         "refusals": in_order(Counter(row.status for row in rows if not row.is_claim)),
         "confusion": confusion(rows),
-        "strict_confusion": strict_confusion(rows),
+        "strict_confusion": strict_confusion(rows, likelihood),
         "nees_nadir": _nees(_column(claims, "nees_nadir")),
         "nees_nadir_total": _nees(_column(claims, "nees_nadir_total")),
         "nees_noise": _noise(rows),
-        **rates(rows),
+        **rates(rows, likelihood),
     }
 
 

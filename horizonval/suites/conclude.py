@@ -36,7 +36,9 @@ def conclude(
     from horizonval.scoring.summary import summarise
 
     about = read_json(folder.suite) or {}
-    statistics = summarise(rows, about.get("given_pose") or (), frozenset(about.get("orbit") or ()))
+    statistics = summarise(
+        rows, about.get("given_pose") or (), frozenset(about.get("orbit") or ()), about.get("likelihood") or ()
+    )
     summary = {"suite": suite, "version": code_version(), "failed": dict(failed), **statistics, **(more or {})}
     write_results(rows, folder.results)
     write_json(folder.summary, summary)

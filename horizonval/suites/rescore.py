@@ -171,6 +171,7 @@ def _claim(
             "command": list(command),
             "estimators": [estimator.name for estimator in chosen],
             "given_pose": [estimator.name for estimator in chosen if estimator.needs == "pose"],
+            "likelihood": [estimator.name for estimator in chosen if estimator.claim == "likelihood"],
             "cases": names,
             "orbit": [name for name in head.get("orbit") or () if name in names],
             "heads": cases_of_heads(items),

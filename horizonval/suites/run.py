@@ -159,6 +159,7 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
             "estimators": list(suite.estimators),
             "programs": [program.name for program in suite.programs],
             "given_pose": [name for name in suite.estimators if plan.estimator(name).needs == "pose"],
+            "likelihood": [name for name in suite.estimators if plan.estimator(name).claim == "likelihood"],
             "cases": [name for unit in units for name in unit.names],
             "orbit": [name for unit in units if unit.cases[0].sample for name in unit.names],
             "heads": {unit.name: [[case.head, case.name] for case in unit.cases] for unit in units if unit.heads},

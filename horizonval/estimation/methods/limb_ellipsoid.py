@@ -33,4 +33,5 @@ ESTIMATOR = Estimator(
     title="Limb of the Earth's ellipsoid, maximum likelihood of the pixels, position known",
     run=with_lens_error(run),
     estimates="geocentric",
+    claim="likelihood",
 )

@@ -116,4 +116,5 @@ ESTIMATOR = Estimator(
     run=with_lens_error(run),
     estimates="geocentric",
     needs="heads",
+    claim="likelihood",
 )

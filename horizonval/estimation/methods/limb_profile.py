@@ -82,4 +82,5 @@ ESTIMATOR = Estimator(
     title="Whole profile of the limb, maximum likelihood with rendered profiles of the air",
     run=with_lens_error(run),
     estimates="geocentric",
+    claim="likelihood",
 )

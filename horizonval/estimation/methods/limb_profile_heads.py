@@ -99,4 +99,5 @@ ESTIMATOR = Estimator(
     run=with_lens_error(run),
     estimates="geocentric",
     needs="heads",
+    claim="likelihood",
 )

@@ -53,4 +53,5 @@ ESTIMATOR = Estimator(
     title="Limb of a sphere, maximum likelihood of the pixels",
     run=with_lens_error(run),
     estimates="geocentric",
+    claim="likelihood",
 )

@@ -6,7 +6,6 @@ import pytest
 from synthetic import result_row
 
 from horizonval.scoring.summary import (
-    confusion_by_estimator,
     proportion,
     rates,
     strict_confusion,
@@ -85,6 +84,8 @@ def test_a_crash_is_right_on_no_frame(expected, borderline):
 def test_a_claim_that_is_no_number_is_beyond_the_limit():
     assert why_false(row("valid", "valid", false=True)) == "false_beyond_limit"
     assert why_false(row("valid", "valid", error=1799.0)) is None
+    assert why_false(row("valid", "valid", error=1000.0, false=True)) == "false_beyond_sigma"
+    assert why_false(row("valid", "valid", error=1000.0, false=True), {"e"}) == "false_beyond_limit"
 
 
 def test_the_strict_matrix_has_a_line_and_a_column_more():
@@ -95,5 +96,3 @@ def test_the_strict_matrix_has_a_line_and_a_column_more():
         "borderline": {"short_arc": 1, "false_beyond_sigma": 1},
     }
     assert list(matrix["valid"]) == ["valid", "false_beyond_limit", "dark"]
-    assert list(confusion_by_estimator(ROWS)) == ["e", "f"]
-    assert confusion_by_estimator(ROWS)["f"] == {"no_limb": {"valid": 1}}

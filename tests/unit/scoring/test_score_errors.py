@@ -13,6 +13,7 @@ from synthetic import estimator, fit_of, truth_at
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.rotation import angle_between
+from horizonval.plugins import registry
 from horizonval.scoring import limits
 from horizonval.scoring.errors import ARCSEC, METHOD_RADIUS_M, is_false, score, sigma_nadir_rad
 
@@ -141,10 +142,15 @@ def test_what_counts_as_a_false_claim(error_deg, nees, false):
     [(0.26, 0.0, True), (0.24, 24.0, False), (0.24, 26.0, True), (1e-4, 26.0, True), (0.09, None, False)],
 )
 def test_fits_of_the_likelihood_are_judged_by_half_and_by_their_sigma_at_any_error(error_deg, nees, false):
-    for name in ("limb-sphere", "guarded-limb-ellipsoid", "limb-profile"):
-        assert is_false(math.radians(error_deg), nees, limits.claim_limits(name)) is false
-    for name in ("altitude-free", "guarded-altitude-free", "limb-of-someone"):
-        assert limits.claim_limits(name) == limits.CONE_LIMITS
+    assert is_false(math.radians(error_deg), nees, limits.claim_limits("likelihood")) is false
+    assert limits.claim_limits("cone") == limits.CONE_LIMITS
+
+
+def test_our_methods_state_by_which_rule_they_are_judged():
+    strict = {"limb-sphere", "limb-ellipsoid", "limb-profile", "limb-heads", "limb-profile-heads"}
+    for name in registry.names():
+        if not registry.is_foreign(name):
+            assert registry.get(name).claim == ("likelihood" if name.removeprefix("guarded-") in strict else "cone")
 
 
 @pytest.mark.parametrize("sigmas", [0.98, 1.02])
