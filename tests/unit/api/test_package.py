@@ -1,4 +1,4 @@
-"""``import horizonval as hv`` is light; every public name has an example that runs, and so does the snippet at the head."""
+"""``import horizonval as hv`` is light; every public name has an example that runs, and so does the package's snippet."""
 
 from __future__ import annotations
 
