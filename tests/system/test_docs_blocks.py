@@ -17,7 +17,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = {
     path.relative_to(ROOT).as_posix(): text
     for path in [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "CONTRIBUTING.md"]
-    if not {"generated", "results"} & set(path.relative_to(ROOT).parts) and any(blocks(text := path.read_text(encoding="utf-8")))
+    if not {"generated", "results"} & set(path.relative_to(ROOT).parts)
+    and any(blocks(text := path.read_text(encoding="utf-8")))
 }
 DONE_ELSEWHERE = frozenset(
     [

@@ -1,4 +1,4 @@
-"""``import horizonval as hv`` is light; every public name has an example that runs, and so does the package's snippet."""
+"""The public names of the package, what importing it loads, and how it finds the libraries it needs."""
 
 from __future__ import annotations
 
