@@ -20,8 +20,19 @@ from horizonval.scoring.row import COLUMNS
 from horizonval.spec.pose import TABLE_OF, PoseKeys
 from horizonval.spec.schema import MODELS, FileKind, Key, KeyTable, tables, tables_of
 
-GENERATED = Path(__file__).parents[1] / "reference" / "generated"
-"""Not kept in the repository."""
+DOCS = Path(__file__).parents[1]
+GENERATED, RESULTS = DOCS / "reference" / "generated", DOCS / "results"
+"""Folders of generated pages; not kept in the repository."""
+RESULT_PAGES = {
+    "bench": "bench/README.md",
+    "failures": "failures/README.md",
+    "in-the-loop": "in-the-loop/README.md",
+    "infrared-horizon": "infrared-horizon-stability/README.md",
+    "published": "published/README.md",
+    **{f"published-{letter}": f"published/{letter}.md" for letter in "ABCDEFG"},
+    "studies": "studies/README.md",
+}
+"""Pages of `results/` that the documentation includes, by their names in it."""
 HELP_COLUMNS = 96
 
 INTRODUCTIONS: dict[FileKind, str] = {
@@ -45,6 +56,22 @@ def pages() -> dict[str, str]:
     made["command-line"] = _command_page()
     made["api"] = _api_page()
     made["results"] = _results_page()
+    return made
+
+
+def result_pages() -> dict[str, str]:
+    """Return the Markdown of every page that includes one of `results/`, by its name."""
+    made = {}
+    for name, path in RESULT_PAGES.items():
+        lines = [f"```{{include}} ../../results/{path}", ":relative-images:"]
+        if name.startswith("published-"):
+            lines.append(f":relative-docs: {Path(path).stem}.json")
+        made[name] = "\n".join([*lines, "```", ""])
+    letters = sorted(name for name in RESULT_PAGES if name.startswith("published-"))
+    text = (DOCS.parent / "results" / RESULT_PAGES["published"]).read_text(encoding="utf-8")
+    for name in letters:
+        text = text.replace(f"]({name[-1]}.md)", f"]({name}.md)")
+    made["published"] = text + "\n```{toctree}\n:hidden:\n\n" + "\n".join(letters) + "\n```\n"
     return made
 
 
@@ -177,16 +204,16 @@ def _results_page() -> str:
 
 
 def _write(_app: Sphinx) -> None:
-    GENERATED.mkdir(parents=True, exist_ok=True)
-    made = pages()
-    for old in GENERATED.glob("*.md"):
-        if old.stem not in made:
-            old.unlink()
-    for name, text in made.items():
-        path = GENERATED / f"{name}.md"
-        # An unchanged page keeps its time, so that a second build is quick.
-        if not path.is_file() or path.read_text(encoding="utf-8") != text:
-            path.write_text(text, encoding="utf-8")
+    for folder, made in ((GENERATED, pages()), (RESULTS, result_pages())):
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in folder.glob("*.md"):
+            if old.stem not in made:
+                old.unlink()
+        for name, text in made.items():
+            path = folder / f"{name}.md"
+            # An unchanged page keeps its time, so that a second build is quick.
+            if not path.is_file() or path.read_text(encoding="utf-8") != text:
+                path.write_text(text, encoding="utf-8")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

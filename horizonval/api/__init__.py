@@ -1,5 +1,4 @@
-"""What ``import horizonval as hv`` offers: one file for each kind of object, its functions beside it.
+"""What ``import horizonval as hv`` offers, and what the command line calls: one file for each kind of object.
 
-:mod:`horizonval` itself names all of it and loads a module here when one of its names is first used. Nothing in this
-room computes: it calls what the commands call.
+:mod:`horizonval` itself names the public part of it and loads a module here when one of its names is first used.
 """

@@ -20,7 +20,7 @@ from horizonval.jobs.progress import shown
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress
-    from horizonval.renderer.frame import Described
+    from horizonval.renderer.description import Described
 
 ROTATIONS, SHIFTS = ("rotation_x", "rotation_y", "rotation_z"), ("east", "north", "up")
 AIR_STEPS = {
@@ -164,7 +164,7 @@ def image_derivatives(
         For a scene with parts, whose illumination would change too; else as :func:`horizonval.render`.
     """
     from horizonval.earth.atmosphere.air import AirChange
-    from horizonval.renderer.frame import describe
+    from horizonval.renderer.description import describe
 
     spec, camera = scene.spec, scene.camera.spec
     if spec.part:

@@ -329,12 +329,6 @@ def sources_of_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estim
     """Return the images of all heads of one housing, by head, in the order of the heads in the camera file.
 
     The first decides in whose camera frame the answer is. Each picture comes after the name that errors call it.
-
-    Raises
-    ------
-    UserError
-        An estimator that takes a single image; a picture that is none of ours, two of one head, or images of different
-        housings or instants.
     """
     if estimator.needs != "heads":
         names = ", ".join(name for name, _ in pictures)
@@ -367,23 +361,7 @@ def sources_of_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estim
 def observation_from(
     image: AnyImage, estimator: Estimator, camera: Camera | None = None, known: PriorSpec | Prior | None = None
 ) -> tuple[Observation, list[Source]]:
-    """Return what an estimator is given of one image, and the image if it is one of ours.
-
-    Parameters
-    ----------
-    image : Image, Frame, str, Path or ndarray
-    estimator : Estimator
-    camera : Camera, optional
-        May be left out for our own frames and images, which carry theirs.
-    known : PriorSpec or Prior, optional
-        What is known beside the image, in place of what a file of ours says.
-
-    Raises
-    ------
-    UserError
-        No camera, or one of another size; a prior that states a sigma alone for a picture without truth; an estimator
-        that needs the true pose of such a picture.
-    """
+    """Return what an estimator is given of one image, and the image if it is one of ours; as :func:`estimate`."""
     where = str(image) if isinstance(image, str | Path) else "image"
     picture = _picture_of(image, camera)
     source = picture.source

@@ -1,4 +1,6 @@
-"""A camera with errors: of its focal length, its principal point and its radial distortion.
+"""A camera that is not known exactly: cameras with errors, and what those add to a method's claim.
+
+**A camera with errors: of its focal length, its principal point and its radial distortion.**
 
 The distortion's error is counted where it is largest, at the image's farthest corner. With ``r`` the corner's place
 without distortion in normalised coordinates (of a fisheye the angle from the boresight) the leading coefficient moves
@@ -6,7 +8,7 @@ it by ``f r^3 dk1``, so that::
 
     dk1 = error_px / (f r^3)
 
-What a camera that is not known exactly adds to what a method claims: the method asked again with other cameras.
+**What a camera that is not known exactly adds to what a method claims: the method asked again with other cameras.**
 
 A method knows nothing of its camera's errors: its covariance is that of the image. Where the calibration states sigmas
 of the focal length, the principal point and the distortion, each of them is an unknown with a prior, independent of the

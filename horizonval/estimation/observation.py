@@ -1,15 +1,8 @@
-"""How well the camera that an estimator is told is known: standard deviations, each of them 0 where it is exact.
-
-The camera itself stands in the observation as it is told. What a sigma says of the mounting and of the time is in the
-prior's sigmas of attitude and position as well, which are those of what a platform would say of itself.
-
-What a data sheet says of a lens beside where it maps to: how its blur changes over the field, and its aperture.
-
-What an estimator is given, and what it gives back.
+"""What an estimator is given, and what it gives back.
 
 An estimator is a function of an :class:`Observation` that returns a :class:`Fit` or a
-:class:`horizonval.core.outcome.Refusal`. It never sees
-the renderer or the truth, with one exception by definition: the ideal sensor module, whose input *is* the pose.
+:class:`horizonval.core.outcome.Refusal`. It never sees the renderer or the truth, with one exception by definition: the
+ideal sensor module, whose input *is* the pose.
 """
 
 from __future__ import annotations

@@ -35,8 +35,8 @@ from horizonval.core.errors import UserError
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
 PROBE_SECONDS = 180
-_registered: set[str] = set()
-"""Variants that know our plugins; whoever selected the variant, they are registered once."""
+_activated: set[str] = set()
+"""Variants whose log level is set."""
 
 _PROBE = """
 import sys
@@ -99,7 +99,7 @@ def probe(refresh: bool = False) -> BackendReport:
 
 
 def activate(threads: int | None = None) -> str:
-    """Select the working variant in this process and register our plugins; return its name.
+    """Select the working variant in this process; return its name.
 
     Parameters
     ----------
@@ -126,12 +126,9 @@ def activate(threads: int | None = None) -> str:
         _refuse_early_drjit(dr.detail.llvm_version(), chosen.library)
     if mi.variant() != chosen.variant:
         mi.set_variant(chosen.variant)
-    if chosen.variant not in _registered:
+    if chosen.variant not in _activated:
         mi.set_log_level(mi.LogLevel.Warn)
-        from horizonval.renderer.plugins import register_plugins
-
-        register_plugins()
-        _registered.add(chosen.variant)
+        _activated.add(chosen.variant)
     if threads is not None:
         dr.set_thread_count(threads)
     return chosen.variant

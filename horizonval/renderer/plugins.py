@@ -1,4 +1,4 @@
-"""Both plugins in Mitsuba, registered by name for scene files, and made from settings for scenes in this process.
+"""Both plugins in Mitsuba, made from settings for scenes in this process, and registered by name for scene files.
 
 ``horizon_limb`` is the deterministic limb march as an integrator. ``mi.render`` on a scene with this integrator and a
 ``horizon_camera`` returns a tensor (height, width, channels): the radiance of every band, then the energy radiance of
@@ -30,7 +30,6 @@ from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.surface import GroundModel
 from horizonval.geometry.camera import CameraModel
-from horizonval.renderer.frame import describe
 from horizonval.renderer.image import render_bands
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches
 from horizonval.renderer.kernel.clouds import GapMap, gap_map
@@ -43,8 +42,6 @@ from horizonval.renderer.refraction import ApparentRadiusAir, BendingField, to_a
 from horizonval.renderer.scattering.shells import for_images
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import PluginDict, constant, constant_vector
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
 
 Direction = tuple[float, float, float]
 
@@ -330,18 +327,6 @@ def make_camera_plugin() -> type:
 INTEGRATOR, SENSOR = "horizon_limb", "horizon_camera"
 
 
-def limb_properties(scene: SceneSpec, camera: CameraSpec) -> PluginDict:
-    """Return the integrator's properties for a file: the scene as its specification."""
-    text = {k: v.model_dump(mode="json", exclude_unset=True) for k, v in (("scene", scene), ("camera", camera))}
-    return {"type": INTEGRATOR, "scene": json.dumps(text, sort_keys=True)}
-
-
-def limb_settings(properties: Any) -> LimbSettings:
-    """Return the settings of :func:`limb_properties`; ``properties`` is Mitsuba's object."""
-    text = json.loads(properties.get("scene"))
-    return describe(SceneSpec.model_validate(text["scene"]), CameraSpec.model_validate(text["camera"])).limb
-
-
 def camera_properties(camera: CameraSettings) -> PluginDict:
     """Return the sensor's properties. JSON carries float64 exactly; Mitsuba's own vectors would not."""
     pose = {
@@ -383,16 +368,16 @@ _classes: dict[str | None, tuple[type, type]] = {}
 """Integrator and sensor, by variant."""
 
 
-def register_plugins() -> None:
-    """Register integrator and camera with the active variant."""
-    limb, camera = _classes[mi.variant()] = make_plugin(), make_camera_plugin()
-    mi.register_integrator(INTEGRATOR, lambda props: limb(props, limb_settings(props)))
-    mi.register_sensor(SENSOR, lambda props: camera(props, camera_settings(props)))
+def plugin_classes() -> tuple[type, type]:
+    """Return the classes of integrator and sensor for the active variant."""
+    if mi.variant() not in _classes:
+        _classes[mi.variant()] = make_plugin(), make_camera_plugin()
+    return _classes[mi.variant()]
 
 
 def mitsuba_scene(limb: LimbSettings, camera: CameraSettings) -> Any:
     """Return a Mitsuba scene of both plugins, made from the settings themselves: nothing is written as text."""
-    limb_class, _ = _classes[mi.variant()]
+    limb_class, _ = plugin_classes()
     film = mi.load_dict(film_properties(camera.camera))
     return mi.load_dict(
         {
@@ -405,7 +390,7 @@ def mitsuba_scene(limb: LimbSettings, camera: CameraSettings) -> Any:
 
 def mitsuba_sensor(camera: CameraSettings, film: Any) -> Any:
     """Return the camera's plugin before a film; cameras of one size may share it."""
-    _, camera_class = _classes[mi.variant()]
+    _, camera_class = plugin_classes()
     props = mi.Properties(SENSOR)
     props["film"] = film
     return camera_class(props, camera)

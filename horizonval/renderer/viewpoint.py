@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from horizonval import __version__
 from horizonval.earth.optical import node_counts
 from horizonval.frame import Hit, RadianceFrame
-from horizonval.renderer.frame import Described, turned
+from horizonval.renderer.description import Described, turned
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.parts import SkyLight, sky_light, with_parts

@@ -19,7 +19,8 @@ from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.backend import activate
-from horizonval.renderer.frame import describe, render_frame
+from horizonval.renderer.description import describe
+from horizonval.renderer.frame import render_frame
 from horizonval.renderer.reference.reference import placement, render_reference
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = {
     path.relative_to(ROOT).as_posix(): text
     for path in [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "CONTRIBUTING.md"]
-    if "generated" not in path.parts and any(blocks(text := path.read_text(encoding="utf-8")))
+    if not {"generated", "results"} & set(path.relative_to(ROOT).parts) and any(blocks(text := path.read_text(encoding="utf-8")))
 }
 DONE_ELSEWHERE = frozenset(
     [
@@ -48,10 +48,10 @@ SLOW = {
     "docs/howto/in-the-loop.md",
     "docs/howto/nightly.md",
     "docs/howto/prior.md",
+    "docs/howto/reproduce.md",
     "docs/howto/calibration.md",
     "docs/howto/trade-study.md",
     "docs/quickstart.md",
-    "docs/results/published.md",
 }
 """Pages that take minutes: ``pytest -m slow``."""
 

@@ -160,6 +160,6 @@ def test_nights_in_which_nothing_changed(suite, base):
 
 
 def test_the_frozen_images_are_the_ones_that_were_accepted(base):
-    assert len(base.images.images) == len({(r.scene, r.band, r.replicate) for r in base.results.rows})
+    assert len(base.images.images) == len({(r.case, r.band, r.replicate) for r in base.results.rows})
     assert {image.sha256 for image in base.images.images} == {row.image_address for row in base.results.rows}
     assert pack_path(BASELINE).is_file()

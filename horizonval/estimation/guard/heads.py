@@ -1,4 +1,6 @@
-"""The guard for linear arrays: one row of pixels across the limb, one crossing from each head.
+"""The guard for several heads: images of limb arcs, and rows of linear arrays.
+
+**The guard for linear arrays: one row of pixels across the limb, one crossing from each head.**
 
 A row shows neither curvature nor a length of limb. What can be asked of it:
 
@@ -14,7 +16,7 @@ leaves free (``W^T J = 0``) ::
 
     chi^2 = min over poles p of (w - w_p)^T C^-1 (w - w_p),      C = W^T (noise + relief) W
 
-The guard for methods that look through several heads: every head must show its limb, and all of them one cone.
+**The guard for methods that look through several heads: every head must show its limb, and all of them one cone.**
 
 A head sees little: a short, nearly straight piece of limb, or a row across it. What one head shows can hardly be judged
 by itself, what all of them show together can. There are three ways, by what a head is and what the method takes:

@@ -1,6 +1,8 @@
-"""Every threshold of the guard, in one place, each with its reason.
+"""Thresholds of the guard, and the covariance of what the model of a cone leaves out.
 
-What the model of a circular cone leaves out of a limb, as a covariance that any method of one limb may claim.
+**Every threshold of the guard, in one place, each with its reason.**
+
+**What the model of a circular cone leaves out of a limb, as a covariance that any method of one limb may claim.**
 
 Oblateness, uneven height of the limb, its change with the Sun, and slow errors of sub-pixel points: none of it gets
 less with more points or other noise.

@@ -1,4 +1,6 @@
-"""At which height a blurred profile of the limb is steepest.
+"""The height at which a sunlit limb is steepest, and what heights do to a fitted cone.
+
+**At which height a blurred profile of the limb is steepest.**
 
 A profile is a polygon over the height ``z``, level below its first height, with the bends ``D_j`` at ``z_j``; above the
 last its light fades over a kilometre. Blurred by a Gaussian of ``s`` it falls at ``x`` by ::
@@ -8,7 +10,7 @@ last its light fades over a kilometre. Blurred by a Gaussian of ``s`` it falls a
 with ``Phi`` the normal distribution, and the place where that is largest is what a search for the steepest place of an
 edge finds. Between the places of a search's grid it is that of a parabola.
 
-Where the rendered limb of a band is steepest, by blur and the Sun's place: made of the shipped profiles of it.
+**Where the rendered limb of a band is steepest, by blur and the Sun's place: made of the shipped profiles of it.**
 
 The profiles (:mod:`horizonval.estimation.likelihood.templates`) are of lines by the Sun's angles at *their own* lowest
 points. Lines of one camera side by side across the limb have their lowest points at other places: that of a height
@@ -27,7 +29,7 @@ orbit or more (haze, whether there are clouds at all, ground). A pattern is half
 standard deviation of a mode below to one above the mean. Air and single clouds, which vary along the limb, are left to
 its relief (:mod:`horizonval.earth.limb_heights`).
 
-How high above the ground a sunlit limb is steepest, from the place of the Sun: a table of marched limbs.
+**How high above the ground a sunlit limb is steepest, from the place of the Sun: a table of marched limbs.**
 
 A camera that does not resolve the air sees the limb where its blurred profile is steepest. That place is not fixed:
 ground that gets darker inwards or outwards pulls at it, air that is lit from ahead shines higher up, and towards the
@@ -40,7 +42,7 @@ does what a sensor cannot know of them (:mod:`horizonval.estimation.guard.sunlit
 
 Against the place in the table: refraction is in it, and in wide blurs the curvature of a small disc is not.
 
-What a limb of uneven height does to a fitted cone: the move of the nadir for known heights, covariance for unknown.
+**What a limb of uneven height does to a fitted cone: the move of the nadir for known heights, covariance for unknown.**
 
 As in :mod:`horizonval.earth.limb_heights`: a limb that stands ``h`` above the sphere is seen ``delta = h
 tan(rho) / R`` outside of it, and the fitted cone moves by the least-squares answer to ``t(phi) . dn + drho =

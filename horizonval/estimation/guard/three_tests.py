@@ -1,6 +1,8 @@
-"""An observation as a detector with wider pixels would have made it: limbs many pixels deep are edges there.
+"""Three tests of a claimed nadir against the pixels, and what each piece of the limb shows.
 
-What every piece of a limb shows: whether the edge that was fitted is there, with its sign, and nowhere else.
+**An observation as a detector with wider pixels would have made it: limbs many pixels deep are edges there.**
+
+**What every piece of a limb shows: whether the edge that was fitted is there, with its sign, and nowhere else.**
 
 The limb in view is cut into pieces, :data:`PIECES` of every sector of a fit. The pixels of a piece are explained by
 ``b + (a + c x) E(x) + noise``, with ``E`` the edge of the fitted limb and ``x`` the pixels inside it. A piece *shows*
@@ -14,7 +16,7 @@ thermal band all of it is.
 A *rival* is another place, beyond the reach of any air, at which the pieces show as large a step of the same sign: of
 two limbs one cannot be chosen.
 
-A claimed nadir is tested against the pixels: the limb that it predicts is fitted to them, and asked three times.
+**A claimed nadir is tested against the pixels: the limb that it predicts is fitted to them, and asked three times.**
 
 From the claim's nadir and angular radius, or altitude, a limb is predicted, and the most probable one near it fitted to
 the pixels across it (:mod:`horizonval.estimation.likelihood.fit`): a sphere's, of free altitude, with the flattening

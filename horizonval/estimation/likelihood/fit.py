@@ -3,7 +3,7 @@ r"""The pose that makes the pixels across the limb most probable: Gauss-Newton o
 A pixel near the limb is ``I = b + B(x) E(x) + noise`` with the edge profile ``E`` (:mod:`.edge_profile`), ``x`` its
 distance inside the limb in pixels, background and brightness of its sector of azimuth (:mod:`.light`). Unknown are,
 beside these levels, a turn of the camera (3), its position (3), the mean height of the limb, the logarithm of the blur,
-the scale height, and the modes of the relief (:mod:`.relief_modes`). With the noise's weights ``W``, the information
+the scale height, and the modes of the relief (:mod:`.sectors`). With the noise's weights ``W``, the information
 ``P`` of all priors about ``m``, and ``J`` the derivatives with the levels eliminated (:mod:`.sectors`)::
 
     step = (J^T W J + P)^-1 (J^T W residuals + P (m - now)),        C = (J^T W J + P)^-1

@@ -1,4 +1,6 @@
-"""How alike a random function is at two places, if it stays alike farther along parallels than along meridians.
+"""The height of a band's limb along its arc, and its uncertainty, from the shipped profiles.
+
+**How alike a random function is at two places, if it stays alike farther along parallels than along meridians.**
 
 At a place with the unit vectors ``u`` up, ``n`` north and the lengths ``l_n`` along the meridian, ``l_e`` along the
 parallel, it varies as one whose covariance is normal with the matrix ::
@@ -16,7 +18,7 @@ Where they are the same everywhere it is ``exp(-d^2 / (2 l^2))``. Both places' m
     D = (1 + b_i / a) (1 + b_j / a) - b_i b_j g^2 / a^2,      |S_m| = a^3 D
     d^T S_m^-1 d = d^2 / a - (b_i (1 + b_j / a) p^2 - 2 b_i b_j g p q / a + b_j (1 + b_i / a) q^2) / (a^2 D)
 
-The shipped profiles of a sunlit band as one camera sees them, and those of limbs without clouds.
+**The shipped profiles of a sunlit band as one camera sees them, and those of limbs without clouds.**
 
 The profiles (:mod:`horizonval.estimation.likelihood.templates`) are of lines by the Sun's angles at *their own* lowest
 points. Lines of one camera side by side across the limb have their lowest points at other places: that of a height
@@ -27,7 +29,7 @@ points. Lines of one camera side by side across the limb have their lowest point
 further from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon, and the Sun
 stands otherwise there. A deep disc seen from afar so has another slope than one seen from near.
 
-At which height a fit of an exponential edge places a profile of the limb that is none.
+**At which height a fit of an exponential edge places a profile of the limb that is none.**
 
 A fit (:mod:`horizonval.estimation.likelihood.fit`) takes the pixels across a limb for ``b + (a + c x + d x^2) E(x)``,
 with ``E`` the edge of :mod:`horizonval.estimation.likelihood.light`. Of a rendered profile, blurred by lens and
@@ -38,9 +40,9 @@ what a fit makes of the two.
 
 What is left over says how little the profile is of that shape.
 
-How high the fitted edge of a band's limb stands, and how it may depart from that: made of the shipped profiles.
+**How high the fitted edge of a band's limb stands, and how it may depart from that: made of the shipped profiles.**
 
-The heights are those of :mod:`.edge_height`, over the size of a pixel and the two axes of a table: the Sun's angles of
+The heights are those of :func:`edge_height`, over the size of a pixel and the two axes of a table: the Sun's angles of
 a sunlit band, latitude and month of a thermal one. Of a mode of the profiles the height changes by half of the
 difference between one standard deviation above the mean and one below, and stays so along the limb as far as the mode
 does.
@@ -51,13 +53,13 @@ middle of both, known to half of their distance, whatever share of the ensemble 
 A profile that is no exponential leaves its height open by a multiple of what a fit of it leaves
 (:data:`MISFIT_PX`): little by day, and much of the veil of a Sun that stands behind the limb.
 
-How high the limb stands along its arc, and how that may differ from what is known: for the relief of a fit.
+**How high the limb stands along its arc, and how that may differ from what is known: for the relief of a fit.**
 
-From the shipped profiles of the band (:mod:`.band_heights`), where the limb is and as the Sun stands there::
+From the shipped profiles of the band (:func:`band_heights`), where the limb is and as the Sun stands there::
 
     height(phi) = mean(phi) + sum over modes of  p_k(phi) g_k(phi)
 
-with functions ``g_k`` of variance 1, alike at two places as :mod:`.alike` has it. What is not known of the Sun is in
+with functions ``g_k`` of variance 1, alike at two places as above has it. What is not known of the Sun is in
 it, too: the error of a Sun sensor as two patterns more, and where there is none every Sun that lights the whole arc,
 all alike likely. The same where a thermal band's place is not known: of all latitudes and months the spread is one
 number for the whole arc, and what changes along it is the relief that was measured

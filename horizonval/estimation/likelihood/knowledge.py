@@ -1,6 +1,8 @@
-"""Places along the limb, at which its height is asked for, and what answers.
+"""What a fit of the limb starts from and leans on, and the places along the limb at which heights are evaluated.
 
-What a fit of the limb starts from and what it leans on: a pose, and the information that priors give on it.
+**Places along the limb, at which its height is asked for, and what answers.**
+
+**What a fit of the limb starts from and what it leans on: a pose, and the information that priors give on it.**
 
 Information is the inverse of a covariance, so that what is not known at all is zero, and what is fixed is large: free
 and known altitude, sphere and ellipsoid, are the same fit with other rows.

@@ -1,4 +1,6 @@
-"""How bright a pixel at a distance across the limb is: a step or a soft limb, seen through a lens by a square pixel.
+"""The brightness of pixels across the limb: the profile of an edge, the levels of sectors, the weights of pixels.
+
+**How bright a pixel at a distance across the limb is: a step or a soft limb, seen through a lens by a square pixel.**
 
 Inside the limb the sky is 1; outside it falls as ``exp(-height / H)``, at once where the scale height is zero. The lens
 blurs it by a Gaussian, the pixel by its own square. A square has the second moment 1/12 px^2 in every direction, so
@@ -13,7 +15,7 @@ inside the limb and ``c`` the scale height, both in pixels, and ``g = exp(x / c 
 a lens of 0.7 px and by 1 % for one of 0.25 px; the change is odd in ``x``, so that it widens the edge and does not move
 it. A limb bent with the radius ``b`` px is moved by ``s^2 / (2 b)``; :mod:`.pixels` takes that into account.
 
-The light of the pixels: levels of the sectors, what they leave, and how the pixels are weighed.
+**The light of the pixels: levels of the sectors, what they leave, and how the pixels are weighed.**
 
 In its sector the Earth's brightness is ``B = a + a' u + (c + c' u) x + d x^2 / w``, with ``u`` from -1/2 to 1/2 along
 the limb, ``x`` pixels inside it, and ``w`` the width of the window: the lens's fall-off and the Sun's height change it

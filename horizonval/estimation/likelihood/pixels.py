@@ -1,4 +1,6 @@
-"""How far inside the limb of an ellipsoid a line of sight passes, with exact derivatives by everything in a pose.
+"""The pixels near a limb: which they are, and how far inside the limb each of them looks.
+
+**How far inside the limb of an ellipsoid a line of sight passes, with exact derivatives by everything in a pose.**
 
 Divided by the semi-axes ``s = (a + h, a + h, b + h)`` the ellipsoid, raised by the height ``h`` of the limb, is the
 unit sphere, the observer stands at ``p = r / s`` and a line of sight runs along ``e ~ d / s``. With ``n = -p / |p|``::
@@ -17,7 +19,7 @@ A rotation of the camera by the small vector ``theta`` in its own axes turns wha
 
 The raised ellipsoid is not quite the surface at height ``h``: less than ``h f^2 / 2``, 0.2 m at 40 km.
 
-The pixels near a limb that is known roughly: where they look, and how an angle there becomes pixels.
+**The pixels near a limb that is known roughly: where they look, and how an angle there becomes pixels.**
 
 Of a megapixel a limb needs some ten thousand pixels. Squares of 8 x 8 pixels are looked at first, by their centres,
 and only those that the limb may come near are taken apart.
@@ -26,7 +28,7 @@ A distance in the image is an angle over its gradient by column and row, taken a
 ``s^2`` moves the image of a bent limb by ``s^2 / 2`` times its bend, the divergence of the distance's gradient: by
 5e-4 px on a disc of 1000 px. It changes so slowly along the limb that some places stand for all.
 
-The pixels of one image near the limb of one pose: in order of azimuth, with all that no step of a fit changes.
+**The pixels of one image near the limb of one pose: in order of azimuth, with all that no step of a fit changes.**
 """
 
 from __future__ import annotations

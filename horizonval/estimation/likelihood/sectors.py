@@ -1,4 +1,6 @@
-"""The uneven height of the limb as modes, unknowns of a fit whose prior is one row each.
+"""Unknowns along the limb: modes of its height, and sectors of azimuth with levels of their own.
+
+**The uneven height of the limb as modes, unknowns of a fit whose prior is one row each.**
 
 Along the limb the height departs from its mean by a random function of azimuth with the covariance ``K(phi) = s^2
 exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_heights`). On ``m`` nodes ``K = V diag(w) V^T``, and ::
@@ -14,7 +16,7 @@ the covariance of that, over the poles of :mod:`horizonval.earth.limb_heights`, 
 
 Modes that together hold less than :data:`LEFT_OUT` of the variance are left out; between nodes the modes are linear.
 
-Sectors of azimuth along the limb, each with light of its own: levels are unknowns that are eliminated in place.
+**Sectors of azimuth along the limb, each with light of its own: levels are unknowns that are eliminated in place.**
 
 In a sector the pixels are ``A (mu + d)`` with ``A`` of :func:`.light.light_basis`: background, amplitude, and shading.
 ``mu`` is the mean of all sectors (the shading has none), and ``d`` a sector's own departure with the prior ``N(0, T)``.

@@ -1,4 +1,6 @@
-"""Position from points of the limb without a start and without steps: Christian and Robinson's method.
+"""Where a fit of the limb starts: a closed form, the air that is taken for known, and the priors of the ellipsoid.
+
+**Position from points of the limb without a start and without steps: Christian and Robinson's method.**
 
 Divided by the semi-axes of an ellipsoid, lines of sight to its limb become lines of sight ``e`` to the limb of a unit
 sphere, which lie on a cone about the direction to its centre (J. A. Christian and S. B. Robinson, "Noniterative
@@ -13,9 +15,9 @@ is the special case of equal axes, in which the camera's own axes do for the pla
 
 It weighs the points as the scaling leaves them, to the flattening of 0.3 %: a start for a fit, not an answer.
 
-What is taken for known of the limb's air where no prior says it, of bands with shipped profiles and of others.
+**What is taken for known of the limb's air where no prior says it, of bands with shipped profiles and of others.**
 
-Where a fit of the ellipsoid's limb starts and what it leans on, from a search, a position and a coarse attitude.
+**Where a fit of the ellipsoid's limb starts and what it leans on, from a search, a position and a coarse attitude.**
 
 Points of the search for the limb give a position by Christian and Robinson's closed form in the axes of the attitude's
 prior; the camera is turned by the shortest way that brings its direction to the prior's. What remains, yaw and

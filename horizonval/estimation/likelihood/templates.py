@@ -1,4 +1,6 @@
-"""A cubic spline through places of an axis, as weights of the values there.
+"""Rendered profiles of the limb as a table that a fit reads, and the spline that interpolates it.
+
+**A cubic spline through places of an axis, as weights of the values there.**
 
 With the values ``f`` and slopes ``s`` at two places ``h`` apart, and ``t`` from 0 to 1 between them::
 
@@ -7,7 +9,7 @@ With the values ``f`` and slopes ``s`` at two places ``h`` apart, and ``t`` from
 Slopes make the second derivative steady, which is a set of linear equations, so that ``s = S f`` and ``p = w . f``. At
 an end of the axis the slope is 0 where it is asked to be, and else that of the parabola through three places.
 
-The rendered profile of the limb, and how it may differ, as a table that a fit reads in place of a renderer.
+**The rendered profile of the limb, and how it may differ, as a table that a fit reads in place of a renderer.**
 
 Along a straight line whose lowest point lies at height ``h`` over the ellipsoid comes the radiance ::
 
@@ -17,7 +19,7 @@ The mean is that of an ensemble of air, cloud and ground at a place: of thermal 
 ones by the Sun's zenith angle at the lowest point and its azimuth from the line of sight. The modes are empirical
 orthogonal functions of what the ensemble's states are off by. A coefficient stays alike along the limb over the mode's
 ``correlation_rad``, which of the air differ from the equator to the poles, and along a meridian from along a parallel
-(:mod:`.height.alike`).
+(:mod:`.height`).
 
 ``h`` is negative where the line meets the ground: the depth of its middle below the ellipsoid. Lines are straight
 continuations of what the camera sees; the air bends light, and that is in the profile: the hard edge of the ground
@@ -29,7 +31,7 @@ height ``h`` turns them by ``h / (R sin(rho))``, 0.01 rad for 30 km seen from 50
 
 Between the places of a thermal table everything is multilinear. Sunlight turns with the Sun's angles too much for
 that: straight lines between the places of the shipped tables leave up to 16 % of a profile with the Sun up to 88 deg
-from the zenith, splines 5 %. So splines (:mod:`.spline`) go through the modes, and through the root of the mean, whose
+from the zenith, splines 5 %. So splines (as above) go through the modes, and through the root of the mean, whose
 range is smaller and which none makes negative: 1.8 %. Standard deviations stay multilinear. Tables that reach into
 twilight end in the dark.
 

@@ -1,4 +1,6 @@
-"""A circle through image points: Taubin's algebraic fit.
+"""The horizon as the published arc methods see it: the longest edge, and a circle through it.
+
+**A circle through image points: Taubin's algebraic fit.**
 
 A circle is ``a (x^2 + y^2) + b x + c y + d = 0``. The fit minimises the sum of squares of the left side over the sum of
 squares of its gradient, which is the distance of the points to first order (Taubin, IEEE Trans. PAMI 13, 1115, 1991).
@@ -8,7 +10,7 @@ On centred points with ``z = x^2 + y^2`` the minimum is the smallest singular ve
 A horizon in an image is a conic, not a circle: see :mod:`horizonval.geometry.horizon` for the curve that it
 is.
 
-The horizon as the published arc methods see it: the longest edge of the image, and the circle through it.
+**The horizon as the published arc methods see it: the longest edge of the image, and the circle through it.**
 
 Canny edges fall into chains of touching pixels. The chain with the most pixels is taken for the horizon, a circle is
 fitted to it, and what lies far from the circle is left out, twice. Nothing is checked: a terminator, a cloud's edge or

@@ -1,10 +1,12 @@
-"""Whole-pixel edge points: Canny on the image stretched to eight bits.
+"""Edge points of an image: whole pixels by Canny, and their positions below the pixel.
+
+**Whole-pixel edge points: Canny on the image stretched to eight bits.**
 
 Canny (1986) wants eight bits (:class:`horizonval.estimation.limb.picture.Picture`). The upper threshold is the largest
 of three: a multiple of the measured noise, a share of the image's own strong gradients, and a floor that keeps out slow
 ramps such as the terminator (a limb rises within a few pixels, a terminator within hundreds).
 
-Sub-pixel position of an edge: the area under its profile.
+**Sub-pixel position of an edge: the area under its profile.**
 
 A pixel holds the area of itself that the bright side covers. Along one column (for an edge that is closer to
 horizontal; else along one row) let ``a`` and ``b`` be the levels before and behind the edge. Every pixel of the column

@@ -1,20 +1,19 @@
-"""The Sun as a distractor: a compact blob of saturated pixels.
+"""Image in, limb points out: the limb that makes the picture most probable, coarse to fine.
 
-Its rim is a perfect circle with a flat sky outside, everything a limb is, only far too small and saturated inside.
-
-Image in, limb points out: the limb that makes the picture most probable, coarse to fine.
-
-1. The picture is made smaller by halves (:mod:`.search.pyramid`); on sizes that are cheap, cones through agreeing edge
-   points are proposed (:mod:`.search.proposals`).
-2. Each is judged by the likelihood of the pixels across it, with a limb there and without (:mod:`.search.evidence`),
+1. The picture is made smaller by halves (:mod:`.pyramid`); on sizes that are cheap, cones through agreeing edge
+   points are proposed (:mod:`.proposals`).
+2. Each is judged by the likelihood of the pixels across it, with a limb there and without (:mod:`.evidence`),
    the Earth the brighter side or the darker. The best goes on to the larger sizes, its cone fitted anew to what each
    shows.
 3. A limb is claimed where most of what the cone predicts in view shows, where outside of it there is space, and where
    it determines a nadir. Another cone with half of its likelihood and another nadir makes it ambiguous.
-4. Its points are read off the finest size that still shows it (:mod:`.search.locate`).
+4. Its points are read off the finest size that still shows it (:mod:`.locate`).
 
 ``find_limb`` does all of it. ``find_edges_only`` and ``find_canny_pixels`` are the published methods' own: every edge
 of the image, right only where the limb is the one edge in it.
+
+The Sun is a distractor: a compact blob of saturated pixels, whose rim is a perfect circle with a flat sky outside,
+everything a limb is, only far too small.
 """
 
 from __future__ import annotations

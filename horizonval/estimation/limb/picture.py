@@ -1,31 +1,33 @@
-"""The least noise of digital numbers: a converter that rounds to whole steps leaves ``1 / sqrt(12)`` of one.
+"""An image before any search: one grey plane, checked, its noise, its percentiles, its smaller copies and directions.
+
+**The least noise of digital numbers: a converter that rounds to whole steps leaves ``1 / sqrt(12)`` of one.**
 
 Where the noise before it is small beside a step, nearly all pixels of an even field get one number. What they scatter
 by is then next to nothing, and the few that got another number seem to be far outliers.
 
-Medians and percentiles of a picture's pixels: NumPy's, to the bit, in a fifth of the time.
+**Medians and percentiles of a picture's pixels: NumPy's, to the bit, in a fifth of the time.**
 
 NumPy parts values at several places at once, the last among them, to see NaN too. At a single place that is many times
 as fast; and of a detector's whole numbers it is enough to know how often each occurs.
 
-Any picture array to one grey plane.
+**Any picture array to one grey plane.**
 
 Colour becomes the plain mean of its channels: the limb is looked for where *any* channel changes, and luminance
 weights would mute the blue of the daylight limb. Channel order (RGB or BGR) then does not matter either.
 
-Is this an image at all? Checks that need no search for edges.
+**Is this an image at all? Checks that need no search for edges.**
 
 An estimator must answer anything with a typed refusal, so whatever later steps assume is asked for here: two
 dimensions, a few pixels, finite numbers, and some pixels between darkness and saturation.
 
-Smaller copies of an image: what a detector with wider pixels would have seen.
+**Smaller copies of an image: what a detector with wider pixels would have seen.**
 
-The directions of a camera's pixels, kept for the next image of the same camera.
+**The directions of a camera's pixels, kept for the next image of the same camera.**
 
 A flight of images has one camera, and to undistort a million pixels takes longer than most of what is asked of an
 image.
 
-One image on its way through a search: what several steps ask of it is worked out once.
+**One image on its way through a search: what several steps ask of it is worked out once.**
 
 A detector gives whole numbers. Where an image holds nothing else, up to sixteen bits of them, its percentiles come from
 counts and its stretch from a table, which are the same numbers sooner.

@@ -1,6 +1,6 @@
-"""What a search for the limb gives back where it does not refuse (:mod:`horizonval.core.outcome`).
+"""Cones that may be the limb, and the form in which a search gives its limb back.
 
-Cones that may be the limb: through three edge points of one level whose gradients agree.
+**Cones that may be the limb: through three edge points of one level whose gradients agree.**
 
 Edge points are Canny's (IEEE Trans. PAMI 8, 679, 1986) where the gradient stands out of the noise. Of them those come
 first that have a calm side, since space is calm: mean gradient of the calmer side over their own. Three lines of sight

@@ -1,4 +1,6 @@
-"""Sub-pixel position of a soft limb: where the profile along the limb's own normal is steepest.
+"""Points where a soft limb is steepest, and the covariance that the detector's noise gives a cone through them.
+
+**Sub-pixel position of a soft limb: where the profile along the limb's own normal is steepest.**
 
 The area under a profile (:mod:`horizonval.estimation.limb.edges`) is exact for a hard edge and for any symmetric
 spread. Air is neither: its tail goes on for tens of kilometres, and how much of it counts depends on the window's
@@ -10,7 +12,7 @@ or Sun. On rendered limbs seen from 300 to 1500 km the bow that is left along an
 The profile is read by bilinear interpolation in equal steps of angle along the direction to the cone's axis, smoothed
 by a Gaussian of one pixel, and differentiated; a parabola through the largest step and its neighbours gives the place.
 
-What the detector's noise alone makes of a limb: the covariance of a cone through its steepest places.
+**What the detector's noise alone makes of a limb: the covariance of a cone through its steepest places.**
 
 Residuals of sub-pixel points hold more than noise: the phase of the pixels, clouds and the shape of the Earth leave
 patterns that another exposure repeats. The noise is therefore not taken from them but carried through the search

@@ -12,6 +12,7 @@ does not know plugins written in Python.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -29,13 +30,16 @@ from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.renderer.frame import Described, describe, render_frame
+from horizonval.renderer.backend import activate
+from horizonval.renderer.description import Described, describe
+from horizonval.renderer.frame import render_frame
 from horizonval.renderer.frame_cost import refuse_too_large
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import with_infrared_horizon
 
 if TYPE_CHECKING:
+    from horizonval.renderer.plugins import LimbSettings
     from horizonval.renderer.reference.reference_scene import Placement
     from horizonval.renderer.types import PluginDict
 
@@ -240,6 +244,7 @@ def _sensor(described: Described) -> PluginDict:
     intrinsics, place = described.camera, placement(described)
     if stock.is_stock(intrinsics):
         return stock.perspective(intrinsics, place)
+    register_plugins()
     lens = CameraSettings(intrinsics, (place.camera_m - place.origin_m) * stock.KM, described.itrs_from_cam)
     return camera_properties(lens) | {"film": stock.film(intrinsics)}
 
@@ -313,10 +318,39 @@ def _truth_maps(described: Described) -> dict[str, NDArray[np.float32]]:
 
 SCENE, REFERENCE, README = "scene.xml", "reference.xml", "README.txt"
 LOAD = (
-    "from horizonval.renderer.backend import activate; activate(); import mitsuba as mi; "
+    "from horizonval.renderer.reference.reference import register_plugins; register_plugins(); import mitsuba as mi; "
     f"image = mi.render(mi.load_file('{SCENE}'))"
 )
 """Python that renders the exported deterministic scene."""
+_registered: set[str] = set()
+"""Variants that know the plugins."""
+
+
+def register_plugins() -> None:
+    """Select the back-end and register integrator and camera with it, once, for scene files that name them."""
+    variant = activate()
+    if variant in _registered:
+        return
+    import mitsuba as mi
+
+    from horizonval.renderer.plugins import INTEGRATOR, SENSOR, camera_settings, plugin_classes
+
+    limb, camera = plugin_classes()
+    mi.register_integrator(INTEGRATOR, lambda props: limb(props, limb_settings(props)))
+    mi.register_sensor(SENSOR, lambda props: camera(props, camera_settings(props)))
+    _registered.add(variant)
+
+
+def limb_properties(scene: SceneSpec, camera: CameraSpec) -> PluginDict:
+    """Return the integrator's properties for a file: the scene as its specification."""
+    text = {k: v.model_dump(mode="json", exclude_unset=True) for k, v in (("scene", scene), ("camera", camera))}
+    return {"type": "horizon_limb", "scene": json.dumps(text, sort_keys=True)}
+
+
+def limb_settings(properties: Any) -> LimbSettings:
+    """Return the settings of :func:`limb_properties`; ``properties`` is Mitsuba's object."""
+    text = json.loads(properties.get("scene"))
+    return describe(SceneSpec.model_validate(text["scene"]), CameraSpec.model_validate(text["camera"])).limb
 
 
 def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Path]:
@@ -338,7 +372,7 @@ def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Pat
         As :func:`horizonval.renderer.frame.render_frame`.
     """
     described = describe(scene, camera)
-    from horizonval.renderer.plugins import camera_properties, limb_properties
+    from horizonval.renderer.plugins import camera_properties
 
     folder.mkdir(exist_ok=True)
     bands = ", ".join(described.model.bands)

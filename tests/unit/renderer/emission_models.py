@@ -70,7 +70,7 @@ def frame_of(air: OpticalModel, seen: SceneSpec, spec: CameraSpec, roll_rad: flo
     """Return the radiance (height, width, bands) of any model in a scene's geometry, the camera rolled."""
     import mitsuba as mi
 
-    from horizonval.renderer.frame import describe
+    from horizonval.renderer.description import describe
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.plugins import CameraSettings, LimbSettings, mitsuba_scene
 

@@ -31,7 +31,7 @@ def _specs(camera: dict[str, Any], clouds: dict[str, Any], **tables: Any) -> tup
 
 def _view(camera: dict[str, Any], clouds: dict[str, Any], subsamples: int, refraction: bool = False) -> FrameGeometry:
     activate()
-    from horizonval.renderer.frame import describe
+    from horizonval.renderer.description import describe
     from horizonval.renderer.plugins import mitsuba_scene
 
     render = {"subsamples": subsamples, "orders": "single"}

@@ -65,7 +65,7 @@ def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.Monke
 
     Marched: view tables have a border where one column's air ends, and where those of many do only at the model's top.
     """
-    from horizonval.renderer import frame
+    from horizonval.renderer import description
 
     scene = _scene(CLIMATES, method="march")
     model = optical_model(scene, CAMERA)
@@ -80,7 +80,7 @@ def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.Monke
     images = []
     for columns in (model.columns, None):
         changed = replace(model, nodes=nodes, columns=columns)
-        monkeypatch.setattr(frame, "optical_model", lambda *_, changed=changed, **__: changed)
+        monkeypatch.setattr(description, "optical_model", lambda *_, changed=changed, **__: changed)
         images.append(render_frame(scene, CAMERA).radiance["b"])
     assert images[0] == pytest.approx(images[1], rel=2e-6)
 

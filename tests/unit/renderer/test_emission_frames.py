@@ -137,7 +137,7 @@ def test_bytes_do_not_depend_on_the_frames_before() -> None:
     """A frame at another attitude first, or nothing: the same bytes, and few nodes are made for the second frame."""
     import mitsuba as mi
 
-    from horizonval.renderer.frame import describe
+    from horizonval.renderer.description import describe
     from horizonval.renderer.plugins import mitsuba_scene
     from horizonval.renderer.table_store import TABLES
 
@@ -181,7 +181,7 @@ def _cloudy(air: OpticalModel, emissivity: float, spec: Any, **changes: Any) -> 
     """A frame under clouds of an emissivity, through the plugin's own properties."""
     import mitsuba as mi
 
-    from horizonval.renderer.frame import describe
+    from horizonval.renderer.description import describe
     from horizonval.renderer.plugins import mitsuba_scene
 
     described = describe(scene(clouds=CLOUDS, render={"subsamples": 1}, **changes), spec)

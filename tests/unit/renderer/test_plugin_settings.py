@@ -10,8 +10,9 @@ import pytest
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before Dr.Jit is imported)
 from horizonval.renderer import plugins
-from horizonval.renderer.frame import Described, describe
+from horizonval.renderer.description import Described, describe
 from horizonval.renderer.plugins import LimbSettings, mitsuba_scene
+from horizonval.renderer.reference import reference
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -43,8 +44,9 @@ def described() -> Described:
 def test_a_scene_file_has_the_same_settings_and_the_same_image(described: Described) -> None:
     import mitsuba as mi
 
+    reference.register_plugins()
     properties = {
-        "integrator": plugins.limb_properties(SCENE, CAMERA),
+        "integrator": reference.limb_properties(SCENE, CAMERA),
         "sensor": plugins.camera_properties(described.sensor),
     }
     scene = mi.load_dict({"type": "scene", **properties})

@@ -49,7 +49,7 @@ def specs(changes: Mapping[str, Any], method: str, band: dict[str, Any] = SOLAR)
 def opened(changes: Mapping[str, Any], every_cell: bool, band: dict[str, Any] = SOLAR) -> tuple[Any, FrameGeometry]:
     """The integrator and the geometry of a frame."""
     activate()
-    from horizonval.renderer.frame import describe
+    from horizonval.renderer.description import describe
     from horizonval.renderer.plugins import mitsuba_scene
 
     described = describe(*specs(changes, "march", band))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from horizonval.renderer.frame import describe, render_frame
+from horizonval.renderer.description import describe
+from horizonval.renderer.frame import render_frame
 from horizonval.spec.load import Case, load_scene
 from horizonval.store.exr import read_frame, write_frame
 from horizonval.suites.identity import frame_identity

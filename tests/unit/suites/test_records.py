@@ -197,11 +197,11 @@ def test_a_file_of_two_lines_lies_beside_its_suite(tmp_path: Path, monkeypatch: 
     assert len(load_suite(tmp_path / "plain" / "s.toml").cases) == 3
 
 
-def test_the_summary_knows_the_orbit_and_who_is_told_the_pose(tmp_path: Path) -> None:
+def test_the_summary_knows_what_the_record_says_of_orbit_and_estimators(tmp_path: Path) -> None:
     rows = [result_row(case=name, estimator=e) for name in ("a", "b") for e in ("est", "ideal")]
     about = {"suite": "s", "title": "S", "estimators": ["est", "ideal"], "cases": ["a", "b"], "version": "1"}
     found = {}
-    for key, more in (("plain", {}), ("told", {"given_pose": ["ideal"], "orbit": ["a", "b"]})):
+    for key, more in (("plain", {}), ("told", {"given_pose": ["ideal"], "orbit": ["a", "b"], "likelihood": ["est"]})):
         calls: list[Any] = []
         folder = RunFolder(tmp_path / key)
         folder.create()
@@ -212,7 +212,7 @@ def test_the_summary_knows_the_orbit_and_who_is_told_the_pose(tmp_path: Path) ->
             patch.setattr("horizonval.scoring.summary.summarise", lambda *a, told=calls: told.append(a) or {})
             conclude(folder, "s", rows, {})
         found[key] = [set(x) for x in calls[0][1:]]
-    assert found == {"plain": [set(), set()], "told": [{"ideal"}, {"a", "b"}]}
+    assert found == {"plain": [set()] * 3, "told": [{"ideal"}, {"a", "b"}, {"est"}]}
 
 
 def test_a_kept_record_has_its_keys_in_order_or_as_they_were(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
-"""The frames that a calibration can use: by the whole profile of the limb where its air is known, else by its edge.
+"""Self-calibration: the frames that can be used, and the camera that makes their limbs most probable.
 
-The camera that makes the limbs of many frames most probable: self-calibration over a pass.
+**The frames that a calibration can use: by the whole profile of the limb where its air is known, else by its edge.**
+
+**The camera that makes the limbs of many frames most probable: self-calibration over a pass.**
 
 Focal length, principal point, distortion and mounting are shared by all frames; pose, light, blur and air are each
 frame's own. Gauss-Newton on the likelihood of all pixels across all limbs, with each frame's own

@@ -1,12 +1,14 @@
-"""The air along a limb in view: profiles at nodes of azimuth, and how the modes vary from node to node.
+"""The air along a limb in view: its modes from place to place, and the table that it is read from.
 
-A coefficient of a mode is along the limb a random function with the covariance of :mod:`..height.alike`:
+**The air along a limb in view: profiles at nodes of azimuth, and how the modes vary from node to node.**
+
+A coefficient of a mode is along the limb a random function with the covariance of :mod:`..height`:
 ``exp(-d^2 / (2 l^2))``, ``d`` the distance of two places on the unit sphere, where the length ``l`` is the same
 everywhere. On the nodes it is ``V diag(w) V^T``, and ::
 
     a_k(node j) = sum_i  z_i sqrt(w_i) V_ji,        z_i ~ N(0, 1)
 
-(Karhunen and Loeve), as for the relief in :mod:`.relief_modes`. Waves that hold less than :data:`LEFT_OUT` of a mode's
+(Karhunen and Loeve), as for the relief in :mod:`..sectors`. Waves that hold less than :data:`LEFT_OUT` of a mode's
 variance are left out.
 
 A line that passes at ``h``, below the height ``z`` from which light comes, ends the angle ``d`` before its lowest
@@ -22,7 +24,7 @@ The height ``z`` is the highest at which the mean has half of its largest value.
   over :data:`LEFT_LENGTH_RAD`;
 - the gain of the optics, which a calibration has to :data:`GAIN_SIGMA`: the mean profile itself.
 
-The air that a fit leans on: a table of profiles, read where the limb in view is and as the Sun stands there.
+**The air that a fit leans on: a table of profiles, read where the limb in view is and as the Sun stands there.**
 
 With the normal ``u`` of the ellipsoid beneath a place of the limb, the line of sight ``d`` to it, which is level there,
 and the direction ``s`` of the Sun: zenith angle ``acos(s . u)``, azimuth from the line of sight ``atan2(s . (u x d),

@@ -1,4 +1,6 @@
-"""A step of the fit's unknowns, with those of the air eliminated first.
+"""The fit of the whole profile of the limb: its step, its search and its result.
+
+**A step of the fit's unknowns, with those of the air eliminated first.**
 
 With the normal matrix in blocks of the shared unknowns and of the unit unknowns of the air, priors in both, and
 ``A = L L^T`` (Cholesky)::
@@ -7,7 +9,7 @@ With the normal matrix in blocks of the shared unknowns and of the unit unknowns
 
 ``C_s`` is the covariance of the shared unknowns, ``S^-1`` what it would be if the air were known.
 
-The way from a pose near the limb to the most probable unknowns: Gauss-Newton, no step of which is a bad one.
+**The way from a pose near the limb to the most probable unknowns: Gauss-Newton, no step of which is a bad one.**
 
 Of an image in which many pixels see the limb some are enough to come near; all are asked for the last steps.
 
@@ -27,9 +29,9 @@ little as they.
 off, light above a limb that is predicted too low looks like a soft lens, and the noise that fits the residuals is
 large. So the lens is held in the first part of the way, and so is the noise for a step.
 
-The pose, and the air, that make the pixels of the limb's whole profile most probable: Gauss-Newton.
+**The pose, and the air, that make the pixels of the limb's whole profile most probable: Gauss-Newton.**
 
-A pixel whose ray passes at the height ``h`` (:mod:`.ray_height`), between two nodes of azimuth, is ::
+A pixel whose ray passes at the height ``h`` (:mod:`.pixels`), between two nodes of azimuth, is ::
 
     I = b + g l P_s(h - H + c (s^2 + 1/12)) + noise,        P = mean + sum_k a_k f_k
 
@@ -48,7 +50,7 @@ many as the pixels determine, ``tr(1 - C_z)``. Where it is more by two of its ow
 thin clouds errors squared over what is claimed were 1.4 where the ratio was below 1, and 3 to 10 above; the rule was
 made after seeing that.
 
-Where the converter's floor cuts noise off, what a pixel shows in the mean is not ``I``: see :mod:`.floor`. The noise is
+Where the converter's floor cuts noise off, what a pixel shows in the mean is not ``I``: see :mod:`.noise`. The noise is
 that of :mod:`.noise`. Where neighbouring residuals are alike, what they show counts less by how much more
 their sums over squares scatter than independent ones would, of the size of squares where that is most.
 

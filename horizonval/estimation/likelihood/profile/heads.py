@@ -1,4 +1,6 @@
-"""One air for all heads: what limbs in several images have of it in common.
+"""One pose and one air fitted to the whole profiles of the limb in all heads.
+
+**One air for all heads: what limbs in several images have of it in common.**
 
 Heads of a housing look at one planet. A coefficient of a mode is one random function on it, so that the nodes of all
 heads together have one covariance, as those of one image have (:mod:`..profile.air`): its roots are waves that reach
@@ -6,12 +8,12 @@ from limb to limb, and their unit unknowns are the heads' common unknowns. Where
 image, where they cross it is in both. Images of other wavelengths see other modes, with unknowns of their own; and so
 does the gain of the optics, which is each head's.
 
-The pose of a body, and one air, that make the whole profiles of the limb in all its heads most probable.
+**The pose of a body, and one air, that make the whole profiles of the limb in all its heads most probable.**
 
 The equations of one image (:mod:`..profile.fit`) are added up. With the unknowns ``g`` of the body, a turn in body
 axes, position, and the lift of all air, those of head ``k`` are ``T_k g``: a turn of the body is a turn of its cameras,
 ``theta_k = R_k theta``, and the rest is picked. Each head keeps blur, sharpness, gain and background of its own; the
-air is one (:mod:`.common_air`), and is eliminated from the sum.
+air is one (above), and is eliminated from the sum.
 
 Every head is fitted alone first, which finds its limb, its light and its noise; those that show none are left out.
 The claim is widened where the air is strained, as that of one image.

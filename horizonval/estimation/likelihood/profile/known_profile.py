@@ -1,4 +1,6 @@
-"""A pose near the limb from a coarse attitude alone: the tilt at which the predicted picture is most like the image.
+"""What a fit of the limb's profile is given of an observation, and the pose that it starts from.
+
+**A pose near the limb from a coarse attitude alone: the tilt at which the predicted picture is most like the image.**
 
 Pixels of a coarse copy of the image are compared with what the profiles of the table make of them at every tilt of a
 grid about the prior's nadir. With gain and background free, ``R^2`` the square of the correlation of both, ``n`` pixels
@@ -12,7 +14,7 @@ for in the image itself: no edge, no threshold. That the best tilt is right is f
 Heights are those of a sphere by its angle from the nadir, corrected at every pixel by what the ellipsoid makes of them
 at the prior: the flattening changes over some degrees of tilt by less than a pixel.
 
-What a fit of the limb's profile is given of an observation: tables of its air, priors, and where to start.
+**What a fit of the limb's profile is given of an observation: tables of its air, priors, and where to start.**
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Noise that a converter cuts off: what dark pixels show where levels end at a floor.
+"""The noise of pixels that see the limb's profile, also where a converter cuts it off.
+
+**Noise that a converter cuts off: what dark pixels show where levels end at a floor.**
 
 Of a pixel whose level is normal, of mean ``mu`` and standard deviation ``s``, and cut off at ``f``, is expected ::
 
@@ -10,7 +12,7 @@ without a black level do so: the limb of the shipped infrared one in 8 to 14 um 
 ``s`` and the background are those of pixels that see nothing but space, by the share of them at the floor and by their
 mean.
 
-The noise of the pixels that see a profile, as their residuals show it.
+**The noise of the pixels that see a profile, as their residuals show it.**
 
 The variance is that of dark pixels and three parts that least squares find in the residuals: one as bright as the
 pixel (photons), one as the square of what clouds can change (the light of the limb's brightest height, as far as lens

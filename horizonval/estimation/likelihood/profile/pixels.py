@@ -1,4 +1,6 @@
-"""How high above an ellipsoid a line of sight passes at its lowest point, with derivatives by everything in a pose.
+"""The pixels that see the limb's profile, and the lowest height of each one's line of sight.
+
+**How high above an ellipsoid a line of sight passes at its lowest point, with derivatives by everything in a pose.**
 
 Divided by the semi-axes ``s`` the ellipsoid is the unit sphere. A ray from ``p = r / s`` along ``e = d / s`` comes
 nearest to its centre at ``q = p + l e`` with ``l = -p . e / e . e``, the distance along the ray in metres; there the
@@ -15,7 +17,7 @@ The lowest point moves with a turn and a shift of the ray as its own place along
 
 What ``g`` changes beside is less by ``h / a``.
 
-The pixels of one image that see the limb's profile: in order of azimuth, with all that no step of a fit changes.
+**The pixels of one image that see the limb's profile: in order of azimuth, with all that no step of a fit changes.**
 """
 
 from __future__ import annotations

@@ -29,7 +29,6 @@ from horizonval.studies.regression.gates import (
     scenes,
 )
 from horizonval.studies.regression.history import pieces
-from horizonval.studies.regression.images import compare_images
 from horizonval.studies.regression.night import levels_of
 from horizonval.studies.regression.page import write_junit
 from horizonval.studies.regression.row import ReplicateRow
@@ -253,21 +252,6 @@ def test_levels_are_shares_of_what_is_due_and_medians_of_what_claims() -> None:
     assert levels["fixed est: median nadir error"] == {"value": 8.0, "unit": "arcsec", "n": 3}
     assert set(levels) == {*[k for k in levels if k.startswith("fixed")], "fresh est: false claims"}
     assert levels["fresh est: false claims"]["value"] == 0.0
-
-
-def band(radiance: str, noise: float | None, *images: str) -> dict[str, Any]:
-    return {"radiance_sha256": radiance, "noise_dn": noise, "images": list(images)}
-
-
-@pytest.mark.parametrize(
-    ("now", "base", "percent"),
-    [(1.1, 1.0, 10.0), (1.0, 1.25, -20.0), (0.0, 0.0, 0.0), (0.3, 0.0, 100.0), (None, 1.0, None)],
-)
-def test_noise_is_compared_in_per_cent(now: float | None, base: float | None, percent: float | None) -> None:
-    compared = compare_images("day", band("x", now, "a", "b"), band("x", base, "a", "c"), None, None)
-    assert compared["noise"] == (percent if percent is None else pytest.approx(percent))
-    assert (compared["same_radiance"], compared["same_images"], compared["n_images"]) == (True, 1, 2)
-    assert compared["limb_radiance"] is None
 
 
 def head(**keys: Any) -> dict[str, Any]:

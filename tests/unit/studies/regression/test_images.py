@@ -136,23 +136,22 @@ def test_a_damaged_pack_is_refused(tmp_path):
         read_pack(tmp_path / "none.npz")
 
 
-def test_equal_digests_are_compared_no_further(tmp_path):
-    about = {"radiance_sha256": "a", "images": ["x", "y"], "noise_dn": 1.0}
+@pytest.mark.parametrize(
+    ("now", "before", "percent"),
+    [(1.1, 1.0, 10.0), (1.0, 1.25, -20.0), (0.0, 0.0, 0.0), (0.3, 0.0, 100.0), (None, 1.0, None)],
+)
+def test_noise_is_compared_in_per_cent_and_equal_digests_no_further(now, before, percent):
+    about = {"radiance_sha256": "a", "images": ["x", "y"], "noise_dn": now}
+    base = {"radiance_sha256": "a", "images": ["x", "z"], "noise_dn": before}
     frozen = FrozenFrame("s", "vis", "a", disc(0, 0), np.where(NEAR, LIMB, DISC).astype(np.uint8))
-    found = compare_images("day", about, about, None, frozen)
-    assert found["same_radiance"]
-    assert (found["same_images"], found["limb_radiance"], found["limb_displacement"], found["noise"]) == (
-        2,
-        0.0,
-        0.0,
-        0.0,
-    )
-    other = {"radiance_sha256": "b", "images": ["x", "z"], "noise_dn": 1.1}
-    found = compare_images("day", other, about, disc(0, 0, 1.02).astype(np.float32), frozen)
-    assert not found["same_radiance"]
-    assert found["same_images"] == 1
-    assert found["noise"] == pytest.approx(10.0)
-    assert found["limb_radiance"] == pytest.approx(2.0, abs=1e-3)
+    found = compare_images("day", about, base, None, frozen)
+    assert found["noise"] == (percent if percent is None else pytest.approx(percent))
+    assert (found["same_radiance"], found["same_images"], found["n_images"]) == (True, 1, 2)
+    assert (found["limb_radiance"], found["limb_displacement"]) == (0.0, 0.0)
+    brighter = compare_images("day", about | {"radiance_sha256": "b"}, base, disc(0, 0, 1.02), frozen)
+    assert not brighter["same_radiance"]
+    assert brighter["limb_radiance"] == pytest.approx(2.0, abs=1e-3)
+    assert compare_images("day", about, base, None, None)["limb_radiance"] is None
 
 
 def test_a_row_of_elements_has_a_limb_that_can_move():
