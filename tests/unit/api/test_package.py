@@ -1,4 +1,4 @@
-"""``import horizonval as hv`` is light; every public name has an example that runs, and so does the package's snippet."""
+"""``import horizonval as hv`` is light; every public name has an example that runs, and the snippet runs too."""
 
 from __future__ import annotations
 
