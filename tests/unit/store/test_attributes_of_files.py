@@ -15,8 +15,6 @@ from astropy.utils.iers import conf
 from synthetic import truth_at
 
 from horizonval.frame import FrameTruth, Hit
-from horizonval.geometry import frames
-from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.store import attributes, exr
 from horizonval.store.attributes import UNITS, camera_of, own_attributes, standard_attributes
@@ -47,43 +45,6 @@ CAMERA: dict[str, Any] = {
 @pytest.fixture
 def truth() -> FrameTruth:
     return truth_at(CAMERA, roll_deg=55.0, yaw_deg=20.0, latitude_deg=-33.0, altitude_km=700.0)
-
-
-def points(truth: FrameTruth) -> tuple[np.ndarray, np.ndarray]:
-    """Places in view, in the Earth's axes, and their pixels by our own projection."""
-    rng = np.random.default_rng(1)
-    d = np.column_stack([rng.uniform(-0.3, 0.5, 30), rng.uniform(-0.4, 0.2, 30), np.ones(30)])
-    places = np.array(truth.r_itrs) + frames.rotate(frames.inverse(truth.q_cam_from_itrs), 2e6 * d)
-    return places, project(camera_from_spec(truth.camera_spec.camera), d / np.linalg.norm(d, axis=1)[:, None])[0]
-
-
-def test_matrices_lead_from_the_earth_to_the_pixel(truth: FrameTruth) -> None:
-    places, uv = points(truth)
-    rows = np.column_stack([places, np.ones(30)])
-    own = own_attributes(truth, truth.camera_spec)
-    cam = rows @ own["itrs_to_camera"]
-    (fx, fy), (cx, cy) = own["focal_length_px"], own["principal_point_px"]
-    mine = np.column_stack([fx * cam[:, 0] / cam[:, 2] + cx, fy * cam[:, 1] / cam[:, 2] + cy])
-    assert mine == pytest.approx(uv, abs=1e-6)
-    assert cam[:, 3] == pytest.approx(np.ones(30))
-    standard = standard_attributes(truth, truth.camera_spec)
-    up = rows @ standard["worldToCamera"].astype(float)
-    # As float32 the position is known to half a metre, of two thousand kilometres.
-    assert up[:, :3] == pytest.approx(cam[:, :3] * [1, -1, 1], abs=4.0)
-    ndc = rows @ standard["worldToNDC"].astype(float)
-    assert 80 * ndc[:, 0] / ndc[:, 3] - 0.5 == pytest.approx(uv[:, 0], abs=1e-3)
-    assert 60 * ndc[:, 1] / ndc[:, 3] - 0.5 == pytest.approx(uv[:, 1], abs=1e-3)
-    assert ndc[:, 2] / ndc[:, 3] == pytest.approx(np.ones(30), abs=1e-5)
-
-
-def test_the_screen_window_is_the_images_outline(truth: FrameTruth) -> None:
-    found = standard_attributes(truth, truth.camera_spec)
-    left, right = (-0.5 - 30.25) / 70.0, (79.5 - 30.25) / 70.0
-    top, bottom = -(-0.5 - 41.5) / 90.0, -(59.5 - 41.5) / 90.0
-    assert found["screenWindowWidth"] == pytest.approx(right - left)
-    assert found["screenWindowCenter"] == pytest.approx([(left + right) / 2, (top + bottom) / 2])
-    assert found["pixelAspectRatio"] == pytest.approx(90.0 / 70.0)
-    assert found["screenWindowWidth"] / ((80 / 60) * found["pixelAspectRatio"]) == pytest.approx(top - bottom)
 
 
 def test_time_and_place_are_astropys(truth: FrameTruth) -> None:
