@@ -71,29 +71,6 @@ def test_a_time_is_utc() -> None:
     assert (moved, moved.tzinfo) == (noon, UTC)
 
 
-def test_all_that_is_known_is_said_in_a_line() -> None:
-    assert Prior().in_words == "the Earth as a sphere of 6371.0088 km, its flattening as an error"
-    whole = Prior(
-        shape="wgs84",
-        altitude_m=550e3,
-        altitude_sigma_m=1500.0,
-        r_itrs=np.array([7e6, 0.0, -1.0]),
-        position_sigma_m=100.0,
-        q_cam_from_itrs=np.array(TURN),
-        attitude_sigma_rad=np.radians([5.0, 5.0, 2.0]),
-        epoch_utc=datetime(2026, 3, 20, 12, tzinfo=UTC),
-        limb_height_m=20e3,
-        limb_height_sigma_m=3e3,
-        climate="tropical",
-        sun_sigma_rad=math.radians(0.5),
-    )
-    assert whole.in_words == (
-        "WGS84, by spherical methods a sphere of 6371.0088 km; altitude 550.000 km to 1.5 km; "
-        "position 7000.000 0.000 -0.001 km to 0.1 km; attitude to 5 5 2 deg (roll, pitch, yaw); "
-        "time 2026-03-20 12:00:00 UTC; limb at 20.000 km to 3 km; air tropical; Sun to 0.5 deg"
-    )
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle, longest_chain
+from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle
 from horizonval.estimation.methods import video_vertical
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve, vertical
 from horizonval.estimation.observation import Fit, Observation
@@ -178,21 +178,6 @@ def test_two_heads_that_look_the_same_way_span_no_plane() -> None:
     assert isinstance(found, Refusal)
     assert found.status is Outcome.SHORT_ARC
     assert vertical(np.zeros((2, 3))) is None
-
-
-def test_a_straight_edge_has_no_circle() -> None:
-    image = np.where(np.arange(WIDTH)[:, None] > 300, 800.0, 30.0) * np.ones((1, WIDTH))
-    found = ESTIMATOR.run(two_heads(0.0, 0.0, left=image))
-    assert isinstance(found, Refusal)
-    assert found.status is Outcome.SHORT_ARC
-
-
-def test_the_longest_chain_is_the_one_with_the_most_touching_pixels() -> None:
-    long = [(x, 10 + x) for x in range(30)]
-    short = [(x, 50) for x in range(20)]
-    chain = longest_chain(np.array(long + short, dtype=float), (64, 64))
-    assert sorted(map(tuple, chain.astype(int))) == sorted(long)
-    assert len(longest_chain(np.empty((0, 2)), (64, 64))) == 0
 
 
 def test_the_arc_runs_from_end_to_end() -> None:
