@@ -4,9 +4,8 @@ All take Canny's whole pixels of the same rendered frames. With lines of sight `
 angular radius ``rho`` and the boresight ``f``:
 
 - **altitude-free**: as published, n and rho together;
-- **known altitude**: ``min sum (u . n - cos rho)^2`` over unit vectors n alone, rho from an altitude that is right, or off;
-- **straight line**: the horizon is taken for a line in the image, fitted to its pixels. With the normal m of the
-plane
+- **known altitude**: ``min sum (u . n - cos rho)^2`` over unit vectors n alone, rho from a right or a wrong altitude;
+- **straight line**: the horizon is taken for a line in the image, fitted to its pixels. With the normal m of the plane
   through the eye and the line, and the line's direction nearest to the boresight ``h = f - (f . m) m``, normalised, the
   nadir is ``cos rho h + sin rho m``: roll from the line's slope, pitch from its distance. Needs the altitude;
 - **two sensors**: the chord of each camera's arc (difference of the lines of sight to its two ends) is square to the
@@ -14,8 +13,6 @@ plane
   here the same one turned by 90 deg about the nadir.
 
 Times are processor times of this machine, of the search for the pixels and of the fit that follows.
-
-Rows and table of the methods beside the altitude-free one.
 """
 
 from __future__ import annotations
