@@ -44,10 +44,6 @@ class Camera:
         path_or_name : str or Path
             A TOML file, or the name of a shipped camera (:func:`horizonval.list_cameras`).
 
-        Returns
-        -------
-        Camera
-
         Raises
         ------
         UserError
@@ -74,10 +70,6 @@ class Camera:
         name : str, optional
             In place of ``camera.name``, for messages.
 
-        Returns
-        -------
-        Camera
-
         Raises
         ------
         UserError
@@ -101,10 +93,6 @@ class Camera:
         **tables : mapping
             Tables of a camera file with the keys that change: ``camera``, ``platform``, ``optics``, ``detector``,
             and ``band``, whose keys are the bands' names.
-
-        Returns
-        -------
-        Camera
 
         Raises
         ------

@@ -156,10 +156,6 @@ class Client:
             ``exposure_s``; ``seed``, another of which gives other noise; ``band``; and ``truth`` and ``radiance``,
             whether the answer holds them.
 
-        Returns
-        -------
-        ServedImage
-
         Raises
         ------
         UserError

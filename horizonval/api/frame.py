@@ -101,10 +101,6 @@ class Frame(RadianceFrame):
         progress : bool or Progress
             As for :func:`horizonval.render`.
 
-        Returns
-        -------
-        FrameDerivatives
-
         Raises
         ------
         UserError
@@ -119,14 +115,6 @@ class Frame(RadianceFrame):
 
     def save(self, path: str | Path) -> Path:
         """Write the frame as an OpenEXR file with its truth in the header; :func:`horizonval.open_frame` reads it.
-
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        Path
 
         Raises
         ------
@@ -171,10 +159,6 @@ def render(scene: Scene | str | Path, *, progress: bool | Progress = True) -> Fr
         A scene, its file, or a shipped name.
     progress : bool or Progress
         Whether long steps are told on standard error, or who is told of them.
-
-    Returns
-    -------
-    Frame
 
     Raises
     ------
@@ -221,10 +205,6 @@ def render_reference(
         Width and height of the image in fewer, larger pixels.
     progress : bool or Progress
         As for :func:`render`.
-
-    Returns
-    -------
-    Frame
 
     Raises
     ------
@@ -321,10 +301,6 @@ def open_frame(path: str | Path) -> Frame:
     ----------
     path : str or Path
         An OpenEXR file that this package wrote.
-
-    Returns
-    -------
-    Frame
 
     Raises
     ------

@@ -56,14 +56,6 @@ class Image(DetectorImage):
     def save(self, path: str | Path) -> Path:
         """Write the image as an OpenEXR file with its truth in the header; :func:`horizonval.open_image` reads it.
 
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        Path
-
         Raises
         ------
         UserError
@@ -110,10 +102,6 @@ def observe(
     noise : bool
         False gives the expected signal, still saturated and quantised.
 
-    Returns
-    -------
-    Image
-
     Raises
     ------
     UserError
@@ -138,10 +126,6 @@ def open_image(path: str | Path) -> Image:
     ----------
     path : str or Path
         An OpenEXR file that this package wrote.
-
-    Returns
-    -------
-    Image
 
     Raises
     ------

@@ -42,10 +42,6 @@ LLVM_HELP = {
 def list_cameras() -> list[str]:
     """Return the names of the shipped cameras, for :meth:`horizonval.Camera.from_file`.
 
-    Returns
-    -------
-    list of str
-
     Examples
     --------
     >>> import horizonval as hv
@@ -57,10 +53,6 @@ def list_cameras() -> list[str]:
 
 def list_scenes() -> list[str]:
     """Return the names of the shipped scenes, for :meth:`horizonval.Scene.from_file` and :func:`horizonval.render`.
-
-    Returns
-    -------
-    list of str
 
     Examples
     --------
@@ -74,10 +66,6 @@ def list_scenes() -> list[str]:
 def list_suites() -> list[str]:
     """Return the names of the shipped suites, for :func:`horizonval.run`.
 
-    Returns
-    -------
-    list of str
-
     Examples
     --------
     >>> import horizonval as hv
@@ -89,10 +77,6 @@ def list_suites() -> list[str]:
 
 def list_estimators() -> list[str]:
     """Return the names of all installed estimators, ours and those of other packages.
-
-    Returns
-    -------
-    list of str
 
     Examples
     --------

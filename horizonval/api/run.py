@@ -199,10 +199,6 @@ def run(
     progress : bool or Progress
         Whether progress and warnings are shown on standard error, or who is told of them.
 
-    Returns
-    -------
-    Run
-
     Raises
     ------
     UserError
@@ -230,14 +226,6 @@ def run(
 
 def open_run(folder: str | Path) -> Run:
     """Open the folder of a run.
-
-    Parameters
-    ----------
-    folder : str or Path
-
-    Returns
-    -------
-    Run
 
     Raises
     ------

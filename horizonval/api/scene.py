@@ -124,10 +124,6 @@ class Scene:
         head : str, optional
             In place of the scene's own ``camera.head``.
 
-        Returns
-        -------
-        Scene
-
         Raises
         ------
         UserError
@@ -152,10 +148,6 @@ class Scene:
         head : str, optional
             In place of the scene's own ``camera.head``; ``"all"`` for all of them.
 
-        Returns
-        -------
-        tuple of Scene
-
         Raises
         ------
         UserError
@@ -174,10 +166,6 @@ class Scene:
             ``{"camera": {"file": ...}, "platform": {"altitude_km": ...}, ...}``.
         camera : Camera, str, Path or mapping, optional
             In place of the file that ``camera.file`` names.
-
-        Returns
-        -------
-        Scene
 
         Raises
         ------
@@ -199,10 +187,6 @@ class Scene:
         ----------
         **keywords
             Those of :class:`Scene`; the keys of a table are laid over those that are there.
-
-        Returns
-        -------
-        Scene
 
         Raises
         ------

@@ -95,10 +95,6 @@ class Session:
             A scene, its file, or a shipped name.
         progress : bool or Progress
 
-        Returns
-        -------
-        Session
-
         Raises
         ------
         UserError
@@ -124,10 +120,6 @@ class Session:
             attitude, rate and mounting. Missing values come from ``scene``.
         maps : bool
             False leaves out the truth maps, which a detector does not need: quicker.
-
-        Returns
-        -------
-        Frame
 
         Raises
         ------
@@ -159,10 +151,6 @@ class Session:
             In place of that of the camera's detector.
         noise : bool
             False gives the expected signal, still saturated and quantised.
-
-        Returns
-        -------
-        Image
 
         Raises
         ------
