@@ -26,7 +26,7 @@ would do otherwise: a sensor may refuse them by its rules, and need not. A false
 * A camera must show an arc as long as a single one's, curved or not: one pixel of limb in a corner, or a limb that runs
   along the rim, gives no direction. Two such arcs, or more, seen in directions far apart determine the nadir.
 * A linear array must be crossed with some pixels to spare at both ends, or the levels of the step are not known. In
-  thermal bands what crosses it is the infrared horizon of the truth (:mod:`horizonval.infrared_horizon`): that of
+  thermal bands what crosses it is the infrared horizon of the truth (:mod:`horizonval.truth.infrared_horizon`): that of
   carbon dioxide stands 40 km above the ground, ten pixels of 0.1 deg, and leaves the row where the ground's edge is
   still in it.
 * The Sun's disc in a thermal linear array is a step that saturates, far larger than the limb's, and a single row does

@@ -17,7 +17,7 @@ What the ground at a place is made of in a month: shares of materials.
 
 A kind of ground is a mixture of green vegetation, soil and bright sand; what lacks in its sum is shade. The mixtures
 are chosen so that the albedo of each kind over all sunlight is the published one of its IGBP class
-(``tests/unit/earth/test_earth_ground_kinds.py`` has both), not measured at one place.
+(``tests/unit/earth/test_earth_ground_map.py`` has both), not measured at one place.
 
 **Snow** covers land poleward of a line that moves with the month (:func:`snow_share`). Over trees it is seen between
 and on them only in part: A. K. Betts and J. H. Ball, J. Geophys. Res. 102, 28901 (1997), measured an albedo of 0.75 for
