@@ -16,7 +16,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.renderer.backend import activate
-from horizonval.truth.infrared_radiance import BandMedium, layer_edges_m, limb_radiance, ray_paths
+from horizonval.truth.infrared_radiance import BandMedium, layer_edges_m, limb_radiances, ray_paths
 
 activate()
 
@@ -153,7 +153,7 @@ def test_window_equals_the_truth(layer: dict[str, Any]) -> None:
     height, radiance = height[limb][order][::4], radiance[limb][order][::4]
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     paths = ray_paths(np.array(truth.r_itrs), ellipsoid, np.array([math.radians(77.0)]), height, 100e3)
-    expected = limb_radiance(BandMedium(band), paths)[0]
+    expected = limb_radiances([BandMedium(band)], paths)[0][0]
     assert np.median(np.abs(radiance / expected - 1.0)) < 3e-4
     # the edge has a slope that no table over height follows: its place is right to a tenth of a pixel of 300 m
     brightest = int(np.argmax(expected))
