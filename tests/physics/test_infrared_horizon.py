@@ -24,7 +24,7 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import truth_of
 from horizonval.truth.infrared_horizon import infrared_horizon
-from horizonval.truth.infrared_radiance import BandMedium, ground_ray, limb_radiances, limb_radiances, ray_paths
+from horizonval.truth.infrared_radiance import BandMedium, ground_ray, limb_radiances, ray_paths
 
 SPHERE = sphere(6_371_230.0)
 CAMERA_M = np.array([6_371_230.0 + 500e3, 0.0, 0.0])
