@@ -51,13 +51,6 @@ def test_a_check_and_a_refusal_know_the_same_memory(monkeypatch):
     assert check((scene, camera)).findings[0].code == "cannot-run"
 
 
-def test_frames_without_whole_pixels_take_more() -> None:
-    scene, camera = load_scene("limb-noon-vis")
-    marched = scene.model_copy(update={"render": scene.render.model_copy(update={"method": "march"})})
-    clouded, _ = load_scene("broken-clouds")
-    assert frame_bytes(scene, camera) < frame_bytes(marched, camera) < frame_bytes(clouded, camera)
-
-
 def test_the_size_that_would_fit_fits(monkeypatch):
     scene, camera = load_scene("limb-noon-vis")
     large = camera.model_copy(update={"camera": camera.camera.model_copy(update={"width": 16384, "height": 8192})})
