@@ -1,8 +1,10 @@
-"""Make a reference table of ``tests/data`` with another code: ``python tests/physics/make_tables.py NAME [ARGUMENT ...]``.
+"""Make a reference table of ``tests/data`` with another code.
 
-Without a name, the names are listed. Rows that a Monte Carlo table has already stay; delete the file to make all of them
-again. ``PROCESSES`` sets how many rays run at a time. Numba and SASKTRAN2 are loaded by the tables that need them: tests
-read the inputs of tables here.
+    python tests/physics/make_tables.py NAME [ARGUMENT ...]
+
+Without a name, the names are listed. Rows that a Monte Carlo table already has stay; delete the file to make all of
+them again. ``PROCESSES`` sets how many rays run at a time. Numba and SASKTRAN2 are loaded only by the tables that need
+them, because tests read the inputs of tables here.
 """
 
 from __future__ import annotations
