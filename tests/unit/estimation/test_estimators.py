@@ -33,17 +33,6 @@ def _observation(**changes: object) -> Observation:
     return Observation(**values)  # type: ignore[arg-type]
 
 
-def test_ideal_estimator_gives_the_exact_nadir_and_needs_a_pose() -> None:
-    q = Rotation.random(rng=np.random.default_rng(np.random.SeedSequence(5)))
-    pose = OraclePose(R, q.as_quat(), RADIUS_M)
-    fit = IDEAL.run(_observation(oracle=pose))
-    assert isinstance(fit, Fit)
-    assert fit.nadir_cam == pytest.approx(q.apply([-1.0, 0.0, 0.0]), abs=1e-12)
-    refusal = IDEAL.run(_observation())
-    assert isinstance(refusal, Refusal)
-    assert refusal.status is Outcome.BAD_INPUT
-
-
 def _noise() -> np.ndarray:
     return np.random.default_rng(np.random.SeedSequence(11)).normal(100.0, 20.0, (48, 64))
 

@@ -167,13 +167,6 @@ def test_two_heads_that_look_the_same_way_span_no_plane() -> None:
     assert vertical(np.zeros((2, 3))) is None
 
 
-def test_a_straight_edge_has_no_circle() -> None:
-    image = np.where(np.arange(WIDTH)[:, None] > 300, 800.0, 30.0) * np.ones((1, WIDTH))
-    found = ESTIMATOR.run(two_heads(0.0, 0.0, left=image))
-    assert isinstance(found, Refusal)
-    assert found.status is Outcome.SHORT_ARC
-
-
 def noisy_arcs(rng: np.random.Generator, sigma_px: float, memory: float) -> tuple[list[Arc], list[Observation]]:
     """Exact arcs of a level pair, off across the limb by noise that forgets by ``memory`` from point to point."""
     arcs, heads = [], []

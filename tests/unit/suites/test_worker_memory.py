@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import horizonval as hv
-from horizonval.api.check import check
+from horizonval.api.check import check_scene
 from horizonval.core import memory
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Execution
@@ -42,13 +42,13 @@ def suite(tmp_path):
 
 def test_a_check_and_a_refusal_know_the_same_memory(monkeypatch):
     scene, camera = load_scene("limb-noon-vis")
-    cost = check((scene, camera)).cost
+    cost = check_scene(scene, camera).cost
     assert cost is not None
     assert cost.memory_mb == pytest.approx(frame_bytes(scene, camera) / 1e6)
     monkeypatch.setattr(memory, "available_bytes", lambda: frame_bytes(scene, camera) - 1.0)
     with pytest.raises(UserError, match=r"a frame of .* takes about .* MB of memory; expected at most .* would fit"):
         refuse_too_large(scene, camera)
-    assert check((scene, camera)).findings[0].code == "cannot-run"
+    assert check_scene(scene, camera).findings[0].code == "cannot-run"
 
 
 def test_the_size_that_would_fit_fits(monkeypatch):

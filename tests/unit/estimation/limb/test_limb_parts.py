@@ -17,7 +17,6 @@ from horizonval.estimation.limb.cone import (
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.trusted import Sides, alone, faded, faint, read_sides, restless
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.horizon import fit_cone
 
 CAMERA = CameraModel(256, 200, 180.0, 180.0, 127.5, 99.5)
 RHO = 1.1
@@ -99,20 +98,6 @@ def test_spots_between_gaps_are_alone() -> None:
     assert expected.sum() == spot
     long = np.r_[0:100, 100 + gap : 100 + gap + 3 * spot, 100 + 3 * spot + 2 * gap : 300]
     assert not alone(los[long], CAMERA).any()
-
-
-def test_heights_move_a_cone_as_they_move_the_fit() -> None:
-    """A limb that stands ``h`` higher is seen ``h tan(rho) / R`` further out: fitted again by geometry's own fit."""
-    radius = 6371e3
-    n = 400
-    wave = 900.0 * np.array([np.cos(7 * np.linspace(-0.6, 0.6, n)), np.linspace(0.0, 1.0, n), np.ones(n)])
-    los = limb(n)
-    moved = cone_perturbation(los, AXIS, RHO, wave, radius)
-    basis = cone_scatter(los, AXIS, RHO).basis
-    for heights, expected in zip(wave, moved, strict=True):
-        cone = fit_cone(limb(n, height_rad=heights * math.tan(RHO) / radius))
-        off = np.array([*(cone.axis_cam @ basis), cone.rho_rad - RHO])
-        assert off == pytest.approx(expected, rel=0.02, abs=2e-3 * np.abs(expected).max())
 
 
 def test_unknown_suns_scatter_the_cone_as_drawn_suns_do() -> None:
