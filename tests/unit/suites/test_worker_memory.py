@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import horizonval as hv
-from horizonval.api.check import check_scene
+from horizonval.api.check import check_scene, check_suite
 from horizonval.core import memory
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Execution
@@ -72,7 +72,7 @@ def test_the_largest_frame_decides(suite, monkeypatch, tmp_path):
     with pytest.raises(UserError, match=r"two\.toml: fine: .*of 16 x 16 cells, takes about 3"):
         hv.run(tmp_path / "two.toml", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    assert any("takes about" in finding.text for finding in check(suite).findings)
+    assert any("takes about" in finding.text for finding in check_suite(suite).findings)
 
 
 def test_there_are_as_many_workers_as_memory_holds(suite, monkeypatch):
