@@ -389,8 +389,8 @@ def reproduce(
     workers, dry_run, progress
         As for :func:`run`. A dry run counts what does not depend on results that are yet to be made.
     """
+    from horizonval.systems.quick import chosen, experiment
     from horizonval.systems.run import WORK, reproduce_systems
-    from horizonval.systems.systems import chosen, experiment
 
     if not dry_run:
         with shown(progress, "reproduce", "items") as listener:

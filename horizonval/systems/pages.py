@@ -1,21 +1,134 @@
 """The pages of the reproductions: for every system a JSON file for machines and a Markdown page for people.
 
 Both are made of the same :class:`Reproduction`; the book's first page gathers the rows that have a bar.
+
+The pages as Markdown: templates here and in the systems' own folders, filled with one system's result.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+import jinja2
 
 from horizonval.core import atomic
 from horizonval.core.code import code_version
 from horizonval.report.plots import png
 from horizonval.store.folder import read_json, write_json
-from horizonval.systems import markdown
-from horizonval.systems.result import Reproduction
+from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Status, Table
+
+
+def page(result: Reproduction, seed: int) -> str:
+    """Return one system's page."""
+    heads = ["", "published", "measured", "unit", "bar", "why"]
+    rows = [
+        heads,
+        *([r.name, as_printed(r.published), number(r.measured), r.unit, _met(r), r.why] for r in result.rows),
+    ]
+    claims = [
+        ["printed", "where", "figure", "our reading", "measured", "would fail if", "status"],
+        *([c.what, c.where, c.printed, c.reading, c.measured, c.fails, f"**{c.status}**"] for c in result.claims),
+    ]
+    template = _environment().get_template(result.template)
+    return template.render(result=result, rows=rows, claims=claims, seed=seed, **result.summary)
+
+
+def first_page(contents: Sequence[dict[str, Any]]) -> str:
+    """Return the page over all systems, from the contents of their JSON files."""
+    systems = []
+    for content in contents:
+        barred = [row for row in content["rows"] if row["holds"] is not None]
+        missed = [row for row in barred if not row["holds"]]
+        counts = {"rows": len(content["rows"]), "bars": len(barred), "met": len(barred) - len(missed)}
+        judged = Counter(claim["status"] for claim in content.get("claims", ()))
+        verdicts = ", ".join(f"{judged[status]} {status}" for status in Status if judged[status])
+        systems.append({**content, **counts, "missed": missed, "verdicts": verdicts})
+    return _environment().get_template("page/first_page.md.jinja").render(systems=systems)
+
+
+def number(cell: Cell) -> str:
+    """Return a cell as text: four significant digits."""
+    if cell is None:
+        return "–"
+    if isinstance(cell, str):
+        return cell
+    if isinstance(cell, int):
+        return str(cell)
+    cell += 0.0  # no minus before a zero
+    if cell != 0.0 and not 1e-3 <= abs(cell) < 1e6:
+        return f"{cell:.2e}"
+    return f"{cell:.4g}" if abs(cell) < 1000 else f"{cell:.0f}"
+
+
+def as_printed(cell: Cell) -> str:
+    """Return a published figure as text, with all digits of the source."""
+    return f"{cell:.7g}" if isinstance(cell, float) else number(cell)
+
+
+def picture_name(system: str, figure: Figure) -> str:
+    """Return the file name of a picture."""
+    return f"{system}-{figure.name}.png"
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("horizonval.systems", package_path=""),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters |= {
+        "format_as": format,
+        "alt": _alt,
+        "bar": _bar,
+        "lines": _lines,
+        "markdown": _markdown,
+        "number": number,
+        "paragraphs": _paragraphs,
+    }
+    environment.globals["picture_name"] = picture_name
+    return environment
+
+
+def _met(row: ComparisonRow) -> str:
+    return "" if row.holds is None else f"{_bar(row.plain())}: {'met' if row.holds else '**missed**'}"
+
+
+def _bar(row: dict[str, Any]) -> str:
+    """Return the bar of a row as in the JSON file."""
+    sign = "at least" if row["at_least"] else "at most"
+    of = "" if row["against"] is None else f" from {as_printed(row['against'])}"
+    return f"{sign} {number(row['limit'])}{of}"
+
+
+def _lines(table: Table) -> list[list[str]]:
+    return [list(table.columns), *([number(cell) for cell in row] for row in table.rows)]
+
+
+def _markdown(lines: Sequence[Sequence[str]]) -> str:
+    """Return a table, the first line being its head."""
+    text = [[cell.replace("|", "\\|").replace("\n", " ") for cell in line] for line in lines]
+    head = "| " + " | ".join(text[0]) + " |"
+    return "\n".join([head, "|" + "---|" * len(text[0]), *("| " + " | ".join(line) + " |" for line in text[1:])])
+
+
+def _paragraphs(text: str) -> str:
+    """Return a template's wrapped text with every paragraph on one line."""
+    return "\n\n".join(" ".join(part.split()) for part in text.strip().split("\n\n"))
+
+
+def _alt(figure: Figure) -> str:
+    """Return the caption's first sentence; brackets would end the picture's text."""
+    return figure.caption.split(". ")[0].rstrip(".").replace("[", "(").replace("]", ")")
+
 
 SCHEMA = 1
 PICTURE_DPI = 120
@@ -50,11 +163,11 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
         "tables": [
             {"title": t.title, "columns": list(t.columns), "rows": [list(r) for r in t.rows]} for t in result.tables
         ],
-        "figures": [markdown.picture_name(letter, figure) for figure in result.figures],
+        "figures": [picture_name(letter, figure) for figure in result.figures],
     }
     for figure in result.figures:
-        atomic.write_bytes(folder / markdown.picture_name(letter, figure), png(figure.draw, PICTURE_DPI))
-    atomic.write_text(folder / f"{letter}.md", markdown.page(result, seed))
+        atomic.write_bytes(folder / picture_name(letter, figure), png(figure.draw, PICTURE_DPI))
+    atomic.write_text(folder / f"{letter}.md", page(result, seed))
     write_json(folder / f"{letter}.json", content, bound=False)
     return content
 
@@ -65,7 +178,7 @@ def write_first_page(folder: Path) -> Path:
         content for path in sorted(folder.glob("[A-G].json")) if (content := read_json(path, bound=False)) is not None
     ]
     path = folder / "README.md"
-    atomic.write_text(path, markdown.first_page(contents))
+    atomic.write_text(path, first_page(contents))
     return path
 
 
@@ -76,7 +189,7 @@ def printed_rows(content: dict[str, Any]) -> Iterator[str]:
     yield f"  {'':{width}}  {'published':>12}  {'measured':>12}"
     for row in content["rows"]:
         verdict = {None: "", True: "ok", False: "MISSED"}[row["holds"]]
-        published, measured = markdown.as_printed(row["published"]), markdown.number(row["measured"])
+        published, measured = as_printed(row["published"]), number(row["measured"])
         name = row["name"]
         if len(name) > width:
             yield f"  {name}"

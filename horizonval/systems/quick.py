@@ -12,11 +12,14 @@ A whole reproduction takes hours, most of them for rendering; this takes about a
 
 Nothing in it is random but for fixed seeds. A figure is the committed one of ``quick.json``, or something has changed:
 the only allowance is for the last digits of floating point, which depend on the machine.
+
+The published systems by their letter, and the module that does each one's experiment again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +27,34 @@ import numpy as np
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json, write_json
-from horizonval.systems.result import ComparisonRow
-from horizonval.systems.systems import SYSTEMS
+from horizonval.systems.result import ComparisonRow, Reproduction
 from horizonval.systems.task_cache import TaskCache
+
+SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
+"""Letters of the published systems; each has a package of its name here."""
+
+
+def chosen(names: list[str]) -> list[str]:
+    """Return the letters that the user asked for, in order; none, or ``all``, are all of them.
+
+    Raises
+    ------
+    UserError
+        For anything that is no letter of a system.
+    """
+    wanted = {name.upper() for name in names or ["all"]}
+    if unknown := sorted(wanted - {*SYSTEMS, "ALL"}):
+        raise UserError(f"no published system {unknown[0]!r}", expected=f"some of {', '.join(SYSTEMS)}, or all")
+    return [letter for letter in SYSTEMS if letter in wanted or "ALL" in wanted]
+
+
+def experiment(letter: str) -> Callable[[TaskCache], Reproduction]:
+    """Return the function that does a system's experiment again."""
+    function: Callable[[TaskCache], Reproduction] = import_module(
+        f"{__package__}.{letter.lower()}.experiment"
+    ).reproduce
+    return function
+
 
 FILE = "quick.json"
 SAME_SHARE = 1e-6

@@ -14,8 +14,7 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
 from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.systems.pages import write_first_page, write_reproduction
-from horizonval.systems.quick import quick_figures, write_quick
-from horizonval.systems.systems import SYSTEMS, chosen, experiment
+from horizonval.systems.quick import SYSTEMS, chosen, experiment, quick_figures, write_quick
 from horizonval.systems.task_cache import TaskCache
 
 WORK = ".work"

@@ -1,4 +1,4 @@
-r"""Places round a circular orbit, each on a day of its own: a month, a longitude, weather drawn from a seed.
+"""Places round a circular orbit, each on a day of its own: a month, a longitude, weather drawn from a seed.
 
 The k-th place has argument of latitude, node and month::
 
@@ -7,6 +7,15 @@ The k-th place has argument of latitude, node and month::
 with a = 0.7548776662 (1 / a^3 = 1 / a + 1: the additive recurrence that fills a square most evenly), so that places,
 longitudes and seasons are all covered however few there are. The orbit is a circle about the Earth's centre, its radius
 the equator's plus the altitude: over latitude 35 the ellipsoid lies 7 km lower.
+
+Places along a circular orbit over an Earth that stands still.
+
+With the argument of latitude u, the inclination i and the longitude of the ascending node::
+
+    sin latitude = sin i sin u,    longitude = node + atan2(cos i sin u, cos u),    tan heading = cot i / cos u
+
+The spherical triangle of node, equator and place. Neglected: the Earth's turn meanwhile, and the difference of
+geocentric and geodetic latitude (0.19 deg at most), which only shifts where along the orbit a frame is taken.
 """
 
 from __future__ import annotations
@@ -25,10 +34,21 @@ from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.frames import lvlh_from_itrs
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.systems.circular_orbit import place_on_orbit
 
 if TYPE_CHECKING:
     from horizonval.earth.column import OpticalModel
+
+
+def place_on_orbit(argument_rad: float, inclination_rad: float, node_rad: float) -> dict[str, float]:
+    """Return latitude, longitude and heading (from north, through east) as keys of a scene's platform table [deg]."""
+    u, i = argument_rad, inclination_rad
+    longitude = node_rad + math.atan2(math.sin(u) * math.cos(i), math.cos(u))
+    return {
+        "latitude_deg": math.degrees(math.asin(math.sin(i) * math.sin(u))),
+        "longitude_deg": math.degrees(math.remainder(longitude, math.tau)),
+        "heading_deg": math.degrees(math.atan2(math.cos(i), math.sin(i) * math.cos(u))),
+    }
+
 
 PLASTIC = 0.7548776662466927
 YEAR = 2026

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.systems.d.frames import HARD, SOFT, infrared_aim, read_heads
-from horizonval.systems.d.settings import QUANTUM_DEG
+from horizonval.systems.d.steps import QUANTUM_DEG
 
 
 @pytest.mark.parametrize(

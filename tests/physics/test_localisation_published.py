@@ -5,11 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.systems.e.case import PUBLISHED_ROUNDING, ROUNDING_DEG, exact_pass, rounded
+from horizonval.systems.e.case import (
+    LARGEST,
+    MEANINGS,
+    PUBLISHED_ROUNDING,
+    ROUNDING_DEG,
+    NoiseReading,
+    exact_pass,
+    noisy,
+    plain_column,
+    rounded,
+)
 from horizonval.systems.e.from_frames import expected
-from horizonval.systems.e.localisation.celestial import ARCSEC, celestial_errors, normalised_squares, rms
 from horizonval.systems.e.localisation.pipeline import locate, locate_as_published
-from horizonval.systems.e.noise import LARGEST, MEANINGS, NoiseReading, noisy, plain_column
+from horizonval.systems.e.localisation.stations import ARCSEC, celestial_errors, normalised_squares, rms
 
 
 @pytest.mark.parametrize("row", range(3))

@@ -11,7 +11,7 @@ from pathlib import Path
 import drjit as dr
 import numpy as np
 import pytest
-from make_hazy_twilight import model_of as hazy_columns
+from make_tables import hazy_columns
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.earth.column import OpticalModel

@@ -10,8 +10,7 @@ from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.systems.b.pair.applicability import OVERHEAD
-from horizonval.systems.b.pair.frames import attitude, glare_optics, pair, scene, view
-from horizonval.systems.b.pair.sun_light import without_sunlight
+from horizonval.systems.b.pair.frames import attitude, glare_optics, pair, scene, view, without_sunlight
 
 
 def test_a_rendered_pair_finds_the_vertical_of_a_bare_sphere() -> None:

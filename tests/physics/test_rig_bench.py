@@ -11,7 +11,7 @@ import pytest
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.backend import activate
 from horizonval.systems.b.rig import bench
-from horizonval.systems.b.rig.panel import Panel
+from horizonval.systems.b.rig.scene import Panel
 
 activate()
 

@@ -20,7 +20,7 @@ from horizonval.truth.infrared_radiance import BandMedium, layer_edges_m, limb_r
 
 activate()
 
-from make_thin_cloud_limb import TABLE, model_of  # noqa: E402
+from make_tables import CLOUD_TABLE, cloudy_columns  # noqa: E402
 from reference_rays import limb_ray, vector  # noqa: E402
 from table_and_march import FINER, GREEN, NODES, camera_of, compare, rendered, scene_of, table_errors  # noqa: E402
 
@@ -41,7 +41,7 @@ def cirrus(optical_depth: float, base_km: float = 9.0, top_km: float = 11.0) -> 
 
 @cache
 def rows(optical_depth: float) -> list[dict[str, float]]:
-    with TABLE.open() as file:
+    with CLOUD_TABLE.open() as file:
         table = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     return [row for row in table if row["optical_depth"] == optical_depth]
 
@@ -60,14 +60,14 @@ def along(model: OpticalModel, rays: list[tuple[float, ...]], quality: Quality |
 def test_light_scattered_once_is_that_of_sharp_edges(optical_depth: float) -> None:
     """Ours has edges 200 m soft. The other is a quadrature in code that knows nothing of ours."""
     expected = np.array([r["single_per_sr"] for r in rows(optical_depth)])
-    (ours,) = along(model_of(optical_depth), [ray_of(r) for r in rows(optical_depth)], None).values()
+    (ours,) = along(cloudy_columns(optical_depth), [ray_of(r) for r in rows(optical_depth)], None).values()
     np.testing.assert_allclose(ours, expected, rtol=0.01)
 
 
 @cache
 def every_order() -> tuple[list[tuple[float, ...]], dict[str, FloatArray]]:
     """Return the rays (Sun's zenith angle, azimuth, height) and our radiances by optical depth: solved together."""
-    models = [model_of(depth) for depth in DEPTHS]
+    models = [cloudy_columns(depth) for depth in DEPTHS]
     nodes = tuple(replace(m.nodes[0], name=str(depth)) for m, depth in zip(models, DEPTHS, strict=True))
     rays = sorted({ray_of(row) for depth in DEPTHS for row in rows(depth)})
     return rays, along(replace(models[0], nodes=nodes), rays, LAYERED)

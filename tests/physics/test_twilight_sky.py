@@ -90,7 +90,7 @@ def test_the_stations_sky_is_what_the_ray_integrator_gives():
     from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
     from horizonval.renderer.rays import radiance_along_rays
     from horizonval.renderer.scattering.shells import STANDARD
-    from horizonval.systems.e.ground.ground_camera import tracker
+    from horizonval.systems.e.ground.frames import tracker
     from horizonval.systems.e.ground.sky import render_sky, sky_scene
     from horizonval.systems.e.localisation.stations import Station, enu_directions
 

@@ -10,10 +10,8 @@ import pytest
 from horizonval.core.json_types import JsonObject
 from horizonval.systems.a import experiment as experiment
 from horizonval.systems.a import rows as report
-from horizonval.systems.a.bank import grid, limb_length_px, measure, set_ups
-from horizonval.systems.a.check import check
-from horizonval.systems.a.solvers import compare, conditions
-from horizonval.systems.a.table import bank_of, error_table, solver_table, steps_with_pixels
+from horizonval.systems.a.bank import check, compare, conditions, grid, limb_length_px, measure, set_ups
+from horizonval.systems.a.rows import bank_of, error_table, solver_table, steps_with_pixels
 from horizonval.systems.task_cache import TaskCache
 
 SMALL = (100, 200)

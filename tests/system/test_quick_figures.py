@@ -17,12 +17,12 @@ from horizonval.core.outcome import Refusal
 from horizonval.estimation.methods import altitude_free_published, linear_heads
 from horizonval.jobs import engine
 from horizonval.systems import quick
-from horizonval.systems.b.rig.frames import tilt
+from horizonval.systems.b.pair import frames
 from horizonval.systems.c import poses
-from horizonval.systems.e import trials
+from horizonval.systems.e import case
 from horizonval.systems.f import errors as f_errors
 from horizonval.systems.g import errors as g_errors
-from horizonval.systems.systems import SYSTEMS
+from horizonval.systems.quick import SYSTEMS
 from horizonval.systems.task_cache import TaskCache
 
 PAGES = Path(__file__).parents[2] / "results" / "published"
@@ -39,10 +39,10 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TaskCache:
 
 FAULTS: dict[str, tuple[Any, str, Callable[[Any], Any]]] = {
     "A": (altitude_free_published, "fit_pixels", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
-    "B": (tilt, "tilt_rad", lambda found: found + OFF),
+    "B": (frames, "tilt_rad", lambda found: found + OFF),
     "C": (poses, "ideal_horizon_sensor", lambda one: replace(one, roll_error_rad=one.roll_error_rad + OFF)),
     "D": (linear_heads, "published_angles", lambda angles: (angles[0], angles[1] + OFF)),
-    "E": (trials, "locate", lambda found: replace(found, proposed=found.proposed * (1.0 + 1e-6))),
+    "E": (case, "locate", lambda found: replace(found, proposed=found.proposed * (1.0 + 1e-6))),
     "F": (f_errors, "attitude_over_ellipsoid", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
     "G": (g_errors, "attitude_of_quadrants", lambda fit: replace(fit, roll_rad=fit.roll_rad + OFF)),
 }

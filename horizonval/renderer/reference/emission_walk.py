@@ -46,13 +46,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.surface.ground_emission import (
-    KINDS,
-    GroundEmission,
-    emitting_places,
-    ground_emissivity,
-    ground_k,
-)
+from horizonval.earth.surface.ground_emission import KINDS, GroundEmission, emitting_places, ground_emissivity, ground_k
 from horizonval.renderer.reference.reference_scene import KM, Placement, geodetic
 from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import PluginDict, constant, constant_vector, inverse_root

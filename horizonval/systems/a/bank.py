@@ -2,6 +2,14 @@
 
 A sphere without air under an overhead Sun: all of the limb in view is lit, and the limb is an edge. The camera is the
 shipped ``vis-cmos-1024-60deg`` at another field and another number of pixels; it looks to the nadir at zero attitude.
+
+Newton's method, the closed form and the orthogonal plane on the same noisy points: where each of them wins.
+
+Is the image generator right? Its limb against the exact horizon, and against a stock Mitsuba sphere.
+
+The sphere glows evenly, so a pixel is its coverage, and the edge of a column (or row) is the sum of its coverages. The
+analytic edge is the projected horizon's mean over the pixel's width, by quadrature. The stock sphere shares with
+this package only the focal length and the nadir: ``mitsuba.sphere`` before ``mitsuba.perspective``, sampled.
 """
 
 from __future__ import annotations
@@ -13,6 +21,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
@@ -27,6 +36,7 @@ from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
+from horizonval.geometry.horizon import fit_cone, horizon_columns, horizon_rows
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 from horizonval.renderer.frame import render_frame
 from horizonval.sensor.observe import observe
@@ -235,3 +245,165 @@ def _iterates(los_cam: FloatArray) -> JsonObject:
 def _png(image: FloatArray) -> str:
     grey = Picture(image, saturated=np.zeros(image.shape, dtype=bool)).eight_bit
     return base64.b64encode(cv2.imencode(".png", grey)[1].tobytes()).decode("ascii")
+
+
+PIXEL_RAD = float(2 * np.tan(np.radians(30.0)) / 1024)
+"""Of 1024 pixels over 60 deg, at the centre: what the noise is stated in."""
+RADII_DEG = (31.0, 42.8, 62.7, 70.2, 80.0, 88.0)
+ARCS_DEG = (20.0, 40.0, 90.0, 360.0)
+NOISES_PX = (0.02, 0.1, 0.3)
+DRAWS = 200
+POINTS = 400
+
+
+def conditions(seed: int) -> dict[str, JsonObject]:
+    """Return the items by name: every radius and arc at a tenth of a pixel, every noise on 40 deg at 3000 km."""
+    cells = [(rho, arc, 0.1) for rho in RADII_DEG for arc in ARCS_DEG]
+    cells += [(42.8, 40.0, noise) for noise in NOISES_PX if noise != 0.1]
+    return {
+        f"rho {rho:g} deg, arc {arc:g} deg, noise {noise:g} px": {
+            "rho_deg": rho,
+            "arc_deg": arc,
+            "noise_px": noise,
+            "seed": seed,
+        }
+        for rho, arc, noise in cells
+    }
+
+
+def compare(item: JsonObject) -> JsonObject:
+    """Return errors of the nadir [arcsec] of one condition, over 200 draws of 400 points evenly along the arc.
+
+    ``_rms``; ``_bias``: the mean, along the arc's bisector; the closed form's bias as predicted; Newton's steps and
+    failures; the largest angle between Newton's nadir and that of the orthogonal plane.
+    """
+    rng = rng_of(item["seed"], "altitude-free solvers", *(f"{item[k]:g}" for k in ("rho_deg", "arc_deg", "noise_px")))
+    rho, sigma = np.radians(item["rho_deg"]), item["noise_px"] * PIXEL_RAD
+    nadir = np.array([np.sin(rho), 0.0, np.cos(rho)])
+    # towards the optical axis: the camera looks at the middle of the arc
+    bisector, side = np.array([-np.cos(rho), 0.0, np.sin(rho)]), np.array([0.0, 1.0, 0.0])
+    angle = np.radians(item["arc_deg"]) * (np.arange(POINTS) + 0.5 - POINTS / 2) / POINTS
+    t = np.cos(angle)[:, None] * bisector + np.sin(angle)[:, None] * side
+    errors: dict[str, list[float]] = {"newton": [], "closed": []}
+    biases: dict[str, list[float]] = {"newton": [], "closed": []}
+    steps, failed, apart = [], 0, [0.0]
+    for _ in range(DRAWS):
+        off = rho + rng.normal(0.0, sigma, POINTS)[:, None]
+        los = np.cos(off) * nadir + np.sin(off) * t
+        nadirs: dict[str, FloatArray] = {}
+        try:
+            nadirs["newton"], _, iterates = altitude_free.solve(los)
+            steps.append(len(iterates) - 1)
+            apart.append(float(off_axis_angle(fit_cone(los).axis_cam, nadirs["newton"])))
+        except np.linalg.LinAlgError:
+            failed += 1
+        nadirs["closed"] = altitude_free_closed_form.solve(los)[0]
+        for name, direction in nadirs.items():
+            errors[name].append(float(off_axis_angle(direction, nadir)))
+            biases[name].append(float(direction @ bisector))
+    exact = np.cos(rho) * nadir + np.sin(rho) * t
+    predicted = altitude_free_closed_form.attenuation(exact, nadir, float(rho), float(sigma)) * np.cos(rho)
+
+    def rms(name: str) -> float:
+        return float(np.sqrt(np.mean(np.square(errors[name])))) * ARCSEC
+
+    return {
+        **{k: item[k] for k in ("rho_deg", "arc_deg", "noise_px")},
+        "newton_rms": rms("newton"),
+        "newton_bias": float(np.mean(biases["newton"])) * ARCSEC,
+        "closed_rms": rms("closed"),
+        "closed_bias": float(np.mean(biases["closed"])) * ARCSEC,
+        "predicted_closed_bias": float(predicted @ bisector) * ARCSEC,
+        "newton_steps": float(np.mean(steps)) if steps else 0.0,
+        "newton_failed": failed / DRAWS,
+        "plane_difference": max(apart) * ARCSEC,
+    }
+
+
+SAMPLES = 256
+"""Stratified, per pixel of the stock sphere: an edge pixel's coverage to 0.02 or so."""
+GAUSS, WEIGHT = (v / 2 for v in np.polynomial.legendre.leggauss(6))
+
+
+def check(item: JsonObject) -> JsonObject:
+    """Return the rms and largest departure [px] of the rendered edges from both authorities, and how many edges."""
+    geometry = camera_of(item).camera.model_dump(mode="json", exclude_none=True)
+    glow = {"name": "glow", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
+    camera = CameraSpec.model_validate({"camera": geometry, "band": [glow]})
+    tables = scene_of(item).model_dump(mode="json", exclude_none=True)
+    scene = SceneSpec.model_validate(tables | {"surface": {"temperature_k": 288.0}})
+    frame = render_frame(scene, camera)
+    radiance = frame.radiance["glow"].astype(np.float64)
+    coverage = radiance / radiance.max()
+    intrinsics = camera_from_spec(camera.camera)
+    ellipsoid = frame.truth.ellipsoid
+    pose = (intrinsics, frame.truth.q_cam_from_itrs, frame.truth.r_itrs)
+    rho = radius_of(item["altitude_km"])
+    stock = _stock_sphere(np.array(frame.truth.nadir_geocentric_cam), rho, item["pixels"], item["fov_deg"])
+    against_curve, against_stock = [], []
+    at = (np.arange(item["pixels"])[:, None] + GAUSS).ravel()
+    for find, ours, other in ((horizon_rows, coverage, stock), (horizon_columns, coverage.T, stock.T)):
+        crossings = find(*pose, at, ellipsoid).reshape(item["pixels"], len(GAUSS), -1)
+        used, rows = _crossed_once(ours, crossings)
+        against_curve.append((_edge(ours) - rows @ WEIGHT)[used])
+        against_stock.append((_edge(ours) - _edge(other))[used])
+    curve, sphere = np.concatenate(against_curve), np.concatenate(against_stock)
+    return {
+        "edges": len(curve),
+        "curve_rms_px": float(np.sqrt(np.mean(curve**2))),
+        "curve_max_px": float(np.abs(curve).max()),
+        "stock_mean_px": float(sphere.mean()),
+        "stock_rms_px": float(np.sqrt(np.mean(sphere**2))),
+        "stock_max_px": float(np.abs(sphere).max()),
+    }
+
+
+def _edge(coverage: FloatArray) -> FloatArray:
+    """Return the row of every column's edge from what is covered of it."""
+    filled = coverage.sum(axis=0)
+    return np.asarray(np.where(coverage[0] > 0.5, filled, len(coverage) - filled) - 0.5)
+
+
+def _crossed_once(coverage: FloatArray, crossings: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return which columns the horizon crosses once, away from the ends, and where: (n,) and (n, quadrature points)."""
+    once = np.all(np.isfinite(crossings).sum(axis=2) == 1, axis=1)
+    rows = np.where(once[:, None], np.nan_to_num(crossings).sum(axis=2), -1.0)
+    once &= (rows.min(axis=1) > 0.5) & (rows.max(axis=1) < len(coverage) - 1.5)
+    # a sliver at either end is a second crossing between the quadrature points
+    once &= np.isin(coverage[0], (0.0, 1.0)) & np.isin(coverage[-1], (0.0, 1.0))
+    return once, rows
+
+
+def _stock_sphere(nadir_cam: FloatArray, rho: float, pixels: int, fov_deg: float) -> FloatArray:
+    """Return the coverage of a unit sphere that Mitsuba's own plug-ins see at that place."""
+    import mitsuba as mi
+
+    # Mitsuba's camera looks along z with x to the left and y up: ours turned by half a turn about z.
+    centre = (nadir_cam / np.sin(rho) * (-1.0, -1.0, 1.0)).tolist()
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 1},
+            "sensor": {
+                "type": "perspective",
+                "fov": fov_deg,
+                "film": {
+                    "type": "hdrfilm",
+                    "width": pixels,
+                    "height": pixels,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "luminance",
+                    "component_format": "float32",
+                },
+                "sampler": {"type": "stratified", "sample_count": SAMPLES},
+            },
+            "earth": {
+                "type": "sphere",
+                "center": centre,
+                "radius": 1.0,
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 1.0}},
+            },
+        }
+    )
+    image = np.array(mi.render(scene, spp=SAMPLES, seed=mi.UInt32(0))).astype(np.float64)
+    return image.reshape(pixels, pixels)

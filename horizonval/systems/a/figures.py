@@ -11,7 +11,7 @@ from matplotlib.figure import Figure as MplFigure
 
 from horizonval.core.json_types import JsonObject
 from horizonval.systems.a.bank import ALTITUDES_KM, FIELDS_DEG
-from horizonval.systems.a.table import Bank, median_nadir
+from horizonval.systems.a.rows import Bank, median_nadir
 
 UNKNOWNS = (("roll", "#0072b2", "o"), ("pitch", "#d55e00", "s"), ("angular radius", "#009e73", "^"))
 STARTS = {"zero": "start: roll = pitch = 0, rho = 45 deg", "three": "start: the cone through three pixels"}

@@ -3,22 +3,21 @@
 The two cameras over a rendered Earth: their applicability region and model error, their failures in the shadow and
 under the Sun, and their claim to be as good as an infrared sensor. The test bench is in
 :mod:`horizonval.systems.b.rig`.
+
+Everything that the source of the two perpendicular cameras prints, judged.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from horizonval.systems.b.claims import claims
 from horizonval.systems.b.pair import figures
-from horizonval.systems.b.pair.applicability import applicability
+from horizonval.systems.b.pair.applicability import applicability, earth_table, ends_table, region_rows, region_summary
 from horizonval.systems.b.pair.frames import ALTITUDE_KM, FIELD_DEG, pair
-from horizonval.systems.b.pair.orbit import lap
-from horizonval.systems.b.pair.orbit_report import orbit_rows, orbit_table, verdict
-from horizonval.systems.b.pair.region_report import earth_table, ends_table, region_rows, region_summary
-from horizonval.systems.b.pair.sun import sun_in_frame
-from horizonval.systems.b.pair.sun_report import height_table, sun_claim, sun_rows, sun_table
+from horizonval.systems.b.pair.orbit import lap, orbit_rows, orbit_table, verdict
+from horizonval.systems.b.pair.sun import height_table, sun_claim, sun_in_frame, sun_rows, sun_table
 from horizonval.systems.b.rig import figures as rig_pictures
 from horizonval.systems.b.rig.experiment import (
     film_rows,
@@ -29,13 +28,40 @@ from horizonval.systems.b.rig.experiment import (
     rig_view,
 )
 from horizonval.systems.b.rig.film import film
-from horizonval.systems.b.rig.tables import ablation_table, sensitivity_table
-from horizonval.systems.published import published
-from horizonval.systems.result import Reproduction
+from horizonval.systems.b.rig.runs import ablation_table, sensitivity_table
+from horizonval.systems.published import page_text, published
+from horizonval.systems.result import Claim, ComparisonRow, Reproduction, Status
 from horizonval.systems.task_cache import TaskCache
-from horizonval.systems.text import page_text
 
 TEXT = page_text("B")
+PRINTED = published("B").figures
+
+
+def claims(
+    rows: Sequence[ComparisonRow], summary: dict[str, float], verdict: dict[str, float], sun: Claim
+) -> list[Claim]:
+    """Return every printed figure and claim, from the rows that decide them, the bench's and the orbit's summary."""
+
+    def row(key: str) -> ComparisonRow:
+        begin = TEXT.rows[key].name.partition("{")[0]
+        return next(one for one in rows if one.name.startswith(begin))
+
+    def judged(key: str, status: Status, /, **fields: Any) -> Claim:
+        return TEXT.claim(key, PRINTED[key].value if key.endswith("rms") else str(PRINTED[key].value), status, **fields)
+
+    mean, single, shadow = row("model"), row("model_single"), row("shadow")
+    both = mean.holds and single.holds
+    model = Status.REPRODUCED if both else Status.BOUNDED if mean.holds or single.holds else Status.CONTRADICTED
+    inside = summary["low"] <= PRINTED["rig_rms"].value <= summary["high"]  # type: ignore[operator]
+    comparable = Status.BOUNDED if verdict["comparable"] else Status.CONTRADICTED
+    return [
+        judged("model_rms", model, mean=mean.measured, single=single.measured),
+        judged("rig_rms", Status.BOUNDED if inside else Status.CONTRADICTED, **summary),
+        judged("region", Status.NOT_DETERMINABLE, half_side=row("region").measured),
+        judged("shadow", Status.REPRODUCED if shadow.holds else Status.CONTRADICTED, share=shadow.measured),
+        sun,
+        judged("infrared", comparable, **verdict),
+    ]
 
 
 def reproduce(cache: TaskCache) -> Reproduction:

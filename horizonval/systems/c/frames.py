@@ -1,20 +1,36 @@
-"""Rendered frames of three Earths: the oracle beside their truth, every image estimator beside the oracle."""
+"""Rendered frames of three Earths: the oracle beside their truth, every image estimator beside the oracle.
+
+The ideal module's reading taken from a rendered picture alone: no pose, none of the module's formulas.
+
+A warm sphere without air is equally bright up to its edge, and a pixel on the edge has the share of the brightness that
+the Earth covers of it. So a column's sum is the number of pixels that the Earth covers in it, and with it the place of
+the edge, to a fraction of a pixel (rows likewise, where the limb stands upright). The edge's lines of sight lie on a
+cone; its axis ``n`` and half angle ``rho`` are fitted to them, and the reading follows from the boresight ``f`` and the
+right axis ``x`` of the picture::
+
+    pitch error = angle(f, n) - rho,     roll error = atan2(x . u, x . l),     l = n x f / |n x f|,     u = l x f
+"""
 
 from __future__ import annotations
 
+import math
 from datetime import UTC, datetime
 
 import numpy as np
 
+from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods import ideal
+from horizonval.estimation.methods.ideal import ideal_horizon_sensor
 from horizonval.estimation.observation import Fit
-from horizonval.geometry.rotation import angle_between
+from horizonval.geometry.camera import camera_from_spec, unproject
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import angle_between, off_axis_angle
 from horizonval.plugins import registry
 from horizonval.scoring.errors import ARCSEC, score
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
-from horizonval.suites.observation import observation_of
+from horizonval.suites.observation import observation_of, oracle_pose
 
 FRAMES: dict[str, JsonObject] = {
     "visible, sphere without air": {
@@ -87,3 +103,101 @@ def against_oracle(item: JsonObject) -> JsonObject:
         if isinstance(fit, Fit) and scored.nadir_error_arcsec is not None:
             result["estimators"][name] = {"error": scored.nadir_error_arcsec * ARCSEC}
     return result
+
+
+CAMERA = "ir-bolometer-160-57deg"
+FULL = 1e-9
+"""Share of the brightness by which a pixel may differ from full or dark and still count as such."""
+POSES: tuple[tuple[float, float, float], ...] = (
+    (0.0, 65.0, 500.0),
+    (0.0, -80.0, 500.0),
+    (25.0, 55.0, 500.0),
+    (65.0, 0.0, 500.0),
+    (-60.0, 30.0, 400.0),
+    (20.0, -40.0, 2000.0),
+)
+"""Mounting pitch and roll [deg] and altitude [km]: level and upright pictures, boresights above and below the
+horizon."""
+
+
+def items(seed: int) -> dict[str, JsonObject]:
+    """Return the items of :func:`against_picture`, by name."""
+    return {
+        f"mounted at pitch {pitch:g}, roll {roll:g}, from {altitude:g} km": {
+            "pitch": pitch,
+            "roll": roll,
+            "altitude_km": altitude,
+            "seed": seed,
+        }
+        for pitch, roll, altitude in POSES
+    }
+
+
+def against_picture(item: JsonObject) -> JsonObject:
+    """Render one pose of :func:`items`; return both readings [rad], the edge's points and the angle of a pixel."""
+    from horizonval.renderer.frame import render_frame
+
+    camera = load_camera(CAMERA)
+    scene = SceneSpec.model_validate(
+        {
+            "scene": {"name": "ideal-module", "seed": item["seed"]},
+            "camera": {"file": CAMERA, "mount_pitch_deg": item["pitch"], "mount_roll_deg": item["roll"]},
+            "platform": {
+                "altitude_km": item["altitude_km"],
+                "latitude_deg": 40.0,
+                "longitude_deg": 20.0,
+                "epoch_utc": datetime(2026, 6, 21, 10, tzinfo=UTC),
+            },
+            "earth": {"shape": "sphere"},
+            "atmosphere": {"profile": "none"},
+            "surface": {"kind": "uniform", "temperature_k": 250.0},
+        }
+    )
+    frame = render_frame(scene, camera)
+    radiance = np.asarray(next(iter(frame.radiance.values())), dtype=np.float64)
+    model = camera_from_spec(camera.camera)
+    los = unproject(model, edge_points(radiance / radiance.max()))
+    roll, pitch = reading_of_edge(los)
+    pose = oracle_pose(frame.truth)
+    module = ideal_horizon_sensor(pose.r_itrs, pose.q_cam_from_itrs, pose.radius_m)
+    return {
+        "roll": roll,
+        "pitch": pitch,
+        "module_roll": module.roll_error_rad,
+        "module_pitch": module.pitch_error_rad,
+        "points": len(los),
+        "pixel_rad": 1.0 / model.fx,
+    }
+
+
+def edge_points(share: FloatArray) -> FloatArray:
+    """Return columns and rows, shape (n, 2), at which the edge of what covers a picture, shape (H, W), crosses it.
+
+    One point for every column that begins covered and ends bare, or the other way round, and the same for rows; of the
+    two the more numerous.
+    """
+    along_columns, along_rows = _crossings(share), _crossings(share.T)[:, ::-1]
+    return along_columns if len(along_columns) >= len(along_rows) else along_rows
+
+
+def _crossings(share: FloatArray) -> FloatArray:
+    """Return (column, row) of every column that the edge crosses once."""
+    first, last = share[0], share[-1]
+    from_top = (first > 1.0 - FULL) & (last < FULL)
+    from_below = (first < FULL) & (last > 1.0 - FULL)
+    covered = share.sum(axis=0)
+    row = np.where(from_top, covered - 0.5, len(share) - 0.5 - covered)
+    columns = np.flatnonzero(from_top | from_below)
+    return np.stack([columns.astype(float), row[columns]], axis=1)
+
+
+def reading_of_edge(los_cam: FloatArray) -> tuple[float, float]:
+    """Return roll and pitch error [rad] from lines of sight to the horizon, shape (n, 3)."""
+    cone = fit_cone(los_cam)
+    forward, right = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    rho = float(np.mean(off_axis_angle(los_cam, cone.axis_cam)))
+    level = np.cross(cone.axis_cam, forward)
+    level /= np.linalg.norm(level)
+    up = np.cross(level, forward)
+    roll = math.atan2(float(right @ up), float(right @ level))
+    return roll, float(off_axis_angle(forward, cone.axis_cam)) - rho

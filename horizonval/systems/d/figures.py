@@ -12,10 +12,8 @@ from scipy.optimize import brentq
 
 from horizonval.core.json_types import JsonObject
 from horizonval.geometry.frames import nadir_of_roll_pitch
-from horizonval.systems.d.budget import air_alone
-from horizonval.systems.d.rows import pixel_errors
-from horizonval.systems.d.score import StepScore
-from horizonval.systems.d.settings import ALL, PRINTED, PUBLISHED, QUANTUM_DEG, TABLES
+from horizonval.systems.d.rows import StepScore, air_alone, pixel_errors
+from horizonval.systems.d.steps import ALL, PRINTED, PUBLISHED, QUANTUM_DEG, TABLES
 
 BLUE, ORANGE, GREEN, BLACK = "#0072b2", "#d55e00", "#009e73", "#000000"
 HEADS = ("az45", "az135", "az225", "az315")

@@ -30,8 +30,8 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.suites.observation import observation_of_heads
-from horizonval.systems.circular_orbit import place_on_orbit
-from horizonval.systems.d.settings import PUBLISHED
+from horizonval.systems.d.steps import PUBLISHED
+from horizonval.systems.weather_viewpoints import place_on_orbit
 from horizonval.truth.frame_truth import truth_of
 
 CAMERA = "ir-linear-160-four-heads"

@@ -1,22 +1,46 @@
-"""Rows and tables of the four linear heads: printed readings beside ours, why they differ, the working range."""
+"""Rows and tables of the four linear heads: printed readings beside ours, why they differ, the working range.
+
+Rows and table that can fail: how many printed figures our readings share, and what chance would share.
+
+What each thing costs the four linear heads: whole pixels, formula, noise, ellipsoid, air.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods.linear_heads import published_angles
-from horizonval.systems.d.settings import (
+from horizonval.systems.d.steps import (
+    COLUMNS,
     MOMENTS,
+    PHASES,
+    PRINTED,
     PUBLISHED,
     QUANTUM_DEG,
     TABLES,
+    TRUE_DEG,
+    BestPhases,
+    HeadVariant,
     Setting,
+    alike_phases,
+    best_phases,
+    chance,
+    count,
+    cross_axis,
+    lost_elsewhere,
+    odd_columns,
+    rendered_steps,
+    same_step,
+    variants,
 )
+from horizonval.systems.published import page_text
 from horizonval.systems.result import ComparisonRow, Table
-from horizonval.systems.text import page_text
 
 TEXT = page_text("D")
 SUB_PIXEL_LIMIT_DEG = 0.005
@@ -171,3 +195,175 @@ def range_table(ends: dict[str, dict[str, JsonObject]]) -> Table:
     lines = [(limb, "none" if tilt is None else f"{tilt:.2f}") for limb, tilt in tilts.items()]
     lines += [(name, f"{end['altitude_km']:.0f} km") for name, end in ends["altitude"].items()]
     return TEXT.table("range", lines)
+
+
+PLAIN = HeadVariant(perspective=False)
+FLAT = HeadVariant(perspective=True)
+
+
+@dataclass(frozen=True)
+class StepScore:
+    """Figures on the printed step.
+
+    ``rendered``: by the name of the frames, with those of the untilted axis; ``truth``: of the rounded truth;
+    ``chance``: counts of evenly spread phases, for pixels of equal angle; ``best``: phases of the heads chosen for it,
+    by projection; ``variants``: counts of all phases by variant.
+    """
+
+    rendered: dict[str, tuple[int, int]]
+    truth: int
+    chance: np.ndarray
+    best: dict[HeadVariant, BestPhases]
+    variants: dict[HeadVariant, list[int]]
+
+    def by_chance(self, reached: int) -> float:
+        """Return the share of phases that do as well."""
+        return float((self.chance >= reached).mean())
+
+
+def score_steps(readings: dict[str, dict[str, JsonObject]], rng: np.random.Generator) -> StepScore:
+    """Count; ``readings`` are those of all settings, by the name of the frames."""
+    crossings = variants()
+    across = cross_axis()
+
+    def both(steps: FloatArray) -> tuple[int, int]:
+        return count(steps), int((same_step(steps) & across).sum())
+
+    return StepScore(
+        rendered={name: both(rendered_steps(one)) for name, one in readings.items()},
+        truth=count(TRUE_DEG / QUANTUM_DEG),
+        chance=chance(crossings[PLAIN], rng),
+        best={one: best_phases(crossings[one]) for one in (PLAIN, FLAT)},
+        variants={one: alike_phases(x) for one, x in crossings.items()},
+    )
+
+
+def step_rows(score: StepScore) -> list[ComparisonRow]:
+    """Return what is on the printed step, against what needs no sensor and against chance."""
+    across = int(cross_axis().sum())
+    distinct = len({(s.roll_deg, s.pitch_deg, s.altitude_km) for s in COLUMNS})
+    rows = [
+        TEXT.row(
+            "same_step",
+            reached,
+            PRINTED,
+            limit=score.truth,
+            at_least=True,
+            frames=name,
+            printed=PRINTED,
+            truth=score.truth,
+            chance=score.by_chance(reached),
+        )
+        for name, (reached, _) in score.rendered.items()
+    ]
+    rows.append(TEXT.row("truth_step", score.truth, PRINTED, printed=PRINTED, distinct=distinct))
+    mean, top = float(score.chance.mean()), int(score.chance.max())
+    rows.append(TEXT.row("chance_step", mean, PRINTED, printed=PRINTED, top=top, truth=score.by_chance(score.truth)))
+    for one, best in score.best.items():
+        projection = TEXT.phrase("flat" if one.perspective else "equal_angle")
+        fields: dict[str, Any] = {"ways": best.ways, "tried": PHASES**4, "right": best.across, "across": across}
+        rows.append(TEXT.row("best_step", best.count, PRINTED, printed=PRINTED, projection=projection, **fields))
+    for name, (_, right) in score.rendered.items():
+        rows.append(TEXT.row("across", right, across, across=across, frames=name))
+    moved = lost_elsewhere()
+    rows.append(
+        TEXT.row("odd", len(odd_columns()), columns=len(COLUMNS), odd="; ".join(odd_columns()), lost="; ".join(moved))
+    )
+    return rows
+
+
+def variant_table(score: StepScore) -> Table:
+    """Return the counts of every variant: pixels centred on the axis as here, and over all phases."""
+    lines = []
+    for one, counts in score.variants.items():
+        projection = TEXT.phrase("flat" if one.perspective else "equal_angle")
+        ends = f"{min(counts)} to {max(counts)}"
+        lines.append((projection, f"{one.row_px:g}", f"{one.limb_km:g}", counts[PHASES // 2], ends))
+    return TEXT.table("variants", lines, phases=PHASES, printed=PRINTED)
+
+
+AXES = ("roll", "pitch")
+CHECKED_DEG = "240"
+
+
+def nadir_errors(readings: dict[str, JsonObject], method: str, key: str = "nadir_error") -> np.ndarray:
+    """Return the nadir errors [deg] of readings that gave one."""
+    return np.array([r[method][key] for r in readings.values() if r[method][key] is not None])
+
+
+def noise_of(readings: dict[str, JsonObject], method: str) -> tuple[float, float, int]:
+    """Return the standard deviation of roll and pitch [deg] about the noiseless reading, mean NEES, number of draws."""
+    apart, nees = [], []
+    for reading in readings.values():
+        for draw in reading.get("noisy", []):
+            if draw[method]["nees"] is None:
+                continue
+            apart += [draw[method][axis] - reading[method][axis] for axis in AXES]
+            nees.append(draw[method]["nees"])
+    return math.sqrt(float(np.mean(np.square(apart)))), float(np.mean(nees)), len(nees)
+
+
+def rms(errors: np.ndarray) -> float:
+    """Return the root mean square."""
+    return math.sqrt(float(np.mean(np.square(errors))))
+
+
+def budget(
+    hard: dict[str, JsonObject], soft: dict[str, JsonObject], orbit: dict[str, dict[str, JsonObject]]
+) -> tuple[list[ComparisonRow], Table]:
+    """Return rows and the table of the error budget: nadir error, both methods."""
+    real = {case: readings for case, readings in orbit.items() if case.startswith("oblate, ")}
+    lines: list[tuple[str, ...]] = []
+
+    def line(cause: str, readings: dict[str, JsonObject], frames: str) -> None:
+        whole, sub = nadir_errors(readings, "published"), nadir_errors(readings, "sub_pixel")
+        cells = (f"{rms(whole):.4f} / {whole.max():.4f}", f"{rms(sub):.4f} / {sub.max():.4f}")
+        lines.append((cause, *cells, f"{len(sub)}", TEXT.phrase(frames)))
+
+    line("pixels, hard limb", hard, "hard_frames")
+    line("pixels, infrared limb", soft, "infrared_frames")
+    for cause, readings in (("noise, hard limb", hard), ("noise, infrared limb", soft)):
+        (whole, _, _), (sub, _, draws) = (noise_of(readings, method) for method in ("published", "sub_pixel"))
+        cells = (f"{math.sqrt(2) * whole:.4f}", f"{math.sqrt(2) * sub:.4f}")
+        lines.append((cause, *cells, f"{draws}", TEXT.phrase("noise_frames")))
+    line("ellipsoid", orbit["oblate"], "ellipsoid_frames")
+    for case, readings in real.items():
+        line(case, readings, "air_frames")
+    return [*_noise_rows(hard, soft), *_orbit_rows(orbit, real)], TEXT.table("budget", lines)
+
+
+def _noise_rows(hard: dict[str, JsonObject], soft: dict[str, JsonObject]) -> list[ComparisonRow]:
+    rows = []
+    for limb, readings in (("hard", hard), ("infrared", soft)):
+        sigma, nees, draws = noise_of(readings, "sub_pixel")
+        attitudes = sum("noisy" in reading for reading in readings.values())
+        rows.append(TEXT.row("noise", sigma, limb=limb, draws=draws, attitudes=attitudes))
+        rows.append(TEXT.row("covariance", nees / 2.0, limit=0.75, against=1.25, limb=limb))
+    return rows
+
+
+def _orbit_rows(orbit: dict[str, dict[str, JsonObject]], real: dict[str, dict[str, JsonObject]]) -> list[ComparisonRow]:
+    oblate = orbit["oblate"]
+    geodetic_deg = nadir_errors(oblate, "sub_pixel", "geodetic_error").max()
+    rows = [TEXT.row("ellipsoid", float(nadir_errors(oblate, "sub_pixel").max()), geodetic_deg=geodetic_deg)]
+    for case, readings in real.items():
+        air = np.linalg.norm(air_alone(readings, oblate), axis=1)
+        rows.append(TEXT.row("air", float(air.max()), air=case.removeprefix("oblate, "), rms_deg=rms(air)))
+        worst = float(nadir_errors(readings, "sub_pixel").max())
+        geodetic_deg = nadir_errors(readings, "sub_pixel", "geodetic_error").max()
+        rows.append(TEXT.row("ellipsoid_and_air", worst, case=case, geodetic_deg=geodetic_deg))
+        _, nees, draws = noise_of(readings, "sub_pixel")
+        rows.append(TEXT.row("covariance_orbit", nees / 2.0, case=case, draws=draws))
+    july, alone = (orbit[case][CHECKED_DEG]["sub_pixel"] for case in ("oblate, air of July", "air of July"))
+    without = oblate[CHECKED_DEG]["sub_pixel"]
+    differences = np.array([july[axis] - without[axis] for axis in AXES])
+    rendered = np.array([alone[axis] for axis in AXES])
+    rows.append(TEXT.row("additive", float(np.linalg.norm(differences - rendered)), argument=CHECKED_DEG))
+    return rows
+
+
+def air_alone(real: dict[str, JsonObject], oblate: dict[str, JsonObject]) -> np.ndarray:
+    """Return roll and pitch [deg] that the air adds, shape (places, 2)."""
+    return np.array(
+        [[r["sub_pixel"][axis] - oblate[argument]["sub_pixel"][axis] for axis in AXES] for argument, r in real.items()]
+    )

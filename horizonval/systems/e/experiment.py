@@ -1,4 +1,7 @@
-"""System E: passive localisation of a satellite from two stations' angles (Hadinejad & Amiri 2020)."""
+"""System E: passive localisation of a satellite from two stations' angles (Hadinejad & Amiri 2020).
+
+Everything that the source of the two-station localisation prints, judged.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,8 @@ from scipy import stats
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.rotation import itrs_from_gcrs, turn
+from horizonval.systems.e import case as noise
 from horizonval.systems.e import figures as pictures
-from horizonval.systems.e import noise as noise
 from horizonval.systems.e.case import (
     ENVISAT,
     EPOCH_UTC,
@@ -23,18 +26,18 @@ from horizonval.systems.e.case import (
     QUANTITIES,
     ROUNDING_DEG,
     STATIONS,
+    WHITE_ARCSEC,
     Figures,
+    NoiseReading,
     exact_pass,
+    gathered,
+    items_of,
     rounded,
+    rounding_items,
+    streak_items,
+    work,
 )
-from horizonval.systems.e.claims import claims
-from horizonval.systems.e.from_frames import frames_part_of, located_from
-from horizonval.systems.e.localisation.celestial import celestial_errors
-from horizonval.systems.e.localisation.pipeline import ALPHA, PUBLISHED_ALPHA, PUBLISHED_WIDTH_S, locate
-from horizonval.systems.e.localisation.smoothing import smooth_clamped
-from horizonval.systems.e.localisation.triangulation import triangulate
-from horizonval.systems.e.passes.rows import frame_part
-from horizonval.systems.e.tables import (
+from horizonval.systems.e.figures import (
     TEXT,
     Rows,
     as_published,
@@ -46,9 +49,49 @@ from horizonval.systems.e.tables import (
     rounding_table,
     streak_table,
 )
-from horizonval.systems.e.trials import WHITE_ARCSEC, gathered, items_of, rounding_items, streak_items, work
-from horizonval.systems.result import ComparisonRow, Figure, Reproduction
+from horizonval.systems.e.from_frames import frames_part_of, located_from
+from horizonval.systems.e.localisation.batch import triangulate
+from horizonval.systems.e.localisation.pipeline import ALPHA, PUBLISHED_ALPHA, PUBLISHED_WIDTH_S, locate
+from horizonval.systems.e.localisation.smoothing import smooth_clamped
+from horizonval.systems.e.localisation.stations import celestial_errors
+from horizonval.systems.e.passes.rows import frame_part
+from horizonval.systems.result import Claim, ComparisonRow, Figure, Reproduction, Status
 from horizonval.systems.task_cache import TaskCache
+
+NEAR = 0.15
+"""Share by which a plain figure may be off: another element set of the same satellite."""
+FACTOR = 2.0
+"""By which the published order may miss its figures under the width that was chosen for it."""
+
+
+def claims(rows: Rows, nearest: NoiseReading, draws: int) -> list[Claim]:
+    """Return every printed error, judged: three at a time. Settings of the experiment are no results."""
+    out = []
+    for key, case, printed in cases():
+        table = "rounding" if key.startswith("rounded") else "noise"
+        plain = mean(rows, key, "plain")
+        fields = {"case": case, "reading": nearest.description, "draws": str(draws), "measured": _three(plain)}
+        off = float(np.abs(plain / np.array(printed["plain"]) - 1.0).max())
+        near = Status.REPRODUCED if table == "rounding" else Status.BOUNDED
+        status = near if off <= NEAR else Status.CONTRADICTED
+        out.append(TEXT.claim(f"plain_{table}", _three(printed["plain"]), status, figure=table, **fields))
+        smoothed, filtered = (as_published(rows, key, stage) for stage in (0, 1))
+        ratio = smoothed / np.array(printed["proposed"])
+        status = Status.BOUNDED if ratio.max() <= FACTOR and ratio.min() >= 1.0 / FACTOR else Status.CONTRADICTED
+        fields |= {"smoothed": _three(smoothed), "filtered": _three(filtered)}
+        fields |= {"best": _three(mean(rows, key, "proposed")), "batch": _three(mean(rows, key, "batch"))}
+        out.append(TEXT.claim("proposed", _three(printed["proposed"]), status, figure=table, **fields))
+    out.append(
+        TEXT.claim("unit", "200, 300, 400 arcsec", Status.NOT_DETERMINABLE, figure="noise", reading=nearest.description)
+    )
+    return out
+
+
+def _three(figures: FloatArray | Figures) -> str:
+    """Return right ascension, declination and distance."""
+    a, b, c = figures
+    return f"{a:.3g}, {b:.3g} arcsec, {c:.2g} km"
+
 
 DRAWS = 200
 """Independent passes behind every figure of the noise table, and rounding grids behind those with the grid at

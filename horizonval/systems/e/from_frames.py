@@ -18,11 +18,11 @@ from scipy import stats
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.e import figures as pictures
 from horizonval.systems.e.case import EPOCH_UTC, METHODS, QUANTITIES, STATIONS, exact_pass
-from horizonval.systems.e.localisation.celestial import ARCSEC, celestial_errors, normalised_squares, rms
 from horizonval.systems.e.localisation.pipeline import PassPositions, TwoStationPass, locate
+from horizonval.systems.e.localisation.stations import ARCSEC, celestial_errors, normalised_squares, rms
 from horizonval.systems.e.passes.measured_pass import StationPass
+from horizonval.systems.published import page_text
 from horizonval.systems.result import Cell, ComparisonRow, Figure, Table
-from horizonval.systems.text import page_text
 
 TEXT = page_text("E")
 SHOWN_METHODS = ("plain", "proposed", "batch")

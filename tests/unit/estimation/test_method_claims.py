@@ -68,6 +68,7 @@ def test_the_oracle_knows_its_pose() -> None:
     for inside in (0.0, RADIUS_M * 0.999, np.nan):
         hidden = replace(seen, oracle=replace(pose, r_itrs=np.array([0.0, inside, 0.0])))
         assert not isinstance(ideal.run(hidden), Fit)
+    assert not isinstance(ideal.run(replace(seen, oracle=None)), Fit)
 
 
 def arc(nadir: np.ndarray, rho: float, width_rad: float = 1.2, n: int = 150) -> np.ndarray:

@@ -21,11 +21,7 @@ activate()
 import mitsuba as mi  # noqa: E402
 
 from horizonval.renderer.scattering import multiple_scattering as solver  # noqa: E402
-from horizonval.renderer.scattering.multiple_scattering import (  # noqa: E402
-    content_key,
-    multiple_scattering,
-    solve,
-)
+from horizonval.renderer.scattering.multiple_scattering import content_key, multiple_scattering, solve  # noqa: E402
 from horizonval.renderer.scattering.shells import (  # noqa: E402
     SOLVED_TOGETHER,
     DiffuseField,

@@ -14,11 +14,7 @@ import mitsuba as mi  # noqa: E402
 from horizonval.earth.optical import optical_model  # noqa: E402
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches  # noqa: E402
 from horizonval.renderer.kernel.march import SunlitStations, march_air, march_to_stations  # noqa: E402
-from horizonval.renderer.planet import (  # noqa: E402
-    SOLAR_CONCENTRATION,
-    Planet,
-    way_through,
-)
+from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, way_through  # noqa: E402
 from horizonval.renderer.tables import vectors  # noqa: E402
 from horizonval.renderer.types import constant, constant_vector  # noqa: E402
 from horizonval.spec.camera import CameraSpec  # noqa: E402

@@ -12,9 +12,7 @@ from horizonval.earth.clouds.relief import BASE_M, CloudField, top_m
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, sphere, surface_normal
 from horizonval.geometry.frames import body_from_lvlh, inverse, nadir_of_roll_pitch, rotate
 from horizonval.geometry.horizon import limb_side
-from horizonval.systems.f import hard_edge
-from horizonval.systems.f.attitude import ScannerFit, attitude_over_ellipsoid, attitude_over_sphere
-from horizonval.systems.f.clouds import distance_to_clouds
+from horizonval.systems.f import errors
 from horizonval.systems.f.electronics import (
     ScanEdges,
     ScannerElectronics,
@@ -23,7 +21,8 @@ from horizonval.systems.f.electronics import (
     first_order_lag,
     level_crossings,
 )
-from horizonval.systems.f.scan_cone import ScanCone, ellipsoid_crossings, sphere_crossings
+from horizonval.systems.f.errors import ScannerFit, attitude_over_ellipsoid, attitude_over_sphere
+from horizonval.systems.f.scan_cone import ScanCone, distance_to_clouds, ellipsoid_crossings, sphere_crossings
 from horizonval.systems.weather_viewpoints import WeatherPlace
 
 CONE = ScanCone.to_the_right(math.radians(45.0), math.radians(12.0))
@@ -87,7 +86,7 @@ def test_delays_of_steps_are_the_logarithms(fraction: float) -> None:
 
 
 def test_beam_and_two_lags_leave_nothing_of_a_hard_edge() -> None:
-    assert hard_edge.worst_error_deg() < 1e-3
+    assert errors.worst_error_deg() < 1e-3
 
 
 def test_attitudes_come_back_from_exact_crossings() -> None:

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from horizonval.systems.published import published
+from horizonval.systems.quick import SYSTEMS
 from horizonval.systems.result import Status
-from horizonval.systems.systems import SYSTEMS
 
 PAGES = Path(__file__).parents[3] / "results" / "published"
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")

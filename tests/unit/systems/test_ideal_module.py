@@ -11,7 +11,7 @@ from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.horizon import horizon_directions
 from horizonval.systems.c import poses as ideal_module_poses
 from horizonval.systems.c.experiment import LIMIT_RAD
-from horizonval.systems.c.picture import edge_points, reading_of_edge
+from horizonval.systems.c.frames import edge_points, reading_of_edge
 from horizonval.systems.c.poses import (
     RADIUS_M,
     departures,

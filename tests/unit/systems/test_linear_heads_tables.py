@@ -12,10 +12,14 @@ from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.systems.d.figures import widest_in_field
 from horizonval.systems.d.frames import EPOCH, orbit_place
 from horizonval.systems.d.rows import moment_rows
-from horizonval.systems.d.settings import ALL, MOMENTS, PRINTED, QUANTUM_DEG, TABLES
 from horizonval.systems.d.steps import (
+    ALL,
     COLUMNS,
+    MOMENTS,
+    PRINTED,
     PRINTED_STEPS,
+    QUANTUM_DEG,
+    TABLES,
     TRUE_DEG,
     HeadVariant,
     best_phases,

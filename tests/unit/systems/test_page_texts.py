@@ -13,11 +13,10 @@ import pytest
 from pydantic import ValidationError
 
 import horizonval.systems
-from horizonval.systems import markdown
-from horizonval.systems.published import PrintedTable, Published, published
+from horizonval.systems import pages
+from horizonval.systems.published import PageText, PrintedTable, Published, page_text, published
+from horizonval.systems.quick import SYSTEMS
 from horizonval.systems.result import Claim, ComparisonRow, Reproduction, Status, Table
-from horizonval.systems.systems import SYSTEMS
-from horizonval.systems.text import PageText, page_text
 
 HERE = Path(horizonval.systems.__file__).parent
 PAGES = Path(__file__).parents[3] / "results" / "published"
@@ -86,7 +85,7 @@ def test_committed_pages_are_made_of_the_committed_numbers(system: str) -> None:
         choices=tuple(content.get("choices", ())),
     )
     committed = (PAGES / f"{system}.md").read_text()
-    head, *sections = markdown.page(result, content["seed"]).split("\n## ")
+    head, *sections = pages.page(result, content["seed"]).split("\n## ")
     assert committed.startswith(head.split("\n\n\n")[0])
     for section in sections:
         # a caption with numbers of the run is not in the JSON file
@@ -96,7 +95,7 @@ def test_committed_pages_are_made_of_the_committed_numbers(system: str) -> None:
 
 def test_the_committed_first_page_is_made_of_the_committed_numbers() -> None:
     contents = [json.loads((PAGES / f"{system}.json").read_text()) for system in SYSTEMS]
-    assert markdown.first_page(contents) == (PAGES / "README.md").read_text()
+    assert pages.first_page(contents) == (PAGES / "README.md").read_text()
 
 
 def test_a_row_is_made_of_its_text_and_the_numbers_of_the_run() -> None:

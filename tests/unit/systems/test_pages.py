@@ -13,8 +13,8 @@ from horizonval.core.errors import UserError
 from horizonval.store.folder import read_json
 from horizonval.systems import run as run_module
 from horizonval.systems.pages import printed_rows, write_first_page, write_reproduction
+from horizonval.systems.quick import SYSTEMS, chosen, experiment
 from horizonval.systems.result import ComparisonRow, Figure, Reproduction, Table
-from horizonval.systems.systems import SYSTEMS, chosen, experiment
 from horizonval.systems.task_cache import TaskCache, rng_of
 
 

@@ -30,8 +30,11 @@ from horizonval.systems.b.pair.sun import (
     SunOutcome,
     difference,
     drawn_skies,
+    height_table,
+    sun_claim,
+    sun_rows,
+    sun_table,
 )
-from horizonval.systems.b.pair.sun_report import height_table, sun_claim, sun_rows, sun_table
 from horizonval.systems.result import Status
 
 

@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.frames import nadir_of_roll_pitch
-from horizonval.systems.g import profiles
-from horizonval.systems.g.attitude import QuadrantFit, attitude_of_quadrants
-from horizonval.systems.g.layout import AZIMUTH_RAD, ETA_RAD, QuadrantLayout, field_mean
+from horizonval.systems.g import design
+from horizonval.systems.g.design import AZIMUTH_RAD, ETA_RAD, QuadrantLayout, field_mean
+from horizonval.systems.g.errors import QuadrantFit, attitude_of_quadrants
 from horizonval.systems.weather_viewpoints import WeatherPlace, weather_places
 
 PLACE = WeatherPlace(25.0, 10.0, 60.0, 3, 0, 0)
 LAYOUT = QuadrantLayout(math.radians(72.0), math.radians(4.0))
-SOFT = 5.0 / (1.0 + np.exp((np.array(profiles.OFFSET_DEG) - 1.0) / 0.15))
+SOFT = 5.0 / (1.0 + np.exp((np.array(design.OFFSET_DEG) - 1.0) / 0.15))
 """A limb that falls about one degree above the ground's horizon."""
 
 
 def _over_a_sphere(monkeypatch: pytest.MonkeyPatch, pitch: float, roll: float) -> NDArray[np.float64]:
-    monkeypatch.setattr(profiles, "WGS84", sphere(WGS84.a_m))
-    return profiles.sectors(PLACE, 350.0, np.tile(SOFT, (4, 1)), pitch, roll)
+    monkeypatch.setattr(design, "WGS84", sphere(WGS84.a_m))
+    return design.sectors(PLACE, 350.0, np.tile(SOFT, (4, 1)), pitch, roll)
 
 
 def test_quadrants_balance_over_a_sphere_when_the_body_is_level(monkeypatch: pytest.MonkeyPatch) -> None:

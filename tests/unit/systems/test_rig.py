@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
-from horizonval.systems.b.pair.tilt import tilt_rad
-from horizonval.systems.b.rig import bench, design, runs
-from horizonval.systems.b.rig.accelerometer import NOISE_MG, SAMPLES, STEP_MG, Accelerometer
-from horizonval.systems.b.rig.panel import Panel, levels, share_shown
+from horizonval.systems.b.pair.frames import tilt_rad
+from horizonval.systems.b.rig import bench, runs
+from horizonval.systems.b.rig.bench import NOISE_MG, SAMPLES, STEP_MG, Accelerometer
+from horizonval.systems.b.rig.scene import Panel, levels, share_shown
 
 CAMERA = CameraModel(512, 512, 443.4, 443.4, 255.5, 255.5)
 
@@ -92,19 +92,19 @@ def test_levels_show_what_they_were_asked_to_within_half_a_level():
 
 
 def test_the_design_tells_errors_apart_whatever_their_signs():
-    signs = design.signs()
-    assert signs.shape == (16, len(design.NAMES))
-    assert np.array_equal(signs.T @ signs, 16.0 * np.eye(len(design.NAMES)))
-    slopes = np.linspace(-0.3, 0.4, len(design.NAMES))
+    signs = bench.signs()
+    assert signs.shape == (16, len(bench.NAMES))
+    assert np.array_equal(signs.T @ signs, 16.0 * np.eye(len(bench.NAMES)))
+    slopes = np.linspace(-0.3, 0.4, len(bench.NAMES))
     values = signs @ slopes
-    assert design.main_effects(values) == pytest.approx(slopes, abs=1e-12)
+    assert bench.main_effects(values) == pytest.approx(slopes, abs=1e-12)
     assert np.mean(values**2) == pytest.approx(np.sum(slopes**2), abs=1e-12)
-    assert design.unused_effect(values) == pytest.approx(0.0, abs=1e-12)
+    assert bench.unused_effect(values) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_every_error_of_the_bench_is_stated_and_belongs_to_one_imperfection():
     fields = [name for names in runs.MOUNTING.values() for name in names]
-    assert sorted(fields) == sorted(design.NAMES)
+    assert sorted(fields) == sorted(bench.NAMES)
     assert all(getattr(bench.STATED, name) > 0.0 for name in fields)
 
 

@@ -8,10 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.systems.b.rig import design, experiment, figures, film, runs, tables
-from horizonval.systems.b.rig.plausible import own_deviation_deg, percentile_of, plausible_benches
-from horizonval.systems.b.rig.results import RigResults
-from horizonval.systems.b.rig.runs import IMPERFECTIONS, BenchRun
+from horizonval.systems.b.rig import bench, experiment, figures, film, runs
+from horizonval.systems.b.rig.runs import (
+    IMPERFECTIONS,
+    BenchRun,
+    RigResults,
+    own_deviation_deg,
+    percentile_of,
+    plausible_benches,
+)
 
 TILTS = np.array([-20.0, 0.0, 20.0])
 
@@ -71,7 +76,7 @@ def rows_of(made):
 
 def test_the_range_over_plausible_benches_follows_the_sizes():
     """One effect of 0.4 deg, the same at all tilts: half to twice of it as root mean square, none of it as scatter."""
-    sign = design.signs()[:, 0]
+    sign = bench.signs()[:, 0]
     reference = np.broadcast_to(TILTS, (16, 3))
     benches = plausible_benches(
         BenchRun(TILTS, reference + 0.4 * sign[:, None], reference), 0.0, np.random.default_rng(1)
@@ -104,7 +109,7 @@ def test_imperfections_are_counted_until_the_rms_stays_below_a_limit():
 
 def test_tables_name_every_imperfection_and_every_error_once():
     made = results(SIZES)
-    ablation, sensitivity = tables.ablation_table(made), tables.sensitivity_table(made.whole)
+    ablation, sensitivity = runs.ablation_table(made), runs.sensitivity_table(made.whole)
     assert sorted(row[0] for row in ablation.rows[1:]) == sorted(IMPERFECTIONS)
     assert all(len(row) == len(table.columns) for table in (ablation, sensitivity) for row in table.rows)
     assert {runs.PIXELS, runs.BACKLIGHT} < {row[0] for row in ablation.rows}

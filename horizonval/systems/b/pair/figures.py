@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 from horizonval.systems.b.pair.applicability import LIMIT_DEG, REGION_DEG, Map
 from horizonval.systems.b.pair.orbit import COASTS, INFRARED, LINEAR, VISIBLE, Lap, errors_deg
 from horizonval.systems.b.pair.sun import LIMB_ZENITH_DEG, ORDINARY, SHOWN_ZENITH_DEG, SunOutcome
-from horizonval.systems.text import page_text
+from horizonval.systems.published import page_text
 
 TEXT = page_text("B")
 _NORM = LogNorm(0.003, 10.0, clip=True)

@@ -1,4 +1,21 @@
-"""One view of both cameras: rendered, detected, estimated, and set beside the truth."""
+"""One view of both cameras: rendered, detected, estimated, and set beside the truth.
+
+The tilt of one camera from the chord of its horizon: half of the two-camera method.
+
+The chord ``c`` between the sight lines to the arc's ends is perpendicular to the vertical. A second camera would give a
+second such vector; on the bench, where there is one camera, the boresight ``z`` is level instead, so that the vertical
+is ``n = c x z`` with the sign that points to the circle's centre, and the tilt is its angle to the columns::
+
+    t = atan2(n_x, n_y)
+
+The arc and its chord are those of :mod:`horizonval.estimation.limb.arc` and
+:mod:`horizonval.estimation.methods.video_vertical`.
+
+A frame without the Sun's own light in the lens: the other half of every pair of observations.
+
+What the Sun lights (ground, air, clouds) stays as it is. What goes is what comes straight from its disc: its image,
+hence that image's ghosts, scatter and spread, and what lens and baffle let in of a Sun outside the frame.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +24,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -14,10 +32,10 @@ from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve
+from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, chord, fit_arcs, solve
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.frame import DetectorImage, FrameTruth
-from horizonval.geometry.camera import project, unproject
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import fit_cone, horizon_cam
 from horizonval.geometry.rotation import angle_between
@@ -28,7 +46,51 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.suites.observation import observation_of_heads
-from horizonval.systems.b.pair.sun_light import without_sunlight
+
+
+def tilt_rad(image: FloatArray, camera: CameraModel, full_scale: float) -> float | None:
+    """Return how far the camera is turned about its boresight, clockwise as it looks; None where it sees no arc."""
+    arc = find_arc(image, full_scale)
+    if isinstance(arc, Refusal):
+        return None
+    across = chord(arc, camera)
+    down = np.array([-across[1], across[0]])
+    if down @ (arc.circle.centre - arc.uv.mean(axis=0)) < 0.0:
+        down = -down
+    return math.atan2(down[0], down[1])
+
+
+EDGE_PX = 1.5
+"""Beyond the disc's edge: half a diagonal of a pixel, and as much again for refraction."""
+
+
+def without_sunlight(frame: RadianceFrame) -> RadianceFrame:
+    """Return the frame with the Sun's disc taken out of the image, and without a Sun for stray light.
+
+    Pixels that the disc may touch take the radiance of their row to the left and to the right of it, on a straight
+    line between the two: space, or the thin upper air.
+    """
+    touched = sun_pixels(frame.truth)
+    radiance = {}
+    for band, values in frame.radiance.items():
+        filled = np.array(values)
+        for row in np.flatnonzero(touched.any(axis=1)):
+            gone = touched[row]
+            if not gone.all():
+                columns = np.arange(len(gone))
+                filled[row, gone] = np.interp(columns[gone], columns[~gone], filled[row, ~gone])
+        radiance[band] = filled
+    return replace(frame, radiance=radiance, truth=replace(frame.truth, sun_visible_fraction=0.0))
+
+
+def sun_pixels(truth: FrameTruth) -> NDArray[np.bool_]:
+    """Return which pixels the Sun's disc may touch, shape (H, W)."""
+    camera = truth.camera_model
+    los = unproject(camera, pixel_grid(camera))
+    apart = np.linalg.norm(los - np.array(truth.sun_cam), axis=-1)
+    reach = truth.sun_angular_radius_rad + EDGE_PX / min(camera.fx, camera.fy)
+    return np.asarray(2.0 * np.arcsin(np.minimum(0.5 * apart, 1.0)) < reach) & (truth.sun_visible_fraction > 0.0)
+
 
 SHIPPED = "vis-pair-1024-60deg"
 WITH_GLARE = "vis-cmos-1024-60deg-full"

@@ -19,7 +19,29 @@ were not chosen blind: a sum by hand while choosing them came to about 0.8 deg, 
 * panel level to 0.25 deg (spirit level), square to the axis to 1 deg in both directions (by the eye);
 * accelerometer against the image's rows: 0.3 deg (glued on); its zero to 5 mg after a calibration in two positions.
 
-Each has its size, and a sign that nobody knows: see :mod:`horizonval.systems.b.rig.design`.
+Each has its size, and a sign that nobody knows: see :mod:`horizonval.systems.b.rig.bench`.
+
+The bench's reference: a two-axis accelerometer on the stage.
+
+It measures gravity across the stage's axis, ``(sin t, cos t)`` g at the tilt ``t``, with an error of its zero, noise
+and the steps of its converter, and is mounted with a turn against the image's rows::
+
+    reading = atan2(mean a_x, mean a_y),     a = step * round((g(t + roll) + zero + noise) / step)
+
+Its figures are those of the ten-bit parts on hobby boards: steps of 3.9 mg, noise of one step, a zero that a
+calibration in two positions brings to some milligrams. The noise is larger than half a step and so smooths the steps
+away in a mean.
+
+Neglected: cross-axis sensitivity (1 %: at 20 deg, 0.2 deg times the level axis's error, below 0.01 deg) and an error of
+scale, which both axes share and which drops out of their ratio.
+
+Sixteen benches, each with every error at its stated size: a two-level design of experiments.
+
+The signs of the errors are unknown, and the RMS of one bench depends on them: errors add up or cancel. So sixteen
+benches are rendered whose signs are the columns of a Hadamard matrix (Plackett and Burman, Biometrika 33, 305, 1946).
+Any two columns are orthogonal. To first order the mean square over the benches is then the sum of the squares that the
+errors cause one by one, whatever the signs; and the mean of ``sign * error of the tilt`` over the benches is what one
+error alone does, so that one run of the design gives all sensitivities.
 """
 
 from __future__ import annotations
@@ -28,6 +50,7 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.linalg import hadamard
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -109,3 +132,67 @@ def seen_from(camera: BenchPose, panel: BenchPose, on_panel_mm: FloatArray) -> F
     places = np.column_stack([on_panel_mm, np.zeros(len(on_panel_mm))])
     on_bench = panel.r_bench_mm + places @ panel.bench_from_body.T
     return np.asarray((on_bench - camera.r_bench_mm) @ camera.bench_from_body)
+
+
+STEP_MG = 3.9
+NOISE_MG = 4.0
+SAMPLES = 64
+
+
+@dataclass(frozen=True)
+class Accelerometer:
+    """What one accelerometer does to gravity.
+
+    Attributes
+    ----------
+    roll_rad : float
+        Its turn against the camera's rows.
+    zero_mg : float
+        Error of the zero of the x-axis; that of y is a second-order matter near the level.
+    """
+
+    roll_rad: float = 0.0
+    zero_mg: float = 0.0
+
+    def tilt_rad(self, true_rad: float, rng: np.random.Generator | None) -> float:
+        """Return the tilt that a mean of 64 samples gives; without random numbers no noise and no steps."""
+        angle = true_rad + self.roll_rad
+        gravity_mg = 1e3 * np.array([math.sin(angle), math.cos(angle)]) + np.array([self.zero_mg, 0.0])
+        if rng is not None:
+            samples = gravity_mg + NOISE_MG * rng.standard_normal((SAMPLES, 2))
+            gravity_mg = STEP_MG * np.rint(samples / STEP_MG).mean(axis=0)
+        return math.atan2(gravity_mg[0], gravity_mg[1])
+
+
+BENCHES = 16
+NAMES = tuple(f.name for f in fields(BenchErrors))
+
+
+def signs() -> FloatArray:
+    """Return the sign of every error on every bench, shape (16, 14), in the order of :data:`NAMES`."""
+    return np.asarray(hadamard(BENCHES)[:, 1 : 1 + len(NAMES)], dtype=float)
+
+
+def benches(stated: BenchErrors) -> list[BenchErrors]:
+    """Return the sixteen benches; equal ones, where errors are zero, are kept."""
+    return [stated.times(row) for row in signs()]
+
+
+def main_effects(values: FloatArray) -> FloatArray:
+    """Return what each error at its stated, positive size does to a value, shape (14, ...).
+
+    Parameters
+    ----------
+    values : ndarray, shape (16, ...)
+        Of the benches, in order.
+
+    Notes
+    -----
+    Products of two errors are left in: of the second order, 0.02 deg at the stated sizes.
+    """
+    return np.asarray(np.tensordot(signs(), values, axes=(0, 0)) / BENCHES)
+
+
+def unused_effect(values: FloatArray) -> FloatArray:
+    """Return the contrast of the one column that no error has, shape (...): noise, and products of errors."""
+    return np.asarray(np.tensordot(hadamard(BENCHES)[:, -1].astype(float), values, axes=(0, 0)) / BENCHES)

@@ -19,23 +19,21 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.spec.load import load_camera
 from horizonval.systems.b.rig import figures, runs
-from horizonval.systems.b.rig.accelerometer import SAMPLES
-from horizonval.systems.b.rig.bench import STATED
+from horizonval.systems.b.rig.bench import SAMPLES, STATED
 from horizonval.systems.b.rig.film import RATE_DEG_S, SAMPLE_HZ, Film
 from horizonval.systems.b.rig.frames import CAMERA, make_picture, show
-from horizonval.systems.b.rig.plausible import (
+from horizonval.systems.b.rig.runs import (
     FACTOR,
+    IMPERFECTIONS,
     RANGE_PERCENT,
+    RigResults,
     own_deviation_deg,
     percentile_of,
     plausible_benches,
 )
-from horizonval.systems.b.rig.results import RigResults
-from horizonval.systems.b.rig.runs import IMPERFECTIONS
-from horizonval.systems.published import published
+from horizonval.systems.published import page_text, published
 from horizonval.systems.result import ComparisonRow, Figure
 from horizonval.systems.task_cache import TaskCache
-from horizonval.systems.text import page_text
 
 TEXT = page_text("B")
 PUBLISHED_RIG_DEG, PUBLISHED_MODEL_DEG = (published("B").number(key) for key in ("rig_rms", "model_rms"))

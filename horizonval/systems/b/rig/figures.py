@@ -13,8 +13,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.systems.b.rig.film import Film
 from horizonval.systems.b.rig.frames import MAGNIFIER, SPAN, read_png
-from horizonval.systems.b.rig.results import RigResults
-from horizonval.systems.b.rig.runs import BenchRun
+from horizonval.systems.b.rig.runs import BenchRun, RigResults
 
 CLOSE_PX = 40
 ALONE, LEFT, MARK = "#4477aa", "#bbbbbb", "#aa3322"

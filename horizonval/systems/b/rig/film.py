@@ -19,9 +19,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.systems.b.rig import design, runs
-from horizonval.systems.b.rig.accelerometer import NOISE_MG, SAMPLES, STEP_MG
-from horizonval.systems.b.rig.bench import STATED
+from horizonval.systems.b.rig import runs
+from horizonval.systems.b.rig.bench import NOISE_MG, SAMPLES, STATED, STEP_MG, benches
 from horizonval.systems.b.rig.frames import sweep
 from horizonval.systems.b.rig.runs import IMPERFECTIONS
 from horizonval.systems.task_cache import TaskCache
@@ -87,7 +86,7 @@ def film(cache: TaskCache, picture: str) -> Film:
     """Render the film and read it."""
     times = np.arange(0.0, length_s() + 0.5 * FRAME_S, FRAME_S)
     tilts = tilt_at(times)
-    errors = design.benches(STATED)[BENCH]
+    errors = benches(STATED)[BENCH]
     seen = errors.without("accelerometer_roll_deg", "accelerometer_zero_mg")
     items: dict[str, JsonObject] = {
         f"second {time:g}": {

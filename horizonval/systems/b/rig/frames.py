@@ -1,4 +1,15 @@
-"""What worker processes do for the bench: the picture for the panel, and sweeps of one bench through its tilts."""
+"""What worker processes do for the bench: the picture for the panel, and sweeps of one bench through its tilts.
+
+The camera on the bench: the shipped detector behind its lens, exposed for the panel.
+
+The stages are those of every other image (:func:`horizonval.sensor.observe.observe`); the radiance comes from the
+bench. The exposure lays the panel's white on seven tenths of the full well, on the axis: the electrons of a pixel are
+``pi L tau pitch^2 t QE lambda / (4 N^2 h c)``.
+
+The lens is focused on the panel. Its blur is the camera file's, and has been at work before the pixels
+(:mod:`horizonval.systems.b.rig.scene`), so that the file's is left out here. Vignetting is taken about the image's
+middle, not about the optical centre, whose error shifts it by a few pixels.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +23,73 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import c, h
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.frame import DetectorImage
-from horizonval.geometry.camera import camera_from_spec
+from horizonval.earth.spectral.bands import reference_wavelength_um
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.geometry.camera import CameraModel, camera_from_spec
+from horizonval.sensor.observe import observe
 from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import Cmos
 from horizonval.spec.load import load_camera
-from horizonval.systems.b.pair import tilt
-from horizonval.systems.b.rig import bench, detector, panel, picture
+from horizonval.spec.scene import SceneSpec
+from horizonval.systems.b.pair import frames
+from horizonval.systems.b.rig import bench, picture, scene
+from horizonval.systems.b.rig.bench import BenchErrors
+from horizonval.truth.frame_truth import truth_of
+
+FILL = 0.7
+
+
+def exposed_for(camera: CameraSpec, white_w_m2_sr: float) -> CameraSpec:
+    """Return the camera with the exposure that lays a radiance on seven tenths of the full well."""
+    detector = camera.detector
+    if not isinstance(detector, Cmos):
+        raise ValueError("the bench's camera counts photons")
+    pixel_w = math.pi * white_w_m2_sr * camera.optics.transmission * (detector.pixel_pitch_um * 1e-6) ** 2
+    pixel_w /= 4.0 * camera.optics.f_number**2
+    photon_j = h * c / (reference_wavelength_um(camera.band[0]) * 1e-6)
+    seconds = FILL * detector.full_well_e * photon_j / (pixel_w * detector.quantum_efficiency)
+    return camera.model_copy(update={"detector": detector.model_copy(update={"exposure_s": seconds})})
+
+
+def behind_lens(camera: CameraSpec) -> CameraSpec:
+    """Return the camera without its lens's blur."""
+    return camera.model_copy(update={"optics": camera.optics.model_copy(update={"psf_sigma_px": 0.0})})
+
+
+def built(camera: CameraSpec, errors: BenchErrors) -> CameraModel:
+    """Return the lens as it was built: its optical centre off by the bench's errors."""
+    ideal = camera_from_spec(camera.camera)
+    return replace(ideal, cx=ideal.cx + errors.centre_x_px, cy=ideal.cy + errors.centre_y_px)
+
+
+def photograph(
+    radiance: NDArray[np.float32], camera: CameraSpec, shown: SceneSpec, name: str, seed: int, *, noise: bool
+) -> DetectorImage:
+    """Return what the detector makes of the bench's radiance [W m-2 sr-1], shape (H, W).
+
+    Parameters
+    ----------
+    shown : SceneSpec
+        The scene on the panel; the image's truth is that of the scene before it was tilted.
+    camera : CameraSpec
+        As in its file.
+    name : str
+        Of the frame: noise belongs to it and to the seed.
+    """
+    truth = replace(_truth(shown.model_dump_json(), camera.model_dump_json()), scene_id=name)
+    return observe(
+        RadianceFrame({camera.band[0].name: radiance}, {}, truth), behind_lens(camera), seed=seed, noise=noise
+    )
+
+
+@lru_cache(maxsize=4)
+def _truth(shown: str, camera: str) -> FrameTruth:
+    return truth_of(SceneSpec.model_validate_json(shown), CameraSpec.model_validate_json(camera), infrared=False)
+
 
 CAMERA = "vis-cmos-512-60deg"
 DISTANCE_MM = 200.0
@@ -32,7 +101,7 @@ SPAN = 3.0
 
 def make_picture(_item: JsonObject) -> JsonObject:
     """Return the picture for the panel, packed."""
-    return {"png": picture.packed(picture.picture(panel.Panel(), DISTANCE_MM, load_camera(CAMERA)))}
+    return {"png": picture.packed(picture.picture(scene.Panel(), DISTANCE_MM, load_camera(CAMERA)))}
 
 
 def sweep(item: JsonObject) -> JsonObject:
@@ -44,7 +113,7 @@ def sweep(item: JsonObject) -> JsonObject:
     found: list[float | None] = []
     for tilt_deg in item["tilts_deg"]:
         image = _photograph(item, tilt_deg)
-        found.append(tilt.tilt_rad(image.dn.astype(np.float64), camera, image.full_scale))
+        found.append(frames.tilt_rad(image.dn.astype(np.float64), camera, image.full_scale))
     return {"tilt_rad": found}
 
 
@@ -77,7 +146,7 @@ def read_png(text: str) -> NDArray[Any]:
 
 
 def _photograph(item: JsonObject, tilt_deg: float) -> DetectorImage:
-    return detector.photograph(
+    return photograph(
         _render(item, tilt_deg, item["blur_px"]),
         _camera(),
         picture.scene_shown(),
@@ -90,14 +159,14 @@ def _photograph(item: JsonObject, tilt_deg: float) -> DetectorImage:
 def _render(
     item: JsonObject, tilt_deg: float, blur_px: float, magnify_at: tuple[int, int] | None = None
 ) -> NDArray[np.float32]:
-    screen, errors = panel.Panel(**_tuples(item["panel"])), bench.BenchErrors(**item["errors"])
+    screen, errors = scene.Panel(**_tuples(item["panel"])), bench.BenchErrors(**item["errors"])
     return _radiance(item["picture"], screen, errors, tilt_deg, blur_px, magnify_at)
 
 
 @lru_cache(maxsize=8)
 def _radiance(
     path: str,
-    screen: panel.Panel,
+    screen: scene.Panel,
     errors: bench.BenchErrors,
     tilt_deg: float,
     blur_px: float,
@@ -109,7 +178,7 @@ def _radiance(
     activate()
     from horizonval.systems.b.rig import scene
 
-    lens = detector.built(_camera(), errors)
+    lens = built(_camera(), errors)
     if magnify_at is not None:
         middle = (lens.width - 1) / 2
         lens = replace(
@@ -131,17 +200,17 @@ def _radiance(
 
 @lru_cache(maxsize=1)
 def _camera() -> CameraSpec:
-    return detector.exposed_for(load_camera(CAMERA), panel.Panel().white_w_m2_sr)
+    return exposed_for(load_camera(CAMERA), scene.Panel().white_w_m2_sr)
 
 
 @lru_cache(maxsize=2)
-def _shining(path: str, screen: panel.Panel) -> FloatArray:
+def _shining(path: str, screen: scene.Panel) -> FloatArray:
     share = picture.unpacked(Path(path).read_text(encoding="ascii")).share
-    return share if screen.smooth else panel.share_shown(panel.levels(share, screen.gamma), screen)
+    return share if screen.smooth else scene.share_shown(scene.levels(share, screen.gamma), screen)
 
 
 def _share(radiance: NDArray[np.float32]) -> NDArray[np.uint16]:
-    share = radiance / (SPAN * panel.Panel().white_w_m2_sr)
+    share = radiance / (SPAN * scene.Panel().white_w_m2_sr)
     return np.rint(65535.0 * np.clip(share, 0.0, 1.0)).astype(np.uint16)
 
 

@@ -19,7 +19,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.systems.b.rig.panel import Panel
+from horizonval.systems.b.rig.scene import Panel
 
 ALTITUDE_KM = 500.0
 _DEEP = 65535

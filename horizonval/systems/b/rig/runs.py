@@ -1,7 +1,25 @@
 """Runs of the bench with some of its imperfections: which there are, how they are switched, what comes of it.
 
-A run is sixteen benches (:mod:`horizonval.systems.b.rig.design`) swept through tilts. The published error is the
+A run is sixteen benches (:mod:`horizonval.systems.b.rig.bench`) swept through tilts. The published error is the
 estimate minus the accelerometer's reading; beside it stands the estimate minus the tilt that the stage really has.
+
+What the experiment measured, and what its numbers make together.
+
+The range over plausible benches: what the stated sizes make, if every one may be twice as large or half.
+
+The published text gives no sizes of its rig's imperfections, and ours were not chosen blind, so that one figure at the
+stated sizes proves nothing. To first order a bench's error at the tilt t is the sum of what its imperfections do,
+
+    e(t) = sum_i s_i f_i m_i(t),
+
+with the main effects ``m_i`` of the two-level design at the stated sizes (:mod:`horizonval.systems.b.rig.bench`),
+signs ``s_i`` that nobody knows and factors ``f_i`` spread evenly in their logarithm over [1/2, 2]. No frame is rendered
+again.
+
+The paper's word for its figure may mean two things, which differ by a factor of several for errors that are mostly
+constant: the root of the mean square of the error, and its standard deviation about the bench's own mean.
+
+The bench's tables: what each imperfection does, and how large it may be.
 """
 
 from __future__ import annotations
@@ -16,11 +34,22 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.systems.b.rig import design
-from horizonval.systems.b.rig.accelerometer import Accelerometer
-from horizonval.systems.b.rig.bench import STATED, BenchErrors
+from horizonval.systems.b.rig.bench import (
+    NAMES,
+    NOISE_MG,
+    SAMPLES,
+    STATED,
+    STEP_MG,
+    Accelerometer,
+    BenchErrors,
+    benches,
+    main_effects,
+    unused_effect,
+)
 from horizonval.systems.b.rig.frames import sweep
-from horizonval.systems.b.rig.panel import Panel
+from horizonval.systems.b.rig.scene import Panel
+from horizonval.systems.published import page_text, published
+from horizonval.systems.result import Cell, Table
 from horizonval.systems.task_cache import TaskCache
 
 PIXELS = "panel pixels: levels, stripes, moire"
@@ -109,7 +138,7 @@ def run_all(
     plans: dict[str, list[str]] = {}
     for name, (imperfections, tilts) in run_settings.items():
         plans[name] = []
-        for number, errors in enumerate(design.benches(errors_of(imperfections))):
+        for number, errors in enumerate(benches(errors_of(imperfections))):
             item = _item(cache, picture, set(imperfections), errors, tilts, number, blur_px)
             key = _digest(item)
             items[key] = item
@@ -171,7 +200,7 @@ def _run(cache: TaskCache, on: set[str], tilts: tuple[float, ...], found: list[l
             )
             for tilt in tilts
         ]
-        for number, errors in enumerate(design.benches(errors_of(on)))
+        for number, errors in enumerate(benches(errors_of(on)))
     ]
     return BenchRun(np.array(tilts), np.degrees(estimated), np.degrees(np.array(reference)))
 
@@ -182,3 +211,142 @@ def _digest(item: JsonObject) -> str:
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
+
+
+@dataclass(frozen=True)
+class RigResults:
+    """Everything measured.
+
+    Attributes
+    ----------
+    whole, perfect : BenchRun
+        With all imperfections, and with none.
+    alone : dict of BenchRun
+        With one imperfection each.
+    order : tuple of str
+        Imperfections by their own RMS, the largest first.
+    after : dict of BenchRun
+        By the imperfection that was switched off last.
+    soft, sharp : BenchRun
+        Panel pixels and frame noise behind the camera's lens, and behind one that blurs less.
+    """
+
+    whole: BenchRun
+    perfect: BenchRun
+    alone: Mapping[str, BenchRun]
+    order: tuple[str, ...]
+    after: Mapping[str, BenchRun]
+    soft: BenchRun
+    sharp: BenchRun
+
+    def families(self) -> dict[str, float]:
+        """Return the shares of three families in the sum of squares of the single imperfections, the floor taken off.
+
+        ``mounting`` of camera and panel, ``accelerometer``, and ``light``: panel pixels, backlight, frame noise.
+        """
+        excess = {name: max(self._excess(name), 0.0) for name in self.alone}
+        total = sum(excess.values())
+        reference = (*(name for name in MOUNTING if name.startswith("accelerometer")), REFERENCE_NOISE)
+        light = (PIXELS, BACKLIGHT, FRAME_NOISE)
+        shares = {
+            "accelerometer": sum(excess[name] for name in reference) / total,
+            "light": sum(excess[name] for name in light) / total,
+        }
+        return shares | {"mounting": 1.0 - sum(shares.values())}
+
+    def causes(self) -> dict[str, float]:
+        """Return the share of every cause in the sum of squares, the floor taken off."""
+        excess = {name: max(self._excess(name), 0.0) for name in self.order}
+        total = sum(excess.values())
+        return {name: value / total for name, value in excess.items()}
+
+    def switched_off_below(self, limit_deg: float) -> int:
+        """Return how many imperfections, the largest first, must go for the RMS to stay below a limit.
+
+        One more than there are where it never does.
+        """
+        above = [k for k, name in enumerate(self.order) if self.after[name].rms_deg >= limit_deg]
+        return above[-1] + 2 if above else 1
+
+    def root_sum_square_deg(self) -> float:
+        """Return the RMS that independent imperfections of their single sizes would have together."""
+        return math.sqrt(self.perfect.rms_deg**2 + sum(self._excess(name) for name in self.alone))
+
+    def _excess(self, name: str) -> float:
+        """Return what an imperfection adds to the mean square [deg2]; noise may make it negative."""
+        return self.alone[name].rms_deg ** 2 - self.perfect.rms_deg**2
+
+
+FACTOR = 2.0
+DRAWS = 20_000
+RANGE_PERCENT = (5.0, 95.0)
+
+
+@dataclass(frozen=True)
+class Benches:
+    """Root mean square and standard deviation [deg] of every drawn bench over its tilts, shape (draws,)."""
+
+    rms_deg: FloatArray
+    deviation_deg: FloatArray
+
+
+def plausible_benches(whole: BenchRun, floor_deg: float, rng: np.random.Generator) -> Benches:
+    """Draw benches; ``floor_deg`` is the scatter of a bench without imperfections, added to both as a square."""
+    effects = main_effects(whole.error_deg)
+    factors = FACTOR ** rng.uniform(-1.0, 1.0, (DRAWS, len(effects)))
+    signs = rng.choice([-1.0, 1.0], factors.shape)
+    error = (signs * factors) @ effects
+    return Benches(np.sqrt(np.mean(error**2, axis=1) + floor_deg**2), np.sqrt(np.var(error, axis=1) + floor_deg**2))
+
+
+def own_deviation_deg(run: BenchRun) -> float:
+    """Return the scatter of the published error about each bench's own mean, root mean square over the benches."""
+    return float(np.sqrt(np.nanmean(np.nanvar(run.error_deg, axis=1))))
+
+
+def percentile_of(values: FloatArray, figure: float) -> float:
+    """Return the share [%] of values below a figure."""
+    return 100.0 * float(np.mean(values < figure))
+
+
+TEXT = page_text("B")
+TARGET_DEG = published("B").number("model_rms")
+
+
+def ablation_table(results: RigResults) -> Table:
+    """Return every imperfection with its size, its own RMS, and the RMS that is left without it and those above."""
+    rows: list[tuple[Cell, ...]] = [("all together", "", None, round(results.whole.rms_deg, 3))]
+    for name in results.order:
+        rows.append((name, size_of(name), round(results.alone[name].rms_deg, 3), round(results.after[name].rms_deg, 3)))
+    lowest, highest = results.whole.tilts_deg[[0, -1]]
+    return TEXT.table("ablation", rows, lowest=lowest, highest=highest, perfect=results.perfect.rms_deg)
+
+
+def sensitivity_table(whole: BenchRun) -> Table:
+    """Return what each error of the bench does per unit, from the run of the whole design."""
+    effects = main_effects(whole.error_deg)
+    rows: list[tuple[Cell, ...]] = []
+    for name, effect in zip(NAMES, effects, strict=True):
+        size, unit = getattr(STATED, name), name.rpartition("_")[2]
+        rms = float(np.sqrt(np.mean(effect**2)))
+        allowed = f"{size * TARGET_DEG / rms:.2g} {unit}" if rms > 0.0 else None
+        error = name.rpartition("_")[0].replace("_", " ")
+        rows.append((error, f"{size:g} {unit}", round(rms, 3), round(rms / size, 4), allowed))
+    noise = float(np.sqrt(np.mean(unused_effect(whole.error_deg) ** 2)))
+    return TEXT.table("sensitivity", rows, target_deg=TARGET_DEG, noise=noise)
+
+
+def size_of(name: str) -> str:
+    """Return the stated size of an imperfection in words."""
+    panel = Panel()
+    if name in MOUNTING:
+        fields = MOUNTING[name]
+        unit = fields[0].rpartition("_")[2]
+        each = " each way" if len(fields) == 2 else ""
+        return f"{getattr(STATED, fields[0]):g} {unit}{each}"
+    return {
+        PIXELS: f"{panel.pitch_mm:g} mm, {panel.stripe_open:.0%} x {panel.row_open:.0%} open, 8 bit",
+        BACKLIGHT: f"{panel.backlight_fall:.0%} to the corners, {panel.backlight_slope:.0%} across",
+        FRAME_NOISE: "photons, read noise, dark current",
+        REFERENCE_NOISE: f"{NOISE_MG:g} mg, steps of {STEP_MG:g} mg, mean of {SAMPLES}",
+    }[name]

@@ -6,6 +6,22 @@
 3. Stars answer the filter too, but a filter for points more: places near a higher response of that one are left out.
 4. The highest responses that remain are fitted in turn (:mod:`streak_fit`). The first fit that is bright enough, and
    whose run is known well enough to be the predicted one, is the satellite.
+
+The image of a point that moves during the exposure.
+
+With a Gaussian point spread of standard deviation s, a point of unit light at (x, y) puts into pixel (i, j) ::
+
+    P(i, j) = D(i - x) D(j - y),     D(t) = [erf((t + 1/2) / s sqrt 2) - erf((t - 1/2) / s sqrt 2)] / 2
+
+which is exact over the pixel's area and adds up to 1. Along its path the point is integrated by Gauss's rule, finely
+enough that the rule's error is below rounding; the sum over nodes of products is one product of two matrices.
+
+The most likely straight streak in a small image: middle, run, light and background, with their covariance.
+
+Gauss-Newton on ``electrons = light x streak(middle, run) + background``, each pixel weighted with the variance that the
+model predicts for it (photons, read noise, quantisation, unequal response); weights from the model instead of the data
+leave no bias towards dark pixels. Pixels that stay five sigma away (stars) are then left out, and
+the fit is repeated. The covariance is the inverse of Fisher's information, ``(J^T W J)^-1``.
 """
 
 from __future__ import annotations
@@ -15,10 +31,165 @@ from enum import StrEnum
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import erf
 
 from horizonval.core.arrays import FloatArray
-from horizonval.systems.e.ground.streak import streak_image
-from horizonval.systems.e.ground.streak_fit import Noise, StreakFit, fit_streak
+
+
+def points_image(
+    uv: ArrayLike, light: ArrayLike, sigma_px: float, shape: tuple[int, int], origin_uv: tuple[float, float] = (0, 0)
+) -> FloatArray:
+    """Return the image of points, shape (H, W).
+
+    Parameters
+    ----------
+    uv : array_like, shape (n, 2)
+        Column and row; integers are pixel centres.
+    light : array_like, shape (n,)
+        What each point adds to the whole image plane.
+    sigma_px : float
+    shape : (H, W)
+    origin_uv : (float, float)
+        Column and row of the image's first pixel.
+    """
+    place = np.asarray(uv, float).reshape(-1, 2)
+    scale = sigma_px * np.sqrt(2.0)
+
+    def share(centre: FloatArray, count: int, first: float) -> FloatArray:
+        edges = first + np.arange(count + 1) - 0.5
+        return np.asarray(0.5 * np.diff(erf((edges - centre[:, None]) / scale), axis=1))
+
+    across = share(place[:, 0], shape[1], origin_uv[0]) * np.asarray(light, float)[:, None]
+    return np.asarray(share(place[:, 1], shape[0], origin_uv[1]).T @ across)
+
+
+def path_nodes(ends_uv: ArrayLike, sigma_px: float) -> tuple[FloatArray, FloatArray]:
+    """Return times in [0, 1] and weights of the rule for a path from ``ends_uv[0]`` to ``ends_uv[-1]``, shape (n,)."""
+    ends = np.asarray(ends_uv, float)
+    length = float(np.hypot(*(ends[-1] - ends[0])))
+    x, w = np.polynomial.legendre.leggauss(8 + int(2.0 * length / sigma_px))
+    return 0.5 * (x + 1.0), 0.5 * w
+
+
+def streak_image(
+    path_uv: ArrayLike,
+    light: float,
+    sigma_px: float,
+    shape: tuple[int, int],
+    origin_uv: tuple[float, float] = (0, 0),
+) -> FloatArray:
+    """Return the image of a point that was at ``path_uv[0]``, ``[1]``, ``[2]`` at begin, middle and end, shape (H, W).
+
+    Between them it moves along the parabola through the three places; two places are a straight line. ``light`` is what
+    it adds to the whole image plane, spread evenly over time.
+    """
+    path = np.asarray(path_uv, float)
+    t, w = path_nodes(path, sigma_px)
+    if len(path) == 2:
+        uv = path[0] + t[:, None] * (path[1] - path[0])
+    else:
+        begin, middle, end = (2 * t - 1) * (t - 1), 4 * t * (1 - t), t * (2 * t - 1)
+        uv = np.stack([begin, middle, end], axis=1) @ path
+    return points_image(uv, light * w, sigma_px, shape, origin_uv)
+
+
+MOST_STEPS = 30
+REJECT_SIGMA = 5.0
+_STEP_PX = 1e-3
+_SMALL_PX = 1e-4
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of a pixel: read noise and converter [e- rms], and how unequal the pixels respond (relative, rms)."""
+
+    read_e: float
+    prnu: float = 0.0
+
+    def variance(self, electrons: FloatArray) -> FloatArray:
+        """Return the variance [e-^2] of pixels with these expected electrons."""
+        light = np.maximum(electrons, 0.0)
+        return light + self.read_e**2 + (self.prnu * light) ** 2
+
+
+@dataclass(frozen=True)
+class StreakFit:
+    """Middle and run (end minus begin) [px], light and background [e-]; ``covariance`` (6, 6) in that order.
+
+    ``chi2`` is per degree of freedom.
+    """
+
+    middle_uv: tuple[float, float]
+    run_uv: tuple[float, float]
+    light_e: float
+    background_e: float
+    covariance: FloatArray
+    chi2: float
+
+    @property
+    def length_px(self) -> float:
+        """Length of the run."""
+        return float(np.hypot(*self.run_uv))
+
+
+def fit_streak(
+    electrons: FloatArray,
+    origin_uv: tuple[int, int],
+    sigma_px: float,
+    noise: Noise,
+    start_uv: tuple[float, float],
+    run_uv: tuple[float, float],
+) -> StreakFit | None:
+    """Return the best streak in a patch, shape (h, w), whose first pixel is ``origin_uv``; None if it runs away.
+
+    ``start_uv`` and ``run_uv`` are where to begin, within the point spread's width of the truth or some pixels along.
+    """
+    height, width = electrons.shape
+    shape = (height, width)
+
+    def unit(p: FloatArray) -> FloatArray:
+        half = 0.5 * p[2:4]
+        return streak_image([p[:2] - half, p[:2] + half], 1.0, sigma_px, shape, origin_uv)
+
+    background = float(np.median(electrons))
+    first = unit(np.array([*start_uv, *run_uv]))
+    light = float(np.sum(first * (electrons - background)) / np.sum(first**2))
+    p = np.array([*start_uv, *run_uv, max(light, 1.0), background])
+    low = np.array(origin_uv) - 0.5
+    high = low + np.array([width, height])
+    used = np.ones(electrons.size)
+    rejected = False
+    for _ in range(MOST_STEPS):
+        shape_now = unit(p)
+        model = p[4] * shape_now + p[5]
+        columns = []
+        for k in range(4):
+            step = np.zeros(6)
+            step[k] = _STEP_PX
+            columns.append(p[4] * (unit(p + step) - unit(p - step)) / (2 * _STEP_PX))
+        jacobian = np.stack([*columns, shape_now, np.ones_like(shape_now)], axis=-1).reshape(-1, 6)
+        weight = used / noise.variance(model).ravel()
+        information = jacobian.T @ (weight[:, None] * jacobian)
+        residual = (electrons - model).ravel()
+        try:
+            covariance = np.linalg.inv(information)
+        except np.linalg.LinAlgError:
+            return None
+        change = covariance @ (jacobian.T @ (weight * residual))
+        # A start that is off by more than the point spread must not leap: two pixels at most.
+        change[:4] *= min(1.0, 2.0 / max(float(np.abs(change[:4]).max()), 1e-12))
+        p = p + change
+        if not np.all(np.isfinite(p)) or np.any(p[:2] < low) or np.any(p[:2] > high):
+            return None
+        if np.abs(change[:4]).max() < _SMALL_PX:
+            if not rejected:
+                used, rejected = (residual**2 < REJECT_SIGMA**2 * noise.variance(model).ravel()).astype(float), True
+                continue
+            chi2 = float(np.sum(weight * residual**2) / (used.sum() - 6))
+            return StreakFit((p[0], p[1]), (p[2], p[3]), float(p[4]), float(p[5]), covariance, chi2)
+    return None
+
 
 THRESHOLD = 6.0
 """Standard deviations. Of the 1e4 independent places in 512 x 512 pixels noise passes one in 1e5 images."""

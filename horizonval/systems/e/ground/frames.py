@@ -3,29 +3,216 @@
 For every exposure the mount is sent to where an old orbit predicts the satellite, rests there, and the shutter opens.
 The camera then looks beside its reading, the clock is beside UTC, and the orbit was old: errors of stated size, each
 drawn from a stream of its own name. Frames know all of them; what is measured in them (:mod:`reduction`) does not.
+
+A camera on a ground mount: how it is pointed, what its detector makes of sky, stars and a satellite.
+
+The mount rests during an exposure, so that stars are points (they move by 1.5 arcsec in 0.1 s) and a satellite is a
+streak. Camera axes follow from the mount's azimuth and elevation: z along the boresight, x to the right (rising
+azimuth), y down. The mount's reading differs from where the camera looks by a small rotation.
+
+The detector's stages are those of :mod:`horizonval.sensor`; the point spread of the points is applied to them before
+the pixels, in closed form, and that of the sky, which is smooth, is left out.
+
+One pass over one station: where the satellite is seen from instant to instant, and where the mount points.
+
+An observer who is fixed to the Earth sees a satellite, to first order in v / c, in the Earth-fixed direction that it
+had when its light left it: light time and the station's aberration together (what is left, the Coriolis bend of the
+light's path, is 0.04 arcsec). Refraction lifts that direction (:mod:`refraction`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.constants import speed_of_light
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.air import air_of
+from horizonval.earth.gases import rayleigh
 from horizonval.earth.optical import OpticalModel, optical_model
+from horizonval.earth.spectral import bands
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project, unproject
+from horizonval.geometry.orbit import ElementSet, itrs_states
+from horizonval.geometry.sun_and_moon import sun_angular_radius, sun_itrs, sun_visible_fraction
+from horizonval.sensor.detector import exposure, fixed_pattern, readout
+from horizonval.sensor.lens import optics
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import CameraSpec
-from horizonval.systems.e.ground import ground_camera as cam
-from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation, standard_air
-from horizonval.systems.e.ground.refraction import Correction, RefractingAir
-from horizonval.systems.e.ground.satellite import SUN_MAGNITUDE, Brightness, sunlight_share, sunlight_through_air
-from horizonval.systems.e.ground.sky import Sky, sky_scene
-from horizonval.systems.e.ground.streak import points_image, streak_image
+from horizonval.spec.detector import Cmos
+from horizonval.systems.e.ground.detection import points_image, streak_image
+from horizonval.systems.e.ground.sky import (
+    SUN_MAGNITUDE,
+    Brightness,
+    Correction,
+    RefractingAir,
+    Sky,
+    apparent_elevation,
+    sky_scene,
+    sunlight_share,
+    sunlight_through_air,
+)
+from horizonval.systems.e.localisation.stations import Station, enu_directions
+
+TRACKER = {
+    "camera": {"name": "ground-tracker", "width": 512, "height": 512, "focal_length_mm": 113.0},
+    "optics": {"f_number": 2.8, "transmission": 0.8, "psf_sigma_px": 0.9},
+    "band": [{"name": "visible", "kind": "solar", "lo_um": 0.5, "hi_um": 0.75, "nodes": 3}],
+    "detector": {
+        "kind": "cmos",
+        "pixel_pitch_um": 5.5,
+        "exposure_s": 0.1,
+        "quantum_efficiency": 0.6,
+        "full_well_e": 13500.0,
+        "read_noise_e": 6.0,
+        "dark_current_e_per_s": 50.0,
+        "prnu": 0.01,
+        "bits": 12,
+        "black_level_dn": 64.0,
+    },
+}
+"""Pixels of 10 arcsec on 1.4 deg behind a pupil of 40 mm: a lens and a machine-vision array as amateurs use them."""
+
+
+def tracker() -> CameraSpec:
+    """Return the camera of both stations."""
+    return CameraSpec.model_validate(TRACKER)
+
+
+def cam_from_enu(azimuth_rad: float, elevation_rad: float) -> FloatArray:
+    """Return the rotation from station axes (east, north, up) to those of a camera that looks there, shape (3, 3)."""
+    sa, ca, se, ce = np.sin(azimuth_rad), np.cos(azimuth_rad), np.sin(elevation_rad), np.cos(elevation_rad)
+    return np.array([[ca, -sa, 0.0], [se * sa, se * ca, -ce], [ce * sa, ce * ca, se]])
+
+
+def detector_of(camera: CameraSpec) -> Cmos:
+    """Return the camera's detector, which must be a visible array."""
+    assert isinstance(camera.detector, Cmos)
+    return camera.detector
+
+
+def electrons_of_power(power_w: FloatArray, camera: CameraSpec) -> FloatArray:
+    """Return the photoelectrons of an exposure from power on the detector [W] in the camera's first band."""
+    detector = detector_of(camera)
+    reference_m = bands.reference_wavelength_um(camera.band[0]) * 1e-6
+    return exposure.photoelectrons(power_w, detector.exposure_s, detector.quantum_efficiency, reference_m)
+
+
+def electrons_of_irradiance(irradiance: FloatArray, camera: CameraSpec) -> FloatArray:
+    """Return the photoelectrons that points of some band irradiance [W m-2] at the pupil give in an exposure."""
+    lens = camera.optics
+    focal_m = camera.camera.focal_px * detector_of(camera).pixel_pitch_um * 1e-6
+    area = optics.pupil_area_m2(focal_m, lens.f_number)
+    return electrons_of_power(np.asarray(irradiance, float) * area * lens.transmission, camera)
+
+
+def electrons_of_sky(radiance: FloatArray, camera: CameraSpec) -> FloatArray:
+    """Return the photoelectrons of every pixel, shape (H, W), from band radiance [W m-2 sr-1]."""
+    geometry = camera_from_spec(camera.camera)
+    etendue = optics.etendue(geometry, detector_of(camera).pixel_pitch_um * 1e-6, camera.optics)
+    return electrons_of_power(optics.pixel_power_w(radiance, etendue, camera.optics.transmission), camera)
+
+
+def digital_numbers(
+    photoelectrons: FloatArray, camera: CameraSpec, unit: str, exposure_name: str, seed: int
+) -> NDArray[np.uint16]:
+    """Return what the detector makes of expected photoelectrons, shape (H, W).
+
+    ``unit`` names the station's camera, which has its pattern for life; ``exposure_name`` and ``seed`` the draw.
+    """
+    detector = detector_of(camera)
+    shape = (photoelectrons.shape[0], photoelectrons.shape[1])
+
+    def rng(stage: str) -> np.random.Generator:
+        return stream(exposure_name, unit, camera.band[0].name, stage, seed)
+
+    unequal = photoelectrons * fixed_pattern.response(unit, detector.serial, shape, detector.prnu)
+    counted = exposure.count(unequal, detector.full_well_e, rng("photon"))
+    dark = exposure.count(
+        np.full(shape, detector.dark_current_e_per_s * detector.exposure_s), detector.full_well_e, rng("dark")
+    )
+    held = readout.add_read_noise(
+        readout.saturate(counted + dark, detector.full_well_e), detector.read_noise_e, rng("read")
+    )
+    return readout.digitise(held, gain_e_per_dn(camera), detector.black_level_dn, detector.bits)
+
+
+def gain_e_per_dn(camera: CameraSpec) -> float:
+    """Return the converter's electrons per digital number."""
+    detector = detector_of(camera)
+    return detector.gain_e_per_dn or readout.default_gain(detector.full_well_e, detector.bits, detector.black_level_dn)
+
+
+def electrons_of_dn(dn: NDArray[np.uint16], camera: CameraSpec) -> FloatArray:
+    """Return digital numbers as electrons above the black level, shape (H, W)."""
+    return (dn.astype(np.float64) - detector_of(camera).black_level_dn) * gain_e_per_dn(camera)
+
+
+WAVELENGTH_UM = 0.62
+"""At which refraction is taken: the middle of the tracker's band. Dispersion over the band (0.4 arcsec at 48 deg) is
+left out: it blurs, far less than the point spread."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """A satellite over a station."""
+
+    elements: ElementSet
+    station: Station
+    epoch_utc: datetime
+
+    def geometric_enu(self, seconds: ArrayLike) -> FloatArray:
+        """Return station to satellite [m] at instants after the epoch, shape (..., 3), in east, north, up."""
+        r, _ = itrs_states(self.elements, self.epoch_utc, seconds)
+        return (r - self.station.r_itrs) @ self.station.itrs_from_enu
+
+    def retarded_enu(self, seconds: ArrayLike) -> FloatArray:
+        """Return the same for the satellite as it is seen: where it was when its light left it."""
+        t = np.asarray(seconds, float)
+        distance = np.linalg.norm(self.geometric_enu(t), axis=-1)
+        # Once is enough: in the light time of 3 ms the distance changes by 20 m, or 0.07 microseconds.
+        return self.geometric_enu(t - distance / speed_of_light)
+
+    def apparent_enu(self, air: RefractingAir, seconds: ArrayLike) -> FloatArray:
+        """Return unit vectors in which the satellite is seen through the air, shape (..., 3)."""
+        d = self.retarded_enu(seconds)
+        azimuth, elevation = azimuth_elevation(d)
+        lifted = apparent_elevation(air, self.station.height_m, elevation, np.linalg.norm(d, axis=-1))
+        return enu_directions(azimuth, lifted)
+
+    def light(self, seconds: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the phase angle [rad] at the satellite and the share of the Sun's disc it sees, shape (...).
+
+        The Sun is taken where it is in the middle of the times: it moves by 15 arcsec a second in Earth-fixed axes.
+        """
+        t = np.asarray(seconds, float)
+        r, _ = itrs_states(self.elements, self.epoch_utc, t)
+        middle = self.epoch_utc + timedelta(seconds=float(np.mean(t)))
+        sun, distance = sun_itrs(middle)
+        to_observer = self.station.r_itrs - r
+        across = np.linalg.norm(np.cross(to_observer, sun), axis=-1)
+        return np.arctan2(across, to_observer @ sun), sun_visible_fraction(r, sun, float(sun_angular_radius(distance)))
+
+
+def azimuth_elevation(d_enu: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return azimuth in ``[0, 2 pi)`` and elevation [rad], shape (...), of vectors (..., 3) in east, north, up."""
+    d = np.asarray(d_enu, float)
+    return np.mod(np.arctan2(d[..., 0], d[..., 1]), 2.0 * np.pi), np.arctan2(d[..., 2], np.hypot(d[..., 0], d[..., 1]))
+
+
+def standard_air(station: Station, epoch_utc: datetime) -> tuple[RefractingAir, Correction]:
+    """Return the refracting air of the sky's scene, and what an observer with barometer and thermometer knows of it."""
+    state = air_of(sky_scene(station, epoch_utc, 0.0)).state
+    air = RefractingAir(state.altitude_m, rayleigh.refractivity(state.number_density_air, [WAVELENGTH_UM]))
+    pressure = float(np.exp(np.interp(station.height_m, state.altitude_m, np.log(state.pressure_pa))))
+    temperature = float(np.interp(station.height_m, state.altitude_m, state.temperature_k))
+    return air, Correction.of(pressure * 1e-2, temperature - 273.15, station.height_m, WAVELENGTH_UM)
+
 
 ARCSEC = math.pi / 648_000.0
 
@@ -136,17 +323,17 @@ class Frames:
 
     def expose(self, second: float) -> Exposure:
         """Return the frame whose exposure has its nominal middle at ``second`` after the epoch."""
-        station, exposure_s = self.path.station, cam.detector_of(self.camera).exposure_s
+        station, exposure_s = self.path.station, detector_of(self.camera).exposure_s
         late = self._clock_s(second)
         t = second + late + exposure_s * np.array([-0.5, 0.0, 0.5])
         reading, turned = self.read_az_el(second), self._pointing_rad(second)
-        cam_from_enu = Rotation.from_rotvec(turned).as_matrix() @ cam.cam_from_enu(*reading)
-        path_uv, _ = project(self.geometry, self.path.apparent_enu(self.air[0], t) @ cam_from_enu.T)
+        axes = Rotation.from_rotvec(turned).as_matrix() @ cam_from_enu(*reading)
+        path_uv, _ = project(self.geometry, self.path.apparent_enu(self.air[0], t) @ axes.T)
 
         corners = np.array([[u, v] for v in (0, self.geometry.height - 1) for u in (0, self.geometry.width - 1)], float)
-        towards = unproject(self.geometry, corners) @ cam_from_enu @ station.itrs_from_enu.T
+        towards = unproject(self.geometry, corners) @ axes @ station.itrs_from_enu.T
         radiance = _between_corners(self.sky.radiance(towards, second), self.geometry)
-        sky_e = cam.electrons_of_sky(radiance, self.camera)
+        sky_e = electrons_of_sky(radiance, self.camera)
 
         retarded = self.path.retarded_enu(t[1])
         phase, lit = self.path.light(t[1])
@@ -154,16 +341,16 @@ class Frames:
         below, _ = sunlight_through_air(
             self.model, self.camera.band[0].name, station.height_m, azimuth_elevation(retarded)[1]
         )
-        satellite_e = float(cam.electrons_of_irradiance(below * share, self.camera))
+        satellite_e = float(electrons_of_irradiance(below * share, self.camera))
 
         shape, sigma = sky_e.shape, self.camera.optics.psf_sigma_px
         stars_uv, stars_share = self._stars(second)
-        stars_e = cam.electrons_of_irradiance(float(below) * stars_share, self.camera)
+        stars_e = electrons_of_irradiance(float(below) * stars_share, self.camera)
         light = sky_e
         for part, width in self.blur:
             light = light + streak_image(path_uv, part * satellite_e, width * sigma, (shape[0], shape[1]))
             light += points_image(stars_uv, part * stars_e, width * sigma, (shape[0], shape[1]))
-        dn = cam.digital_numbers(light, self.camera, station.name, self._name(second), self.seed)
+        dn = digital_numbers(light, self.camera, station.name, self._name(second), self.seed)
         return Exposure(
             dn,
             second,

@@ -20,12 +20,10 @@ from scipy.constants import speed_of_light
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import project, unproject
-from horizonval.systems.e.ground import ground_camera as cam
-from horizonval.systems.e.ground.detection import Detection, NoDetection, find_streak
-from horizonval.systems.e.ground.frames import ARCSEC, Exposure, Frames
-from horizonval.systems.e.ground.ground_pass import azimuth_elevation
-from horizonval.systems.e.ground.refraction import true_elevation
-from horizonval.systems.e.ground.streak_fit import Noise
+from horizonval.systems.e.ground import frames as cam
+from horizonval.systems.e.ground.detection import Detection, NoDetection, Noise, find_streak
+from horizonval.systems.e.ground.frames import ARCSEC, Exposure, Frames, azimuth_elevation
+from horizonval.systems.e.ground.sky import true_elevation
 from horizonval.systems.e.localisation.stations import enu_directions
 
 REFRACTION_RAD = 0.05 * ARCSEC

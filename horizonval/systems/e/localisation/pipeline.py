@@ -10,9 +10,9 @@ these are one of the angles, and the angles' errors are independent from instant
 
     P_k = sum_j V_kj C_j V_kj^T,     V_kj = sum_i w_ki S_ij D_j
 
-with the states' weights ``w`` (:func:`horizonval.systems.e.localisation.kalman.weights`), the smoother's matrix ``S``,
-the positions' derivatives ``D`` by the angles, and the angles' covariances ``C``. Neglected: that the gains, being
-adapted, depend on the errors themselves.
+with the states' weights ``w`` (:func:`~horizonval.systems.e.localisation.smoothing.weights`), the smoother's matrix
+``S``, the positions' derivatives ``D`` by the angles, and the angles' covariances ``C``. Neglected: the adapted gains
+depend on the errors themselves.
 
 ``as published`` is the printed order with the printed factor: a Gaussian mean of the directions, least squares, the
 filter, no way back (:func:`locate_as_published`).
@@ -29,18 +29,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.rotation import itrs_from_gcrs, turn
-from horizonval.systems.e.localisation.batch import OrbitFit, fit_orbit
-from horizonval.systems.e.localisation.kalman import Track, filter_positions, rts_smoother, weights
-from horizonval.systems.e.localisation.motion import propagate, transition
+from horizonval.systems.e.localisation.batch import (
+    OrbitFit,
+    fit_orbit,
+    propagate,
+    transition,
+    triangulate,
+    triangulate_with_partials,
+)
 from horizonval.systems.e.localisation.smoothing import (
     KernelChoice,
+    Track,
     choose_kernel,
+    filter_positions,
+    rts_smoother,
     smooth,
     smooth_extended,
     smoother_matrix,
+    weights,
 )
 from horizonval.systems.e.localisation.stations import Station
-from horizonval.systems.e.localisation.triangulation import triangulate, triangulate_with_partials
 
 ALPHA = 0.995
 """Forgetting factor: a memory of 200 measurements, about a pass. Chosen after the results of others had been seen."""

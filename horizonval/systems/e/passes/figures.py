@@ -14,12 +14,12 @@ from matplotlib.projections.polar import PolarAxes
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.sun_and_moon import sun_itrs
-from horizonval.systems.e.ground import ground_camera as cam
+from horizonval.systems.e.ground import frames as cam
 from horizonval.systems.e.ground.frames import ARCSEC
 from horizonval.systems.e.localisation.stations import enu_directions
 from horizonval.systems.e.passes.measured_pass import StationPass
+from horizonval.systems.published import page_text
 from horizonval.systems.result import Figure
-from horizonval.systems.text import page_text
 
 TEXT = page_text("E")
 ZOOM_PX = 24

@@ -19,13 +19,11 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.geometry.orbit import ElementSet
 from horizonval.spec.camera import CameraSpec
-from horizonval.systems.e.ground import ground_camera as cam
+from horizonval.systems.e.ground import frames as cam
 from horizonval.systems.e.ground.detection import NoDetection
-from horizonval.systems.e.ground.frames import Frames, StationErrors
-from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation
+from horizonval.systems.e.ground.frames import Frames, Pass, StationErrors, azimuth_elevation
 from horizonval.systems.e.ground.reduction import measure, tangents
-from horizonval.systems.e.ground.satellite import ENVISAT
-from horizonval.systems.e.ground.sky import Sky, render_sky
+from horizonval.systems.e.ground.sky import ENVISAT, Sky, render_sky
 from horizonval.systems.e.localisation.stations import Station
 from horizonval.systems.task_cache import TaskCache
 

@@ -9,10 +9,17 @@ from scipy.integrate import solve_ivp
 from horizonval.geometry.orbit import gcrs_states
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.systems.e.case import ENVISAT, EPOCH_UTC, STATIONS, exact_pass
-from horizonval.systems.e.localisation.batch import OrbitFit, fit_orbit
-from horizonval.systems.e.localisation.celestial import ARCSEC, celestial, celestial_errors, normalised_squares, rms
-from horizonval.systems.e.localisation.motion import J2, MU_M3_S2, acceleration, propagate, transition
+from horizonval.systems.e.localisation.batch import (
+    J2,
+    MU_M3_S2,
+    OrbitFit,
+    acceleration,
+    fit_orbit,
+    propagate,
+    transition,
+)
 from horizonval.systems.e.localisation.pipeline import locate
+from horizonval.systems.e.localisation.stations import ARCSEC, celestial, celestial_errors, normalised_squares, rms
 
 SIGMA = 100.0 * ARCSEC
 TIMES = exact_pass().times_s[::8]

@@ -10,13 +10,11 @@ import pytest
 
 from horizonval.geometry.frames import lvlh_from_itrs
 from horizonval.geometry.orbit import ElementSet
-from horizonval.systems.e.ground import ground_camera as cam
+from horizonval.systems.e.ground import frames as cam
 from horizonval.systems.e.ground.detection import NoDetection
-from horizonval.systems.e.ground.frames import Frames, StationErrors
-from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation
+from horizonval.systems.e.ground.frames import Frames, Pass, StationErrors, azimuth_elevation
 from horizonval.systems.e.ground.reduction import Sighting, measure
-from horizonval.systems.e.ground.satellite import ENVISAT
-from horizonval.systems.e.ground.sky import Sky
+from horizonval.systems.e.ground.sky import ENVISAT, Sky
 from horizonval.systems.e.localisation.stations import Station
 
 ARCSEC = np.pi / 648000

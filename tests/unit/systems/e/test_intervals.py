@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from horizonval.systems.e.case import METHODS
-from horizonval.systems.e.tables import half_width, mean
+from horizonval.systems.e.figures import half_width, mean
 
 
 @pytest.mark.parametrize("n", [2, 5, 40])

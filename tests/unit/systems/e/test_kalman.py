@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from horizonval.systems.e.localisation.kalman import filter_positions, rts_smoother, weights
+from horizonval.systems.e.localisation.smoothing import filter_positions, rts_smoother, weights
 
 DT = 1.0
 F = np.block([[np.eye(3), DT * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])

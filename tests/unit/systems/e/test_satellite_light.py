@@ -10,9 +10,17 @@ import pytest
 
 from horizonval.geometry.orbit import ElementSet, itrs_states
 from horizonval.geometry.sun_and_moon import sun_itrs
-from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation, standard_air
-from horizonval.systems.e.ground.refraction import Correction, RefractingAir, apparent_elevation, true_elevation
-from horizonval.systems.e.ground.satellite import Brightness, box_cross_section_m2, magnitude, sunlight_share
+from horizonval.systems.e.ground.frames import Pass, azimuth_elevation, standard_air
+from horizonval.systems.e.ground.sky import (
+    Brightness,
+    Correction,
+    RefractingAir,
+    apparent_elevation,
+    box_cross_section_m2,
+    magnitude,
+    sunlight_share,
+    true_elevation,
+)
 from horizonval.systems.e.localisation.stations import Station
 
 ARCSEC = np.pi / 648000

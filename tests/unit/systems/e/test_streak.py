@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from horizonval.systems.e.ground.streak import streak_image
-from horizonval.systems.e.ground.streak_fit import Noise, fit_streak
+from horizonval.systems.e.ground.detection import Noise, fit_streak, streak_image
 
 SIGMA = 0.9
 SHAPE = (49, 61)

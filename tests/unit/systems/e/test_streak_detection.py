@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.systems.e.ground.detection import Detection, NoDetection, WhyNone, background_plane, find_streak
-from horizonval.systems.e.ground.streak import points_image, streak_image
-from horizonval.systems.e.ground.streak_fit import Noise
+from horizonval.systems.e.ground.detection import (
+    Detection,
+    NoDetection,
+    Noise,
+    WhyNone,
+    background_plane,
+    find_streak,
+    points_image,
+    streak_image,
+)
 
 SHAPE = (256, 256)
 SIGMA, READ_E = 0.9, 6.0

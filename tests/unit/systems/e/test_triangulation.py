@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.ellipsoid import itrs_from_geodetic, surface_normal
+from horizonval.systems.e.localisation.batch import triangulate, triangulate_with_partials
 from horizonval.systems.e.localisation.stations import Station
-from horizonval.systems.e.localisation.triangulation import triangulate, triangulate_with_partials
 
 STATIONS = (
     Station("A", np.radians(48.3358), np.radians(35.7061), 1000.0),
