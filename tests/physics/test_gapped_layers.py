@@ -27,7 +27,7 @@ from horizonval.renderer.backend import activate
 activate()
 
 from scipy.spatial.transform import Rotation  # noqa: E402
-from table_and_march import GREEN, camera_of, compare, rendered, scene_of  # noqa: E402
+from table_and_march import GREEN, camera_of, rendered, scene_of  # noqa: E402
 
 from horizonval.spec.camera import CameraSpec  # noqa: E402
 from horizonval.spec.scene import SceneSpec  # noqa: E402
@@ -153,7 +153,7 @@ def test_frames_equal_the_integrals() -> None:
     sun = np.array(frame.truth.sun_itrs)
     heights = frame.maps["tangent_height"].astype(float)
     off = []
-    for row in (1, 6, 10):
+    for row in (1, 10):
         for height in (2e3, 7e3, 9.6e3, 10.4e3, 13e3):
             column = int(np.argmin(np.abs(heights[row] - height)))
             path = pieces(frame, LIMB, row, column)
@@ -173,12 +173,6 @@ def test_both_kinds_of_bands_have_the_same_gaps() -> None:
     assert np.ptp(frame.radiance["window"][inside]) > 0.1 * frame.radiance["window"][inside].mean()
     # more cloud is brighter in both, before space
     assert np.corrcoef(more["green"], more["window"])[0, 1] > 0.8
-
-
-def test_march_hardly_depends_on_its_steps() -> None:
-    s = scene(BROKEN)
-    (green, window) = compare(rendered(s, LIMB), rendered(s, LIMB, nodes=4 * s.render.nodes), LIMB, 1e-3)
-    assert max(green.worst, window.worst) < 3e-3, f"{green}; {window}"
 
 
 @pytest.mark.parametrize("layer", [{**BROKEN, "cover": 1.0}, {k: v for k, v in BROKEN.items() if k != "cover"}])

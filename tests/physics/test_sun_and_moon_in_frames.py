@@ -136,7 +136,7 @@ def test_the_edge_of_the_disc_is_dark(mi: Any, band: dict[str, Any]) -> None:
     assert np.abs(radiance / centre - law)[inside].max() < 5e-3
 
 
-@pytest.mark.parametrize("offset", [-0.8, -0.4, 0.0, 0.4, 0.8])
+@pytest.mark.parametrize("offset", [-0.8, 0.0, 0.4])
 @pytest.mark.parametrize(("altitude_km", "fov_deg"), [(500.0, 60.0), (500.0, 20.0), (500.0, 2.0), (36_000.0, 20.0)])
 def test_the_earth_hides_what_geometry_says(mi: Any, altitude_km: float, fov_deg: float, offset: float) -> None:
     """The light that is left, limb darkened, is that of the exact ellipsoid: 0.1 % of the whole disc."""

@@ -31,7 +31,7 @@ RADIUS_M = 6371e3
 DEPTHS = (0.001, 0.01, 0.1, 0.3, 1.0)
 CLEAN = {"aerosol": "none", "refraction": False}
 WINDOW = {"name": "window", "kind": "thermal", "lo_um": 10.5, "hi_um": 12.5}
-LIMB = camera_of(GREEN, width=96, height=24, fov_deg=2.4)
+LIMB = camera_of(GREEN, width=96, height=8, fov_deg=2.4)
 """Columns cross the limb, from the ground to 60 km."""
 
 
@@ -122,11 +122,6 @@ def test_layer_of_nothing_is_clear_air() -> None:
     layer = scene_of(50.0, atmosphere=CLEAN, render={"orders": "single"}, layer=[cirrus(1e-8)])
     (found,) = compare(rendered(layer, LIMB), rendered(clear, LIMB), LIMB, 1e-3)
     assert found.worst < 1e-4, str(found)
-
-
-def test_same_scene_gives_same_bytes() -> None:
-    scene = scene_of(50.0, layer=[cirrus(0.1)], render={"orders": "single"})
-    assert rendered(scene, LIMB).radiance["green"].tobytes() == rendered(scene, LIMB).radiance["green"].tobytes()
 
 
 def test_truth_cuts_its_rays_at_the_edges_of_layers_up_to_the_top_of_the_air() -> None:
