@@ -420,7 +420,7 @@ def ozone(directions: str = "302") -> None:
     Rayleigh scattering without depolarisation and ozone's absorption, US standard atmosphere, given to SASKTRAN2 as
     plain coefficients; 5 Sun angles, the file's 500 m shells.
     """
-    sys.path.insert(0, str(Path(__file__).parents[1]))
+    sys.path.insert(0, str(DATA.parent))
     from earth_forms import rayleigh_air
     from sasktran import sasktran_limb
 
