@@ -1,12 +1,10 @@
-"""What counts as an answer of an estimator, and what is kept of one that crashed.
+"""The form of an estimator's answer, its rounding, and the record of a crash.
 
-**Form** (:func:`checked`). Plug-ins return what they like. Before anything is scored, drawn or written, an answer is
-taken apart and rebuilt of plain arrays and numbers: of one type, of the declared shapes, finite, within bounds that no
-sensor reaches, and with text that can be written. Everything else is a crash of that estimator alone.
+**Form** (:func:`checked`). An answer is rebuilt of plain arrays and numbers: of the declared types and shapes, finite,
+within bounds that no sensor reaches. Anything else counts as a crash of that estimator alone.
 
 **Digits** (:func:`rounded`). The last bits of a least-squares fit depend on the order in which a linear algebra library
-adds, hence on the processor and on where an array lies in memory. A fit is therefore rounded once, where it leaves its
-estimator, before anything is stored, compared or digested:
+adds, hence on the processor. A fit is therefore rounded once, where it leaves its estimator:
 
 =========================  ==================================  =====================================================
 quantity                   step                                why no result is lost
@@ -17,12 +15,10 @@ altitude                   1e-4 m                              1e-12 rad of the 
 covariances, deviations    10 digits of the largest element    a sample of 1e6 points knows a variance to 3 digits
 =========================  ==================================  =====================================================
 
-Arithmetic moves a fit by some 1e-16 to 1e-14 rad: fewer than one in a hundred numbers lies so near to the edge of a
-step of 1e-12 rad that this shows, and then by one step.
+Arithmetic changes a fit by some 1e-16 to 1e-14 rad, so that fewer than one number in a hundred moves, by one step.
 
-**Crashes** (:func:`crash`). A reason of one line, the last lines printed and the traceback go into records, tables,
-pages and terminals. They are bounded; bytes that are no text and control characters are replaced. What differs between
-two runs of the same code (addresses in memory, names of temporary folders, where packages are installed) is left out.
+**Crashes** (:func:`crash`). Reason, printed lines and traceback are bounded, and control characters replaced. What
+differs between two runs of the same code (addresses in memory, paths) is left out.
 """
 
 from __future__ import annotations
@@ -55,14 +51,7 @@ _UNSAFE = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 
 
 def crash(reason: str, output: str | bytes = "") -> Refusal:
-    """Return the outcome of an estimator that gave no answer.
-
-    Parameters
-    ----------
-    reason : str
-    output : str or bytes
-        What was printed last, and a traceback.
-    """
+    """Return the outcome of an estimator that gave no answer. ``output``: what was printed last, and a traceback."""
     return Refusal(Outcome.CRASHED, one_line(reason) or "no reason given", output=tail(output))
 
 
@@ -141,15 +130,7 @@ _EMPTY = {"points": (0, 2), "residuals_rad": (0,), "steps": (0, 0)}
 def checked(result: object) -> Fit | Refusal:
     """Return an answer as plain data.
 
-    Parameters
-    ----------
-    result : object
-        What an estimator returned.
-
-    Raises
-    ------
-    ValueError
-        It is no answer; in one line, why.
+    ``result``: what an estimator returned. Raises ``ValueError``: it is no answer; in one line, why.
     """
     if isinstance(result, Refusal):
         return _refusal(result.status, result.reason, result.points, result.output)
@@ -236,11 +217,7 @@ SIGNIFICANT = 10
 def significant(values: FloatArray | float, digits: int = SIGNIFICANT) -> FloatArray:
     """Round an array to so many digits of its largest element.
 
-    Parameters
-    ----------
-    values : array_like, any shape
-        Finite.
-    digits : int
+    ``values``: Finite.
 
     Returns
     -------

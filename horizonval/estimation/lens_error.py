@@ -1,29 +1,22 @@
-"""A camera that is not known exactly: cameras with errors, and what those add to a method's claim.
+"""Errors of a camera's calibration, and what they add to a method's claim.
 
-**A camera with errors: of its focal length, its principal point and its radial distortion.**
-
-The distortion's error is counted where it is largest, at the image's farthest corner. With ``r`` the corner's place
-without distortion in normalised coordinates (of a fisheye the angle from the boresight) the leading coefficient moves
-it by ``f r^3 dk1``, so that::
+A camera may have errors of its focal length, its principal point and its radial distortion. The distortion's error is
+given at the image's farthest corner. With ``r`` the corner's position without distortion in normalised coordinates (of
+a fisheye the angle from the boresight)::
 
     dk1 = error_px / (f r^3)
 
-**What a camera that is not known exactly adds to what a method claims: the method asked again with other cameras.**
-
-A method knows nothing of its camera's errors: its covariance is that of the image. Where the calibration states sigmas
-of the focal length, the principal point and the distortion, each of them is an unknown with a prior, independent of the
-others and of every other head's. With ``n(c)`` the nadir in camera axes that a camera ``c`` makes of the same image::
+A method treats its camera as exact, so that its covariance is that of the image. Where the calibration states standard
+deviations, each is an unknown with a prior, independent of the others and of every other head's. With ``n(c)`` the
+nadir in camera axes that the method finds with the camera ``c``::
 
     C = C_image + sum_k d_k d_k^T,        d_k = n(c + sigma_k e_k) - n(c)
 
-A central difference would cost twice the time, and what it differs by is the square of a sigma that is small. The
-altitude's variance grows alike. What is claimed so is the error of an answer that holds the camera for exact, as all
-methods do; a fit that has the camera's errors among its unknowns would claim a little less.
+The altitude's variance grows in the same way. A central difference would cost twice the time and differs to second
+order of a small sigma. If one sigma, either way, removes the answer, the method is refused.
 
-An answer that one sigma, either way, takes away is none: the method is refused.
-
-**Neglected.** The mounting: it turns roll and pitch, and not the nadir in camera axes; clock and exposure are in the
-sigmas of the prior. What errors of two kinds do together, to second order.
+**Neglected.** The mounting, which turns roll and pitch and not the nadir in camera axes; clock and exposure, which are
+in the sigmas of the prior; second-order products of two errors.
 """
 
 from __future__ import annotations
@@ -50,6 +43,8 @@ def miscalibrated(
 ) -> CameraModel:
     """Return a camera as it is believed to be.
 
+    Raises ``UserError``: an error of the distortion of a camera that has none, or whose corner has no direction.
+
     Parameters
     ----------
     camera : CameraModel
@@ -60,11 +55,6 @@ def miscalibrated(
         Error of column and row.
     distortion_px : float
         Error of the radial distortion at the farthest corner.
-
-    Raises
-    ------
-    UserError
-        An error of the distortion of a camera that has none, or whose corner has no direction.
     """
     k1 = camera.distortion[0]
     if distortion_px != 0.0:
@@ -82,10 +72,7 @@ def miscalibrated(
 def k1_per_px(camera: CameraModel) -> float:
     """Return by how much ``k1`` changes where the farthest corner moves outwards by a pixel.
 
-    Raises
-    ------
-    UserError
-        The camera has no distortion, or its corner no direction.
+    Raises ``UserError``: the camera has no distortion, or its corner no direction.
     """
     if camera.projection == "equal_angle":
         raise UserError(

@@ -58,16 +58,8 @@ def is_model(name: str) -> bool:
 def model_estimator(path: str | Path, name: str = "", title: str = "") -> Estimator:
     """Return the estimator that a model in a file is.
 
-    Parameters
-    ----------
-    path : str or Path
-    name, title : str
-        The file's name by default.
-
-    Raises
-    ------
-    UserError
-        No such file, it is no ONNX model or not one as is asked for here, or onnxruntime is not installed.
+    ``name``, ``title``: the file's name by default. Raises ``UserError``: no such file, it is no ONNX model or not one
+    as is asked for here, or onnxruntime is not installed.
     """
     place = Path(path)
     if importlib.util.find_spec("onnxruntime") is None:

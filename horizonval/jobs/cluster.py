@@ -39,6 +39,9 @@ def run_on_cluster(
 ) -> Results[I, T | None, None]:
     """Yield every item with its result, as they come; ``None`` for one that killed its workers.
 
+    Raises ``UserError``: no scheduler answers, or its workers do not see the folder, have other code or more than one
+    thread.
+
     Parameters
     ----------
     work : callable
@@ -53,12 +56,6 @@ def run_on_cluster(
         Whether the workers get a renderer.
     on_start : callable
         Called once when the workers are there.
-
-    Raises
-    ------
-    UserError
-        No scheduler answers, or its workers do not see the folder, have other code or more than
-        one thread.
     """
     workers = local_workers(address)
     import distributed

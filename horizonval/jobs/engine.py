@@ -76,12 +76,8 @@ class SpentTime:
 class Remaining:
     """The time left.
 
-    Parameters
-    ----------
-    expected : mapping of str to ExpectedTime or None
-        By item; None where nothing is known.
-    processes : int or None
-        That work at the same time; None where it is not known, and is told from the time that has passed.
+    ``expected``: by item; None where nothing is known. ``processes``: that work at the same time; None where it is not
+    known, and is told from the time that has passed.
     """
 
     def __init__(self, expected: Mapping[str, ExpectedTime | None], processes: int | None) -> None:

@@ -74,11 +74,7 @@ I = TypeVar("I")  # noqa: E741
 class Turns(Generic[I]):
     """Items that wait for workers.
 
-    Parameters
-    ----------
-    items : iterable
-    group : callable, optional
-        Returns what the items of a group have in common; by default every item is alone.
+    ``group`` (optional): returns what the items of a group have in common; by default every item is alone.
     """
 
     def __init__(self, items: Iterable[I], group: Callable[[I], Hashable] | None = None) -> None:
@@ -125,6 +121,8 @@ MOST_SHARDS = 1_000_000
 class Execution:
     """Where the work is done. It changes no result.
 
+    Raises ``UserError``: no number of processes, or too many; no address of a scheduler, or Dask is not installed.
+
     Attributes
     ----------
     workers : int, optional
@@ -135,11 +133,6 @@ class Execution:
         Address of a Dask scheduler, or ``local:N``; its workers must see the run's folder.
     merge : tuple of Path
         Folders of other runs of the same suite, whose results are taken over.
-
-    Raises
-    ------
-    UserError
-        No number of processes, or too many; no address of a scheduler, or Dask is not installed.
     """
 
     workers: int | None = None
@@ -183,10 +176,7 @@ def available_cpus() -> int:
 def local_workers(address: str) -> int | None:
     """Return N of the address ``local:N``, ``None`` for that of a Dask scheduler.
 
-    Raises
-    ------
-    UserError
-        If N is no number of processes.
+    Raises ``UserError`` if N is no number of processes.
     """
     local, _, count = address.partition(":")
     if local != "local":
@@ -198,13 +188,7 @@ def local_workers(address: str) -> int | None:
 
 
 def parse_shard(text: str) -> tuple[int, int]:
-    """Return (i, n) of ``"i/n"``.
-
-    Raises
-    ------
-    UserError
-        If it is not two whole numbers with 1 <= i <= n.
-    """
+    """Return (i, n) of ``"i/n"``. Raises ``UserError`` if it is not two whole numbers with 1 <= i <= n."""
     match = re.fullmatch(r"([0-9]{1,7})/([0-9]{1,7})", text)
     if match and 1 <= int(match[1]) <= int(match[2]) <= MOST_SHARDS:
         return int(match[1]), int(match[2])

@@ -17,17 +17,14 @@ from horizonval.spec.suite import FigureSpec
 def figure_plans(suite: Suite) -> list[JsonObject]:
     """Return the plan of every figure of a suite: one for each value of its key ``by``.
 
+    Raises ``UserError``: a figure's key is no number in one of its cases.
+
     Returns
     -------
     list of dict
         ``kind``, ``title``, ``x`` and ``y`` (the keys, or None), and ``cases``: by the name of the case its values
         ``[x, y]``, those without an axis left out. All heads of a scene together, which some estimators want, go by
         the scene's name.
-
-    Raises
-    ------
-    UserError
-        A figure's key is no number in one of its cases.
     """
     plans = []
     for number, figure in enumerate(suite.figures, start=1):
@@ -55,10 +52,7 @@ def figure_plans(suite: Suite) -> list[JsonObject]:
 def value_at(case: Case, key: str) -> Any:
     """Return what a case has under a dotted key: of its scene, or ``camera.<table>.<key>`` of its camera file.
 
-    Raises
-    ------
-    KeyError
-        There is nothing of that name.
+    Raises ``KeyError``: there is nothing of that name.
     """
     parts = key.split(".")
     tree: Any = case.scene.model_dump(mode="json")

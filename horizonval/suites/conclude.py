@@ -22,10 +22,8 @@ def conclude(
 
     Parameters
     ----------
-    folder : RunFolder
     suite : str or None
         Name of the suite, where it is known.
-    rows : sequence of Row
     failed : mapping of str to str
         Cases without a result, and why.
     more : mapping, optional

@@ -46,21 +46,16 @@ a sine, which machines disagree on, does not reach a scene's identity."""
 def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[JsonObject]:
     """Return a partial scene for every sample: ``platform`` and ``attitude``.
 
+    Raises ``UserError``: Elements that no satellite has, or that SGP4 refuses.
+
     Parameters
     ----------
-    spec : OrbitSpec
     ellipsoid : Ellipsoid
         Latitude and altitude refer to it.
     seed : int
         The suite's; the pointing error is drawn from it and the name.
-    name : str
     beside : Path
         Folder that a file of two lines lies in.
-
-    Raises
-    ------
-    UserError
-        Elements that no satellite has, or that SGP4 refuses.
     """
     track = _track(spec, beside)
     epoch, states, itrs = track.epoch_utc, track.states, track.itrs

@@ -27,10 +27,7 @@ class CasePlan:
 
     Attributes
     ----------
-    estimators : tuple of str
-    limits : Limits
     keep : {"all", "failures", "none"}
-    frame_limit_s : float
     draws : int
         Observations of every frame, each with other noise.
     """
@@ -44,10 +41,7 @@ class CasePlan:
     def estimator(self, name: str) -> Estimator:
         """Return an estimator of the suite: a program of it, or one that is installed.
 
-        Raises
-        ------
-        UserError
-            If there is none of that name.
+        Raises ``UserError`` if there is none of that name.
         """
         return supervisor.get(name, self.limits)
 

@@ -85,9 +85,10 @@ def rescore(
 ) -> Rescored:
     """Score the images of an archive, or finish what an earlier call left in ``out``.
 
+    Raises ``UserError``: Unknown estimators, no images, or a folder that holds something else.
+
     Parameters
     ----------
-    store : Store
     out : Path
         Made if need be.
     estimators : sequence of str
@@ -99,11 +100,6 @@ def rescore(
     limits : Limits, optional
         Of one estimate.
     progress : Progress, optional
-
-    Raises
-    ------
-    UserError
-        Unknown estimators, no images, or a folder that holds something else.
     """
     run = run_folder_of(store.root)
     head = (read_json(run.suite) if run else None) or {}

@@ -70,9 +70,11 @@ def run_suite(
 ) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there.
 
+    Raises ``UserError``: a mistake in the suite (told before anything is rendered), frames or workers that memory does
+    not hold, no back-end to render with, a folder that holds another suite's run or in which another run is working.
+
     Parameters
     ----------
-    suite : Suite
     out_dir : Path
         Made if need be.
     workers : int, optional
@@ -84,12 +86,6 @@ def run_suite(
         return what the frames are expected to take, by the cases' names.
     also : callable, optional
         Called in the end, to make more of the results; returns the files of the folder that it made.
-
-    Raises
-    ------
-    UserError
-        A mistake in the suite (told before anything is rendered), frames or workers that memory does not hold, no
-        back-end to render with, a folder that holds another suite's run or in which another run is working.
     """
     progress = progress or Silent()
     execution = execution or Execution(workers)

@@ -16,12 +16,8 @@ def adopt(source: RunFolder, target: RunFolder, suite: Suite) -> None:
     """Copy the results of a run of the same suite that ``target`` does not have.
 
     They are looked at like the folder's own: what is damaged or of other code is made again. The archive's index is not
-    copied; that of ``target`` catches up with the files.
-
-    Raises
-    ------
-    UserError
-        If ``source`` is no folder of a run, or of another suite's.
+    copied; that of ``target`` catches up with the files. Raises ``UserError`` if ``source`` is no folder of a run, or
+    of another suite's.
     """
     run = read_json(source.suite)
     if run is None:

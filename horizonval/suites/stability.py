@@ -107,13 +107,7 @@ class StabilityWork(Recorded[int]):
 
 
 def check(suite: Suite) -> None:
-    """Refuse bands that the tables of absorption do not cover.
-
-    Raises
-    ------
-    UserError
-        Naming the suite and the table.
-    """
+    """Refuse bands that the tables of absorption do not cover. Raises ``UserError``: Naming the suite and the table."""
     if suite.stability is not None:
         try:
             month_model(suite.stability, suite.stability.months[0])
@@ -150,10 +144,7 @@ def run_stability(
 def month_model(spec: StabilitySpec, month: int) -> OpticalModel:
     """Return the optical properties of all bands in the middle of a month.
 
-    Raises
-    ------
-    UserError
-        A band outside the tables.
+    Raises ``UserError``: a band outside the tables.
     """
     from horizonval.earth.optical import optical_model
 
@@ -235,11 +226,7 @@ def nadir_angles(spec: StabilitySpec) -> FloatArray:
 def conclude(spec: StabilitySpec, months: Sequence[Mapping[str, Any]]) -> JsonObject:
     """Return the result as plain data, rounded to six decimals.
 
-    Parameters
-    ----------
-    spec : StabilitySpec
-    months : sequence of mapping
-        By month and band, the two arrays of :func:`month_profiles`.
+    ``months``: by month and band, the two arrays of :func:`month_profiles`.
     """
     height, angle = heights_m(spec), nadir_angles(spec)
     bands = []

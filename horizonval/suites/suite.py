@@ -23,12 +23,8 @@ from horizonval.suites.flight import fly
 def load_suite(path_or_name: str | Path, frames: int | None = None, seed: int | None = None) -> Suite:
     """Read a suite file as :func:`horizonval.spec.load.load_suite` does; ``[cases.orbit]`` becomes scenes.
 
-    ``frames`` stands in place of ``suite.frames``, ``seed`` in place of the suite's own.
-
-    Raises
-    ------
-    UserError
-        Naming the file, the key, and what was expected.
+    ``frames`` stands in place of ``suite.frames``, ``seed`` in place of the suite's own. Raises ``UserError``: Naming
+    the file, the key, and what was expected.
     """
     return load.load_suite(path_or_name, fly=fly_scene, frames=frames, seed=seed)
 
@@ -36,10 +32,7 @@ def load_suite(path_or_name: str | Path, frames: int | None = None, seed: int | 
 def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> Suite:
     """Return a suite with what the command line says in place of the file.
 
-    Raises
-    ------
-    UserError
-        If ``keep`` is none of the words it can be.
+    Raises ``UserError`` if ``keep`` is none of the words it can be.
     """
     if time_limit_s is not None:
         if not 0.0 < time_limit_s < math.inf:
@@ -57,10 +50,7 @@ def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> 
 def fly_scene(spec: OrbitSpec, scene: JsonObject, seed: int, name: str, where: str) -> list[JsonObject]:
     """Return the samples of an orbit over a scene's Earth; errors name the place ``where`` of the file.
 
-    Raises
-    ------
-    UserError
-        As :func:`horizonval.suites.flight.fly`.
+    Raises ``UserError``: as :func:`horizonval.suites.flight.fly`.
     """
     try:
         earth = Earth.model_validate(scene.get("earth", {}), strict=True)

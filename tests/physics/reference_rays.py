@@ -1,4 +1,4 @@
-"""Rays of the limb reference tables, and how the tables made by the ``make_*.py`` scripts beside this file are written.
+"""Rays of the limb reference tables, and how ``make_tables.py`` writes its tables.
 
 An observer 500 km above the ground looks past it; the ray's lowest point (the point where it meets the ground) lies on
 the z axis, where the Sun has its zenith angle, and azimuth 0 looks towards the Sun. Heights below zero are impact

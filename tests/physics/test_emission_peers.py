@@ -7,7 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from make_emission_limb import BANDS, CLIMATES, HEIGHTS_KM, SHELLS_M, absorption, correlated_k, middle_um
+from make_tables import EMISSION_BANDS as BANDS
+from make_tables import EMISSION_CLIMATES as CLIMATES
+from make_tables import EMISSION_HEIGHTS_KM as HEIGHTS_KM
+from make_tables import SHELLS_M, band_absorption, correlated_k
 from reference_rays import RADIUS_KM
 from thermal_model import radiances
 
@@ -28,8 +31,7 @@ def table(climate: str, band: str) -> np.ndarray:
 
 def monochromatic(climate: str, band: str) -> OpticalModel:
     """A band for every g point, with the Planck function at the middle of the band as its source."""
-    k, temperature = absorption(climate, band)
-    wavelength = middle_um(band)
+    k, temperature, wavelength = band_absorption(climate, band)
     return OpticalModel(
         altitude_m=SHELLS_M,
         top_m=float(SHELLS_M[-1]),

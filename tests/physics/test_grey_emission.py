@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from emission_reference import march, planck_per_cm
-from make_emission_limb import GREY_GROUND_K
+from make_tables import GREY_GROUND_K
 from reference_rays import RADIUS_KM, limb_ray
 
 from horizonval import cli

@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from latitude_limb import A_M, B_M
-from make_latitude_limb import BANDS, GROUND_K, HEIGHT_M, PLACES, row_of
+from make_tables import LATITUDE_BANDS as BANDS
+from make_tables import LATITUDE_GROUND_K as GROUND_K
+from make_tables import LATITUDE_HEIGHT_M as HEIGHT_M
+from make_tables import LATITUDE_PLACES as PLACES
+from make_tables import latitude_row as row_of
 from thermal_model import model_of
 
 from horizonval.renderer.rays import thermal_radiance

@@ -10,7 +10,7 @@ import monte_carlo
 import numpy as np
 import pytest
 from brute_force import single_scatter
-from make_aerosol_limb import atmosphere
+from make_tables import aerosol_atmosphere as atmosphere
 from reference_rays import limb_ray, vector
 
 DATA = Path(__file__).parents[1] / "data"

@@ -23,7 +23,7 @@ def rows_at(name: str, sza: float) -> list[dict[str, str]]:
 @pytest.mark.parametrize("sza", [20, 60, 85])
 def test_ozone_limb(sza: float) -> None:
     """Single scatter to 1e-5; every order with a coarser diffuse field to 1.5 %."""
-    from sasktran_limb import sasktran_limb
+    from sasktran import sasktran_limb
 
     data = json.loads((DATA / "atm_ozone.json").read_text())
     rows = rows_at("limb_ozone_sasktran2.csv", sza)[::6]
@@ -37,7 +37,7 @@ def test_ozone_limb(sza: float) -> None:
 
 def test_refracted_limb() -> None:
     """On 500 m shells: either column to 2e-4, their ratio to 1e-4."""
-    from sasktran_limb import sasktran_limb
+    from sasktran import sasktran_limb
 
     data = json.loads((DATA / "atm_rayleigh.json").read_text())
     with (DATA / "refractive_index_550nm.csv").open() as file:

@@ -125,8 +125,8 @@ def test_lowtran(climate: str) -> None:
     14.0 to 16.3 um: 5 % from the ground at 20 km below the limb up to 24 km, 5.5 % at 50 km below it and at 26 km (the
     table itself as published stands 5.2 % above in the tropics, 5.3 % below in the winter), 8 % at 28 and 30 km. 8 to
     14 um: 6 % up to 6 km, 12 % from 8 to 30 km. In every interval the ratio is the published one to 0.1 % (0.2 % in 820
-    to 980 and 1080 to 1390 cm-1). ``python tests/physics/make_thermal_ratios.py`` prints all ratios and says why they
-    depart.
+    to 980 and 1080 to 1390 cm-1). ``python tests/physics/make_tables.py thermal_ratios`` prints all ratios and
+    says why they depart.
     """
     z = np.array(heights_m())
     limits = {

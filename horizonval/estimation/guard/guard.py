@@ -1,34 +1,25 @@
-"""A guard around any method: what published methods take for granted is tested, before and after.
+"""A guard around any method: it tests what published methods take for granted, before and after the method runs.
 
-A limb method is a formula that is right when its points lie on the Earth's limb. The guard sees to that, and says no
-where it cannot:
+1. *The limb* is the curve whose predicted profile makes the pixels most probable
+   (:mod:`horizonval.estimation.limb.finder`). A limb many pixels deep is searched in a smaller copy.
+2. *Points* are moved to the steepest position of the soft limb (:mod:`horizonval.estimation.limb.steepest`). Points on
+   saturated, faded or restless pieces, isolated points, and outliers from the cone are left out
+   (:mod:`horizonval.estimation.limb.trusted`). Where the Sun's direction is known, the known height of the sunlit limb
+   is subtracted (:mod:`horizonval.estimation.guard.sunlit`).
+3. *Sufficiency*: the remaining pieces must determine the nadir to the accuracy of a claim, given noise and all that
+   makes the limb no circle (:mod:`horizonval.estimation.guard.limits`). The body must be too large for the Moon.
+4. *The method* runs on the remaining points (``Estimator.from_points``). Its answer must agree with the guard's cone
+   within the uncertainty of both.
+5. *The answer* is tested against the pixels (:mod:`horizonval.estimation.guard.three_tests`).
 
-1. *The limb itself* is the curve whose predicted profile makes the pixels most probable
-   (:mod:`horizonval.estimation.limb.finder`); one that is many pixels deep is looked at in a smaller copy.
-2. *Points*: moved to the steepest place of the soft limb (:mod:`horizonval.estimation.limb.steepest`); those on
-   a saturated, faded or restless piece are left out, spots between such pieces, and outliers from the cone through the
-   rest (:mod:`horizonval.estimation.limb.trusted`). Where the Sun's direction is known the sunlit limb is
-   followed towards the terminator, and its height there, which is known too, taken away
-   (:mod:`horizonval.estimation.guard.sunlit`); points are used as far as they make the nadir better known.
-3. *Enough*: the pieces that are left must determine the nadir, for noise and for all that makes the limb no circle
-   (:mod:`horizonval.estimation.guard.limits`), to what a claim needs; and the body must be large enough not to be
-   the Moon.
-4. *The method* runs on the points that are left (``Estimator.from_points``). Its answer must lie where the guard's own
-   cone lies, within the uncertainty of both.
-5. *The answer* is tested against the pixels by the likelihood of the limb that it predicts: chi-squared, explained
-   share, consistency with what is known (:mod:`horizonval.estimation.guard.three_tests`).
+A method that uses the whole image instead of points answers first; step 5 decides. Methods of several heads are guarded
+by :mod:`horizonval.estimation.guard.heads`.
 
-A method that takes no points but the whole image has a search and a model of its own: it answers first, and the fifth
-step decides.
+Where the calibration states errors of the lens, all steps run again with each error
+(:mod:`horizonval.estimation.lens_error`). A claim that becomes too uncertain is refused.
 
-Methods of several heads are guarded by :mod:`horizonval.estimation.guard.heads`.
-
-Where the calibration states errors of the lens, all of it is asked again with each of them
-(:mod:`horizonval.estimation.lens_error`), and a claim that they make too uncertain is refused.
-
-A fit from points claims as noise what the detector's noise alone does
-(:mod:`horizonval.estimation.limb.steepest`); ``systematic_nadir_cam`` says beside it what the method's
-model leaves out, and what else scatters the points.
+The covariance of a fit from points is that of the detector's noise; ``systematic_nadir_cam`` is the covariance of what
+the method's model leaves out.
 """
 
 from __future__ import annotations
@@ -74,7 +65,6 @@ class TrustedLimb:
     uv : ndarray, shape (n, 2)
     cone : Cone
         Through ``los_cam``, of half-angle ``rho_rad``.
-    rho_rad : float
     noise : ConeUncertainty
         From the points' scatter, whatever makes it.
     systematic : ndarray, shape (3, 3)

@@ -1,38 +1,29 @@
 """The guard for several heads: images of limb arcs, and rows of linear arrays.
 
-**The guard for linear arrays: one row of pixels across the limb, one crossing from each head.**
+**Rows.** A row crosses the limb once and shows neither curvature nor length. Each row is tested for:
 
-A row shows neither curvature nor a length of limb. What can be asked of it:
+* saturation: the Sun's disc is a step far larger than the limb's;
+* a single edge: levelled to 0 in space and 1 on the Earth the row stays low outside the limb and high within;
+* direction: its bright side lies towards the nadir of the answer.
 
-* nothing in it is saturated: the Sun's disc is a step far larger than the limb's;
-* it has one edge. Levelled to 0 in space and 1 on the Earth it stays low beyond the limb, and high and of the limb's
-  own size within: a second edge, a disc or a cloud that reaches half of the step leaves open which one is the limb;
-* its bright side lies towards the nadir of the answer.
-
-What can be asked of all rows together, three unknowns and four crossings: that they lie on one cone. The Earth is no
-sphere, and its poles may lie anywhere: the crossings must fit an ellipsoid with *some* direction of the poles, to the
-crossings' noise and the relief of the limb. With ``w = W^T r`` the residuals of the cone in the directions that it
-leaves free (``W^T J = 0``) ::
+All rows together (three unknowns, four crossings) must lie on one cone. Because the Earth is an ellipsoid with poles
+anywhere, the crossings must fit an ellipsoid with *some* direction of the poles, given noise and relief. With ``w = W^T
+r`` the residuals of the cone in the directions that it leaves free (``W^T J = 0``) ::
 
     chi^2 = min over poles p of (w - w_p)^T C^-1 (w - w_p),      C = W^T (noise + relief) W
 
-**The guard for methods that look through several heads: every head must show its limb, and all of them one cone.**
+**Images.** Every head must show its limb, and all limbs must lie on one cone. Methods differ in their input:
 
-A head sees little: a short, nearly straight piece of limb, or a row across it. What one head shows can hardly be judged
-by itself, what all of them show together can. There are three ways, by what a head is and what the method takes:
+* *arcs* (``Estimator.from_heads``): the limb is found and its points selected in every head's image as in a single
+  image, except that all heads together must determine the nadir. The method gets the selected points;
+* *rows*: the method answers, and every row is tested as above;
+* *images of any other method*: the method answers first. Its nadir and angular radius predict a limb in every head's
+  image; points along it are moved to the steepest position, and most of them must find one near by, all bright on the
+  same side.
 
-* *arcs* (``Estimator.from_heads``): the limb is looked for in every head's image
-  (:mod:`horizonval.estimation.limb.finder`), moved to the steepest place and freed of what is not to be trusted
-  (:mod:`horizonval.estimation.limb.trusted`), as in a single image but for one question, whether it determines
-  the nadir: that is asked of all heads together. The method gets the rest;
-* *rows* of linear arrays: the method answers, and every row is tested by :mod:`horizonval.estimation.guard.heads`;
-* *any other method's images*: the method answers first; its nadir and angular radius are one cone, and that cone runs
-  through every head's image. Points along it are moved to the steepest place; a limb is where most of them find one
-  near by, all bright on the same side, on points that are to be trusted.
-
-Then the points of all heads together must lie on one cone, to the scatter of a limb; its axis must be the method's
-nadir, within the uncertainty of both, and must be determined well enough. A Sun, a Moon or a terminator in one head is
-no piece of the cone through the others.
+The points of all heads must then lie on one cone to the scatter of a limb. Its axis must be well determined and must
+agree with the method's nadir within the uncertainty of both. A Sun, a Moon or a terminator in one head does not lie on
+the cone through the others.
 """
 
 from __future__ import annotations

@@ -1,11 +1,7 @@
-"""Thresholds of the guard, and the covariance of what the model of a cone leaves out.
+"""Thresholds of the guard, each with its reason, and the covariance of what the model of a cone leaves out.
 
-**Every threshold of the guard, in one place, each with its reason.**
-
-**What the model of a circular cone leaves out of a limb, as a covariance that any method of one limb may claim.**
-
-Oblateness, uneven height of the limb, its change with the Sun, and slow errors of sub-pixel points: none of it gets
-less with more points or other noise.
+A circular cone leaves out oblateness, uneven height of the limb, its change with the Sun, and slow errors of sub-pixel
+points. More points or less noise do not reduce these errors.
 """
 
 from __future__ import annotations
@@ -103,25 +99,19 @@ def model_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis.
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. Raises ``LinAlgError`` if the points do
+    not determine a cone.
 
     Parameters
     ----------
     los_cam : ndarray, shape (n, 3)
     axis_cam : ndarray, shape (3,)
-    rho_rad : float
-    observation : Observation
     estimates : {"geocentric", "geodetic"}
     patterns_m : ndarray, shape (k, n), optional
         Errors of a known height of the limb, where the points have been lowered by one. Without, the Sun of a solar
         band is taken to be anywhere.
     slow_px : float
         As for :func:`horizonval.estimation.limb.cone.slow_error`.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
     """
     camera, radius = observation.camera, observation.prior.sphere_radius_m
     covariance = systematic_covariance(

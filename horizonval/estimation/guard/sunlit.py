@@ -1,52 +1,35 @@
-"""The height at which a sunlit limb is steepest, and what heights do to a fitted cone.
+"""The height at which a sunlit limb is steepest, and how heights of the limb move a fitted cone.
 
-**At which height a blurred profile of the limb is steepest.**
+A camera that does not resolve the air sees the limb where its blurred profile is steepest. That height changes with the
+Sun's direction by tens of kilometres in wide pixels, and the resulting bow of an arc pulls the nadir by tenths of a
+degree. It is predictable where the Sun's direction is known to a degree.
 
-A profile is a polygon over the height ``z``, level below its first height, with the bends ``D_j`` at ``z_j``; above the
-last its light fades over a kilometre. Blurred by a Gaussian of ``s`` it falls at ``x`` by ::
+**Steepest position of a blurred profile.** A profile is a polygon over the height ``z``, level below its first height,
+with the slope changes ``D_j`` at ``z_j``; above the last height its radiance falls to zero over a kilometre. Blurred by
+a Gaussian of ``s`` it falls at ``x`` by ::
 
     -P_s'(x) = - sum_j D_j Phi((x - z_j) / s)
 
-with ``Phi`` the normal distribution, and the place where that is largest is what a search for the steepest place of an
-edge finds. Between the places of a search's grid it is that of a parabola.
+with ``Phi`` the normal distribution. The maximum on a grid is refined by a parabola.
 
-**Where the rendered limb of a band is steepest, by blur and the Sun's place: made of the shipped profiles of it.**
-
-The profiles (:mod:`horizonval.estimation.likelihood.templates`) are of lines by the Sun's angles at *their own* lowest
-points. Lines of one camera side by side across the limb have their lowest points at other places: that of a height
-``h`` lies the angle ::
+**Sun's angles along the limb.** The profiles (:mod:`horizonval.estimation.likelihood.templates`) are tabulated by the
+Sun's angles at the *lowest point* of each line. The lowest point of a line at the height ``h`` lies the angle ::
 
     d = acos((R + h) / r) - acos(R / r)
 
-further from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon, and the Sun
-stands otherwise there. A deep disc seen from afar so has another slope than one seen from near, and the table has the
-distance as an axis. Between the places of the profiles logarithms are linear: in twilight light falls by an order of
-magnitude in three degrees.
+farther from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon. The table of
+heights therefore has the distance as an axis. Logarithms of the profiles are interpolated linearly, because radiance in
+twilight falls by an order of magnitude in three degrees.
 
-Heights are those of limbs without clouds: the mean of limbs with and without is the profile of neither, and is steep at
-two places. What a sensor cannot know is taken from the table's modes: those that are alike along the limb of a low
-orbit or more (haze, whether there are clouds at all, ground). A pattern is half of what the height changes by from one
-standard deviation of a mode below to one above the mean. Air and single clouds, which vary along the limb, are left to
-its relief (:mod:`horizonval.earth.limb_heights`).
+**What is unknown.** Heights are those of limbs without clouds: the mean of limbs with and without clouds has two steep
+positions. The modes of the table that are correlated over a low orbit's limb or more (haze, presence of clouds, ground)
+are patterns of height; each is half of the change of height from one standard deviation below the mean to one above.
+Shorter variations are part of the limb's relief (:mod:`horizonval.earth.limb_heights`).
 
-**How high above the ground a sunlit limb is steepest, from the place of the Sun: a table of marched limbs.**
+**Effect on the cone.** A limb that is ``h`` above the sphere is seen ``delta = h tan(rho) / R`` outside of it, and the
+fitted cone moves by the least-squares solution of ``t(phi) . dn + drho = delta(phi)``.
 
-A camera that does not resolve the air sees the limb where its blurred profile is steepest. That place is not fixed:
-ground that gets darker inwards or outwards pulls at it, air that is lit from ahead shines higher up, and towards the
-terminator the lowest sunlit layer rises. With pixels of 20 km it moves by 10 km between an overhead and a low Sun, by
-another 20 km to the terminator, and differently on the side towards the Sun and away from it. The bow that this makes
-of an arc pulls the nadir by tenths of a degree, and it is known where the Sun's direction is: to a degree is enough.
-
-Heights come from the shipped profiles of the camera's band, which are means over air, haze, clouds and ground, and so
-does what a sensor cannot know of them (:mod:`horizonval.estimation.guard.sunlit`).
-
-Against the place in the table: refraction is in it, and in wide blurs the curvature of a small disc is not.
-
-**What a limb of uneven height does to a fitted cone: the move of the nadir for known heights, covariance for unknown.**
-
-As in :mod:`horizonval.earth.limb_heights`: a limb that stands ``h`` above the sphere is seen ``delta = h
-tan(rho) / R`` outside of it, and the fitted cone moves by the least-squares answer to ``t(phi) . dn + drho =
-delta(phi)``.
+Neglected: refraction is in the table's heights; the curvature of a small disc in wide blurs is not.
 """
 
 from __future__ import annotations
@@ -125,13 +108,7 @@ VISIBLE_UM = (0.45, 0.75)
 
 
 class SunlitHeights:
-    """Heights of a band's steepest place, and their patterns, on a grid.
-
-    Parameters
-    ----------
-    table : LimbTemplates
-        Of a sunlit band.
-    """
+    """Heights of a band's steepest place, and their patterns, on a grid. ``table``: of a sunlit band."""
 
     def __init__(self, table: LimbTemplates) -> None:
         sheet = (np.log(SIGMAS_M), ZENITHS_RAD, table.axes[1])
@@ -316,18 +293,13 @@ def cone_perturbation(
 ) -> FloatArray:
     """Return how far heights move the fitted cone: (axis along basis 1, basis 2, half-angle) [rad], shape (k, 3).
 
+    Raises ``LinAlgError`` if the points do not determine a cone.
+
     Parameters
     ----------
     los_cam : ndarray, shape (n, 3)
     axis_cam : ndarray, shape (3,)
-    rho_rad : float
     heights_m : ndarray, shape (k, n)
-    earth_radius_m : float
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
     """
     across = los_cam @ tangent_basis(axis_cam)
     across /= np.linalg.norm(across, axis=1)[:, None]
@@ -347,12 +319,8 @@ def unknown_sun_covariance(
     """Return the covariance [rad^2], shape (3, 3), of a cone through a sunlit limb for a method that knows no Sun.
 
     Every Sun that lights the whole arc is taken to be equally likely. Parameters as above; ``blur_rad`` and ``band_um``
-    as for :func:`horizonval.estimation.guard.sunlit.sunlit_limb`.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
+    as for :func:`horizonval.estimation.guard.sunlit.sunlit_limb`. Raises ``LinAlgError`` if the points do not determine
+    a cone.
     """
     stride = max(1, len(los_cam) // MOST_POINTS)
     los_cam, blur_rad = los_cam[::stride], blur_rad[::stride]

@@ -1,42 +1,29 @@
-"""Three tests of a claimed nadir against the pixels, and what each piece of the limb shows.
+"""Three tests of a claimed nadir against the pixels.
 
-**An observation as a detector with wider pixels would have made it: limbs many pixels deep are edges there.**
+From the claim's nadir and angular radius, or altitude, a limb is predicted, and the most probable limb near it is
+fitted to the pixels (:mod:`horizonval.estimation.likelihood.fit`): a sphere's, of free altitude, with flattening and
+relief as unknowns with priors. Limbs many pixels deep are tested in an image with wider pixels. The tests:
 
-**What every piece of a limb shows: whether the edge that was fitted is there, with its sign, and nowhere else.**
-
-The limb in view is cut into pieces, :data:`PIECES` of every sector of a fit. The pixels of a piece are explained by
-``b + (a + c x) E(x) + noise``, with ``E`` the edge of the fitted limb and ``x`` the pixels inside it. A piece *shows*
-the limb where the step ``a`` has the sign of the whole limb's and stands :data:`STEP_SIGMAS` of its own standard
-deviations out of the noise.
-
-Not all of a limb is *due* to show. Of a sunlit one it is what the Sun's direction says is lit, and where that is not
-known half a round of azimuth, the one with the most light: a sphere is lit over half of its limb from anywhere. In a
-thermal band all of it is.
-
-A *rival* is another place, beyond the reach of any air, at which the pieces show as large a step of the same sign: of
-two limbs one cannot be chosen.
-
-**A claimed nadir is tested against the pixels: the limb that it predicts is fitted to them, and asked three times.**
-
-From the claim's nadir and angular radius, or altitude, a limb is predicted, and the most probable one near it fitted to
-the pixels across it (:mod:`horizonval.estimation.likelihood.fit`): a sphere's, of free altitude, with the flattening
-and the uneven height of the limb as unknowns with priors. Of that fit is asked:
-
-1. *chi-squared*: across the edge the pixels may miss the fitted profile by the noise that the pixels to both sides of
-   it show, and by :data:`PROFILE_SHARE` of the limb's step, as a single exponential misses the air's light::
+1. *chi-squared*: across the edge the pixels may miss the fitted profile by the noise measured on both sides of it, and
+   by :data:`PROFILE_SHARE` of the limb's step, since a single exponential does not match the air's profile exactly::
 
        chi^2 / m = beyond / (PROFILE_SHARE^2 step^2) < Q(chi^2_m, CHANCE) / m
 
-   for ``m`` pieces of limb: within a piece what the model leaves out is alike, between pieces it is not.
-2. *explained share*: of the pieces of the predicted limb that are in view and lit
-   (:mod:`horizonval.estimation.guard.three_tests`) so many must show the edge, with its sign, as tosses of a coin would
-   not, and no other place may show one in as many.
-3. *consistency*: the fitted limb must be the claimed one, to the height of the air and the Earth's flattening, and of
-   what is known: the air's scale height, the altitude, the attitude, each by the Mahalanobis distance, :data:`SIGMAS`
-   standard deviations of both sides together.
+   for ``m`` pieces of limb: errors of the model are correlated within a piece and not between pieces.
+2. *explained share*: more pieces of the predicted limb in view must show the edge, with its sign, than chance explains,
+   and no other position may show one in as many.
+3. *consistency*: the fitted limb must agree with the claimed one to the height of the air and the flattening, and with
+   what is known (scale height, altitude, attitude), each by the Mahalanobis distance, :data:`SIGMAS` standard
+   deviations of both together.
 
-A picture passes that shows a disc, evenly bright, of a size that nothing known forbids: from some altitude the Earth is
-one.
+**Pieces.** The limb in view is cut into :data:`PIECES` of every sector. The pixels of a piece are explained by ``b + (a
++ c x) E(x) + noise``, with ``E`` the edge of the fitted limb and ``x`` the distance inside it in pixels. A piece
+*shows* the limb where the step ``a`` has the sign of the whole limb's and exceeds :data:`STEP_SIGMAS` of its standard
+deviation. Of a sunlit limb only the lit part is expected to show; where the Sun's direction is unknown this is the half
+round of azimuth with the highest radiance. In a thermal band all of the limb is. A *rival* is a position out of reach
+of the air at which the pieces show as large a step of the same sign.
+
+**Limit.** An evenly bright disc of a size that nothing known forbids passes: from some altitude the Earth looks so.
 """
 
 from __future__ import annotations
@@ -118,7 +105,6 @@ class LimbPieces:
     steps : ndarray, shape (m,)
         Step of every piece over its standard deviation, positive where it has the whole limb's sign.
     due : ndarray of bool, shape (m,)
-    bright_inside : bool
     edge_misfit : float
         Mean square of the residuals across the edge, less the noise that the pixels to both sides of it have, over the
         square of the limb's step.
@@ -143,19 +129,15 @@ def limb_pieces(
 ) -> LimbPieces:
     """Return what the pieces of a fitted limb show.
 
+    Raises ``LinAlgError``: too little limb in view.
+
     Parameters
     ----------
     image : ndarray, shape (H, W)
     observation : Observation
         Camera, band and Sun are used.
-    found : LimbLikelihoodFit
     knowledge : LimbKnowledge
         Of the fit.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view.
     """
     blur = float(np.sqrt(found.blur_px**2 + PIXEL_VARIANCE))
     near = limb_pixels(image, observation.camera, found.pose, knowledge, blur, found.scale_height_m)
@@ -315,14 +297,9 @@ class SeenLimb:
 def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) -> Refusal | None:
     """Return why a claim is not believed, or None.
 
-    Parameters
-    ----------
-    claim : Fit
-        With an angular radius or an altitude, unless its limb is given.
-    observation : Observation
-    seen : SeenLimb, optional
-        Where the claim comes from points: its limb may have been lowered by a height that is known of it. Without, the
-        claim is of the limb itself, and must agree with the fitted one in its nadir, too.
+    ``claim``: with an angular radius or an altitude, unless its limb is given. ``seen`` (optional): where the claim
+    comes from points: its limb may have been lowered by a height that is known of it. Without, the claim is of the limb
+    itself, and must agree with the fitted one in its nadir, too.
     """
     rho = _angular_radius(claim, observation) if seen is None else seen.rho_rad
     if rho is None:

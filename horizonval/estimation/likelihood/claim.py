@@ -1,11 +1,9 @@
-"""From a limb's likelihood to what an estimator claims: start points in, nadir and covariance out, or a refusal.
+"""From a limb's likelihood to an estimator's claim: start points in, nadir and covariance out, or a refusal.
 
-The edge of the fit is one exponential in a window of some pixels. Where a pixel sees less of the air than its scale
-height, the limb is tens of pixels deep, of another shape than that, and larger than the window: a sector's levels then
-take the place of its edge, and the fit settles where it should not or walks to and fro without an end. Such a limb is
-fitted in a copy with wider pixels, by halves, as far as the pixels before saw less than a scale height. Its light is
-averaged there and not thrown away, so that of so soft an edge little is lost, and its covariance is that of the copy's
-own pixels.
+The edge of the fit is one exponential in a window of some pixels. Where a pixel covers less of the air than its scale
+height, the limb is deeper than the window, and the fit converges wrongly or not at all. Such a limb is fitted in a copy
+with wider pixels, halved until a pixel covers a scale height. The copy averages the radiance, so that little is lost;
+the covariance is that of the copy's pixels.
 """
 
 from __future__ import annotations
@@ -35,14 +33,7 @@ LEAST_PX = 32
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
     """Return what the limb near a start says.
 
-    Parameters
-    ----------
-    picture : Picture
-        The observation's image.
-    observation : Observation
-        Camera, mounting and radius of the sphere are used.
-    start : LimbPose
-    knowledge : LimbKnowledge
+    ``picture``: the observation's image. ``observation``: Camera, mounting and radius of the sphere are used.
     """
     try:
         found = _fitted(picture, observation.camera, start, knowledge)

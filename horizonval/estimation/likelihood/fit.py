@@ -1,25 +1,22 @@
-r"""The pose that makes the pixels across the limb most probable: Gauss-Newton on their likelihood.
+"""The pose that makes the pixels across the limb most probable: Gauss-Newton on their likelihood.
 
-A pixel near the limb is ``I = b + B(x) E(x) + noise`` with the edge profile ``E`` (:mod:`.edge_profile`), ``x`` its
-distance inside the limb in pixels, background and brightness of its sector of azimuth (:mod:`.light`). Unknown are,
-beside these levels, a turn of the camera (3), its position (3), the mean height of the limb, the logarithm of the blur,
-the scale height, and the modes of the relief (:mod:`.sectors`). With the noise's weights ``W``, the information
-``P`` of all priors about ``m``, and ``J`` the derivatives with the levels eliminated (:mod:`.sectors`)::
+A pixel near the limb is ``I = b + B(x) E(x) + noise`` with the edge profile ``E`` (:mod:`.light`), ``x`` its distance
+inside the limb in pixels, background and brightness of its sector of azimuth (:mod:`.sectors`). Unknown are also a turn
+of the camera (3), its position (3), the mean height of the limb, the logarithm of the blur, the scale height, and the
+modes of the relief (:mod:`.sectors`). With the noise's weights ``W``, the information ``P`` of all priors about ``m``,
+and ``J`` the derivatives with the levels eliminated::
 
     step = (J^T W J + P)^-1 (J^T W residuals + P (m - now)),        C = (J^T W J + P)^-1
 
-Every prior is rows of these equations, the relief's too. ``C`` is the covariance that is claimed; of it
-``C J^T W J C`` is the noise's part and ``C P_r C`` the relief's.
+Every prior, that of the relief included, is rows of these equations. ``C`` is the claimed covariance; its part ``C J^T
+W J C`` is due to noise and ``C P_r C`` to the relief.
 
-Ground that is bright here and dark there, clouds and coasts, moves the limb of some sectors more than noise and relief
-do. What the sectors' places scatter by, over what both make of them, is chi-squared per degree of freedom; where it is
-beyond one by two of its own standard deviations the covariance is larger by it (Birge's ratio, Phys. Rev. 40, 207,
-1932). On frames of clear air it is 0.01 to 1.2, and 3 to 13 where snow and sea meet at the limb or most of it is dark.
+Uneven ground, clouds and coasts move the limb of some sectors more than noise and relief do. The scatter of the
+sectors' positions gives chi-squared per degree of freedom; where it exceeds one by two of its standard deviations the
+covariance is multiplied by it (Birge's ratio, Phys. Rev. 40, 207, 1932).
 
-Noise and outliers: :mod:`.light`.
-
-**Neglected.** How the scale of the image changes over the distance itself: ``x`` is a few pixels, the change a
-thousandth per pixel, and where the profile is steep ``x`` is small. Pixels' noise is taken as independent.
+**Neglected.** The change of the image scale over the distance itself, a thousandth per pixel where ``x`` is a few
+pixels. The noise of pixels is taken as independent.
 """
 
 from __future__ import annotations
@@ -74,10 +71,8 @@ class LimbLikelihoodFit:
 
     Attributes
     ----------
-    pose : LimbPose
     blur_px : float
         Of the lens.
-    scale_height_m : float
     covariance : ndarray, shape (7, 7)
         Of a step from the pose: turn in camera axes [rad], position [m], limb height [m]; noise, priors, relief, and
         what the sectors scatter by beyond these.
@@ -162,20 +157,9 @@ def fit_limb(
 ) -> LimbLikelihoodFit:
     """Fit the limb near a pose that is right to some pixels.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Grey levels, linear in radiance.
-    camera : CameraModel
-    start : LimbPose
-    knowledge : LimbKnowledge
-    noise_sigma : float, optional
-        Of a pixel as neighbours show it, for ``chi_squared``; NaN without, or where they show none.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view, or no convergence.
+    ``image`` (shape (H, W)): grey levels, linear in radiance. ``noise_sigma`` (optional): of a pixel as neighbours show
+    it, for ``chi_squared``; NaN without, or where they show none. Raises ``LinAlgError``: too little limb in view, or
+    no convergence.
     """
     found = _Search(image, camera, start, knowledge).run()
     near, model, light, covariance = found.near, found.model, found.light, found.covariance
@@ -218,10 +202,7 @@ class _Search:
     def run(self) -> _Search:
         """Search; everything that the last step knew stays as attributes.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            No convergence, or no solution on the way.
+        Raises ``LinAlgError``: no convergence, or no solution on the way.
         """
         settled = 0
         merit = self._merit()

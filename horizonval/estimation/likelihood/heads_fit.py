@@ -1,16 +1,14 @@
 """The pose of a body that makes the pixels across the limb of all its heads most probable.
 
-The equations of one image (:mod:`horizonval.estimation.likelihood.fit`) are added up. With the unknowns ``g`` of the
-body, a turn in body axes, position, height and softness of the limb, modes of its relief, and one blur for each head,
-those of head ``k`` are ``T_k g``: a turn of the body is a turn of its cameras, ``theta_k = R_k theta``, and the rest is
-picked. Each head keeps backgrounds, brightness and noise of its own, eliminated before (:mod:`..sectors`)::
+The equations of one image (:mod:`horizonval.estimation.likelihood.fit`) are summed. With the unknowns ``g`` of the body
+(a turn in body axes, position, height and softness of the limb, modes of its relief, one blur for each head), those of
+head ``k`` are ``T_k g``: a turn of the body turns its cameras by ``theta_k = R_k theta``, and the rest is selected.
+Backgrounds, brightness and noise are separate for each head and eliminated before (:mod:`..sectors`)::
 
     N = P + sum T_k^T N_k T_k,        step = N^-1 (P (m - now) + sum T_k^T r_k),        C = N^-1
 
-The relief is one random function round the whole horizon: heads on opposite sides know what the flattening may do to
-both, and do not take it for a tilt.
-
-A linear array is an image of one row: its distances are along the row, and it needs no more limb than a crossing.
+The relief is one random function round the whole horizon, so that heads on opposite sides share the effect of the
+flattening. A linear array is an image of one row.
 """
 
 from __future__ import annotations
@@ -62,7 +60,6 @@ class HeadImage:
     ----------
     image : ndarray, shape (H, W)
         Grey levels, linear in radiance.
-    camera : CameraModel
     cam_from_body : ndarray, shape (3, 3)
     """
 
@@ -104,23 +101,13 @@ class _Looks:
 def fit_heads(heads: Sequence[HeadImage], start: LimbPose, knowledge: LimbKnowledge) -> LimbLikelihoodFit:
     """Fit the limb in the images of all heads near a pose that is right to some pixels.
 
-    Parameters
-    ----------
-    heads : sequence of HeadImage
-    start : LimbPose
-        Of the body: ``cam_from_itrs`` is ``body_from_itrs``.
-    knowledge : LimbKnowledge
-        The mean pose and the turns of its information are the body's too.
+    ``start``: of the body: ``cam_from_itrs`` is ``body_from_itrs``. ``knowledge``: the mean pose and the turns of its
+    information are the body's too. Raises ``LinAlgError``: too little limb in view of a head, or no convergence.
 
     Returns
     -------
     LimbLikelihoodFit
         In the camera axes of the first head, whose points it has; ``chi_squared`` is NaN.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view of a head, or no convergence.
     """
     return _JointSearch(list(heads), start, knowledge).run()
 

@@ -1,69 +1,49 @@
 """The height of a band's limb along its arc, and its uncertainty, from the shipped profiles.
 
-**How alike a random function is at two places, if it stays alike farther along parallels than along meridians.**
-
-At a place with the unit vectors ``u`` up, ``n`` north and the lengths ``l_n`` along the meridian, ``l_e`` along the
-parallel, it varies as one whose covariance is normal with the matrix ::
+**Correlation of a random function at two positions, with different lengths along parallels and meridians.** At a
+position with the unit vectors ``u`` up, ``n`` north and the lengths ``l_n`` along the meridian, ``l_e`` along the
+parallel, the covariance is normal with the matrix ::
 
     S = l_e^2 1 + (l_n^2 - l_e^2) n n^T
 
-and between two places, ``d = u_i - u_j``, with ``S_m = (S_i + S_j) / 2``::
+and between two positions, ``d = u_i - u_j``, with ``S_m = (S_i + S_j) / 2``::
 
     c_ij = |S_i|^1/4 |S_j|^1/4 |S_m|^-1/2 exp(-d^T S_m^-1 d / 2)
 
-(C. J. Paciorek and M. J. Schervish, Environmetrics 17, 483 (2006), equation 1), a covariance whatever the lengths are.
-Where they are the same everywhere it is ``exp(-d^2 / (2 l^2))``. Both places' matrices have the same form, so that with
-``a = (l_ei^2 + l_ej^2) / 2``, ``b_i = (l_ni^2 - l_ei^2) / 2``, ``g = n_i . n_j``, ``p = n_i . d``, ``q = n_j . d``::
+(C. J. Paciorek and M. J. Schervish, Environmetrics 17, 483 (2006), equation 1), which is a covariance for any lengths.
+Equal lengths give ``exp(-d^2 / (2 l^2))``. Both matrices have the same form, so that with ``a = (l_ei^2 + l_ej^2) /
+2``, ``b_i = (l_ni^2 - l_ei^2) / 2``, ``g = n_i . n_j``, ``p = n_i . d``, ``q = n_j . d``::
 
     D = (1 + b_i / a) (1 + b_j / a) - b_i b_j g^2 / a^2,      |S_m| = a^3 D
     d^T S_m^-1 d = d^2 / a - (b_i (1 + b_j / a) p^2 - 2 b_i b_j g p q / a + b_j (1 + b_i / a) q^2) / (a^2 D)
 
-**The shipped profiles of a sunlit band as one camera sees them, and those of limbs without clouds.**
-
-The profiles (:mod:`horizonval.estimation.likelihood.templates`) are of lines by the Sun's angles at *their own* lowest
-points. Lines of one camera side by side across the limb have their lowest points at other places: that of a height
-``h`` lies the angle ::
+**Sunlit profiles as one camera sees them.** The profiles (:mod:`horizonval.estimation.likelihood.templates`) are
+tabulated by the Sun's angles at the *lowest point* of each line. The lowest point of a line at the height ``h`` lies
+the angle ::
 
     d = acos((R + h) / r) - acos(R / r)
 
-further from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon, and the Sun
-stands otherwise there. A deep disc seen from afar so has another slope than one seen from near.
+farther from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon.
 
-**At which height a fit of an exponential edge places a profile of the limb that is none.**
+**Height of the fitted edge** (:func:`edge_height`). A fit (:mod:`horizonval.estimation.likelihood.fit`) explains the
+pixels across a limb by ``b + (a + c x + d x^2) E(x)``, with the edge ``E`` of
+:mod:`horizonval.estimation.likelihood.light` and the scale height of the fit's prior. For a rendered profile, blurred
+by lens and pixel, the levels are solved for at every height of a grid; the height is that of the least residual,
+refined by a parabola. The residual adds a variance (:data:`MISFIT_PX`): the profile is no exponential.
 
-A fit (:mod:`horizonval.estimation.likelihood.fit`) takes the pixels across a limb for ``b + (a + c x + d x^2) E(x)``,
-with ``E`` the edge of :mod:`horizonval.estimation.likelihood.light`. Of a rendered profile, blurred by lens and
-pixel, the levels are solved for at every height of a grid, and the height is that which leaves least, by the parabola
-through its neighbours. The scale height is that of the fit's prior: where pixels are larger than it only the middle of
-the light is seen, the edge's height and the scale height together, and where they are smaller that middle is kept by
-what a fit makes of the two.
+**Table of heights** (:class:`BandHeights`). Heights are tabulated by pixel size and the two axes of the profiles: the
+Sun's angles of a sunlit band, latitude and month of a thermal one. A mode changes the height by half of the difference
+between one standard deviation above the mean and one below. Whether a scene has clouds is a binary variable: the height
+is the middle of both cases, with half of their distance as standard deviation.
 
-What is left over says how little the profile is of that shape.
-
-**How high the fitted edge of a band's limb stands, and how it may depart from that: made of the shipped profiles.**
-
-The heights are those of :func:`edge_height`, over the size of a pixel and the two axes of a table: the Sun's angles of
-a sunlit band, latitude and month of a thermal one. Of a mode of the profiles the height changes by half of the
-difference between one standard deviation above the mean and one below, and stays so along the limb as far as the mode
-does.
-
-Whether a scene has clouds at all is no normal number but one of two, and a height is to be right for either: it is the
-middle of both, known to half of their distance, whatever share of the ensemble has clouds.
-
-A profile that is no exponential leaves its height open by a multiple of what a fit of it leaves
-(:data:`MISFIT_PX`): little by day, and much of the veil of a Sun that stands behind the limb.
-
-**How high the limb stands along its arc, and how that may differ from what is known: for the relief of a fit.**
-
-From the shipped profiles of the band (:func:`band_heights`), where the limb is and as the Sun stands there::
+**Height along the arc**, for the relief of a fit::
 
     height(phi) = mean(phi) + sum over modes of  p_k(phi) g_k(phi)
 
-with functions ``g_k`` of variance 1, alike at two places as above has it. What is not known of the Sun is in
-it, too: the error of a Sun sensor as two patterns more, and where there is none every Sun that lights the whole arc,
-all alike likely. The same where a thermal band's place is not known: of all latitudes and months the spread is one
-number for the whole arc, and what changes along it is the relief that was measured
-(:mod:`horizonval.earth.limb_heights`).
+with functions ``g_k`` of variance 1, correlated as above. The error of a Sun sensor is two more patterns; without a Sun
+direction every Sun that lights the whole arc is equally likely. If the location of a thermal limb is unknown, the
+spread over all latitudes and months is one number for the whole arc, and the measured relief
+(:mod:`horizonval.earth.limb_heights`) is added.
 """
 
 from __future__ import annotations
@@ -287,14 +267,7 @@ class EdgeHeights:
 
 
 class BandHeights:
-    """Heights of a band's edge on a grid.
-
-    Parameters
-    ----------
-    table : LimbTemplates
-    scale_m : float
-        Scale height of the edge that is fitted.
-    """
+    """Heights of a band's edge on a grid. ``scale_m``: scale height of the edge that is fitted."""
 
     def __init__(self, table: LimbTemplates, scale_m: float) -> None:
         states = _states(table)
@@ -327,13 +300,9 @@ class BandHeights:
     def at(self, pixel_m: FloatArray, first: FloatArray, second: FloatArray) -> EdgeHeights:
         """Return the heights at places along a limb.
 
-        Parameters
-        ----------
-        pixel_m : ndarray, shape (n,)
-            Of height in a pixel; wider and narrower ones than the grid's are taken for its last.
-        first, second : ndarray, shape (n,)
-            Along the table's axes: the Sun's zenith angle and azimuth from the line of sight [rad]; latitude [rad] and
-            month. Beyond the ends their last values hold.
+        ``pixel_m`` (shape (n,)): of height in a pixel; wider and narrower ones than the grid's are taken for its last.
+        ``first``, ``second`` (shape (n,)): along the table's axes: the Sun's zenith angle and azimuth from the line of
+        sight [rad]; latitude [rad] and month. Beyond the ends their last values hold.
         """
         if self._thermal:
             second = self._ends[1][0] + (second - self._ends[1][0]) % MONTHS
@@ -393,14 +362,12 @@ class UnevenLimb:
 
     Attributes
     ----------
-    heights : BandHeights
     sun_cam : ndarray, shape (3,), or None
         Of a sunlit band.
     sun_sigma_rad : float
         Of each of its two angles.
     month : float or None
         Of a thermal band whose place is known by the pose; None where it is not.
-    thermal : bool
     reliefs : tuple of Relief
         What changes along the limb of an unknown place.
     typical_m : float or None
@@ -418,11 +385,7 @@ class UnevenLimb:
     def along(self, places: ArcPlaces, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the heights [m], shape (n,), and their covariance [m^2], shape (n, n).
 
-        Parameters
-        ----------
-        places : ArcPlaces
-        azimuth : ndarray, shape (n,)
-            About the nadir [rad].
+        ``azimuth`` (shape (n,)): about the nadir [rad].
         """
         if self.thermal:
             mean, covariance = self._thermal(places, azimuth)

@@ -1,11 +1,7 @@
-"""What a fit of the limb starts from and leans on, and the places along the limb at which heights are evaluated.
+"""Priors of a fit of the limb as information, and the positions along the limb at which heights are evaluated.
 
-**Places along the limb, at which its height is asked for, and what answers.**
-
-**What a fit of the limb starts from and what it leans on: a pose, and the information that priors give on it.**
-
-Information is the inverse of a covariance, so that what is not known at all is zero, and what is fixed is large: free
-and known altitude, sphere and ellipsoid, are the same fit with other rows.
+Information is the inverse of a covariance: unknown quantities have zero, fixed ones a large value. Free and known
+altitude, sphere and ellipsoid are therefore the same fit with other rows.
 """
 
 from __future__ import annotations
@@ -50,11 +46,7 @@ class LimbHeights(Protocol):
     def along(self, places: ArcPlaces, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the heights above the pose's [m], shape (n,), and their covariance [m^2], shape (n, n).
 
-        Parameters
-        ----------
-        places : ArcPlaces
-        azimuth : ndarray, shape (n,)
-            About the nadir [rad].
+        ``azimuth`` (shape (n,)): about the nadir [rad].
         """
 
 
@@ -167,7 +159,6 @@ def sphere_knowledge(
     ----------
     nadir_cam : ndarray, shape (3,)
         Unit vector at the start.
-    radius_m, altitude_m : float
     altitude_sigma_m : float
         Infinite where the altitude is not known.
     height_m, height_sigma_m : float
@@ -221,11 +212,7 @@ def placed_knowledge(
 def turned_to(mean: LimbPose, r_seen_itrs: FloatArray) -> LimbPose:
     """Return a pose after the shortest turn that brings the Earth to where it is seen.
 
-    Parameters
-    ----------
-    mean : LimbPose
-    r_seen_itrs : ndarray, shape (3,)
-        The position that the limb says, were the pose's attitude right.
+    ``r_seen_itrs`` (shape (3,)): the position that the limb says, were the pose's attitude right.
     """
     axes = mean.cam_from_itrs
     turn = Rotation.align_vectors([axes @ r_seen_itrs], [axes @ mean.r_itrs])[0].as_matrix()

@@ -1,33 +1,28 @@
 """The brightness of pixels across the limb: the profile of an edge, the levels of sectors, the weights of pixels.
 
-**How bright a pixel at a distance across the limb is: a step or a soft limb, seen through a lens by a square pixel.**
-
-Inside the limb the sky is 1; outside it falls as ``exp(-height / H)``, at once where the scale height is zero. The lens
-blurs it by a Gaussian, the pixel by its own square. A square has the second moment 1/12 px^2 in every direction, so
-that both together are, to third order, one Gaussian of variance ``s^2 = s_lens^2 + 1/12``. With ``x`` the distance
-inside the limb and ``c`` the scale height, both in pixels, and ``g = exp(x / c + s^2 / (2 c^2)) Phi(-x / s - s / c)``::
+**Edge.** Inside the limb the radiance is 1; outside it falls as ``exp(-height / H)``, at once where the scale height is
+zero. The lens blurs it by a Gaussian, the pixel by its square, which has the second moment 1/12 px^2 in every
+direction: both together are, to third order, one Gaussian of variance ``s^2 = s_lens^2 + 1/12``. With ``x`` the
+distance inside the limb and ``c`` the scale height, both in pixels, and ``g = exp(x / c + s^2 / (2 c^2)) Phi(-x / s - s
+/ c)``::
 
     E = Phi(x / s) + g          E' = g / c           (hard limb: E = Phi(x / s), E' = phi(x / s) / s)
     dE/ds = s E''               E'' = (g / c - phi(x / s) / s) / c
     dE/dc = s phi(x / s) / c^2 - g (x c + s^2) / c^3
 
 **Neglected.** The square's fourth cumulant, -1/120 px^4 along its sides, changes ``E`` by at most 7e-4 of the step for
-a lens of 0.7 px and by 1 % for one of 0.25 px; the change is odd in ``x``, so that it widens the edge and does not move
-it. A limb bent with the radius ``b`` px is moved by ``s^2 / (2 b)``; :mod:`.pixels` takes that into account.
+a lens of 0.7 px and by 1 % for one of 0.25 px; the change is odd in ``x`` and does not move the edge. A limb bent with
+the radius ``b`` px is moved by ``s^2 / (2 b)``; :mod:`.pixels` takes that into account.
 
-**The light of the pixels: levels of the sectors, what they leave, and how the pixels are weighed.**
+**Levels.** In a sector the Earth's brightness is ``B = a + a' u + (c + c' u) x + d x^2 / w``, with ``u`` from -1/2 to
+1/2 along the limb, ``x`` pixels inside it, and ``w`` the width of the window. ``a'`` and ``c'`` describe the lens's
+fall-off and the Sun's height along the limb, ``c`` and ``d`` shading across it.
 
-In its sector the Earth's brightness is ``B = a + a' u + (c + c' u) x + d x^2 / w``, with ``u`` from -1/2 to 1/2 along
-the limb, ``x`` pixels inside it, and ``w`` the width of the window: the lens's fall-off and the Sun's height change it
-along the limb, by a tenth from sector to sector, and the air darkens or brightens it towards the limb. In a wide field
-the lens falls off across the limb too, the more so the farther from the axis: without ``c'`` the limb gives way.
-
-The variance of the noise is a straight line in brightness, as photons and read-out make it. It is estimated from the
-residuals in space and on the Earth, and interpolated by the edge's level ``E``. Across the edge itself they may be
-larger, where the profile is not that of the model (ozone, haze); what they are beyond the line is added as ``4 E (1 -
-E)``, so that an edge does not weigh more than it fits. Pixels further off than five standard deviations are left
-out (stars, hot pixels, the Moon): of Gaussian noise one of two million. What clouds, coasts and snow leave of the
-Earth's brightness is alike in pixels side by side; as many pixels as are alike weigh as one.
+**Weights.** The variance of the noise is linear in brightness (photons and read-out). It is estimated from the
+residuals in space and on the Earth, and interpolated by the edge's level ``E``. Larger residuals across the edge
+(ozone, haze) add a variance proportional to ``4 E (1 - E)``. Pixels more than five standard deviations off are left out
+(stars, hot pixels, the Moon). Residuals of clouds, coasts and snow are correlated between neighbours; correlated pixels
+together have the weight of one.
 """
 
 from __future__ import annotations
@@ -164,7 +159,6 @@ class LimbLight:
 
     Attributes
     ----------
-    levels : Levels
     of_pixel : ndarray, shape (6, n)
         The levels of every pixel's sector.
     residuals, weights : ndarray, shape (n,)

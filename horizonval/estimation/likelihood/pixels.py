@@ -1,34 +1,26 @@
-"""The pixels near a limb: which they are, and how far inside the limb each of them looks.
+"""The pixels near a limb: their selection, and the distance of each line of sight from the limb.
 
-**How far inside the limb of an ellipsoid a line of sight passes, with exact derivatives by everything in a pose.**
-
-Divided by the semi-axes ``s = (a + h, a + h, b + h)`` the ellipsoid, raised by the height ``h`` of the limb, is the
-unit sphere, the observer stands at ``p = r / s`` and a line of sight runs along ``e ~ d / s``. With ``n = -p / |p|``::
+**Distance from the limb of an ellipsoid, with exact derivatives.** Divided by the semi-axes ``s = (a + h, a + h, b +
+h)`` the ellipsoid, raised by the height ``h`` of the limb, is the unit sphere, the observer is at ``p = r / s`` and a
+line of sight runs along ``e ~ d / s``. With ``n = -p / |p|``::
 
     delta = asin(1 / |p|) - angle(e, n)
 
-is positive inside the limb and zero on it. For a sphere it is the angle from the limb; for the Earth it departs from it
-by the flattening times itself, and whoever needs a true distance divides by the gradient. Derivatives, with ``t`` the
-unit vector from ``e`` towards ``n`` and ``q`` the one from ``n`` towards ``e``, and ``k = sqrt(|p|^2 - 1)``::
+is positive inside the limb and zero on it. For a sphere it is the angle from the limb; for the Earth it differs by the
+flattening times itself, and a true distance is ``delta`` over its gradient. With ``t`` the unit vector from ``e``
+towards ``n``, ``q`` the one from ``n`` towards ``e``, and ``k = sqrt(|p|^2 - 1)``::
 
     d delta / d d = t / (|d / s| s)                       by the line of sight (it has no part along d)
     d delta / d p = (n / k - q) / |p|                     by the scaled position
 
-A rotation of the camera by the small vector ``theta`` in its own axes turns what it sees by ``-theta``; ``h`` changes
-``s`` and so both ``p`` and ``d / s``.
+A rotation of the camera by the small vector ``theta`` in camera axes turns lines of sight by ``-theta``; ``h`` changes
+``s`` and so both ``p`` and ``d / s``. The raised ellipsoid differs from the surface at height ``h`` by less than ``h
+f^2 / 2``, 0.2 m at 40 km.
 
-The raised ellipsoid is not quite the surface at height ``h``: less than ``h f^2 / 2``, 0.2 m at 40 km.
-
-**The pixels near a limb that is known roughly: where they look, and how an angle there becomes pixels.**
-
-Of a megapixel a limb needs some ten thousand pixels. Squares of 8 x 8 pixels are looked at first, by their centres,
-and only those that the limb may come near are taken apart.
-
-A distance in the image is an angle over its gradient by column and row, taken at the pixel itself. A blur of variance
-``s^2`` moves the image of a bent limb by ``s^2 / 2`` times its bend, the divergence of the distance's gradient: by
-5e-4 px on a disc of 1000 px. It changes so slowly along the limb that some places stand for all.
-
-**The pixels of one image near the limb of one pose: in order of azimuth, with all that no step of a fit changes.**
+**Selection.** Squares of 8 x 8 pixels are tested by their centres, and only those near the limb are tested pixel by
+pixel. A distance in the image is an angle over its gradient by column and row at the pixel. A blur of variance ``s^2``
+moves the image of a bent limb by ``s^2 / 2`` times the divergence of the distance's gradient: 5e-4 px on a disc of 1000
+px. It changes slowly along the limb and is evaluated at some positions only.
 """
 
 from __future__ import annotations
@@ -81,6 +73,8 @@ class LimbAngle:
 def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> LimbAngle:
     """Return how far inside the limb lines of sight pass.
 
+    Raises ``LinAlgError`` if the observer stands on or below the limb.
+
     Parameters
     ----------
     los_cam : ndarray, shape (3, n)
@@ -90,11 +84,6 @@ def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArra
         Observer [m].
     axes_m : ndarray, shape (3,)
         Semi-axes of the ellipsoid, the height of the limb included.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the observer stands on or below the limb.
     """
     p = r_itrs / axes_m
     size = float(np.sqrt(p @ p))
@@ -208,7 +197,6 @@ def near_pixels(
 
     Parameters
     ----------
-    camera : CameraModel
     cam_from_itrs, r_itrs, axes_m : ndarray
         As for :func:`.limb_angle.limb_angle`.
     outside_px, inside_px : float
@@ -235,14 +223,7 @@ def in_view(
 ) -> NDArray[np.bool_]:
     """Return beside which pixels the limb lies in the picture, with what is so far from it across, shape (n,).
 
-    Parameters
-    ----------
-    camera : CameraModel
-    pixels : NearPixels
-    angle : LimbAngle
-        Of the pixels.
-    across_px : tuple of two floats
-        Outside (negative) and inside.
+    ``angle``: of the pixels. ``across_px``: outside (negative) and inside.
     """
     by_column, by_row = _gradient(angle, pixels.by_column, pixels.by_row)
     size = np.hypot(by_column, by_row)
@@ -288,13 +269,8 @@ def limb_bend(
 ) -> FloatArray:
     """Return the divergence of the gradient of the distance inside the limb [1/px]: ``-1 / radius`` inside a disc.
 
-    Parameters
-    ----------
-    camera : CameraModel
-    uv : ndarray, shape (n, 2)
-        Places (column, row) [px].
-    cam_from_itrs, r_itrs, axes_m : ndarray
-        As for :func:`.limb_angle.limb_angle`.
+    ``uv`` (shape (n, 2)): places (column, row) [px]. ``cam_from_itrs``, ``r_itrs``, ``axes_m``: as for
+    :func:`.limb_angle.limb_angle`.
 
     Returns
     -------
@@ -352,10 +328,8 @@ class LimbPixels:
 
     Attributes
     ----------
-    pixels : NearPixels
     values : ndarray, shape (n,)
         The image's levels.
-    sectors : Sectors
     along : ndarray, shape (n,)
         Place in the sector, from -1/2 to 1/2.
     neighbours : ndarray of int, shape (2, k)
@@ -391,13 +365,12 @@ def limb_pixels(
     """Return the pixels near the limb of a pose.
 
     Those beside which the limb itself lies outside of the picture are left out: they tell of levels and of no edge, and
-    levels without an edge are none. With them limbs along a border were misplaced by up to half a pixel.
+    levels without an edge are none. With them limbs along a border were misplaced by up to half a pixel. Raises
+    ``LinAlgError``: too little limb in view.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : CameraModel
-    pose : LimbPose
     knowledge : LimbKnowledge
         The planet and the relief are used.
     blur_px, scale_m : float
@@ -406,11 +379,6 @@ def limb_pixels(
         Of limb in view.
     whole : float
         Share of the way across the limb, as far as pixels are taken to either side, that must lie in the picture.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view.
     """
     axes = knowledge.ellipsoid.axes_m + pose.height_m
     to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))

@@ -1,34 +1,29 @@
-"""Unknowns along the limb: modes of its height, and sectors of azimuth with levels of their own.
+"""Unknowns along the limb: modes of its height, and sectors of azimuth with separate levels.
 
-**The uneven height of the limb as modes, unknowns of a fit whose prior is one row each.**
-
-Along the limb the height departs from its mean by a random function of azimuth with the covariance ``K(phi) = s^2
-exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_heights`). On ``m`` nodes ``K = V diag(w) V^T``, and ::
+**Modes.** Along the limb the height differs from its mean by a random function of azimuth with the covariance ``K(phi)
+= s^2 exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_heights`). On ``m`` nodes ``K = V diag(w) V^T``, and
+(Karhunen and Loeve) ::
 
     height(phi_j) = sum over modes of  z_i sqrt(w_i) V_ji,      z_i ~ N(0, 1)
 
-says the same with unit normal unknowns (Karhunen and Loeve). The fit then knows which changes along the arc it may not
-take for a tilt, and its covariance holds what they leave: nothing is added afterwards.
+The fit therefore knows which changes along the arc may not be taken for a tilt, and its covariance includes them.
 
-A sphere fitted to the oblate Earth has one relief more. Of every direction of the pole alike, the limb of a planet of
-flattening ``f`` departs from a sphere's by ``-f R (u . pole)^2``, with ``u`` from the centre to the point of the limb;
-the covariance of that, over the poles of :mod:`horizonval.earth.limb_heights`, is added to ``K``.
+A sphere fitted to the oblate Earth has a second relief. The limb of a planet of flattening ``f`` differs from a
+sphere's by ``-f R (u . pole)^2``, with ``u`` from the centre to the point of the limb; its covariance over all poles
+(:mod:`horizonval.earth.limb_heights`) is added to ``K``.
 
 Modes that together hold less than :data:`LEFT_OUT` of the variance are left out; between nodes the modes are linear.
 
-**Sectors of azimuth along the limb, each with light of its own: levels are unknowns that are eliminated in place.**
-
-In a sector the pixels are ``A (mu + d)`` with ``A`` of :func:`.light.light_basis`: background, amplitude, and shading.
-``mu`` is the mean of all sectors (the shading has none), and ``d`` a sector's own departure with the prior ``N(0, T)``.
-``T`` is what the sectors' levels scatter by beyond their noise: evenly lit limbs keep the precision of one common
-level, and uneven ones get levels of their own. All of them enter linearly, and are solved for exactly at every step;
-their part of the normal equations is eliminated (Schur's complement), with ``G = A^T W A`` and ``H = (G + T^-1)^-1`` of
-each sector::
+**Sectors.** In a sector the pixels are ``A (mu + d)`` with ``A`` of :func:`.light.light_basis`: background, amplitude,
+and shading. ``mu`` is the mean of all sectors (the shading has none), and ``d`` a sector's difference with the prior
+``N(0, T)``. ``T`` is the scatter of the sectors' levels beyond their noise: evenly lit limbs keep the precision of one
+common level. All levels enter linearly, and are eliminated from the normal equations at every step (Schur's
+complement), with ``G = A^T W A`` and ``H = (G + T^-1)^-1`` of each sector::
 
     N_xx = sum J^T W J - J^T W A H A^T W J,    N_xm = sum J^T W A (1 - H G),    N_mm = sum G - G H G
     N = N_xx - N_xm N_mm^-1 N_mx
 
-What is left is the information on the unknowns that all sectors share, the levels not known.
+``N`` is the information on the unknowns that all sectors share, with unknown levels.
 """
 
 from __future__ import annotations
@@ -278,7 +273,6 @@ def eliminated(
     residuals, weights : ndarray, shape (n,)
         Residuals from the most probable levels, so that these pull on nothing.
     starts : ndarray of int, shape (m + 1,)
-    levels : Levels
     """
     p = len(jacobian)
     together = np.concatenate([jacobian, basis]) * np.sqrt(weights)

@@ -1,27 +1,19 @@
-"""Where a fit of the limb starts: a closed form, the air that is taken for known, and the priors of the ellipsoid.
+"""The start of a fit of the limb: a closed form of the position, default knowledge of the air, priors of the ellipsoid.
 
-**Position from points of the limb without a start and without steps: Christian and Robinson's method.**
-
-Divided by the semi-axes of an ellipsoid, lines of sight to its limb become lines of sight ``e`` to the limb of a unit
-sphere, which lie on a cone about the direction to its centre (J. A. Christian and S. B. Robinson, "Noniterative
-horizon-based optical navigation by Cholesky factorization", J. Guidance, Control, and Dynamics 39, 2757, 2016, section
-III; J. A. Christian, IEEE Access 9, 2021, section V)::
+**Closed form** (Christian and Robinson). Divided by the semi-axes of an ellipsoid, lines of sight to its limb become
+lines of sight ``e`` to the limb of a unit sphere, which lie on a cone about the direction to its centre (J. A.
+Christian and S. B. Robinson, "Noniterative horizon-based optical navigation by Cholesky factorization", J. Guidance,
+Control, and Dynamics 39, 2757, 2016, section III; J. A. Christian, IEEE Access 9, 2021, section V)::
 
     e_i . m = 1,    |m| = 1 / cos rho',    sin rho' = 1 / |p|,    r = axes * p,    p = -|p| m / |m|
 
-with ``p`` the scaled position. They solve for ``m`` by least squares; here the same cone is fitted by orthogonal
-regression (:func:`horizonval.geometry.horizon.fit_cone`), which shrinks the radius of a short noisy arc less. A sphere
-is the special case of equal axes, in which the camera's own axes do for the planet's.
+with ``p`` the scaled position. They solve for ``m`` by least squares; here the cone is fitted by orthogonal regression
+(:func:`horizonval.geometry.horizon.fit_cone`), which shrinks the radius of a short noisy arc less. A sphere is the case
+of equal axes, in which camera axes suffice. The scaling changes the points' weights by the flattening, 0.3 %, which is
+good enough for a start.
 
-It weighs the points as the scaling leaves them, to the flattening of 0.3 %: a start for a fit, not an answer.
-
-**What is taken for known of the limb's air where no prior says it, of bands with shipped profiles and of others.**
-
-**Where a fit of the ellipsoid's limb starts and what it leans on, from a search, a position and a coarse attitude.**
-
-Points of the search for the limb give a position by Christian and Robinson's closed form in the axes of the attitude's
-prior; the camera is turned by the shortest way that brings its direction to the prior's. What remains, yaw and
-distance, is the prior's.
+**Start of the ellipsoid's fit.** The closed form gives a position in the axes of the attitude's prior; the camera is
+turned by the smallest rotation that brings its direction to the prior's. Yaw and distance are the prior's.
 """
 
 from __future__ import annotations
@@ -46,6 +38,8 @@ from horizonval.geometry.horizon import fit_cone
 def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid: Ellipsoid) -> FloatArray:
     """Return the position [m] in Earth-fixed axes, shape (3,), from which points of the limb are seen.
 
+    Raises ``LinAlgError`` if the points determine no cone narrower than a half space.
+
     Parameters
     ----------
     los_cam : ndarray, shape (n, 3)
@@ -54,11 +48,6 @@ def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid
         Rotation matrix. Of a sphere any will do, the identity say: the position is then in camera axes.
     ellipsoid : Ellipsoid
         Whose limb is seen: the Earth raised by the height of the limb.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points determine no cone narrower than a half space.
     """
     scaled = (los_cam @ cam_from_itrs) / ellipsoid.axes_m
     cone = fit_cone(scaled / np.linalg.norm(scaled, axis=1)[:, None])
@@ -105,7 +94,6 @@ def knowledge_in_air(
 
     Parameters
     ----------
-    observation : Observation
     planet, mean, information, flattened_m
         As of :class:`LimbKnowledge`; information of shape (7, 7).
     of_height : bool, optional
@@ -156,11 +144,7 @@ class EllipsoidStart:
 def ellipsoid_start(observation: Observation, method: str) -> EllipsoidStart | Refusal:
     """Return the start of a fit, or why there is none; ``method`` is named in refusals.
 
-    Parameters
-    ----------
-    observation : Observation
-        With a position and an attitude in its prior.
-    method : str
+    ``observation``: with a position and an attitude in its prior.
     """
     prior = observation.prior
     if prior.r_itrs is None or prior.position_sigma_m is None:

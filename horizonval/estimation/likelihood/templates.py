@@ -1,39 +1,28 @@
 """Rendered profiles of the limb as a table that a fit reads, and the spline that interpolates it.
 
-**A cubic spline through places of an axis, as weights of the values there.**
-
-With the values ``f`` and slopes ``s`` at two places ``h`` apart, and ``t`` from 0 to 1 between them::
+**Spline.** With the values ``f`` and slopes ``s`` at two positions ``h`` apart, and ``t`` from 0 to 1 between them::
 
     p = (1 + 2 t) (1 - t)^2 f_i + t^2 (3 - 2 t) f_i+1 + h t (1 - t)^2 s_i - h t^2 (1 - t) s_i+1
 
-Slopes make the second derivative steady, which is a set of linear equations, so that ``s = S f`` and ``p = w . f``. At
-an end of the axis the slope is 0 where it is asked to be, and else that of the parabola through three places.
+Slopes make the second derivative continuous, a set of linear equations, so that ``s = S f`` and ``p = w . f``. At an
+end of the axis the slope is 0 where requested, else that of the parabola through three positions.
 
-**The rendered profile of the limb, and how it may differ, as a table that a fit reads in place of a renderer.**
-
-Along a straight line whose lowest point lies at height ``h`` over the ellipsoid comes the radiance ::
+**Table.** Along a straight line whose lowest point lies at the height ``h`` over the ellipsoid the radiance is ::
 
     L(h) = mean(h) + sum_k a_k mode_k(h) + rest(h),      a_k ~ N(0, 1),   rest ~ N(0, left_sigma(h)^2)
 
-The mean is that of an ensemble of air, cloud and ground at a place: of thermal bands by latitude and month, of sunlit
-ones by the Sun's zenith angle at the lowest point and its azimuth from the line of sight. The modes are empirical
-orthogonal functions of what the ensemble's states are off by. A coefficient stays alike along the limb over the mode's
-``correlation_rad``, which of the air differ from the equator to the poles, and along a meridian from along a parallel
-(:mod:`.height`).
+The mean is that of an ensemble of air, cloud and ground: of thermal bands by latitude and month, of sunlit ones by the
+Sun's zenith angle at the lowest point and its azimuth from the line of sight. The modes are empirical orthogonal
+functions of the ensemble. A coefficient is correlated along the limb over the mode's ``correlation_rad``, which for the
+air depends on latitude and direction (:mod:`.height`).
 
 ``h`` is negative where the line meets the ground: the depth of its middle below the ellipsoid. Lines are straight
-continuations of what the camera sees; the air bends light, and that is in the profile: the hard edge of the ground
-stands at some 1.8 km.
+continuations of what the camera sees; refraction is in the profile. A table does not depend on the position of the
+camera above the air. Angles are those at the lowest point of each line.
 
-Nothing here depends on where the camera is, as long as it is above the air. What a line sees depends on the line and on
-the Sun alone; the angles are those at *its own* lowest point. Across a few kilometres of one limb they are the same: a
-height ``h`` turns them by ``h / (R sin(rho))``, 0.01 rad for 30 km seen from 500 km.
-
-Between the places of a thermal table everything is multilinear. Sunlight turns with the Sun's angles too much for
-that: straight lines between the places of the shipped tables leave up to 16 % of a profile with the Sun up to 88 deg
-from the zenith, splines 5 %. So splines (as above) go through the modes, and through the root of the mean, whose
-range is smaller and which none makes negative: 1.8 %. Standard deviations stay multilinear. Tables that reach into
-twilight end in the dark.
+Thermal tables are interpolated multilinearly. In sunlit tables splines (as above) go through the modes and through the
+root of the mean, whose range is smaller and which stays positive: their error is 1.8 % of a profile, that of straight
+lines up to 16 %. Standard deviations stay multilinear. Tables that reach into twilight end in darkness.
 
 Files hold whole numbers: of the mean 16 bits of the largest value of a profile, of modes and rest 8 bits.
 """
@@ -57,12 +46,7 @@ from horizonval.core.errors import UserError
 def slopes(axis: FloatArray, level: tuple[bool, bool]) -> FloatArray:
     """Return what makes slopes of values at the places of an axis, shape (n, n).
 
-    Parameters
-    ----------
-    axis : ndarray, shape (n,)
-        Rising.
-    level : tuple of bool
-        Whether the slope is 0 at the first place and at the last.
+    ``axis`` (shape (n,)): Rising. ``level`` (booleans): whether the slope is 0 at the first place and at the last.
     """
     n = len(axis)
     if n == 1:
@@ -161,12 +145,9 @@ class LimbTemplates:
     def at(self, first: ArrayLike, second: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the profiles at places along the limb.
 
-        Parameters
-        ----------
-        first, second : array_like, shape (n,), or one number for all
-            Along the two axes: solar (Sun's zenith angle, azimuth) [rad], thermal (latitude [rad], month). Beyond the
-            ends of an axis its last value holds, but for twilight, which ends; months are taken round the year,
-            azimuths may have either sign.
+        ``first``, ``second`` (shape (n,)): along the two axes: solar (Sun's zenith angle, azimuth) [rad], thermal
+        (latitude [rad], month). Beyond the ends of an axis its last value holds, but for twilight, which ends; months
+        are taken round the year, azimuths may have either sign.
 
         Returns
         -------
@@ -242,10 +223,7 @@ class LimbTemplates:
     def save(self, path: Path) -> None:
         """Write the table, whole or not at all; the same table always gives the same bytes.
 
-        Raises
-        ------
-        UserError
-            The file cannot be written.
+        Raises ``UserError``: the file cannot be written.
         """
         arrays: dict[str, NDArray[Any]] = {
             "format": np.array(FORMAT),
@@ -312,13 +290,7 @@ def quantised(values: FloatArray, kind: type[np.int8] | type[np.int16]) -> tuple
 
 
 def load_templates(path: Path) -> LimbTemplates:
-    """Read a table.
-
-    Raises
-    ------
-    UserError
-        No such file, not a table of profiles, damaged, or of a later format.
-    """
+    """Read a table. Raises ``UserError``: no such file, not a table of profiles, damaged, or of a later format."""
     expected = "a table of `horizonval templates SUITE -o table.npz`"
     try:
         with np.load(path, allow_pickle=False) as data:
@@ -359,10 +331,7 @@ def load_templates(path: Path) -> LimbTemplates:
 def templates_of(path: Path) -> LimbTemplates:
     """Return the table of a file, read once as long as the file stays as it is.
 
-    Raises
-    ------
-    UserError
-        As :func:`load_templates`.
+    Raises ``UserError``: as :func:`load_templates`.
     """
     try:
         found = path.stat()

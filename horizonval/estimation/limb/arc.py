@@ -1,20 +1,14 @@
 """The horizon as the published arc methods see it: the longest edge, and a circle through it.
 
-**A circle through image points: Taubin's algebraic fit.**
+**Circle** (Taubin's algebraic fit). A circle is ``a (x^2 + y^2) + b x + c y + d = 0``. The fit minimises the sum of
+squares of the left side over the sum of squares of its gradient, which is the distance of the points to first order
+(Taubin, IEEE Trans. PAMI 13, 1115, 1991). On centred points with ``z = x^2 + y^2`` the minimum is the smallest singular
+vector of three columns, ``((z - mean z) / (2 sqrt(mean z)), x, y)``; a straight line is the circle ``a = 0``. A horizon
+in an image is a conic, not a circle: see :mod:`horizonval.geometry.horizon`.
 
-A circle is ``a (x^2 + y^2) + b x + c y + d = 0``. The fit minimises the sum of squares of the left side over the sum of
-squares of its gradient, which is the distance of the points to first order (Taubin, IEEE Trans. PAMI 13, 1115, 1991).
-On centred points with ``z = x^2 + y^2`` the minimum is the smallest singular vector of three columns,
-``((z - mean z) / (2 sqrt(mean z)), x, y)``: closed form, no start, and a straight line is only the circle ``a = 0``.
-
-A horizon in an image is a conic, not a circle: see :mod:`horizonval.geometry.horizon` for the curve that it
-is.
-
-**The horizon as the published arc methods see it: the longest edge of the image, and the circle through it.**
-
-Canny edges fall into chains of touching pixels. The chain with the most pixels is taken for the horizon, a circle is
-fitted to it, and what lies far from the circle is left out, twice. Nothing is checked: a terminator, a cloud's edge or
-the rim of a dazzled patch is an arc too. :mod:`horizonval.estimation.limb.finder` is the search that asks.
+**Horizon.** Canny edges form chains of touching pixels. The chain with the most pixels is taken for the horizon, a
+circle is fitted to it, and pixels far from the circle are left out, twice. Nothing is checked: a terminator, a cloud's
+edge or the rim of a dazzled patch is an arc too (:mod:`horizonval.estimation.limb.finder` does check).
 """
 
 from __future__ import annotations
@@ -60,10 +54,7 @@ class Circle:
 def fit_circle(uv: FloatArray) -> Circle | None:
     """Return the circle through image points, shape (n, 2), n >= 3; None for points on a straight line or in one place.
 
-    Raises
-    ------
-    ValueError
-        With fewer than three points.
+    Raises ``ValueError``: With fewer than three points.
     """
     if len(uv) < 3:
         raise ValueError(f"a circle needs three points, not {len(uv)}")

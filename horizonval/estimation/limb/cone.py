@@ -67,20 +67,14 @@ def noise_bias(los_cam: FloatArray, axis: FloatArray, rho_rad: float, sigma_rad:
     sum t, 1/2 n)``. On a short arc, whose ``t`` spread little, that turns the axis towards it by ``s^2 cot rho mean(t)
     / var(t)`` and narrows the cone by as much: second order in the noise, but with the arc's fourth power below.
     Ordinary least squares on ``u . m = 1`` has ``1 / (sin rho cos rho)`` in place of ``cot rho``: ``1 / cos^2 rho``
-    times as much.
+    times as much. Raises ``LinAlgError`` if the points do not determine a cone.
 
     Parameters
     ----------
     los_cam : ndarray, shape (n, 3)
     axis : ndarray, shape (3,)
-    rho_rad : float
     sigma_rad : float
         Standard deviation of a point across the limb [rad].
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
     """
     across = los_cam @ tangent_basis(axis)
     across /= np.linalg.norm(across, axis=1)[:, None]
@@ -107,19 +101,14 @@ def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeU
     With ``t`` the unit direction from the axis towards a point, the residual angle ``r = angle(u, n) - rho`` changes by
     ``-t . dn - drho``; hence ``C = s^2 (J^T J)^-1`` with ``s^2`` the residual variance for ``n - 3`` degrees of
     freedom. Real limb residuals are correlated along the arc (clouds, oblateness): ``s^2`` is multiplied by the sum of
-    the measured autocorrelation up to the first lag at which it is no longer significant.
+    the measured autocorrelation up to the first lag at which it is no longer significant. Raises ``LinAlgError`` if the
+    points do not determine a cone.
 
     Parameters
     ----------
     los_cam : ndarray, shape (n, 3)
         n >= 4 points, in any order.
     axis : ndarray, shape (3,)
-    rho_rad : float
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
     """
     basis = tangent_basis(axis)
     jacobian = _jacobian(los_cam, basis)
@@ -144,7 +133,7 @@ def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: f
     """Return the covariance [rad^2], shape (3, 3), that slow errors of sub-pixel points make of a fitted cone.
 
     Neither more points nor another draw of the noise changes them, and residuals hardly show them: they belong to what
-    a fit claims of its model, beside the noise.
+    a fit claims of its model, beside the noise. Raises ``LinAlgError`` if the points do not determine a cone.
 
     Parameters
     ----------
@@ -155,11 +144,6 @@ def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: f
         Angle of a pixel.
     slow_px : float
         What single points are off by, rms.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
     """
     jacobian = _jacobian(los_cam, basis)
     variance = (slow_px * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS
@@ -172,9 +156,7 @@ def limb_directions(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, r
 
     Parameters
     ----------
-    camera : CameraModel
     axis_cam : ndarray, shape (3,)
-    rho_rad : float
     rim_px : float
         Width of the image's rim that is left out.
     """

@@ -88,7 +88,6 @@ class Crossing:
         Pixels; integers are pixel centres.
     sigma_px : float
         From the row's own noise, :data:`SYSTEMATIC_PX` and the locator's use of pixels.
-    kind : "area" or "half-level"
     width_px : float
         Distance between the levels of 20 % and 80 %.
     """
@@ -102,10 +101,7 @@ class Crossing:
 def published_crossing(row: FloatArray) -> PublishedCrossing:
     """Return the crossing of the published pipeline; the first sample where several differences are equally large.
 
-    Parameters
-    ----------
-    row : ndarray, shape (n,)
-        n >= 5.
+    ``row`` (shape (n,)): n >= 5.
     """
     smooth = median_filter(np.asarray(row, dtype=np.float64), size=3, mode="nearest")
     coarse = int(np.argmax(np.abs(np.diff(smooth))))
@@ -136,10 +132,7 @@ def _published_sigma_px(row: FloatArray, smooth: FloatArray, coarse: int) -> flo
 def sub_pixel_crossing(row: FloatArray) -> Crossing | Refusal:
     """Return where a row crosses the limb, or why it does not.
 
-    Parameters
-    ----------
-    row : ndarray, shape (n,)
-        Grey levels; the Earth is the brighter side, at either end.
+    ``row`` (shape (n,)): grey levels; the Earth is the brighter side, at either end.
     """
     row = np.asarray(row, dtype=np.float64)
     if len(row) < 2 * (AREA_REACH + FEWEST_LEVEL_PIXELS) + 1 or not np.isfinite(row).all():

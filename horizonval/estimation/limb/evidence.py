@@ -72,7 +72,6 @@ class Evidence:
         Middle of the sector on its limb, in pixels of the picture.
     width_px : float
         Of the edge, in pixels of the level.
-    bright_inside : bool
     sector_px : float
         Length of a sector, in pixels of the picture.
     azimuth : ndarray, shape (m,)
@@ -122,11 +121,9 @@ def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_ra
 
     Parameters
     ----------
-    level : PyramidLevel
     camera : CameraModel
         Of the picture.
     axis_cam : ndarray, shape (3,)
-    rho_rad : float
     """
     trace = trace_limb(camera, axis_cam, rho_rad, level.scale, PROFILES * MOST_SECTORS)
     sectors = len(trace.azimuth) // PROFILES

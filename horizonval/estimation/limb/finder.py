@@ -83,10 +83,7 @@ class SunBlob:
 def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
     """Return the largest compact saturated blob, or None.
 
-    Parameters
-    ----------
-    saturated : ndarray of bool, shape (H, W)
-        See :func:`horizonval.estimation.limb.picture.saturated_pixels`.
+    ``saturated`` (shape (H, W), booleans): see :func:`horizonval.estimation.limb.picture.saturated_pixels`.
     """
     height, width = saturated.shape
     pixels = np.count_nonzero(saturated)

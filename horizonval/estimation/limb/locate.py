@@ -77,7 +77,6 @@ def points_of(
 
     Parameters
     ----------
-    level : PyramidLevel
     camera : CameraModel
         Of the picture.
     axis_cam : ndarray, shape (3,)
@@ -85,7 +84,6 @@ def points_of(
         Cone that is right to a pixel.
     width_px : float
         Of the edge.
-    bright_inside : bool
     """
     trace = trace_limb(camera, axis_cam, rho_rad, level.scale)
     if not len(trace.azimuth):

@@ -111,19 +111,12 @@ def _between(low: Any, high: Any, share: float) -> float:
 def to_grey(array: NDArray[Any]) -> FloatArray:
     """Return the grey level of a picture, in the units of its digital numbers.
 
-    Parameters
-    ----------
-    array : ndarray, shape (H, W), (H, W, 1), (H, W, 2), (H, W, 3) or (H, W, 4)
-        Integer or floating point. A second (grey) or fourth (colour) channel is opacity and is left out.
+    ``array`` (shape (H, W)): integer or floating point. A second (grey) or fourth (colour) channel is opacity and is
+    left out. Raises ``ValueError`` if the array has another shape or is not numeric.
 
     Returns
     -------
     ndarray, shape (H, W), float64
-
-    Raises
-    ------
-    ValueError
-        If the array has another shape or is not numeric.
     """
     data = np.asarray(array)
     if data.dtype.kind not in "buif":
@@ -152,12 +145,8 @@ DARK_SHARE = 0.01
 def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal | None:
     """Return why the image cannot hold a limb, or None if it may.
 
-    Parameters
-    ----------
-    image : ndarray
-        Grey levels, hopefully of shape (H, W).
-    full_scale : float, optional
-        Digital number at which the converter saturates.
+    ``image``: grey levels, hopefully of shape (H, W). ``full_scale`` (optional): digital number at which the converter
+    saturates.
     """
     if not isinstance(image, np.ndarray) or image.dtype.kind not in "buif":
         return Refusal(Outcome.BAD_INPUT, "the image is not an array of numbers")
@@ -232,12 +221,8 @@ MOST_BYTES = 64 << 20
 class PixelDirections:
     """Unit directions of pixel centres by camera; what was asked for longest ago goes first.
 
-    Every number of a camera counts: two that differ in their distortion alone are two.
-
-    Parameters
-    ----------
-    most_bytes : int
-        Of all that is kept.
+    Every number of a camera counts: two that differ in their distortion alone are two. ``most_bytes``: of all that is
+    kept.
     """
 
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:

@@ -94,15 +94,7 @@ class _Edges:
 
 
 def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) -> list[Proposal]:
-    """Return the cones that most edge points of a level agree with.
-
-    Parameters
-    ----------
-    level : PyramidLevel
-    camera : CameraModel
-        Of the picture.
-    largest_rho_rad : float
-    """
+    """Return the cones that most edge points of a level agree with. ``camera``: of the picture."""
     uv, gradient = edge_points(level)
     if len(uv) < FEWEST_POINTS:
         return []

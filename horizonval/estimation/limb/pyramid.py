@@ -219,7 +219,6 @@ def trace_limb(
 
     Parameters
     ----------
-    camera : CameraModel
     axis_cam : ndarray, shape (3,)
     rho_rad : float
         Half-angle.

@@ -71,7 +71,6 @@ def to_steepest(
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : CameraModel
     los_cam : ndarray, shape (n, 3)
         Unit lines of sight to the limb, right to a few pixels.
     axis_cam : ndarray, shape (3,)
@@ -129,13 +128,7 @@ def profile_places(
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return where the profiles across a limb are read.
 
-    Parameters
-    ----------
-    camera : CameraModel
-    los_cam : ndarray, shape (n, 3)
-        Middles of the profiles.
-    axis_cam : ndarray, shape (3,)
-        Profiles run towards it.
+    ``los_cam`` (shape (n, 3)): middles of the profiles. ``axis_cam`` (shape (3,)): profiles run towards it.
 
     Returns
     -------
@@ -184,7 +177,6 @@ def pixel_variance(
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : CameraModel
     axis_cam : ndarray, shape (3,)
         Axis of the cone of the limb.
     rho_rad : float
@@ -240,26 +232,20 @@ def noise_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis.
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. Raises ``LinAlgError`` if the points do
+    not determine a cone.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : CameraModel
     los_cam : ndarray, shape (n, 3)
         Lines of sight to steepest places of the image, n >= 3.
     axis_cam : ndarray, shape (3,)
         Of the cone through them, of half-angle ``rho_rad``.
-    rho_rad : float
     variance : ndarray, shape (H, W)
         Of the pixels' independent noise.
     bright_inside : bool
         Whether the grey level rises towards the axis.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
     """
     moved = _response(image, camera, los_cam, axis_cam, 1.0 if bright_inside else -1.0)
     across = los_cam @ tangent_basis(axis_cam)

@@ -70,8 +70,6 @@ def read_sides(picture: Picture, camera: CameraModel, los_cam: FloatArray, axis_
 
     Parameters
     ----------
-    picture : Picture
-    camera : CameraModel
     los_cam : ndarray, shape (n, 3)
     axis_cam : ndarray, shape (3,)
     """

@@ -60,6 +60,8 @@ def step_by_qr(jacobian: FloatArray, f: FloatArray) -> FloatArray:
 def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -> FloatArray:
     """Return the iterates of the published method, shape (k, 3): start first, the solution last.
 
+    Raises ``LinAlgError`` if the pixels do not determine the three unknowns.
+
     Parameters
     ----------
     los_cam : ndarray, shape (n, 3)
@@ -68,11 +70,6 @@ def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -
         (phi, theta, rho) [rad].
     step_of : callable
         How the linear equations of a step are solved.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the pixels do not determine the three unknowns.
     """
     steps = [np.asarray(start, dtype=float)]
     for _ in range(MAX_STEPS):
@@ -93,10 +90,7 @@ def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -
 def start_from(los_cam: FloatArray) -> tuple[Rotation, FloatArray]:
     """Return the turn about the optical axis and the start (phi, theta, rho) in the turned axes.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the three pixels coincide.
+    Raises ``LinAlgError`` if the three pixels coincide.
     """
     order = arc_order(los_cam, fit_cone(los_cam).axis_cam)
     three = los_cam[order[(len(order) * np.array([1, 3, 5])) // 6]]
@@ -113,10 +107,7 @@ def start_from(los_cam: FloatArray) -> tuple[Rotation, FloatArray]:
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Return nadir (3,), angular radius [rad] and iterates (k, 3) of (phi, theta, rho) in the camera's own axes.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Undetermined, or no convergence within :data:`MAX_STEPS`.
+    Raises ``LinAlgError``: Undetermined, or no convergence within :data:`MAX_STEPS`.
     """
     turn, start = start_from(los_cam)
     steps = newton(turn.apply(los_cam), start)
@@ -187,8 +178,6 @@ def fit_of_cone(
     los_cam, uv : ndarray, shape (n, 3) and (n, 2)
         The points it was fitted to.
     nadir_cam : ndarray, shape (3,)
-    rho_rad : float
-    uncertainty : ConeUncertainty
     observation : Observation
         Mounting and Earth radius are used.
     steps : ndarray, shape (k, m), optional

@@ -38,15 +38,8 @@ from horizonval.geometry.rotation import off_axis_angle
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float]:
     """Return nadir (3,) and angular radius [rad] by ordinary least squares on ``u . m = 1``.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-        Unit lines of sight to the limb, n >= 3.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine ``m``.
+    ``los_cam`` (shape (n, 3)): unit lines of sight to the limb, n >= 3. Raises ``LinAlgError`` if the points do not
+    determine ``m``.
     """
     m, _, rank, _ = np.linalg.lstsq(los_cam, np.ones(len(los_cam)), rcond=None)
     length = float(np.linalg.norm(m))
@@ -59,10 +52,7 @@ def solve(los_cam: FloatArray) -> tuple[FloatArray, float]:
 def attenuation(los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float, sigma_rad: float) -> FloatArray:
     """Return the bias (3,) of ``m`` that noise of ``sigma_rad`` across the limb causes, to second order.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine ``m``.
+    Raises ``LinAlgError`` if the points do not determine ``m``.
     """
     across = los_cam - np.outer(los_cam @ nadir_cam, nadir_cam)
     across /= np.linalg.norm(across, axis=1)[:, None]
@@ -75,12 +65,7 @@ def uncertainty_of(los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float) -
     """Return the covariance of the closed form: scatter as of any fit of the cone, and the attenuation.
 
     To first order in the noise ``u . m - 1`` is the same multiple of every point's angle from the limb, so the scatter
-    is that of the fit by angles.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
+    is that of the fit by angles. Raises ``LinAlgError`` if the points do not determine a cone.
     """
     scatter = cone_scatter(los_cam, nadir_cam, rho_rad)
     sigma = float(np.std(off_axis_angle(los_cam, nadir_cam) - rho_rad))

@@ -87,7 +87,6 @@ def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observati
     los_cam : ndarray, shape (n, 3)
     uv : ndarray, shape (n, 2)
         Where they were seen, as a fraction of a pixel.
-    observation : Observation
     """
     return _fit(los_cam, uv, observation, whole=False)
 

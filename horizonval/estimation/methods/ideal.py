@@ -56,7 +56,6 @@ class HorizonReading:
 
     Attributes
     ----------
-    status : ReadingStatus
     horizon_cam : ndarray, shape (3,)
         Unit vector to the nearest horizon point (NaN-free zeros unless ``defined``).
     roll_error_rad, pitch_error_rad : float

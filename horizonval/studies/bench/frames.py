@@ -29,15 +29,8 @@ _COMMITMENT_LABEL = b"horizonval bench 1 commitment\0"
 def sealed_seed(passphrase: str) -> int:
     """Return the seed of a sealed suite, below 2**62.
 
-    Parameters
-    ----------
-    passphrase : str
-        White space at its ends does not count: a file ends with a new line.
-
-    Raises
-    ------
-    UserError
-        It is too short.
+    ``passphrase``: white space at its ends does not count: a file ends with a new line. Raises ``UserError``: it is too
+    short.
     """
     text = passphrase.strip()
     if len(text) < SHORTEST_PASSPHRASE:
@@ -59,17 +52,8 @@ def commitment(seed: int) -> str:
 def bench_suite(seed: int | None = None, frames_per_cell: int = FRAMES_PER_CELL, group: Group = "frames") -> Suite:
     """Return the suite of one group of the benchmark.
 
-    Parameters
-    ----------
-    seed : int, optional
-        Of a sealed suite; without it the public one.
-    frames_per_cell : int
-        Fewer than all are the first of all.
-
-    Raises
-    ------
-    UserError
-        More frames than a cell has, or none.
+    ``seed`` (optional): of a sealed suite; without it the public one. ``frames_per_cell``: fewer than all are the first
+    of all. Raises ``UserError``: More frames than a cell has, or none.
     """
     if not 1 <= frames_per_cell <= FRAMES_PER_CELL:
         raise UserError(

@@ -35,7 +35,6 @@ class Answer:
 
     Attributes
     ----------
-    cell, frame : str
     due : bool
         Whether the frame determines the nadir, from truth alone, and is not on the border of that.
     claimed : bool
@@ -96,17 +95,13 @@ def ranking(methods: Mapping[str, Sequence[Answer]]) -> list[dict[str, Any]]:
     """Rank methods by their score, ties told.
 
     A method is tied with the leader of its group if the 95 % interval of the difference of their scores, by resampling
-    frames within cells, the same frames for both, holds 0. The next group begins with the first that is not.
+    frames within cells, the same frames for both, holds 0. The next group begins with the first that is not. Raises
+    ``ValueError``: the methods did not see the same frames.
 
     Returns
     -------
     list of dict
         Best first: ``method``, ``score``, ``rank`` (that of the group's leader), ``tied`` (whether others share it).
-
-    Raises
-    ------
-    ValueError
-        The methods did not see the same frames.
     """
     frames = {name: {answer.frame: answer for answer in answers} for name, answers in methods.items()}
     if len({frozenset(seen) for seen in frames.values()}) > 1:
@@ -166,14 +161,9 @@ def cells_png(ranked: Sequence[Mapping[str, Any]], sheets: Mapping[str, Any]) ->
     """Return a PNG with a row for each method, best first, and a column for each cell.
 
     Colour is the cell's score, from -100 (all claims false) over 0 (silence) to 100 (the bound); cells in which no
-    frame is due are grey where the method was silent, and red where it made false claims.
-
-    Parameters
-    ----------
-    ranked : sequence of mapping
-        As :func:`horizonval.studies.bench.sheet.ranking` returns.
-    sheets : mapping
-        By method, as :func:`horizonval.studies.bench.sheet.sheet_of` returns.
+    frame is due are grey where the method was silent, and red where it made false claims. ``ranked``: as
+    :func:`horizonval.studies.bench.sheet.ranking` returns. ``sheets``: by method, as
+    :func:`horizonval.studies.bench.sheet.sheet_of` returns.
     """
     from matplotlib.figure import Figure
 

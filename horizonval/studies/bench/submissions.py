@@ -39,10 +39,7 @@ def make_frames(
 ) -> dict[str, Any]:
     """Render the frames of a suite, or finish what is there; return what ``bench.json`` says of them.
 
-    Raises
-    ------
-    UserError
-        As :func:`horizonval.suites.run.run_suite`; frames that failed.
+    Raises ``UserError``: as :func:`horizonval.suites.run.run_suite`; frames that failed.
     """
     made: dict[str, dict[str, Any]] = {}
     for group in CELLS:
@@ -75,20 +72,8 @@ def run_submissions(
 ) -> dict[str, dict[str, str]]:
     """Ask submissions about every frame, or finish what is there; return the frames of each that failed, and why.
 
-    Parameters
-    ----------
-    out : Path
-    names : sequence of str
-    limits : Limits
-    workers : int
-    progress : Progress
-    contained : bool
-        Whether the folder of frames and answers is hidden from plug-ins and programs, and the network cut.
-
-    Raises
-    ------
-    UserError
-        No frames, a name that is no estimator, or one that is given the pose.
+    ``contained``: whether the folder of frames and answers is hidden from plug-ins and programs, and the network cut.
+    Raises ``UserError``: no frames, a name that is no estimator, or one that is given the pose.
     """
     _head(out)
     limits = replace(limits, hidden=(out.resolve(),) if contained else ())
@@ -113,10 +98,7 @@ def run_submissions(
 def score_submissions(out: Path) -> dict[str, Any]:
     """Score what was answered; write and return the content of ``scores.json``, and write the page.
 
-    Raises
-    ------
-    UserError
-        No frames, no answers, or an entry that is not finished.
+    Raises ``UserError``: no frames, no answers, or an entry that is not finished.
     """
     head = _head(out)
     methods = {path.name: _answers(path) for path in sorted((out / "entries").glob("*"))}

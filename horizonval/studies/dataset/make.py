@@ -40,20 +40,8 @@ def make_dataset(seeds: SeedList, out: Path, execution: Execution, progress: Pro
 
     The folder gets ``seeds.json``, the shards, ``dataset.json`` with their digests, ``state`` with a record of every
     shard, and ``suite`` with the texts of the list. Where only a shard of the work is done (``execution.shard``), the
-    index is left to who does the rest.
-
-    Parameters
-    ----------
-    seeds : SeedList
-    out : Path
-        Made if need be.
-    execution : Execution
-    progress : Progress
-
-    Raises
-    ------
-    UserError
-        A mistake in the suite, another data set in the folder, a library that is missing, or frames that failed.
+    index is left to who does the rest. ``out``: made if need be. Raises ``UserError``: a mistake in the suite, another
+    data set in the folder, a library that is missing, or frames that failed.
     """
     refuse_missing_library(seeds.format)
     try:

@@ -44,8 +44,6 @@ class LearningScene:
     ----------
     number : int
         Place among the scenes of the data set.
-    case : Case
-    frames : int
     split : {"train", "validation", "test"}
     """
 
@@ -68,12 +66,8 @@ class FramesOfScene:
 def scenes_of(suite: Suite, spec: DatasetSpec, frames: int, seed: int) -> list[LearningScene]:
     """Return the scenes of a data set, all frames divided among them.
 
-    Scenes that share place, instant and air, seen by other heads or at other attitudes, are of one split.
-
-    Raises
-    ------
-    UserError
-        Images of several sizes or numbers of bands, which no array holds.
+    Scenes that share place, instant and air, seen by other heads or at other attitudes, are of one split. Raises
+    ``UserError``: Images of several sizes or numbers of bands, which no array holds.
     """
     cases = suite.cases[:frames]
     shapes = {(len(case.camera.band), case.camera.camera.height, case.camera.camera.width): case for case in cases}
@@ -116,10 +110,7 @@ def shards_of(scenes: Sequence[LearningScene], size: int) -> dict[str, list[Fram
 def turned_scenes(scene: LearningScene, spec: DatasetSpec, seed: int, where: str) -> list[SceneSpec]:
     """Return a scene once for every frame, each with an attitude of its own.
 
-    Raises
-    ------
-    UserError
-        A key that is none of the attitude or the mounting, or a range that is none.
+    Raises ``UserError``: a key that is none of the attitude or the mounting, or a range that is none.
     """
     of_scene = scene.case.scene
     if not spec.attitudes:
@@ -184,7 +175,6 @@ class SeedList:
         Of the scenes that the suite draws.
     seed : int
         The root of all that is drawn.
-    frames, shard_size : int
     scenes : int or None
         Number that a suite is asked for which draws shares of a number.
     format : {"webdataset", "hdf5", "zarr"}
@@ -229,6 +219,8 @@ def list_of(
 ) -> tuple[SeedList, Suite]:
     """Return the list of a new data set, and its suite.
 
+    Raises ``UserError``: a mistake in the suite, or numbers that do not go with it.
+
     Parameters
     ----------
     suite : str or Path
@@ -239,12 +231,6 @@ def list_of(
         In place of the suite's.
     shard_size : int
         Frames of a shard.
-    format_name : str
-
-    Raises
-    ------
-    UserError
-        A mistake in the suite, or numbers that do not go with it.
     """
     if format_name not in FORMATS:
         raise UserError(f"found {format_name!r}", where="--format", expected=" or ".join(FORMATS))
@@ -286,13 +272,7 @@ def list_of(
 
 
 def read_list(path: Path) -> SeedList:
-    """Read a list.
-
-    Raises
-    ------
-    UserError
-        There is none, it is damaged, or one of another version of this package.
-    """
+    """Read a list. Raises ``UserError``: there is none, it is damaged, or one of another version of this package."""
     data = read_json(path, bound=False, fix="take it from the data set again")
     if data is None:
         raise UserError("no such file", where=str(path), expected=f"a list of seeds ({LIST_NAME})")
@@ -311,10 +291,7 @@ def read_list(path: Path) -> SeedList:
 def suite_from(seeds: SeedList, folder: Path) -> Suite:
     """Write a list's texts below a folder and return the suite that they make.
 
-    Raises
-    ------
-    UserError
-        The suite needs a file that the list does not hold, or draws other scenes than it did.
+    Raises ``UserError``: the suite needs a file that the list does not hold, or draws other scenes than it did.
     """
     for name, text in seeds.texts.items():
         inside = PurePosixPath(name)

@@ -196,9 +196,6 @@ class Drawing:
     ----------
     digest : str
         Of the list of seeds and of the code: what every shard depends on beside its name.
-    seed : int
-    spec : DatasetSpec
-    format : str
     source : str
         The suite's file, for errors.
     """

@@ -35,6 +35,8 @@ MOST_REASONS = 50
 def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> list[Path]:
     """Make a night's results the accepted baseline and return the files written.
 
+    Raises ``UserError``: no reason worth the name; a night without all its lanes, or with failed units.
+
     Parameters
     ----------
     run : Path
@@ -45,11 +47,6 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
         Why the results are right; kept with the baseline.
     release : bool
         Make it the last release's, too.
-
-    Raises
-    ------
-    UserError
-        No reason worth the name; a night without all its lanes, or with failed units.
     """
     if len(reason.split()) < 2 or len(reason.strip()) < SHORTEST_REASON:
         raise UserError(f"found {reason!r}", where="--reason", expected="a sentence that a reviewer can judge")

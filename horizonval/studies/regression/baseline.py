@@ -130,12 +130,7 @@ def write_pack(path: Path, pack: Pack) -> None:
 def read_pack(path: Path) -> Pack:
     """Read a pack and check every image against its digest.
 
-    Raises
-    ------
-    UserError
-        There is no such file.
-    DamagedFileError
-        It is not what was written.
+    Raises ``UserError``: there is no such file. Raises ``DamagedFileError``: it is not what was written.
     """
     if not path.is_file():
         raise UserError("no such file", where=str(path), expected="the frozen images of a baseline")
@@ -228,12 +223,8 @@ def release_path(path: Path) -> Path:
 def read_baseline(path: Path, suite: str) -> Baseline:
     """Read a baseline and check that its images are the ones that were accepted with it.
 
-    Raises
-    ------
-    UserError
-        No such file, or one of another suite.
-    DamagedFileError
-        It is not what ``baseline accept`` wrote.
+    Raises ``UserError``: no such file, or one of another suite. Raises ``DamagedFileError``: it is not what ``baseline
+    accept`` wrote.
     """
     if not path.is_file():
         raise UserError("no accepted baseline", where=str(path), fix="see `horizonval baseline accept --help`")

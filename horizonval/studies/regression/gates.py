@@ -202,12 +202,8 @@ def _scaled(estimate: Estimate | None) -> Estimate | None:
 def judge(measured: Sequence[tuple[str, Measured]], looks: int = 1) -> list[dict[str, Any]]:
     """Return every gate with its verdict as plain data; p-values are adjusted over all of them together.
 
-    Parameters
-    ----------
-    measured : sequence of (str, Measured)
-        What each was compared with (``accepted``, ``release``), and what was found.
-    looks : int
-        See :func:`horizonval.studies.regression.statistics.decide`.
+    ``measured``: what each was compared with (``accepted``, ``release``), and what was found. ``looks``: see
+    :func:`horizonval.studies.regression.statistics.decide`.
     """
     decided = decide(
         [one.estimate for _, one in measured],

@@ -115,12 +115,7 @@ class Piece:
 def pieces(values: Sequence[float], fewest: int = FEWEST) -> list[Piece]:
     """Return the pieces of a series in its order; a single one where there is no step.
 
-    Parameters
-    ----------
-    values : sequence of float
-        Finite.
-    fewest : int
-        Shortest piece.
+    ``values``: Finite. ``fewest``: shortest piece.
     """
     y = np.asarray(values, dtype=np.float64)
     n = len(y)

@@ -112,7 +112,6 @@ def compare_images(
 
     Parameters
     ----------
-    table : str
     now, base : mapping
         The bands' records: ``radiance_sha256``, ``images``, ``noise_dn``.
     radiance : ndarray, shape (H, W), or None

@@ -75,11 +75,8 @@ class Wanted:
     ----------
     suite : str
         File or shipped name.
-    out : Path
-    baseline : Path
     night : str
         Label, and seed of the fresh scenes: a date.
-    lanes : tuple of str
     workers : int, optional
     reference : Path, optional
         Folder of a night of the same label made by another version: fresh scenes are then compared in pairs.
@@ -535,18 +532,14 @@ def _flags() -> list[str]:
 def run_night(wanted: Wanted, progress: Progress | None = None, published: Published | None = None) -> JsonObject:
     """Do a night and return the content of ``verdict.json``.
 
+    Raises ``UserError``: a mistake in the suite or the baseline's files, no ``[regression]`` table, a folder in which
+    another night runs, or no back-end to render with.
+
     Parameters
     ----------
-    wanted : Wanted
     progress : Progress, optional
     published : callable, optional
         What the lane of that name does, in a suite that asks for it; without, it is left out.
-
-    Raises
-    ------
-    UserError
-        A mistake in the suite or the baseline's files, no ``[regression]`` table, a folder in which another night runs,
-        or no back-end to render with.
     """
     from horizonval.renderer.backend import probe
     from horizonval.studies.regression.page import of_baseline, of_night, write_junit, write_page

@@ -258,13 +258,8 @@ def shown_of(
 ) -> dict[str, Any]:
     """Return what a page shows of some rows.
 
-    Parameters
-    ----------
-    rows : sequence of ReplicateRow
-    truths : mapping
-        By scene, plain.
-    load : callable
-        Returns an image of a scene, band and replicate; ``None`` where it is not there.
+    ``truths``: by scene, plain. ``load``: returns an image of a scene, band and replicate; ``None`` where it is not
+    there.
 
     Returns
     -------

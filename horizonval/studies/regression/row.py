@@ -54,10 +54,7 @@ class ReplicateRow(Row):
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Rebuild from :meth:`to_dict`.
 
-        Raises
-        ------
-        KeyError, TypeError
-            A column is missing, or there is one that a row does not have.
+        Raises ``KeyError, TypeError``: a column is missing, or there is one that a row does not have.
         """
         rest = dict(data)
         case, image, due = (rest.pop(name) for name in ("scene", "image", "due"))

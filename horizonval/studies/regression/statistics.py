@@ -55,7 +55,6 @@ class Estimate:
 
     Attributes
     ----------
-    value : float
     lower95, upper95 : float
         One-sided 95 % bounds: what PASS needs.
     lower99, upper99 : float
@@ -96,12 +95,7 @@ FEWEST_CLUSTERS = 5
 def paired_difference(differences: Sequence[float], clusters: Sequence[Hashable]) -> Estimate | None:
     """Return the mean difference over scenes; None with fewer than :data:`FEWEST_CLUSTERS` of them.
 
-    Parameters
-    ----------
-    differences : sequence of float
-        Now minus baseline, one for each pair.
-    clusters : sequence
-        The scene that each pair belongs to.
+    ``differences``: now minus baseline, one for each pair. ``clusters``: the scene that each pair belongs to.
     """
     means = cluster_means(differences, clusters)
     if len(means) < FEWEST_CLUSTERS:
@@ -158,12 +152,8 @@ def _bounds(value: float, error: float, freedom: float) -> tuple[float, float, f
 def paired_loss(before: Sequence[bool], now: Sequence[bool], clusters: Sequence[Hashable]) -> Estimate | None:
     """Return the loss, the share of good frames before minus that of now; None with too few scenes.
 
-    Parameters
-    ----------
-    before, now : sequence of bool
-        Whether a frame is good.
-    clusters : sequence
-        The scene of each frame. The interval is widened by how much the changes clump in scenes (design effect).
+    ``before``, ``now`` (booleans): whether a frame is good. ``clusters``: the scene of each frame. The interval is
+    widened by how much the changes clump in scenes (design effect).
     """
     net: dict[Hashable, int] = {}
     lost = gained = 0
@@ -255,13 +245,7 @@ def newcombe_interval(k1: int, n1: int, k2: int, n2: int, confidence: float) -> 
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return adjusted p-values in the given order.
-
-    Raises
-    ------
-    ValueError
-        A value that is no probability.
-    """
+    """Return adjusted p-values in the given order. Raises ``ValueError``: a value that is no probability."""
     p = np.asarray(p_values, dtype=np.float64)
     if p.size == 0:
         return []
@@ -297,7 +281,6 @@ def decide(
         None where there is too little to estimate from: INCONCLUSIVE.
     margins : sequence of float
         Above 0, in the estimates' units.
-    two_sided : sequence of bool
     looks : int
         How often the data may be looked at before the verdict is final; the level is shared among them.
     """

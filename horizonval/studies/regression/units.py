@@ -54,14 +54,7 @@ def render_unit(
 ) -> tuple[Record, dict[str, np.ndarray]]:
     """Return the record and the arrays of a unit: rendered, observed with every noise seed, and estimated.
 
-    Parameters
-    ----------
-    unit : Unit
-    plan : CasePlan
-        Its estimators run.
-    replicates : int
-    known : frozenset of Shown
-        What the estimators have answered already: they are not run on it again.
+    ``plan``: its estimators run. ``known``: what the estimators have answered already: they are not run on it again.
 
     Returns
     -------
@@ -198,14 +191,8 @@ def digest_of_heads(heads: Heads) -> str:
 def replay_scene(pack: Pack, scene: str, heads: Mapping[str, str], plan: CasePlan) -> list[ReplicateRow]:
     """Return the rows of all frozen images of a scene, or of its heads, without stratum and bound.
 
-    Parameters
-    ----------
-    pack : Pack
-    scene : str
-        Under whose name the rows of methods go that see all heads.
-    heads : mapping of str
-        The heads' scenes in the pack by the heads' names, in the order of the camera file; empty for a camera without.
-    plan : CasePlan
+    ``scene``: under whose name the rows of methods go that see all heads. ``heads``: the heads' scenes in the pack by
+    the heads' names, in the order of the camera file; empty for a camera without.
     """
     rows: list[ReplicateRow] = []
     for replicate, images in frozen_together(pack, heads):
@@ -249,19 +236,14 @@ class Task:
 
     Attributes
     ----------
-    name : str
-    scene : str
-    estimators : tuple of str
     unit : Unit or None
         To render; ``None`` for a replay.
     batch : int or None
         Number of the batch of fresh scenes that the unit belongs to, ``None`` for one of the suite's own.
-    replicates : int
     known : frozenset of Shown
         See :func:`render_unit`.
     pack : Path or None
         File of the frozen images to replay.
-    pack_sha256 : str
     heads : tuple of (str, str)
         See :func:`replay_scene`.
     """

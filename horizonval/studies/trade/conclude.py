@@ -68,7 +68,6 @@ def cheapest(
     ----------
     designs : sequence of mapping
         ``name``, ``within`` and ``misses`` (:func:`horizonval.studies.trade.sample.misses_of`) of each.
-    requirement : Requirement
     by : str
         The expression that the prices are of.
     prices : mapping
@@ -208,10 +207,7 @@ class Data:
     def compare(self, first: str, second: str, error_deg: float) -> JsonObject:
         """Return the paired difference of two designs, by name or number.
 
-        Raises
-        ------
-        UserError
-            There is no such design.
+        Raises ``UserError``: there is no such design.
         """
         a, b = (self.plan.design(name, "--compare").name for name in (first, second))
         comparison = compare(self.samples[a], self.samples[b], self.draws, error_deg)
@@ -221,10 +217,7 @@ class Data:
 def read_data(plan: StudyPlan, root: Path) -> Data:
     """Return the results of a study whose frames are made.
 
-    Raises
-    ------
-    UserError
-        There are no results, or not those of this study.
+    Raises ``UserError``: there are no results, or not those of this study.
     """
     folder = RunFolder(root)
     summary = read_json(folder.summary) or {}

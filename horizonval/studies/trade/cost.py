@@ -66,18 +66,8 @@ class Expression:
 def read_expression(text: str, known: Mapping[str, Any], where: str) -> Expression:
     """Return an expression.
 
-    Parameters
-    ----------
-    text : str
-    known : mapping
-        The names that it may use are its keys.
-    where : str
-        File and key, for errors.
-
-    Raises
-    ------
-    UserError
-        It is none, or uses a name that is not known.
+    ``known``: the names that it may use are its keys. ``where``: file and key, for errors. Raises ``UserError``: it is
+    none, or uses a name that is not known.
     """
     if len(text) > LONGEST:
         raise UserError(f"{len(text)} characters", where=where, expected=f"at most {LONGEST}")
@@ -149,18 +139,9 @@ COLUMNS = (*EXACT, SECONDS, *MEASURES, *SHARES)
 def read_price(text: str, costs: Mapping[str, float], where: str) -> Expression:
     """Return the expression of what a design costs.
 
-    Parameters
-    ----------
-    text : str
-    costs : mapping
-        The numbers that the file gives of a design; all designs have the same names.
-    where : str
-        File and key, or the option, for errors.
-
-    Raises
-    ------
-    UserError
-        It is no expression, or uses a name that is no column; a number of the file is named as a column.
+    ``costs``: the numbers that the file gives of a design; all designs have the same names. ``where``: file and key, or
+    the option, for errors. Raises ``UserError``: it is no expression, or uses a name that is no column; a number of the
+    file is named as a column.
     """
     if both := sorted(set(costs) & set(COLUMNS)):
         raise UserError(f"a cost is named {both[0]!r}, as a column is", where=where, fix="rename it")
@@ -190,11 +171,8 @@ def columns_of(design: Mapping[str, Any], seconds: JsonObject) -> dict[str, Json
 def price_of(expression: Expression, columns: Mapping[str, JsonObject]) -> JsonObject:
     """Return what a design costs.
 
-    Parameters
-    ----------
-    expression : Expression
-    columns : mapping
-        By name ``{value, interval, uncertain}``: ``interval`` None where nothing is uncertain, or it is not known.
+    ``columns``: by name ``{value, interval, uncertain}``: ``interval`` None where nothing is uncertain, or it is not
+    known.
 
     Returns
     -------
@@ -254,12 +232,7 @@ def cost_of(
 ) -> JsonObject:
     """Return the mean processor time of an estimate.
 
-    Parameters
-    ----------
-    frames : iterable of (case, bands)
-        Cases and how many images of each the estimator saw one after the other.
-    estimator : str
-    timings : mapping
+    ``frames``: cases and how many images of each the estimator saw one after the other.
 
     Returns
     -------

@@ -60,13 +60,10 @@ class Design:
 
     Attributes
     ----------
-    name : str
     frames : str
         Name of its entry, with which its frames' names begin.
-    estimator : str
     settings : dict
         Values on the axes, the estimator's among them where there are several.
-    camera : str
     width, height, heads : int
         Pixels of an image, and the images that an estimate takes.
     costs : dict
@@ -90,8 +87,6 @@ class StudyPlan:
 
     Attributes
     ----------
-    head : StudyHead
-    designs : tuple of Design
     conditions : dict
         Cluster of every condition: samples of one flight belong together where there are several flights.
     frames : dict
@@ -108,13 +103,7 @@ class StudyPlan:
         return self.head.requirement
 
     def design(self, name: str, where: str) -> Design:
-        """Return the design of a name, or of a number from 1.
-
-        Raises
-        ------
-        UserError
-            There is none.
-        """
+        """Return the design of a name, or of a number from 1. Raises ``UserError``: there is none."""
         for number, design in enumerate(self.designs, start=1):
             if name in (design.name, str(number)):
                 return design
@@ -132,10 +121,7 @@ class Study(StudyPlan):
 def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[StudySpec, Path]:
     """Read a study file; ``frames`` stands in place of the Sobol points, or else of the orbit's samples.
 
-    Raises
-    ------
-    UserError
-        Naming the file, the key, and what was expected.
+    Raises ``UserError``: Naming the file, the key, and what was expected.
     """
     path = find("study", path_or_name)
     spec = validate(StudySpec, read_toml(path), str(path))
@@ -153,16 +139,7 @@ def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[Stu
 def expand(spec: StudySpec, path: Path) -> Study:
     """Return a study with its designs and the suite of their frames.
 
-    Parameters
-    ----------
-    spec : StudySpec
-    path : Path
-        The file; others lie beside it.
-
-    Raises
-    ------
-    UserError
-        A mistake in the file, with its place.
+    ``path``: the file; others lie beside it. Raises ``UserError``: a mistake in the file, with its place.
     """
     entries = list(_entries(spec, path))
     _check_keys(spec, entries, path)
@@ -388,10 +365,7 @@ def write_plan(plan: StudyPlan, folder: Path) -> None:
 def read_plan(folder: Path) -> StudyPlan | None:
     """Return the plan of a folder, ``None`` where there is none.
 
-    Raises
-    ------
-    UserError
-        The file is not what a study writes.
+    Raises ``UserError``: the file is not what a study writes.
     """
     path = folder / PLAN_FILE
     if not path.exists():

@@ -275,12 +275,7 @@ def front(points: Sequence[Sequence[float | None]]) -> list[bool]:
     """Return which points no other dominates, all coordinates to be small.
 
     A point dominates another if it is nowhere larger and somewhere smaller; equal points do not dominate each other. A
-    point with an unknown coordinate is on no front.
-
-    Parameters
-    ----------
-    points : sequence of sequences
-        ``None`` where a coordinate is unknown.
+    point with an unknown coordinate is on no front. ``points``: ``None`` where a coordinate is unknown.
     """
     known = [i for i, point in enumerate(points) if all(value is not None for value in point)]
     on_front = [False] * len(points)

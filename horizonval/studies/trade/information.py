@@ -93,6 +93,8 @@ def run_information(
 ) -> JsonObject:
     """Work out what the frames of a study allow, or finish what an earlier call left; only new frames are made.
 
+    Raises ``UserError``: a mistake in the study, found before anything is rendered; nothing on this machine can render.
+
     Parameters
     ----------
     path_or_name : str or Path
@@ -112,11 +114,6 @@ def run_information(
         ``bound_arcsec`` (``{median, rms, p95, n}`` over the frames that determine the nadir), ``within`` and
         ``within_by_noise`` (shares of all frames), and ``trial``: by estimator
         ``{rms_deg, within, n}`` of a finished study in the folder.
-
-    Raises
-    ------
-    UserError
-        A mistake in the study, found before anything is rendered; nothing on this machine can render.
     """
     study = study_in(path_or_name, frames)
     out_dir.mkdir(parents=True, exist_ok=True)

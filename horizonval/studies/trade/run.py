@@ -37,7 +37,6 @@ class StudyResult:
         Contents of ``study.json`` and ``study-costs.json``; empty as long as other shards are missing.
     failed : dict
         Frames without a result, by name, and why.
-    page : Path or None
     missing : int
         Results that other shards have yet to make.
     """
@@ -50,13 +49,7 @@ class StudyResult:
 
 
 def study_in(path_or_name: str | Path, frames: int | None = None) -> Study:
-    """Return a study as it is run.
-
-    Raises
-    ------
-    UserError
-        A mistake in the study.
-    """
+    """Return a study as it is run. Raises ``UserError``: a mistake in the study."""
     spec, path = read_study(path_or_name, frames)
     study = expand(spec, path)
     if frames is not None:
@@ -75,22 +68,19 @@ def run_study(
 ) -> StudyResult:
     """Run a study into a folder, or finish or extend what is there: only frames that are new are made.
 
+    Raises ``UserError``: a mistake in the study, told before anything is rendered; or as
+    :func:`horizonval.suites.run.run_suite`.
+
     Parameters
     ----------
     path_or_name : str or Path
         A study file, or the name of a shipped study.
-    out_dir : Path
     execution : Execution, optional
     progress : Progress, optional
     frames : int, optional
         Conditions in place of the file's number.
     on_start : callable, optional
         Called with the study, once before the first frame, when nothing is refused any more.
-
-    Raises
-    ------
-    UserError
-        A mistake in the study, told before anything is rendered; or as :func:`horizonval.suites.run.run_suite`.
     """
     study = study_in(path_or_name, frames)
     made: list[tuple[dict[str, Any], dict[str, Any], Path]] = []
@@ -108,13 +98,7 @@ def run_study(
 
 
 def open_study(folder: Path) -> Data:
-    """Return the results of a study's folder.
-
-    Raises
-    ------
-    UserError
-        There is no finished study in it.
-    """
+    """Return the results of a study's folder. Raises ``UserError``: there is no finished study in it."""
     plan = read_plan(folder)
     if plan is None:
         raise UserError(

@@ -92,12 +92,7 @@ class Sample:
 def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
     """Return the sample of rows of results.
 
-    Parameters
-    ----------
-    rows : mapping
-        Rows of results by key.
-    cluster_of : mapping
-        Index of the cluster of every key.
+    ``rows``: rows of results by key. ``cluster_of``: index of the cluster of every key.
     """
     keys = tuple(sorted(rows))
     ordered = [rows[key] for key in keys]
@@ -220,7 +215,6 @@ def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> JsonObje
 
     Parameters
     ----------
-    sample : Sample
     draws : ndarray, shape (1 + draws, clusters)
     error_deg : float
         Largest error of a usable answer.

@@ -51,13 +51,7 @@ class Item:
 
 
 def archived_record(item: Item, plan: CasePlan, store: Store, watch: Stopwatch) -> Record:
-    """Return the record of archived images.
-
-    Raises
-    ------
-    UserError
-        A file is gone or damaged.
-    """
+    """Return the record of archived images. Raises ``UserError``: a file is gone or damaged."""
     heads = _in_order({head: _observed(images.values(), store) for head, images in item.images.items()})
     first = next(iter(heads))
     if item.together:

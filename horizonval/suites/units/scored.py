@@ -42,7 +42,6 @@ class Observed:
         By band, in the order of the camera file.
     redrawn : dict of list of DetectorImage
         By band, the images with other noise.
-    rows : list of Row
     details : dict
         What the report draws over the images.
     expected : dict of Expected
@@ -92,15 +91,8 @@ def score_together(
 ) -> Observed:
     """Run estimators that need all heads; images and truth of what is returned are the first head's.
 
-    Parameters
-    ----------
-    heads : mapping of Observed
-        By the heads' names, in the order of the camera file, which decides whose camera frame an answer is in.
-    name : str
-        Of the rows.
-    estimators : iterable of str
-    plan : CasePlan
-    watch : Stopwatch
+    ``heads``: by the heads' names, in the order of the camera file, which decides whose camera frame an answer is in.
+    ``name``: of the rows.
     """
     names, first = list(estimators), next(iter(heads.values()))
     scene = Observed(first.images)

@@ -127,8 +127,3 @@ def test_significant_digits_follow_the_largest_element(scale):
     result = significant(array)
     assert np.abs(result - array).max() <= 0.5001e-9 * np.abs(array).max()
     assert significant(result).tobytes() == result.tobytes()
-
-
-def test_nothing_is_nothing():
-    assert significant(np.zeros((3, 3))).tobytes() == np.zeros((3, 3)).tobytes()
-    assert significant(np.empty((0, 2))).shape == (0, 2)

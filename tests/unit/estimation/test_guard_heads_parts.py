@@ -14,8 +14,6 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.heads import (
-    _angular_radius,
-    _arc_in_head,
     _confirmed,
     _Limb,
     _limb_near,
@@ -23,7 +21,6 @@ from horizonval.estimation.guard.heads import (
     _turns,
     _without_outliers,
 )
-from horizonval.estimation.limb.cone import limb_directions
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
@@ -113,41 +110,6 @@ def two_heads(**changes: Any) -> Observation:
     return replace(heads["a"], heads=heads)
 
 
-def test_turns_lead_from_the_first_head_to_each_by_way_of_the_body() -> None:
-    observation = two_heads()
-    turns = _turns(observation)
-    body = np.array([0.3, -0.5, 0.8])
-    in_head = {n: Rotation.from_quat(h.q_cam_from_body).apply(body) for n, h in observation.heads.items()}
-    assert turns["a"].apply(in_head["a"]) == pytest.approx(in_head["a"])
-    assert turns["b"].apply(in_head["a"]) == pytest.approx(in_head["b"])
-
-
-def test_an_answer_without_a_radius_has_that_of_its_points() -> None:
-    observation = two_heads()
-    nadir = np.array([0.2, 0.6, 0.77])
-    nadir /= np.linalg.norm(nadir)
-    turns = _turns(observation)
-    points = np.array([[60.0, 30.0], [90.0, 80.0]])
-    los = [turns[n].inv().apply(unproject(CAMERA, p[None, :])[0]) for n, p in zip("ab", points, strict=True)]
-    expected = np.mean([math.acos(float(one @ nadir)) for one in los])
-    fit = Fit(nadir, np.eye(3), 0.0, 0.0, points=points)
-    assert _angular_radius(fit, observation) == pytest.approx(expected)
-    assert _angular_radius(replace(fit, angular_radius_rad=1.1), observation) == 1.1
-    assert math.isnan(_angular_radius(replace(fit, points=np.empty((0, 2))), observation))
-
-
-def test_every_pixel_of_the_limb_has_one_point() -> None:
-    los = limb_directions(CAMERA, AXIS, RHO, 11.0)
-    uv, _ = project(CAMERA, los)
-    pixels = np.rint(uv)
-    assert len(np.unique(pixels, axis=0)) == len(los) > 100
-    assert off_axis_angle(los, AXIS) == pytest.approx(np.full(len(los), RHO), abs=1e-12)
-    assert (uv >= 11.0).all()
-    assert (uv <= [148.0, 108.0]).all()
-    # One after the other along the limb: neighbours touch, but where a turn begins anew.
-    assert np.count_nonzero(np.abs(np.diff(pixels, axis=0)).max(axis=1) > 1.0) <= 1
-
-
 def on_limb(n: int = 300, rho: float | np.ndarray = RHO) -> np.ndarray:
     turn = np.linspace(-0.4, 0.4, n)[:, None]
     up = np.array([0.0, 0.0, 1.0]) - AXIS[2] * AXIS
@@ -198,21 +160,6 @@ def test_the_limb_near_an_answer_is_read_in_the_image() -> None:
     assert isinstance(dark_earth, np.ndarray), "where the band is not known the Earth may be the darker side"
     for spoiled in (np.full((120, 160), 50.0), np.minimum(picture(3000.0), 1023.0)):
         assert isinstance(_limb_near(replace(head, image=spoiled), AXIS, RHO), Refusal)
-
-
-def test_the_arc_of_a_head_is_its_limb_in_order() -> None:
-    head = seen(full_scale=1023.0, band_kind="solar")
-    found = _arc_in_head(replace(head, image=picture()))
-    assert isinstance(found, np.ndarray)
-    assert (off_axis_angle(found, AXIS) - RHO) * 130.0 == pytest.approx(np.zeros(len(found)), abs=0.2)
-    uv, _ = project(CAMERA, found)
-    steps = np.diff(uv[:, 0])
-    assert (steps > 0).all() or (steps < 0).all()
-    assert isinstance(_arc_in_head(replace(head, image=picture(40.0, 600.0))), Refusal)
-    assert isinstance(_arc_in_head(replace(head, image=picture(40.0, 600.0), band_kind=None)), np.ndarray)
-    low_sun = -AXIS * 0.05 + np.cross(AXIS, [0.0, 0.0, 1.0])
-    refusal = _arc_in_head(replace(head, image=picture(), sun_cam=AXIS * 0.4 - low_sun / np.linalg.norm(low_sun)))
-    assert isinstance(refusal, Refusal)
 
 
 def test_limbs_of_all_heads_make_one_cone() -> None:

@@ -10,14 +10,13 @@ import pytest
 from scipy import stats
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard import limits
-from horizonval.estimation.guard.heads import RowLimb, is_row, misfit, row_limb
+from horizonval.estimation.guard.heads import RowLimb, misfit, row_limb
 from horizonval.estimation.guard.limits import _seen_relief
-from horizonval.estimation.limb.steepest import REACH_PX, STEP_PX, profile_places, steepest_sample, to_steepest
+from horizonval.estimation.limb.steepest import to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.horizon import Cone, fit_cone
+from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 LINE = CameraModel(160, 1, 570.0, 570.0, 79.5, 0.0)
@@ -93,19 +92,6 @@ def test_a_second_edge_shows_above_the_noise_that_smoothing_leaves() -> None:
     assert refused == {0.0: 0, 270.0: 20}
 
 
-def test_without_a_full_scale_nothing_is_saturated() -> None:
-    assert isinstance(row_limb(head(row() * 4.0, full_scale=None)), RowLimb)
-    refusal = row_limb(head(row() * 4.095))
-    assert isinstance(refusal, Refusal)
-
-
-def test_a_row_is_an_image_of_few_lines() -> None:
-    for shape, expected in (((1, 160), True), ((limits.ROW_PX, 160), True), ((limits.ROW_PX + 1, 160), False)):
-        assert is_row(Observation(np.zeros(shape), LINE)) is expected
-        assert is_row(Observation(np.zeros(shape[::-1]), LINE)) is expected
-    assert not is_row(Observation(np.zeros((2, 3, 160)), LINE))
-
-
 def crossings(rho: float = 1.1) -> tuple[np.ndarray, np.ndarray]:
     """Four directions of a cone and the directions outwards from them."""
     turn = np.radians([45.0, 130.0, 225.0, 320.0])
@@ -138,7 +124,6 @@ def test_crossings_that_miss_one_cone_by_their_noise_are_likely_and_by_more_not(
 CAMERA = CameraModel(200, 160, 150.0, 150.0, 99.5, 79.5)
 AXIS = np.array([0.0, math.sin(0.95), math.cos(0.95)])
 RHO = 0.98
-CONE = Cone(AXIS, math.cos(RHO))
 
 
 def limb(n: int = 500, low: float = -0.75, high: float = 0.75) -> np.ndarray:
@@ -175,27 +160,6 @@ def test_points_move_to_where_a_soft_limb_is_steepest(bright_inside: bool, off_p
     assert len(wrong) < 0.2 * len(start), "an edge of the other sense is none"
     level, _ = to_steepest(np.full_like(image, 77.0), CAMERA, moved, AXIS, bright_inside)
     assert len(level) == 0
-
-
-def test_profiles_run_towards_the_axis_in_equal_steps() -> None:
-    los = visible(limb(50, -0.3, 0.3))
-    offset, uv, in_view = profile_places(CAMERA, los, AXIS)
-    assert offset[0] == -REACH_PX
-    assert offset[-1] == pytest.approx(REACH_PX)
-    assert np.diff(offset) == pytest.approx(np.full(len(offset) - 1, STEP_PX))
-    places = uv.reshape(len(los), len(offset), 2)
-    angle = off_axis_angle(unproject(CAMERA, places[in_view]), AXIS)
-    expected = (RHO - offset / 150.0)[None, :].repeat(len(los), axis=0)[in_view]
-    assert angle == pytest.approx(expected, abs=1e-9)
-    assert (places >= 0).all()
-    assert (places <= (199, 159)).all()
-    corner = unproject(CAMERA, np.array([[0.0, 0.0], [199.0, 159.0]]))
-    for k, point in enumerate(corner):
-        _, _, seen = profile_places(CAMERA, point[None, :], AXIS)
-        middle = len(offset) // 2
-        assert seen[0, middle - 1 : middle + 2].sum() in (1, 2), f"the corner {k} itself is in view, one side is not"
-    slope = np.array([[0.0, 1.0, 3.0, 2.0], [9.0, 1.0, 0.0, 0.0], [0.0, 1.0, 2.0, 5.0]])
-    assert steepest_sample(slope).tolist() == [2, 1, 2]
 
 
 def test_the_relief_that_points_show_is_their_waves_without_their_noise() -> None:

@@ -27,13 +27,6 @@ def test_nothing_is_known_without_being_given() -> None:
     assert prior.flattening == pytest.approx(1 / 298.257223563)
 
 
-def test_a_sphere_has_its_radius_and_no_flattening() -> None:
-    assert Prior(shape="wgs84").flattening == Prior().flattening
-    assert Prior(shape="sphere").flattening == 0.0
-    assert Prior(shape="sphere").sphere_radius_m == Prior().sphere_radius_m
-    assert Prior(shape="sphere", radius_m=6e6).sphere_radius_m == 6e6
-
-
 def test_an_altitude_predicts_the_angular_radius() -> None:
     """From the geostationary orbit the Earth measures 17.4 deg; the variance is that of a finite difference."""
     prior = Prior(shape="sphere", radius_m=6.371e6, altitude_m=35_786e3, altitude_sigma_m=5e3)
@@ -44,22 +37,6 @@ def test_an_altitude_predicts_the_angular_radius() -> None:
     assert higher is not None
     # Second order: half of 5 km in 42 000 km.
     assert math.sqrt(variance) == pytest.approx(rho - higher[0], rel=2e-4)
-
-
-def test_values_are_kept_as_plain_numbers_that_nobody_changes() -> None:
-    prior = Prior(r_itrs=np.array([7_000_000, 0, 0]), position_sigma_m=1000)
-    assert prior.r_itrs is not None
-    assert prior.r_itrs.dtype == np.float64
-    assert type(prior.position_sigma_m) is float
-    with pytest.raises(ValueError, match="read-only"):
-        prior.r_itrs[0] = 0.0
-    assert repr(prior) == "<Prior position>"
-
-
-def test_a_quaternion_of_four_digits_is_scaled_to_one() -> None:
-    prior = Prior(q_cam_from_itrs=[0.7071, 0.0, 0.0, 0.7071], attitude_sigma_rad=[0.01, 0.01, 0.03])  # type: ignore[arg-type]
-    assert prior.q_cam_from_itrs is not None
-    assert np.linalg.norm(prior.q_cam_from_itrs) == pytest.approx(1.0, abs=1e-15)
 
 
 def test_a_time_is_utc() -> None:

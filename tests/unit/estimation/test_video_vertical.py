@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle
+from horizonval.estimation.limb.arc import Arc, fit_circle
 from horizonval.estimation.methods import video_vertical
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve, vertical
 from horizonval.estimation.observation import Fit, Observation
@@ -135,19 +135,6 @@ def test_the_claimed_covariance_is_honest_on_noisy_images() -> None:
     assert 1.0 < np.mean(nees) < 3.0
 
 
-def test_one_end_pixel_is_worse_than_the_mean_of_the_last_ones() -> None:
-    rng = np.random.default_rng(7)
-    squares: dict[ChordEnds, list[float]] = {ChordEnds.SIGHT: [], ChordEnds.PIXEL: []}
-    for _ in range(14):
-        pitch, roll = rng.uniform(-18.0, 18.0, 2)
-        observation = two_heads(pitch, roll)
-        for ends, kept in squares.items():
-            fit = solve(observation, ends)
-            assert isinstance(fit, Fit)
-            kept.append(error_rad(fit, pitch, roll) ** 2)
-    assert np.mean(squares[ChordEnds.SIGHT]) < 0.6 * np.mean(squares[ChordEnds.PIXEL])
-
-
 @pytest.mark.parametrize("names", [(), ("left",), ("left", "forward", "left2")])
 def test_other_numbers_of_heads_are_refused(names: tuple[str, ...]) -> None:
     observation = two_heads(0.0, 0.0)
@@ -178,16 +165,6 @@ def test_two_heads_that_look_the_same_way_span_no_plane() -> None:
     assert isinstance(found, Refusal)
     assert found.status is Outcome.SHORT_ARC
     assert vertical(np.zeros((2, 3))) is None
-
-
-def test_the_arc_runs_from_end_to_end() -> None:
-    observation = two_heads(10.0, -6.0)
-    arc = find_arc(observation.heads["left"].image, 1023.0)
-    assert isinstance(arc, Arc)
-    # whole pixels in order: neighbours touch, but for those that the circle left out
-    assert np.hypot(*np.diff(arc.uv, axis=0).T).max() < 4.0
-    assert np.hypot(*(arc.uv[-1] - arc.uv[0])) > 0.8 * WIDTH
-    assert video_vertical.END_PIXELS * 3 <= 24
 
 
 def noisy_arcs(rng: np.random.Generator, sigma_px: float, memory: float) -> tuple[list[Arc], list[Observation]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import signal
@@ -10,15 +9,12 @@ from pathlib import Path
 
 import pytest
 
-import horizonval
 from horizonval.core import sealed
 from horizonval.core.progress import Silent
 from horizonval.jobs import engine
 from horizonval.jobs.engine import ExpectedTime, Record, Recorded, do, keep, kept, stream
 from horizonval.jobs.pool import Execution, parse_shard
 from horizonval.jobs.progress import Stopwatch
-
-PACKAGE = Path(horizonval.__file__).parent
 
 
 class Squares(Recorded[int]):
@@ -151,23 +147,6 @@ def test_a_record_says_what_it_is_of(tmp_path: Path) -> None:
     assert kept(path, "y") is None
     keep(path, "x", {"error": "it broke"})
     assert kept(path, "x") is None
-
-
-def test_there_is_one_engine() -> None:
-    """Processes for items are started in one place, and asked for in one."""
-    pools = {"ProcessPoolExecutor", "ThreadPoolExecutor", "Pool"}
-    found = set()
-    for path in PACKAGE.rglob("*.py"):
-        names = {
-            name
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-            if isinstance(node, ast.ImportFrom)
-            for name in [alias.name for alias in node.names]
-        }
-        place = path.relative_to(PACKAGE).as_posix()
-        found |= {(place, "pool")} if names & pools else set()
-        found |= {(place, "runs")} if names & {"run_in_processes", "run_on_cluster"} else set()
-    assert found == {("jobs/pool.py", "pool"), ("jobs/engine.py", "runs")}
 
 
 class Left(Telling):

@@ -48,12 +48,3 @@ def test_progress_is_a_sign_of_life(capsys):
     assert first == "work: 3 frames"
     assert second.startswith("[1/3] first")
     assert second.endswith("about 7 min left")
-
-
-def test_nothing_is_told_of_the_time_left_after_one_item(capsys):
-    with Terminal("work", "frames") as terminal:
-        terminal.start(9, 0)
-        for name in "abc":
-            terminal.done(name)
-    lines = capsys.readouterr().err.splitlines()[1:]
-    assert ["left" in line for line in lines] == [False, False, True]

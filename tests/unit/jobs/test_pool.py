@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from horizonval.jobs.pool import available_cpus, run_in_processes
+from horizonval.jobs.pool import run_in_processes
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,3 @@ def test_closing_ends_the_workers(tmp_path):
         os.kill(int((tmp_path / "pid").read_text()), 0)
     # One that closes while the interpreter ends prints a traceback on Ctrl-C.
     assert set(threading.enumerate()) <= threads, "no thread of a pool is left"
-
-
-def test_available_cpus():
-    assert 1 <= available_cpus() <= (os.cpu_count() or 1)

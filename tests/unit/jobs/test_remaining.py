@@ -10,7 +10,6 @@ import pytest
 
 from horizonval.core import progress
 from horizonval.jobs.engine import ExpectedTime, Remaining, SpentTime
-from horizonval.jobs.progress import about
 from horizonval.renderer.backend import compiling_counted
 
 PROCESSES = 2
@@ -60,16 +59,6 @@ def test_after_2_of_26_the_rest_is_known_to_a_factor_of_two(order, pace, cached)
         assert 0.5 < told / true < 2.0, (told, true)
 
 
-def test_a_mean_over_the_first_would_be_wrong():
-    """The case that was seen: two cheap frames, then dear ones."""
-    expected = [ExpectedTime(2.0), ExpectedTime(2.0)] + [ExpectedTime(20.0)] * 24
-    ends = simulated(expected, 1.0, np.random.default_rng(1), cached=True)
-    told, true = told_after(2, expected, ends)
-    mean = ends[1][0] / 2 * 24
-    assert true / mean > 3
-    assert 0.5 < told / true < 2.0
-
-
 def test_without_a_basis_there_is_no_figure():
     known = Remaining({"a": ExpectedTime(2.0), "b": ExpectedTime(2.0)}, 1)
     assert known.seconds(0.0) is None
@@ -84,12 +73,6 @@ def test_without_a_basis_there_is_no_figure():
         assert (left is None) == (count < 3)
     # Two at a time, as the seconds that were spent while one passed tell.
     assert left == pytest.approx(3 * 4.0 / 2)
-
-
-def test_compiling_is_no_measure_of_the_rest():
-    remaining = Remaining({"a": ExpectedTime(2.0), "b": ExpectedTime(2.0)}, 1)
-    remaining.done("a", SpentTime(6.0, compiling_s=4.0))
-    assert remaining.seconds(6.0) == pytest.approx(2.0)
 
 
 def test_what_is_made_once_is_counted(monkeypatch):
@@ -113,17 +96,3 @@ def test_compiling_of_a_kernel_is_counted():
         drjit.eval(mitsuba.Float64([1.0, 2.0]) * time.time())
     assert progress.taken_s()[progress.COMPILING] > 0.0
     assert not drjit.flag(drjit.JitFlag.KernelHistory)
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [
-        (None, ""),
-        (0.2, "about 1 s left"),
-        (42.0, "about 40 s left"),
-        (200.0, "about 3 min left"),
-        (9000.0, "about 2.5 h left"),
-    ],
-)
-def test_the_time_left_is_told_roughly(seconds, text):
-    assert about(seconds) == text

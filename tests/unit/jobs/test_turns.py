@@ -30,19 +30,10 @@ def test_alone_a_worker_takes_group_after_group_in_the_order_of_their_first_item
     assert _all_by(Turns(["b1", "a1", "b2", "c1", "a2"], _group), [0]) == {0: ["b1", "b2", "a1", "a2", "c1"]}
 
 
-def test_without_groups_the_order_is_that_of_the_items():
-    assert _all_by(Turns(["b1", "a1", "b2"]), [0]) == {0: ["b1", "a1", "b2"]}
-
-
 def test_every_group_goes_to_one_worker_while_there_are_others():
     items = [f"{letter}{number}" for number in range(3) for letter in "abcd"]
     taken = _all_by(Turns(items, _group), [0, 1])
     assert taken == {0: ["a0", "a1", "a2", "c0", "c1", "c2"], 1: ["b0", "b1", "b2", "d0", "d1", "d2"]}
-
-
-def test_a_single_long_group_is_split():
-    taken = _all_by(Turns([f"a{number}" for number in range(9)], _group), [0, 1])
-    assert taken == {0: ["a0", "a1", "a2", "a3", "a4"], 1: ["a5", "a6", "a7", "a8"]}
 
 
 def test_the_last_item_of_a_group_stays_with_its_worker():

@@ -46,10 +46,6 @@ def _all(suite: Suite) -> tuple[str, str, str]:
     )
 
 
-def test_the_same_again_is_the_same(load):
-    assert _all(load()) == _all(load()) == _all(load(folder="two"))
-
-
 @pytest.mark.parametrize(
     "change",
     [

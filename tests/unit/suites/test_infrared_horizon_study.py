@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from horizonval.core.errors import DamagedFileError
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, tangent_height, tangent_point
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.geometry.horizon import rays_along_parallels
-from horizonval.report import infrared
 from horizonval.spec.suite import StabilityBand, StabilitySpec
-from horizonval.store.folder import write_json
 from horizonval.suites import stability
 from horizonval.truth.infrared_radiance import directions
 
@@ -169,18 +164,3 @@ def test_brighter_air_ahead_costs_a_field_but_not_a_normalised_edge():
     step_km = 6.0 * (math.atanh(1 - 2 * 3.15 / 7.2) - math.atanh(1 - 2 * 3.15 / 6.0))
     expected = 0.5 * math.degrees(step_km / DISTANCE_KM)
     assert found["edge-threshold"]["max_pitch_deg"] == pytest.approx(expected, rel=0.015)
-
-
-def test_the_section_of_a_result(tmp_path: Path):
-    assert infrared.section_of_year(tmp_path) is None
-    result = stability.conclude(SPEC, [month(limb()), month(limb(41.0, 5.0))])
-    assert json.loads(json.dumps(result, allow_nan=False)) == result
-    (tmp_path / "stability").mkdir()
-    write_json(tmp_path / "stability" / "result.json", result)
-    section = infrared.section_of_year(tmp_path)
-    assert section is not None
-    assert section["bands"][0]["half_km"] == "40.0 to 41.0"
-    assert len(section["bands"][0]["errors"]) == len(section["sensors"]) == 4
-    (tmp_path / "stability" / "result.json").write_text('{"bands": []}')
-    with pytest.raises(DamagedFileError, match="run the suite again"):
-        infrared.section_of_year(tmp_path)

@@ -29,10 +29,6 @@ OF_FAILURES = (
 )
 
 
-def test_the_suites_of_failures_are_there():
-    assert set(OF_FAILURES) <= {path.stem for path in SUITES}
-
-
 @pytest.mark.parametrize(
     "path",
     [pytest.param(path, marks=pytest.mark.slow if path.stem in SLOW else ()) for path in SUITES],

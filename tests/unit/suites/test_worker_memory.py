@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import horizonval as hv
-from horizonval.api.check import check
+from horizonval.api.check import check_scene, check_suite
 from horizonval.core import memory
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Execution
@@ -42,20 +42,13 @@ def suite(tmp_path):
 
 def test_a_check_and_a_refusal_know_the_same_memory(monkeypatch):
     scene, camera = load_scene("limb-noon-vis")
-    cost = check((scene, camera)).cost
+    cost = check_scene(scene, camera).cost
     assert cost is not None
     assert cost.memory_mb == pytest.approx(frame_bytes(scene, camera) / 1e6)
     monkeypatch.setattr(memory, "available_bytes", lambda: frame_bytes(scene, camera) - 1.0)
     with pytest.raises(UserError, match=r"a frame of .* takes about .* MB of memory; expected at most .* would fit"):
         refuse_too_large(scene, camera)
-    assert check((scene, camera)).findings[0].code == "cannot-run"
-
-
-def test_frames_without_whole_pixels_take_more() -> None:
-    scene, camera = load_scene("limb-noon-vis")
-    marched = scene.model_copy(update={"render": scene.render.model_copy(update={"method": "march"})})
-    clouded, _ = load_scene("broken-clouds")
-    assert frame_bytes(scene, camera) < frame_bytes(marched, camera) < frame_bytes(clouded, camera)
+    assert check_scene(scene, camera).findings[0].code == "cannot-run"
 
 
 def test_the_size_that_would_fit_fits(monkeypatch):
@@ -79,7 +72,7 @@ def test_the_largest_frame_decides(suite, monkeypatch, tmp_path):
     with pytest.raises(UserError, match=r"two\.toml: fine: .*of 16 x 16 cells, takes about 3"):
         hv.run(tmp_path / "two.toml", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    assert any("takes about" in finding.text for finding in check(suite).findings)
+    assert any("takes about" in finding.text for finding in check_suite(suite).findings)
 
 
 def test_there_are_as_many_workers_as_memory_holds(suite, monkeypatch):

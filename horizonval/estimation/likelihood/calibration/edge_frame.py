@@ -1,15 +1,15 @@
-r"""One frame of a calibration: its own unknowns, and its equations in them and in what all frames share.
+"""One frame of a calibration by the limb's edge: its unknowns and equations.
 
-The pixels across the limb are those of :mod:`horizonval.estimation.likelihood.fit`, and so are the frame's own unknowns
-``x``: pose, blur, scale height, relief. An error ``c`` of the camera moves the limb in the image as it changes the
-pixels' lines of sight ``d``, and through the prior of the pose: the platform states the attitude of its body, and the
-height of a limb is known about a mean that all frames share::
+Pixels and unknowns ``x`` (pose, blur, scale height, relief) are those of :mod:`horizonval.estimation.likelihood.fit`.
+An error ``c`` of the camera moves the limb in the image through the pixels' lines of sight ``d``, and through the prior
+of the pose, since the platform states the attitude of its body and the mean height of the limb is common to all
+frames::
 
     d image / d c = (d image / d delta) (d delta / d d) (d d / d c)
     (x - m - A c)^T P (x - m - A c)
 
-Derivatives by pose and lens are central differences of the model itself: a turn and a shift of the
-principal point are alike to a hundredth, and the fit's own derivatives are right to a few thousandths.
+Derivatives by pose and lens are central differences: a turn and a shift of the principal point have the same effect to
+a hundredth, and the fit's analytic derivatives are accurate to a few thousandths.
 """
 
 from __future__ import annotations
@@ -60,9 +60,10 @@ such limbs comes out ten of its standard deviations off."""
 class EdgeFrame:
     """A frame on the way to the most probable camera.
 
+    Raises ``LinAlgError``: too little limb in view.
+
     Parameters
     ----------
-    start : EllipsoidStart
     camera : CameraModel
         As it was told.
     bends : bool
@@ -70,11 +71,6 @@ class EdgeFrame:
     scale : int
         Pixels of the image that together are one of those that are fitted, each way. What is shared, and the camera
         as it was told, are then in those wider pixels.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view.
     """
 
     def __init__(self, start: EllipsoidStart, camera: CameraModel, *, bends: bool = False, scale: int = 1) -> None:
@@ -98,10 +94,7 @@ class EdgeFrame:
     def choose(self, camera: CameraModel) -> None:
         """Choose the pixels, those where the way across the limb is whole.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            Too little limb in view.
+        Raises ``LinAlgError``: too little limb in view.
         """
         now = self.now
         self.near = limb_pixels(
@@ -113,16 +106,8 @@ class EdgeFrame:
     def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
         """Return the normal matrix (8, 8) and right side (8,) of what is shared, the frame's own eliminated.
 
-        Parameters
-        ----------
-        shared : SharedUnknowns
-        held : bool
-            Whether pixels, weights and scatter stay as they were.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            Too little limb in view, or equations without a solution.
+        ``held``: whether pixels, weights and scatter stay as they were. Raises ``LinAlgError``: too little limb in
+        view, or equations without a solution.
         """
         camera = shared.camera(self.told)
         if not held or self.light is None:

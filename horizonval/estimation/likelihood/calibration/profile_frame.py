@@ -1,14 +1,13 @@
-r"""One frame of a calibration by the whole profile of its limb, in air that tables know.
+"""One frame of a calibration by the whole profile of its limb.
 
-The frame's own unknowns are those of :mod:`..profile.fit`: pose, blur, sharpness, gain, background, and the unit
-unknowns ``z`` of the air. An error ``c`` of the lens moves the limb in the image as it changes the pixels' lines of
-sight, and so their distances across the limb, whose derivatives by it are central differences. In the frame's equations
-the air is eliminated first (Cholesky), then what else is its own; the pose's prior moves with the mounting and the lift
-of all air, which all frames share::
+The frame's unknowns are those of :mod:`..profile.fit`: pose, blur, sharpness, gain, background, and the unit unknowns
+``z`` of the air. An error ``c`` of the lens changes the pixels' distances across the limb, with derivatives by central
+differences. The air is eliminated first (Cholesky), then the frame's other unknowns. The prior of the pose moves with
+the mounting and the lift of all air, which all frames share::
 
     (x - m - A c)^T P (x - m - A c)
 
-Between two choices of pixels the distances are linear in ``c``, as they are in the pose.
+Between two selections of pixels the distances are linear in ``c``, as they are in the pose.
 """
 
 from __future__ import annotations
@@ -47,20 +46,16 @@ LARGEST_LOG_STEP = 0.5
 class ProfileFrame:
     """A frame on the way to the most probable camera.
 
+    Raises ``LinAlgError``: no limb, too little of it, or no fit with the camera that was told.
+
     Parameters
     ----------
-    known : KnownProfile
     camera : CameraModel
         As it was told.
     turn_sigma_rad : float
         Of the mounting: so much farther than the attitude's prior the limb may lie.
     bends : bool
         Whether its distortion may be wrong.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        No limb, too little of it, or no fit with the camera that was told.
     """
 
     def __init__(self, known: KnownProfile, camera: CameraModel, turn_sigma_rad: float, *, bends: bool = False) -> None:
@@ -77,16 +72,8 @@ class ProfileFrame:
     def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
         """Return the normal matrix (8, 8) and right side (8,) of what is shared, the frame's own eliminated.
 
-        Parameters
-        ----------
-        shared : SharedUnknowns
-        held : bool
-            Whether pixels and weights stay as they were.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            Too little limb in view, or equations without a solution.
+        ``held``: whether pixels and weights stay as they were. Raises ``LinAlgError``: too little limb in view, or
+        equations without a solution.
         """
         if not held or not len(self.model.by_lens):
             self._choose(shared)

@@ -45,11 +45,7 @@ class SharedUnknowns:
 def prior_sigmas(observation: Observation, height_sigma_m: float) -> FloatArray:
     """Return the standard deviations, shape (8,), of what all frames share before any is looked at.
 
-    Parameters
-    ----------
-    observation : Observation
-    height_sigma_m : float
-        By which all limbs may stand higher or lower together.
+    ``height_sigma_m``: by which all limbs may stand higher or lower together.
     """
     said = observation.calibration
     sigmas = np.empty(SHARED)
@@ -94,7 +90,6 @@ def without_own(
     ----------
     normal : ndarray, shape (own + 8, own + 8)
     right : ndarray, shape (own + 8,)
-    own : int
 
     Returns
     -------
@@ -117,8 +112,6 @@ def seen_by_changed(camera: CameraModel, pixels: NearPixels, step: FloatArray) -
 
     Parameters
     ----------
-    camera : CameraModel
-    pixels : NearPixels
     step : ndarray, shape (4,)
     """
     bend = k1_per_px(camera) * float(step[3]) if step[3] else 0.0

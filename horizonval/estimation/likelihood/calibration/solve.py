@@ -1,30 +1,25 @@
-"""Self-calibration: the frames that can be used, and the camera that makes their limbs most probable.
+"""Self-calibration: the camera that makes the limbs of many frames most probable.
 
-**The frames that a calibration can use: by the whole profile of the limb where its air is known, else by its edge.**
-
-**The camera that makes the limbs of many frames most probable: self-calibration over a pass.**
-
-Focal length, principal point, distortion and mounting are shared by all frames; pose, light, blur and air are each
-frame's own. Gauss-Newton on the likelihood of all pixels across all limbs, with each frame's own
-unknowns eliminated (Schur's complement; Triggs, McLauchlan, Hartley and Fitzgibbon, "Bundle adjustment", 2000, section
-6). With a frame's normal matrix in own and shared unknowns::
+Frames are used by the whole profile of the limb where tables of its air exist, else by its edge. Focal length,
+principal point, distortion and mounting are shared by all frames; pose, radiance, blur and air are unknowns of each
+frame. Gauss-Newton maximises the likelihood of all pixels, with each frame's unknowns eliminated (Schur's complement;
+Triggs, McLauchlan, Hartley and Fitzgibbon, "Bundle adjustment", 2000, section 6). With a frame's normal matrix in
+separate and shared unknowns::
 
     N_i = [[X, Z], [Z^T, S]],    step_c = (sum (S - Z^T X^-1 Z) + P_c)^-1 sum (b_c - Z^T X^-1 b_x) + ...,
     C = (sum (S - Z^T X^-1 Z) + P_c)^-1
 
-``C`` is the covariance that is claimed of the camera.
+``C`` is the claimed covariance of the camera.
 
-**What is degenerate.** A disc of one size is a short focal length under a low orbit and a long one under a high orbit:
-where the limb keeps its place in the image, focal length is known as well as the limb's angular radius, ``d ln f ~
-(dh / d) / (sin rho cos rho)`` with ``d`` the distance to the limb, and the height of all limbs is one unknown with the
-prior's whole sigma. Attitudes of the platform that carry the limb across the image determine it without: a turn that
-is known against the pixels that the limb moves by. Principal point and mounting move the limb alike but for the square
-of the field; the yaw of the mounting about the nadir is seen by the Earth's flattening and by other rolls alone. What
-the frames do not determine keeps its prior, and is named.
+**Degenerate cases.** A disc of one size fits a short focal length under a low orbit and a long one under a high orbit:
+where the limb stays at one position in the image, focal length is known only as well as the limb's angular radius, ``d
+ln f ~ (dh / d) / (sin rho cos rho)`` with ``d`` the distance to the limb, and the height of all limbs is one unknown
+with the prior's whole sigma. Attitudes that move the limb across the image determine it. Principal point and mounting
+move the limb equally except for the square of the field; the yaw of the mounting about the nadir is seen through the
+Earth's flattening and other rolls alone. What the frames do not determine keeps its prior, and is named.
 
-**Neglected.** Errors of the stated attitude and position that successive frames share, but for a turn of the mounting,
-which is that of the attitude's mean error. That frames of one place see one air: what the air leaves open is then
-claimed larger than it is.
+**Neglected.** Errors of the stated attitude and position that successive frames share, except a turn of the mounting.
+Frames of one location see the same air: the claim is then too large.
 """
 
 from __future__ import annotations
@@ -86,7 +81,6 @@ class CalibrationFrames:
 
     Attributes
     ----------
-    frames : sequence of CalibrationFrame
     left_out : tuple of str
         Why other images are not used.
     whole : ndarray, shape (8,)
@@ -102,13 +96,7 @@ class CalibrationFrames:
 
 
 def frames_of(observations: Sequence[Observation]) -> CalibrationFrames | Refusal:
-    """Return the frames of images of one camera, or why they are too few.
-
-    Parameters
-    ----------
-    observations : sequence of Observation
-        At least one.
-    """
+    """Return the frames of images of one camera, or why they are too few. ``observations``: at least one."""
     first = observations[0]
     bends = first.calibration is not None and first.calibration.distortion_sigma_px > 0.0
     known = known_profile(first, "limb-calibrate")
@@ -222,7 +210,6 @@ class CameraCalibration:
 
     Attributes
     ----------
-    camera : CameraModel
     q_cam_from_body : ndarray, shape (4,)
     covariance : ndarray, shape (7, 7)
         Of ln f, principal point (2) [px], distortion at the farthest corner [px], and a turn of the camera in its own
@@ -236,7 +223,6 @@ class CameraCalibration:
         That were used.
     left_out : tuple of str
         Why others were not.
-    steps : int
     """
 
     camera: CameraModel
@@ -323,9 +309,7 @@ def _solve(
 ) -> tuple[SharedUnknowns, FloatArray, int]:
     """Return the most probable shared unknowns, their covariance (8, 8), and the number of steps.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
+    Raises ``LinAlgError``.
     """
     shared = SharedUnknowns(np.zeros(SHARED))
     share, before = 1.0, np.inf

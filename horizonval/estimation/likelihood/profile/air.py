@@ -1,43 +1,36 @@
-"""The air along a limb in view: its modes from place to place, and the table that it is read from.
+"""The air along a limb in view: profiles at nodes of azimuth, how modes vary between nodes, and the table they come
+from.
 
-**The air along a limb in view: profiles at nodes of azimuth, and how the modes vary from node to node.**
-
-A coefficient of a mode is along the limb a random function with the covariance of :mod:`..height`:
-``exp(-d^2 / (2 l^2))``, ``d`` the distance of two places on the unit sphere, where the length ``l`` is the same
-everywhere. On the nodes it is ``V diag(w) V^T``, and ::
+**Modes.** The coefficient of a mode is along the limb a random function with the covariance of :mod:`..height`:
+``exp(-d^2 / (2 l^2))`` for chords ``d`` of the unit sphere where the length ``l`` is constant. On the nodes it is ``V
+diag(w) V^T``, and (Karhunen and Loeve) ::
 
     a_k(node j) = sum_i  z_i sqrt(w_i) V_ji,        z_i ~ N(0, 1)
 
-(Karhunen and Loeve), as for the relief in :mod:`..sectors`. Waves that hold less than :data:`LEFT_OUT` of a mode's
-variance are left out.
+Waves that hold less than :data:`LEFT_OUT` of a mode's variance are left out.
 
-A line that passes at ``h``, below the height ``z`` from which light comes, ends the angle ``d`` before its lowest
-point, where the air is another one. What is there is alike with what stands at the lowest point as ``r``, so that a
-mode falls apart into two, with coefficients that do not know of each other::
+A line that passes at ``h``, below the height ``z`` from which the radiance comes, ends the angle ``d`` before its
+lowest point. The air there is correlated with that at the lowest point by ``r``, so that a mode splits into two with
+independent coefficients::
 
     a r f(h) + b (1 - r^2)^1/2 f(h),        d = (2 (z - h) / R)^1/2,        r = exp(-d^2 / (2 l^2))
 
-with the length ``l`` along the line.
-The height ``z`` is the highest at which the mean has half of its largest value. Two more kinds of functions join them:
+with the length ``l`` along the line, and ``z`` the highest height at which the mean has half of its maximum. Two more
+kinds of functions are added:
 
-- what its modes leave: bumps over height whose squares sum up to one, each times ``left_sigma``, alike along the limb
-  over :data:`LEFT_LENGTH_RAD`;
-- the gain of the optics, which a calibration has to :data:`GAIN_SIGMA`: the mean profile itself.
+- the rest of the ensemble: bumps over height whose squares sum up to one, times ``left_sigma``, correlated along the
+  limb over :data:`LEFT_LENGTH_RAD`;
+- the gain of the optics, calibrated to :data:`GAIN_SIGMA`: the mean profile itself.
 
-**The air that a fit leans on: a table of profiles, read where the limb in view is and as the Sun stands there.**
+**Table.** Profiles are read at the location of the limb and its Sun. With the normal ``u`` of the ellipsoid beneath a
+point of the limb, the (level) line of sight ``d`` to it and the Sun's direction ``s``: zenith angle ``acos(s . u)``,
+azimuth from the line of sight ``atan2(s . (u x d), s . d)``.
 
-With the normal ``u`` of the ellipsoid beneath a place of the limb, the line of sight ``d`` to it, which is level there,
-and the direction ``s`` of the Sun: zenith angle ``acos(s . u)``, azimuth from the line of sight ``atan2(s . (u x d),
-s . d)``.
+The Sun's zenith angle at the observer follows from time and position, its azimuth from a Sun sensor, or else from the
+attitude. A sensor whose Sun contradicts time and attitude is believed alone: the clock may be wrong.
 
-How far from the zenith of the observer the Sun stands is known from time and place, whatever the attitude, and how it
-stands about it from a Sun sensor, or else from the attitude: a sensor that reads whole degrees would leave a limb near
-the terminator half a kilometre off. A sensor that sees the Sun where time and attitude cannot have it is believed
-alone: a clock that is hours off, or a scene whose Sun was put somewhere.
-
-A line that passes ``h`` above the limb is turned outwards by ``b = h / l`` at the distance ``l`` of the limb, and its
-lowest point lies as much nearer: under another Sun, half a degree away from low orbit at the height of 20 km. Sunlit
-tables are read where every line has its own lowest point::
+The lowest point of a line ``h`` above the limb, turned outwards by ``b = h / l`` at the limb's distance ``l``, is
+nearer by that angle. Sunlit tables are read at the lowest point of every line::
 
     u' = cos b u - sin b d,      d' = cos b d + sin b u
 """
@@ -171,7 +164,6 @@ def node_air(
     modes : ndarray, shape (m, k, h)
     lengths_rad : ndarray, shape (m, k, 2)
         Along the meridian and along the parallel.
-    places : LimbNodes
     grid_m : tuple of float
         First and last distance across the limb (:func:`.ray_height.level_distance`) that are asked for, and the step:
         profiles are means over steps.
@@ -233,12 +225,8 @@ def node_air(
 def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
     """Return how long before their lowest points lines end, as angles at the Earth's centre, shape (m, h).
 
-    Parameters
-    ----------
-    height_m : ndarray, shape (h,)
-        Of the lines' lowest points.
-    mean : ndarray, shape (m, h)
-        Profiles: light comes from where they have half of their largest value.
+    ``height_m`` (shape (h,)): of the lines' lowest points. ``mean`` (shape (m, h)): Profiles: light comes from where
+    they have half of their largest value.
     """
     bright = mean >= 0.5 * mean.max(axis=1)[:, None]
     source_m = height_m[len(height_m) - 1 - np.argmax(bright[:, ::-1], axis=1)]
@@ -307,14 +295,8 @@ stands at most 0.8 deg elsewhere from one to the next (200 km); below and above 
 class KnownAir:
     """The air of a table at one time, under one Sun.
 
-    Parameters
-    ----------
-    templates : LimbTemplates
-    epoch_utc : datetime
-    sun_cam : ndarray, shape (3,), or None
-        As a Sun sensor sees it.
-    sun_itrs : ndarray, shape (3,), or None
-        As the time says it; None where the sensor alone is believed, :func:`sun_of_time`. One of the two is there.
+    ``sun_cam`` (shape (3,)): as a Sun sensor sees it. ``sun_itrs`` (shape (3,)): as the time says it; None where the
+    sensor alone is believed, :func:`sun_of_time`. One of the two is there.
     """
 
     def __init__(

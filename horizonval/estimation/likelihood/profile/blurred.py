@@ -1,30 +1,29 @@
-r"""Profiles over height as lens and pixel blur them, and how they change with the height, the blur and the lens.
+"""Profiles over height, blurred by lens and pixel, and their derivatives by height, blur and lens.
 
 Across the limb the pixel's square, seen along the direction ``(c, d)`` of its columns and rows, is the convolution of
-two boxes of ``c`` and ``d`` pixels. Where a pixel is ``m`` metres wide, on an even grid of distances across the limb
-the transform of all is a product, with ``sinc x = sin x / x``::
+two boxes of ``c`` and ``d`` pixels. Where a pixel is ``m`` metres wide, on an even grid of distances across the limb,
+with ``sinc x = sin x / x``::
 
     T(w) = L(w) sinc(w c m / 2) sinc(w d m / 2),      P_s = F^-1[T F[P]],      dP_s/dh = F^-1[i w T F[P]]
 
-The lens is a Gaussian of ``s`` pixels. What a lens really is differs from it most at a period of two pixels, where it
-lets more through: from a smooth Gaussian to one of samples at whole pixels, as wide, leads the unknown ``q``::
+The lens is a Gaussian of ``s`` pixels. The unknown ``q`` leads from a smooth Gaussian to an equally wide one sampled at
+whole pixels, which passes more at periods near two pixels::
 
     L = (1 - q) exp(-(w s m)^2 / 2) + q G(w c m) G(w d m),      G(x) = sum_k exp(-k^2 / 2 s^2) cos k x / its value at 0
 
-Of pixels that are small beside the limb's depth, or a blur of a pixel and more, both are the same.
+If a pixel is small compared with the limb's depth, or the blur a pixel and more, both are equal.
 
-Of a lens two things more can be told. Where it is softer at one part of the field than at another, its transform is
+Where the blur varies over the field, the transform is
 
     L = sum_b w_b(place) L_b,        s_b = r_b s,
 
-``r_b`` its softness at some angles from the axis against a common one, ``w_b`` how a place of the image lies between
-these: at every place it mixes what is sharp and what is soft, and is no Gaussian between. And a round aperture, whose
-rings throw a hundredth of an edge five pixels far, multiplies it by ``(2 a - sin 2 a) / pi``, ``cos a = w d m / 2 pi``
-with ``d = lambda N`` in pixels (M. Born and E. Wolf, Principles of Optics, 9.5.2), taken at the mean wavelength.
-Samples at whole pixels then are the sum over frequencies a whole number per pixel apart, of which nine count.
+with ``r_b`` the blur at some angles from the axis relative to a common one, and ``w_b`` the interpolation weights of a
+position. A round aperture multiplies it by ``(2 a - sin 2 a) / pi``, ``cos a = w d m / 2 pi`` with ``d = lambda N`` in
+pixels (M. Born and E. Wolf, Principles of Optics, 9.5.2), at the mean wavelength. For samples at whole pixels, nine
+frequencies a whole number per pixel apart are then summed.
 
-The profiles are taken as even about both ends of the grid, so that a level there goes on as it is. They are
-transformed once; a step of a fit takes the products alone.
+The profiles are continued evenly at both ends of the grid, so that a level there goes on. They are transformed once; a
+step of a fit computes the products only.
 """
 
 from __future__ import annotations

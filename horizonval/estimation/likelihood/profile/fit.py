@@ -1,60 +1,43 @@
-"""The fit of the whole profile of the limb: its step, its search and its result.
+"""The fit of the whole profile of the limb, pose and air together: model, step, search and result.
 
-**A step of the fit's unknowns, with those of the air eliminated first.**
-
-With the normal matrix in blocks of the shared unknowns and of the unit unknowns of the air, priors in both, and
-``A = L L^T`` (Cholesky)::
-
-    N = [[S, M], [M^T, A]],        C_s = (S - M A^-1 M^T)^-1,        C_a = A^-1 + A^-1 M^T C_s M A^-1
-
-``C_s`` is the covariance of the shared unknowns, ``S^-1`` what it would be if the air were known.
-
-**The way from a pose near the limb to the most probable unknowns: Gauss-Newton, no step of which is a bad one.**
-
-Of an image in which many pixels see the limb some are enough to come near; all are asked for the last steps.
-
-The noise is as little known as the rest, and depends on the unknowns: it grows with the level. What is made smallest is
-minus twice the logarithm of the probability of both, with the noise that fits the residuals of every place tried::
-
-    F = sum_i (r_i^2 / v_i + ln v_i) / w_i + priors,        v = v(residuals, levels)
-
-``w`` is how many pixels count as one there, because residuals are alike: pixels that see one cloud are not as many data
-(:func:`wider`). A step is that of the weights ``1 / (w v)``, with ``r + (r^2 / v - 1) (dv / dp) / 2`` in place of
-``r``: what the variance's dependence on the level ``p`` adds to the slope of ``F``. With weights alone, and ``w`` put
-in at the end, steps went downhill in ``sum r^2 / v`` and uphill in ``F``: limbs under broken clouds by day were drawn
-from the very truth to 500 to 1 000 arcsec beside it. With one ``w`` for all pixels, clear air above clouds counted as
-little as they.
-
-``F`` has other places that are lowest around, with a softer lens and more noise in place of air. From a start a pixel
-off, light above a limb that is predicted too low looks like a soft lens, and the noise that fits the residuals is
-large. So the lens is held in the first part of the way, and so is the noise for a step.
-
-**The pose, and the air, that make the pixels of the limb's whole profile most probable: Gauss-Newton.**
-
-A pixel whose ray passes at the height ``h`` (:mod:`.pixels`), between two nodes of azimuth, is ::
+**Model.** A pixel whose ray passes at the height ``h`` (:mod:`.pixels`), between two nodes of azimuth, is ::
 
     I = b + g l P_s(h - H + c (s^2 + 1/12)) + noise,        P = mean + sum_k a_k f_k
 
-with the profiles of :mod:`.air`, blurred by ``s`` and a lens as sharp as ``q`` (:mod:`.blurred`), linear between the
-nodes, and ``l`` the light that the pixel gets of a radiance. ``c (s^2 + 1/12)`` is what a blur of lens and pixel makes
-of a bent limb. Unknown are a turn of the camera (3), its position (3), a lift ``H`` of all air, the logarithms of the
-blur and of the gain ``g``, ``q``, the background ``b``, and the unit unknowns ``z`` behind the coefficients ``a``.
-Every prior is rows of the same equations::
+with the profiles of :mod:`.air`, blurred by ``s`` and a lens of sharpness ``q`` (:mod:`.blurred`), linear between the
+nodes, and ``l`` the level per radiance. ``c (s^2 + 1/12)`` is the shift of a bent limb by blur. Unknown are a turn of
+the camera (3), its position (3), a lift ``H`` of all air, the logarithms of the blur and of the gain ``g``, ``q``, the
+background ``b``, and the unit unknowns ``z`` behind the coefficients ``a``. Every prior is rows of the same equations::
 
     step = (J^T W J + P)^-1 (J^T W residuals + P (m - now)),        C = (J^T W J + P)^-1
 
-``C`` is what is claimed; of it the part of the first unknowns alone, ``(J_1^T W J_1 + P_1)^-1``, is what it would be if
-the air were known. Air that is none of the ensemble's strains its unknowns: the sum of their squares is in the mean as
-many as the pixels determine, ``tr(1 - C_z)``. Where it is more by two of its own standard deviations the air's part of
-``C`` is larger by the ratio of the two (Birge's, as in :mod:`..fit`). On 128 thermal frames of other air, clouds and
-thin clouds errors squared over what is claimed were 1.4 where the ratio was below 1, and 3 to 10 above; the rule was
-made after seeing that.
+**Step**, with the air eliminated first. With the normal matrix in blocks of the shared unknowns and of the unit
+unknowns of the air, priors in both, and ``A = L L^T`` (Cholesky)::
 
-Where the converter's floor cuts noise off, what a pixel shows in the mean is not ``I``: see :mod:`.noise`. The noise is
-that of :mod:`.noise`. Where neighbouring residuals are alike, what they show counts less by how much more
-their sums over squares scatter than independent ones would, of the size of squares where that is most.
+    N = [[S, M], [M^T, A]],        C_s = (S - M A^-1 M^T)^-1,        C_a = A^-1 + A^-1 M^T C_s M A^-1
 
-**Neglected.** That residuals may be alike over more than the largest square.
+``C_s`` is the covariance of the shared unknowns, ``S^-1`` the covariance if the air were known.
+
+**Search**: damped Gauss-Newton. Images with many pixels across the limb use part of them until the last steps. The
+noise depends on the unknowns, since it grows with the level. The minimised function is minus twice the log likelihood,
+with the noise fitted to the residuals of every trial::
+
+    F = sum_i (r_i^2 / v_i + ln v_i) / w_i + priors,        v = v(residuals, levels)
+
+``w`` is the number of correlated pixels that count as one (:func:`wider`); it is larger below clouds than in clear air
+above them. A step has the weights ``1 / (w v)``, with ``r + (r^2 / v - 1) (dv / dp) / 2`` in place of ``r``, the
+gradient of ``F`` through the variance's dependence on the level ``p``. ``F`` has local minima with a softer lens and
+more noise in place of air, because radiance above a limb that is predicted too low looks like a soft lens. The lens is
+therefore fixed in the first part of the search, and the noise for one step.
+
+**Claim.** ``C`` is the claimed covariance; the covariance of the first unknowns alone, ``(J_1^T W J_1 + P_1)^-1``,
+holds if the air were known. If the air is inconsistent with its prior, the sum of squares of its unknowns exceeds the
+degrees of freedom that the pixels determine, ``tr(1 - C_z)``. Where the excess is more than two standard deviations the
+air's part of ``C`` is multiplied by the ratio of the two (Birge's, as in :mod:`..fit`).
+
+Noise, also where the converter's floor cuts it off, is that of :mod:`.noise`.
+
+**Neglected.** Correlation of residuals beyond the largest square of pixels that is tested.
 """
 
 from __future__ import annotations
@@ -122,6 +105,8 @@ def step_without_air(
 ) -> ProfileStep:
     """Solve the equations of a step.
 
+    Raises ``LinAlgError``: no solution, or unknowns that nothing determines.
+
     Parameters
     ----------
     shared : ndarray, shape (s, s)
@@ -132,11 +117,6 @@ def step_without_air(
         Without the priors of the air's unit unknowns, which are added; written over.
     right_air : ndarray, shape (k,)
         With the pull of their priors.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        No solution, or unknowns that nothing determines.
     """
     if not (np.isfinite(shared).all() and np.isfinite(right).all() and np.isfinite(air).all()):
         raise np.linalg.LinAlgError("the fit's equations have no solution")
@@ -207,16 +187,9 @@ class ProfileSearch:
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : CameraModel
-    start : LimbPose
-    knowledge : ProfileKnowledge
 
     Attributes
     ----------
-    model : ProfileModel
-    now : Guess
-    look : Seen
-    noise : PixelNoise
     least : ndarray, shape (n,)
         Variance that it is at least.
     wider : ndarray, shape (n,), or 1
@@ -254,10 +227,7 @@ class ProfileSearch:
     def run(self) -> ProfileSearch:
         """Search.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            No convergence, nothing like the prediction, or unknowns that nothing determines.
+        Raises ``LinAlgError``: no convergence, nothing like the prediction, or unknowns that nothing determines.
         """
         settled, size = 0, np.inf
         for number in range(MOST_STEPS):
@@ -487,18 +457,8 @@ def fit_profile(
 ) -> ProfileFit:
     """Fit the limb's profile near a pose that is right to some kilometres of height at the limb.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Grey levels, linear in radiance; NaN where a pixel tells nothing.
-    camera : CameraModel
-    start : LimbPose
-    knowledge : ProfileKnowledge
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view, no light where it should be, or no convergence.
+    ``image`` (shape (H, W)): grey levels, linear in radiance; NaN where a pixel tells nothing. Raises ``LinAlgError``:
+    too little limb in view, no light where it should be, or no convergence.
     """
     found = ProfileSearch(image, camera, start, knowledge).run()
     look, now = found.look, found.now
@@ -525,12 +485,8 @@ def fit_profile(
 def strained(squares: float, determined: float) -> float:
     """Return by how much unit unknowns scatter more than they should, 1 where chance may do so.
 
-    Parameters
-    ----------
-    squares : float
-        Their sum.
-    determined : float
-        How many of them are determined: the mean of ``squares``, whose variance is twice as much.
+    ``squares``: their sum. ``determined``: how many of them are determined: the mean of ``squares``, whose variance is
+    twice as much.
     """
     ratio = squares / max(determined, 1e-300)
     return ratio if determined > 0.0 and ratio > 1.0 + SCATTERED * np.sqrt(2.0 / determined) else 1.0

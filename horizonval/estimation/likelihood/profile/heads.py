@@ -1,25 +1,20 @@
 """One pose and one air fitted to the whole profiles of the limb in all heads.
 
-**One air for all heads: what limbs in several images have of it in common.**
+**Air.** The coefficient of a mode is one random function on the planet, so that the nodes of all heads together have
+one covariance, as those of one image have (:mod:`..profile.air`); its waves reach from limb to limb, and their unit
+unknowns are common to all heads. Images of other wavelengths have separate modes; the gain of the optics is separate
+for each head.
 
-Heads of a housing look at one planet. A coefficient of a mode is one random function on it, so that the nodes of all
-heads together have one covariance, as those of one image have (:mod:`..profile.air`): its roots are waves that reach
-from limb to limb, and their unit unknowns are the heads' common unknowns. Where limbs are far apart each wave is in one
-image, where they cross it is in both. Images of other wavelengths see other modes, with unknowns of their own; and so
-does the gain of the optics, which is each head's.
+**Pose.** The equations of one image (:mod:`..profile.fit`) are summed. With the unknowns ``g`` of the body (a turn in
+body axes, position, lift of all air), those of head ``k`` are ``T_k g``: a turn of the body turns its cameras by
+``theta_k = R_k theta``, and the rest is selected. Blur, sharpness, gain and background are separate for each head; the
+air is eliminated from the sum.
 
-**The pose of a body, and one air, that make the whole profiles of the limb in all its heads most probable.**
+Every head is fitted alone first, to find its limb, radiance and noise; heads without a limb are left out. The claim is
+inflated where the air is inconsistent with its prior, as for one image.
 
-The equations of one image (:mod:`..profile.fit`) are added up. With the unknowns ``g`` of the body, a turn in body
-axes, position, and the lift of all air, those of head ``k`` are ``T_k g``: a turn of the body is a turn of its cameras,
-``theta_k = R_k theta``, and the rest is picked. Each head keeps blur, sharpness, gain and background of its own; the
-air is one (above), and is eliminated from the sum.
-
-Every head is fitted alone first, which finds its limb, its light and its noise; those that show none are left out.
-The claim is widened where the air is strained, as that of one image.
-
-**Neglected.** That the air which two bands see is one: heads of other wavelengths have air of their own, and together
-they claim too little error of what it has in common. The heads of a camera file have the same bands.
+**Neglected.** Correlation of the air between two bands: heads of other wavelengths together claim too small an error of
+their common air. The heads of a camera file have the same bands.
 """
 
 from __future__ import annotations
@@ -119,12 +114,7 @@ class CommonAir:
 def common_air(airs: Sequence[NodeAir], tables: Sequence[Hashable]) -> CommonAir:
     """Return the air of all heads as one.
 
-    Parameters
-    ----------
-    airs : sequence of NodeAir
-        Of each head, alone.
-    tables : sequence
-        What each was read from; of the same table are the same functions.
+    ``airs``: of each head, alone. ``tables``: what each was read from; of the same table are the same functions.
     """
     owners: dict[Name, list[int]] = {}
     for head, (air, table) in enumerate(zip(airs, tables, strict=True)):
@@ -172,9 +162,7 @@ class ProfileHead:
 
     Attributes
     ----------
-    camera : CameraModel
     cam_from_body : ndarray, shape (3, 3)
-    knowledge : ProfileKnowledge
     table : hashable
         What its air was read from.
     image : ndarray, shape (H, W)
@@ -204,6 +192,8 @@ def fit_profiles(
 ) -> ProfileFit:
     """Fit the limb's profile in the images of all heads.
 
+    Raises ``LinAlgError``: too little limb in view of a head, or no convergence.
+
     Parameters
     ----------
     heads : sequence of ProfileHead
@@ -219,11 +209,6 @@ def fit_profiles(
     -------
     ProfileFit
         With points and levels of the first of the heads.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view of a head, or no convergence.
     """
     return _SearchOfHeads(list(heads), mean, information).run(axes_from_body)
 

@@ -20,7 +20,6 @@ class ProfileKnowledge:
 
     Attributes
     ----------
-    ellipsoid : Ellipsoid
     mean : LimbPose
         The priors' values; ``height_m`` is the lift of the air.
     information : ndarray, shape (7, 7)
@@ -60,8 +59,6 @@ class ProfileFit:
 
     Attributes
     ----------
-    pose : LimbPose
-    blur_px, gain, background : float
     covariance : ndarray, shape (7, 7)
         Of a step from the pose: noise, priors and air.
     relief_covariance : ndarray, shape (7, 7)

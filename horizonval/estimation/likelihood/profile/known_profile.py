@@ -1,20 +1,16 @@
-"""What a fit of the limb's profile is given of an observation, and the pose that it starts from.
+"""What a fit of the limb's profile is given of an observation (tables, priors), and the pose at which it starts.
 
-**A pose near the limb from a coarse attitude alone: the tilt at which the predicted picture is most like the image.**
-
-Pixels of a coarse copy of the image are compared with what the profiles of the table make of them at every tilt of a
-grid about the prior's nadir. With gain and background free, ``R^2`` the square of the correlation of both, ``n`` pixels
-and a prior of the tilt ``N(0, s^2)``::
+The start needs only a coarse attitude. Pixels of a coarse copy of the image are compared with the prediction of the
+tables at every tilt of a grid about the prior's nadir. With gain and background free, ``R^2`` the square of the
+correlation of image and prediction, ``n`` pixels and a prior of the tilt ``N(0, s^2)``::
 
     2 ln likelihood = -n ln(1 - R^2) - |tilt|^2 / s^2
 
-The best place is looked at again with a finer grid, until a step is less than what a fit can take. Nothing is searched
-for in the image itself: no edge, no threshold. That the best tilt is right is for the fit to show.
+The grid is refined around the maximum until its step is within the fit's basin. No edges and no thresholds are used;
+whether the tilt is right is decided by the fit.
 
-Heights are those of a sphere by its angle from the nadir, corrected at every pixel by what the ellipsoid makes of them
-at the prior: the flattening changes over some degrees of tilt by less than a pixel.
-
-**What a fit of the limb's profile is given of an observation: tables of its air, priors, and where to start.**
+Heights are those of a sphere by its angle from the nadir, corrected at every pixel for the ellipsoid at the prior: over
+some degrees of tilt the effect of the flattening changes by less than a pixel.
 """
 
 from __future__ import annotations
@@ -77,22 +73,15 @@ def start_pose(
 ) -> LimbPose:
     """Return the prior's pose, tilted to where the image is most like the limb.
 
+    Raises ``LinAlgError``: no tilt makes the image like a limb.
+
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : CameraModel
-    prior : LimbPose
-    tilt_sigma_rad : float
-    ellipsoid : Ellipsoid
     heights_m : tuple of float
         First and last height of the table.
     profiles : callable
         From normals (m, 3) and lines of sight (m, 3) in camera axes, and heights (n,), to profiles (m, n).
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        No tilt makes the image like a limb.
     """
     values, los, light, pixel_rad = _coarse(image, camera)
     distance = float(np.linalg.norm(prior.r_itrs))
@@ -221,9 +210,6 @@ class KnownProfile:
 
     Attributes
     ----------
-    picture : Picture
-    knowledge : ProfileKnowledge
-    air : KnownAir
     tilt_sigma_rad : float
         Of the attitude that is stated.
     """
@@ -236,10 +222,7 @@ class KnownProfile:
     def start(self, camera: CameraModel, tilt_sigma_rad: float) -> LimbPose:
         """Return a pose near the limb, at a tilt within so much of the prior's.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            No tilt makes the image like a limb.
+        Raises ``LinAlgError``: no tilt makes the image like a limb.
         """
         known = self.knowledge
 

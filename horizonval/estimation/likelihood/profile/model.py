@@ -1,11 +1,10 @@
-r"""Pixels chosen at a pose, what unknowns near it make of them, and the equations of a step.
+"""Pixels selected at a pose, their prediction near it, and the equations of a step.
 
-Within a choice of pixels the distances across the limb are linear in the way from its pose: what a way of a pixel ``u``
-leaves out is ``u^2 / 2`` over the distance of the limb, 60 m of a pixel of 19 km.
+Within a selection the distances across the limb are linear in the displacement from its pose: a displacement of ``u``
+neglects ``u^2 / 2`` over the distance of the limb, 60 m for a pixel of 19 km.
 
-The functions of the air are smooth over a fifth of a pixel. What the equations ask of them, products with each other
-and with the other derivatives, is summed up on a grid of heights by sector first: the products then cost as many places
-of that grid as there are, and not as many pixels.
+The functions of the air are smooth over a fifth of a pixel. Their products with each other and with the other
+derivatives are therefore summed on a grid of heights by sector first, so that their cost does not grow with the pixels.
 """
 
 from __future__ import annotations
@@ -85,12 +84,7 @@ class Guess:
 def priors_beside_pose(known: ProfileKnowledge, now: Guess, floor: Floor | None) -> tuple[FloatArray, FloatArray]:
     """Return the information on the shared unknowns that are no pose, shape (11,), and the step to where it points.
 
-    Parameters
-    ----------
-    known : ProfileKnowledge
-    now : Guess
-    floor : Floor or None
-        Dark pixels at it tell of the background no more than one pixel does.
+    ``floor``: dark pixels at it tell of the background no more than one pixel does.
     """
     information, wanted = np.zeros(SHARED), np.zeros(SHARED)
     rows = [BLUR, SHARPNESS, GAIN]
@@ -107,7 +101,6 @@ class Seen:
 
     Attributes
     ----------
-    place : ndarray of int
     share : ndarray
         Of the next place of the grid.
     level : ndarray
@@ -118,7 +111,6 @@ class Seen:
         Radiance of the brightest height of the profile there.
     kept : ndarray
         Of a change of light, that the converter's floor leaves in the mean.
-    residuals : ndarray
     """
 
     place: np.ndarray
@@ -144,15 +136,14 @@ class Equations:
 class ProfileModel:
     """The pixels that see the profile at a pose.
 
+    Raises ``LinAlgError``: too little limb in view.
+
     Parameters
     ----------
     image : ndarray, shape (H, W)
         NaN where a pixel tells nothing.
-    camera : CameraModel
-    pose : LimbPose
     blur_px : float
         Of the lens, for how wide the window is.
-    knowledge : ProfileKnowledge
     most : int, optional
         About so many pixels of the image, evenly spread.
 
@@ -168,11 +159,6 @@ class ProfileModel:
         Share of a pixel's light, through lens and pixel, that comes from below the highest clouds.
     left_alike : ndarray, shape (n,)
         Over how many pixels what the prediction leaves out is alike: a bump's height and length.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view.
     """
 
     def __init__(

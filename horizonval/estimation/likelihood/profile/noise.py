@@ -1,28 +1,22 @@
 """The noise of pixels that see the limb's profile, also where a converter cuts it off.
 
-**Noise that a converter cuts off: what dark pixels show where levels end at a floor.**
-
-Of a pixel whose level is normal, of mean ``mu`` and standard deviation ``s``, and cut off at ``f``, is expected ::
+**Floor.** For a normally distributed pixel of mean ``mu`` and standard deviation ``s``, cut off at ``f``, the
+expectation is ::
 
     E = f + s (phi(z) + z Phi(z)),      dE / dmu = Phi(z),      z = (mu - f) / s
 
-Space at the floor itself shows 0.4 s more than is there, and where the limb begins the light is nothing more. Cameras
-without a black level do so: the limb of the shipped infrared one in 8 to 14 um stood 0.4 km lower for it.
+Space at the floor itself reads 0.4 s too high, which matters for cameras without a black level. ``s`` and the
+background come from the pixels that see space only, by their share at the floor and their mean.
 
-``s`` and the background are those of pixels that see nothing but space, by the share of them at the floor and by their
-mean.
+**Variance.** It is that of dark pixels and three parts fitted to the residuals by least squares: one proportional to
+the level (photons), one to the square of what clouds can change (the radiance of the limb's brightest height, blurred,
+below the highest clouds), one to the square of the slope (errors of the lens model). It is not below the variance of
+the converter's rounding and of the prediction's neglected terms. Pixels more than five standard deviations off are left
+out (stars, hot pixels).
 
-**The noise of the pixels that see a profile, as their residuals show it.**
-
-The variance is that of dark pixels and three parts that least squares find in the residuals: one as bright as the
-pixel (photons), one as the square of what clouds can change (the light of the limb's brightest height, as far as lens
-and pixel let it in from below the highest clouds), one as the slope's square (what a lens does that the model has not).
-It is not below that of the converter's rounding and of what the prediction leaves out.
-Pixels further off than five standard deviations are left out (stars, hot pixels).
-
-Where neighbouring residuals are alike (clouds, and what else no mode has), their sums over squares scatter more than
-independent ones would. What is alike is what the residuals show beyond the noise of dark pixels: the more of its
-variance that is, the less a pixel counts.
+**Correlation.** Where neighbouring residuals are correlated (clouds, missing modes), their sums over squares scatter
+more than independent residuals. The correlated part is what exceeds the noise of dark pixels; the larger its share of a
+pixel's variance, the smaller the pixel's weight.
 """
 
 from __future__ import annotations
@@ -107,7 +101,6 @@ class PixelNoise:
 
     Attributes
     ----------
-    variance : ndarray
     used : ndarray of bool
         What is no outlier.
     by_level : ndarray

@@ -1,23 +1,20 @@
-"""The pixels that see the limb's profile, and the lowest height of each one's line of sight.
-
-**How high above an ellipsoid a line of sight passes at its lowest point, with derivatives by everything in a pose.**
+"""The pixels that see the limb's profile, and the height of each line of sight at its lowest point, with derivatives.
 
 Divided by the semi-axes ``s`` the ellipsoid is the unit sphere. A ray from ``p = r / s`` along ``e = d / s`` comes
-nearest to its centre at ``q = p + l e`` with ``l = -p . e / e . e``, the distance along the ray in metres; there the
-ray lies at the distance ``|q|`` from the centre, and over the ellipsoid at the height ::
+nearest to its centre at ``q = p + l e`` with ``l = -p . e / e . e``, the distance along the ray in metres. There its
+height over the ellipsoid is ::
 
     h = (|q| - 1) / |g|,        g = (q / |q|) / s,        n = g / |g|
 
-with ``n`` the normal beneath. Below 0 the ray ends on the ground, and ``h`` is how deep it would come. The surface
-``|q| = const`` is a scaled ellipsoid, not the one at an even height: less than ``2 f h^2 / a``, 5 m at 70 km.
+with ``n`` the normal beneath. Below 0 the ray ends on the ground, and ``h`` is the depth that it would reach. The
+surface ``|q| = const`` is a scaled ellipsoid, which differs from one at constant height by less than ``2 f h^2 / a``, 5
+m at 70 km.
 
-The lowest point moves with a turn and a shift of the ray as its own place along the normal does::
+With a turn and a shift of the ray its lowest point moves along the normal::
 
     dh = l n . dd + n . dr
 
-What ``g`` changes beside is less by ``h / a``.
-
-**The pixels of one image that see the limb's profile: in order of azimuth, with all that no step of a fit changes.**
+The change of ``g`` is smaller by ``h / a`` and neglected.
 """
 
 from __future__ import annotations
@@ -110,12 +107,7 @@ def level_distance(height_m: FloatArray, curve: float) -> tuple[FloatArray, Floa
 
     Seen at the distance ``l``, a ray that is turned outwards by the angle ``b`` passes higher by ``y - curve y^2`` with
     ``y = l b``, ``curve = R / (2 l^2)``: pixels are even in ``y``, and not in height, by 3 % a pixel of 30 km.
-
-    Parameters
-    ----------
-    height_m : ndarray
-    curve : float
-        [1/m].
+    ``curve``: [1/m].
     """
     root = np.sqrt(np.maximum(1.0 - 4.0 * curve * height_m, LEAST_ROOT))
     return 2.0 * height_m / (1.0 + root), 1.0 / root
@@ -142,7 +134,6 @@ class ProfilePixels:
 
     Attributes
     ----------
-    pixels : NearPixels
     ray : RayHeight
         Of the pixels at the pose that they were chosen for.
     values : ndarray, shape (n,)
@@ -190,10 +181,7 @@ def profile_pixels(
 ) -> ProfilePixels:
     """Return pixels that a pose sees between two heights and that are no NaN; ``most``: about so many, evenly spread.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Too little limb in view.
+    Raises ``LinAlgError``: too little limb in view.
     """
     bottom_m, top_m = between_m
     axes = ellipsoid.axes_m

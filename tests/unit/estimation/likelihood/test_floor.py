@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.estimation.likelihood.profile.noise import Floor, floor_of
+from horizonval.estimation.likelihood.profile.noise import floor_of
 
 
 def cut(rng: np.random.Generator, level: float, sigma: float, n: int, lowest: int = 0) -> np.ndarray:
@@ -28,12 +28,6 @@ def test_the_noise_is_found_from_what_is_left_of_it(level: float, sigma: float, 
         step = 0.1 * sigma
         ends = [found.expected(np.array([shown + d]))[0][0] for d in (-step, step)]
         assert slope[0] == pytest.approx((ends[1] - ends[0]) / (2.0 * step), abs=1e-3)
-
-
-def test_levels_far_above_the_floor_are_as_they_are() -> None:
-    expected, slope = Floor(0.0, 10.0).expected(np.array([60.0, 500.0]))
-    np.testing.assert_allclose(expected, [60.0, 500.0], atol=1e-6)
-    np.testing.assert_allclose(slope, 1.0, atol=1e-8)
 
 
 def test_without_a_floor_there_is_none() -> None:

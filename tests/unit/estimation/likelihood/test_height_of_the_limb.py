@@ -45,12 +45,6 @@ def test_an_exponential_edge_is_found_where_it_stands(pixel_m: float, stands_m: 
     assert left[0] < 1e-3
 
 
-def test_an_edge_that_is_no_exponential_leaves_something() -> None:
-    height = np.arange(-400e3, 95e3, 100.0)
-    layers = np.where(height < 5e3, 1.0, np.where(np.abs(height - 40e3) < 4e3, 0.6, 0.0))
-    assert edge_height(height, layers[None], 5e3, 0.7, SCALE_HEIGHT_M)[1][0] > 0.05
-
-
 def test_heights_of_the_bands_are_those_of_their_light() -> None:
     """Carbon dioxide shines from 40 km; of 14 to 16.3 um the half height is at 41 to 43 km, an edge starts below it."""
     places = np.full(3, 20e3), np.radians([-60.0, 0.0, 60.0]), np.full(3, 7.0)
@@ -61,12 +55,6 @@ def test_heights_of_the_bands_are_those_of_their_light() -> None:
     assert 10e3 < day.mean_m[0] < 17e3
     # Three degrees beyond the horizon the Earth's shadow reaches 9 km.
     assert dusk.mean_m[0] > day.mean_m[0] + 5e3
-
-
-def test_the_year_is_a_circle() -> None:
-    heights = _heights("thermal", CO2_UM)
-    ends = [heights.at(np.array([20e3]), np.array([1.0]), np.array([month])).mean_m[0] for month in (0.6, 12.6)]
-    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
 def _arc(span_rad: float = 1.6, count: int = 33) -> tuple[ArcPlaces, FloatArray]:
@@ -91,13 +79,6 @@ def test_a_limb_rises_towards_the_terminator_and_is_least_known_there() -> None:
     assert height[0] > height[-1] + 3e3
     assert np.linalg.eigvalsh(covariance).min() > -1e-6 * np.trace(covariance)
     assert covariance[0, 0] > covariance[-1, -1]
-
-
-def test_a_sun_that_is_not_known_leaves_more_open() -> None:
-    places, azimuth = _arc()
-    tilt = np.sin(azimuth) / np.linalg.norm(np.sin(azimuth))
-    known, unknown = (_known(sun).along(places, azimuth)[1] for sun in (np.array([0.6, 0.0, -0.8]), None))
-    assert tilt @ unknown @ tilt > 1.2 * (tilt @ known @ tilt)
 
 
 def test_a_thermal_place_that_is_not_known_leaves_more_open() -> None:

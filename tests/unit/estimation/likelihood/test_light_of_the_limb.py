@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, brightness, edge_profile, light_basis, weighed
+from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, edge_profile, light_basis, weighed
 from horizonval.estimation.likelihood.sectors import eliminated, relief_modes, sectors_of, solve_levels
 
 
@@ -67,23 +67,6 @@ def test_sectors_begin_after_the_widest_gap_and_hold_equally_many() -> None:
     assert sectors.azimuth[-1] == pytest.approx(1.7, abs=0.02)
 
 
-def test_sectors_of_wide_pixels_are_narrow_in_the_sky() -> None:
-    """112 px of limb over 1.9 rad: four sectors by their pixels, nine by what a lens's light does along them."""
-    azimuth = np.linspace(0.0, 2.3, 2000)
-    assert len(sectors_of(azimuth, 112).starts) == 5
-    assert len(sectors_of(azimuth, 112, 1.9).starts) == 10
-
-
-def test_brightness_is_what_the_levels_multiply_and_its_slope() -> None:
-    rng = np.random.default_rng(6)
-    x, along, levels, h = rng.uniform(-5.0, 8.0, 50), rng.uniform(-0.5, 0.5, 50), rng.normal(size=(6, 50)), 1e-6
-    inside = np.ones(50)
-    light, slope = brightness(levels, x, along)
-    assert levels[0] + light == pytest.approx(np.einsum("ij,ij->j", light_basis(inside, x, along), levels))
-    by_x = (brightness(levels, x + h, along)[0] - brightness(levels, x - h, along)[0]) / (2.0 * h)
-    assert slope == pytest.approx(by_x, abs=1e-7)
-
-
 def _problem(spread: float) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng(4)
     starts = np.linspace(0, 900, 10).astype(np.intp)
@@ -135,10 +118,6 @@ def test_modes_make_the_relief() -> None:
     # a mean over nodes of half a correlation length, and the thousandth that is left out
     assert covariance == pytest.approx(wanted, abs=0.03 * (800.0**2 + 300.0**2))
     assert len(modes) < len(nodes)
-
-
-def test_without_relief_there_are_no_modes() -> None:
-    assert relief_modes(1.0, ())[1].shape == (0, 2)
 
 
 @pytest.mark.parametrize("night", [0, 6, 8])

@@ -153,10 +153,6 @@ def test_an_image_without_a_limb_is_refused_as_the_search_refuses_it(name: str) 
     assert answer.status in (Outcome.NO_LIMB, Outcome.DARK)
 
 
-def test_radius_of_the_picture_is_that_of_the_methods() -> None:
-    assert Observation(np.zeros((2, 2)), CAMERA).prior.sphere_radius_m == RADIUS_M
-
-
 @pytest.mark.parametrize(("altitude_m", "accepted"), [(1.444e9, True), (1.2e9, False), (None, False)])
 def test_a_small_disc_is_the_earth_where_the_altitude_says_so(altitude_m: float | None, accepted: bool) -> None:
     """A disc of 0.25 deg, as the Moon is one, too: only a known altitude tells, and a wrong one must not."""

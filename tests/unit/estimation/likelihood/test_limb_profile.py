@@ -32,7 +32,7 @@ from horizonval.estimation.likelihood.profile import fit as profile_fit
 from horizonval.estimation.likelihood.profile import known_profile
 from horizonval.estimation.likelihood.profile.air import KnownAir, sun_of_time
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles
-from horizonval.estimation.likelihood.profile.fit import ProfileSearch, fit_profile, strained, uneven_lens
+from horizonval.estimation.likelihood.profile.fit import ProfileSearch, fit_profile, uneven_lens
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.known_profile import start_pose
 from horizonval.estimation.likelihood.profile.model import SHARED, Guess, ProfileModel
@@ -127,14 +127,6 @@ def test_air_as_it_is_told_strains_nothing() -> None:
         assert 4.0 < determined < 60.0
         ratios.append(squares / determined)
     assert 0.5 < np.mean(ratios) < 1.6
-
-
-def test_strain_counts_where_chance_does_not_make_it() -> None:
-    """Fifty determined unknowns: their squares' sum has a standard deviation of ten."""
-    assert strained(69.0, 50.0) == 1.0
-    assert strained(30.0, 50.0) == 1.0
-    assert strained(100.0, 50.0) == 2.0
-    assert strained(0.0, 0.0) == 1.0
 
 
 def test_air_unlike_its_table_is_claimed_wider() -> None:

@@ -93,15 +93,6 @@ def test_the_claim_is_honest(pairs: list[tuple[Observation, FloatArray, Fit]]) -
     assert low < total < high
 
 
-def test_two_cameras_know_more_than_one(pairs: list[tuple[Observation, FloatArray, Fit]]) -> None:
-    """Two alike with nothing in common would have 0.71 of one's worst sigma; place and air are common."""
-    for observation, _, found in pairs[:3]:
-        alone = limb_profile.run(observation.heads["first"])
-        assert isinstance(alone, Fit)
-        worst = np.linalg.eigvalsh(alone.total_covariance_nadir_cam)[-1]
-        assert np.linalg.eigvalsh(found.total_covariance_nadir_cam)[-1] < 0.8**2 * worst
-
-
 def test_a_step_that_gains_nothing_is_not_worth_another(
     pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -254,15 +245,6 @@ def test_waves_of_all_heads_have_the_covariance_of_all_places() -> None:
     assert whole @ whole.T == pytest.approx(expected, abs=1e-4)
     gains = [at[-air.waves[-1].shape[1] :] for air, at in zip(common.heads, common.columns, strict=True)]
     assert not set(gains[0]) & set(gains[1])
-
-
-def test_air_of_other_tables_is_other_air() -> None:
-    airs = [air_at(np.linspace(0.0, 0.8, 7)), air_at(np.linspace(0.0, 0.8, 7))]
-    same, others = common_air(airs, ["a", "a"]), common_air(airs, ["a", "b"])
-    assert others.count == sum(air.count for air in airs)
-    assert not set(others.columns[0]) & set(others.columns[1])
-    gain = airs[0].waves[-1].shape[1]
-    assert same.count == airs[0].count + gain
 
 
 def test_unknowns_that_other_nodes_said_are_taken_over() -> None:

@@ -30,10 +30,3 @@ def test_ends_hold_and_weights_sum_up_to_one():
     weights = spline_weights(AXIS, slopes(AXIS, (False, True)), np.array([-1.0, 0.9, 3.0]))
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     np.testing.assert_allclose(weights @ VALUES, [1.0, weights[1] @ VALUES, 0.0], atol=1e-12)
-
-
-def test_two_places_are_a_line_and_one_is_all():
-    two = np.array([1.0, 3.0])
-    np.testing.assert_allclose(spline_weights(two, slopes(two, (False, False)), np.array([1.5]))[0], [0.75, 0.25])
-    one = np.array([1.0])
-    np.testing.assert_allclose(spline_weights(one, slopes(one, (True, False)), np.array([0.0, 2.0])), [[1.0], [1.0]])

@@ -15,8 +15,6 @@ from horizonval.estimation.likelihood.templates import (
     FOLDER,
     LimbTemplates,
     load_templates,
-    overlap,
-    shipped_templates,
     templates_of,
 )
 
@@ -55,18 +53,6 @@ def test_between_places_profiles_are_linear():
     np.testing.assert_allclose(modes[:, 0], 0.1 * expected, rtol=1e-12)
     np.testing.assert_allclose(left, 0.01 * expected, rtol=1e-12)
     assert modes.shape == (50, 2, 4)
-
-
-def test_lengths_are_linear_between_latitudes():
-    t = table()
-    lengths = np.zeros((4, 2, 2))
-    lengths[:, 0, 0], lengths[:, 0, 1] = [0.1, 0.2, 0.4, 0.8], 0.5
-    lengths[:, 1] = 0.05
-    t = replace(t, correlation_rad=lengths)
-    found = t.lengths_at(np.radians([-100.0, -60.0, 40.0, 65.0, 90.0]))
-    np.testing.assert_allclose(found[:, 0, 0], [0.1, 0.15, 0.4, 0.6, 0.8], rtol=1e-12)
-    np.testing.assert_allclose(found[:, 0, 1], 0.5, rtol=1e-12)
-    np.testing.assert_allclose(found[:, 1], 0.05, rtol=1e-12)
 
 
 def test_a_year_is_a_circle():
@@ -166,20 +152,6 @@ def test_what_is_no_table_is_refused_in_one_line(tmp_path):
 def test_tables_that_cannot_be_are_refused(change):
     with pytest.raises(UserError):
         replace(table(), **change)
-
-
-def test_overlap_is_that_of_both():
-    assert overlap((8.0, 14.0), (8.0, 14.0)) == pytest.approx(1.0)
-    assert overlap((8.0, 14.0), (10.0, 13.0)) == pytest.approx(0.5)
-    assert overlap((8.0, 9.0), (10.0, 13.0)) == 0.0
-
-
-def test_shipped_tables_are_found_by_band():
-    co2 = shipped_templates("thermal", (14.16, 16.25))
-    assert co2 is not None
-    assert co2.band_um == (14.0, 16.3)
-    assert shipped_templates("thermal", (17.0, 19.0)) is None
-    assert shipped_templates("solar", (14.0, 16.3)) is None
 
 
 def test_shipped_profiles_end_in_space_and_reach_deep():

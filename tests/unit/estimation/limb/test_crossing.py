@@ -86,17 +86,6 @@ def test_published_crossing_knows_whole_pixels_only() -> None:
     assert error.std() == pytest.approx(1 / np.sqrt(12.0), abs=0.02)
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
-def test_the_fine_crossing_lies_between_the_coarse_pixel_and_the_next(mirrored: bool) -> None:
-    """It is never further off than the pixel that the largest difference lies in."""
-    for place in PLACES:
-        row = 1000.0 * (_hard(159.0 - place)[::-1] if mirrored else _hard(place))
-        found = published_crossing(row)
-        assert found.coarse <= found.fine <= found.coarse + 1
-        assert abs(found.fine - place) <= 1.0
-        assert found.sigma_px >= 1 / np.sqrt(12.0) - 1e-12
-
-
 def test_published_median_filter_removes_a_dead_pixel() -> None:
     row = 1000.0 * _hard(79.5)
     row[30] = 0.0

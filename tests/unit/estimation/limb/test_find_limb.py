@@ -62,10 +62,3 @@ def test_a_soft_terminator_is_no_limb() -> None:
     found = find_limb(_picture(0.8, 1.0, lit_from_column=30.0), CAMERA, 1023.0)
     assert isinstance(found, LimbPoints)
     assert np.abs(_distance_px(found)).max() < 2.0
-
-
-def test_the_same_picture_gives_the_same_points() -> None:
-    one, two = (find_limb(_picture(1.0, 5.0), CAMERA, 1023.0) for _ in range(2))
-    assert isinstance(one, LimbPoints)
-    assert isinstance(two, LimbPoints)
-    assert np.array_equal(one.uv, two.uv)

@@ -11,13 +11,11 @@ from horizonval.estimation.guard.sunlit import cone_perturbation, height_under, 
 from horizonval.estimation.limb import trusted
 from horizonval.estimation.limb.cone import (
     SLOW_PATTERNS,
-    arc_order,
     cone_scatter,
-    limb_directions,
     slow_error,
 )
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.trusted import Sides, alone, faded, faint, read_sides, restless, smoothed
+from horizonval.estimation.limb.trusted import Sides, alone, faded, faint, read_sides, restless
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 
 CAMERA = CameraModel(256, 200, 180.0, 180.0, 127.5, 99.5)
@@ -63,17 +61,6 @@ def test_what_lies_outside_the_image_has_no_level_and_spoils_none() -> None:
     assert sides.outer == pytest.approx(np.full(200, 40.0))
 
 
-def test_spread_is_half_the_range_outside_and_peak_the_brightest_near() -> None:
-    image = scene(300.0, 40.0)
-    distance = (np.arccos(unproject(CAMERA, pixel_grid(CAMERA)) @ AXIS) - RHO) * 180.0
-    image = np.where((distance > 8.5), 100.0, image)
-    image = np.where((distance < -2.5) & (distance > -7.5), 360.0, image)
-    image = np.where(distance < -9.5, 900.0, image)
-    sides = read_sides(Picture(image), CAMERA, limb(100, 0.2), AXIS)
-    assert np.median(sides.spread) == pytest.approx(30.0, abs=3.0)
-    assert np.median(sides.peak) == pytest.approx(360.0, abs=3.0), "no further in than a profile bears on the place"
-
-
 def sides_of(inner: np.ndarray, outer: np.ndarray, spread: np.ndarray | float = 0.0) -> Sides:
     n = len(inner)
     return Sides(inner, outer, inner + 10.0, np.broadcast_to(spread, (n,)), np.linspace(0.0, 1.5, n))
@@ -98,13 +85,6 @@ def test_points_are_left_out_for_their_own_reason_only() -> None:
     assert (restless(sides_of(np.full(n, 500.0), np.full(n, 50.0), uneasy)) == (np.arange(n) < 30)).all()
 
 
-def test_smoothed_is_the_mean_of_near_azimuths() -> None:
-    rng = np.random.default_rng(3)
-    azimuth, values = rng.uniform(-1.0, 1.0, 120), rng.normal(size=120)
-    near = np.abs(azimuth[:, None] - azimuth) <= trusted.SMOOTHED_RAD / 2
-    assert smoothed(values, azimuth) == pytest.approx((near * values).sum(axis=1) / near.sum(axis=1))
-
-
 def test_spots_between_gaps_are_alone() -> None:
     los = limb(300, 0.6)
     uv, _ = project(CAMERA, los)
@@ -118,13 +98,6 @@ def test_spots_between_gaps_are_alone() -> None:
     assert expected.sum() == spot
     long = np.r_[0:100, 100 + gap : 100 + gap + 3 * spot, 100 + 3 * spot + 2 * gap : 300]
     assert not alone(los[long], CAMERA).any()
-
-
-def test_a_limb_without_gaps_is_nowhere_alone() -> None:
-    up = CameraModel(256, 256, 40.0, 40.0, 127.5, 127.5)
-    turn = np.linspace(0.0, 2 * np.pi, 200, endpoint=False)
-    ring = np.column_stack([0.8 * np.cos(turn), 0.8 * np.sin(turn), np.full(200, 0.6)])
-    assert not alone(ring, up).any()
 
 
 def test_unknown_suns_scatter_the_cone_as_drawn_suns_do() -> None:
@@ -159,20 +132,3 @@ def test_slow_errors_are_a_few_independent_patterns() -> None:
     assert covariance == pytest.approx(np.diag([2 * mean, 2 * mean, mean]), abs=1e-6 * mean)
     assert slow_error(los[::2], basis, px, 0.3) == pytest.approx(covariance, abs=1e-6 * mean)
     assert slow_error(los, basis, 2 * px, 0.3) == pytest.approx(4 * covariance)
-
-
-def test_directions_of_a_limb_are_its_pixels_in_view() -> None:
-    los = limb_directions(CAMERA, AXIS, RHO, 5.0)
-    uv, _ = project(CAMERA, los)
-    assert los @ AXIS == pytest.approx(np.full(len(los), math.cos(RHO)))
-    assert (uv >= 5.0).all()
-    assert (uv <= (255 - 5.0, 199 - 5.0)).all()
-    pixels = np.unique(np.rint(uv).astype(int), axis=0)
-    assert len(pixels) == len(uv), "one for every pixel"
-    dense, _ = project(CAMERA, limb(40_000, 1.5))
-    inside = ((dense >= 5.0) & (dense <= (250.0, 194.0))).all(axis=1)
-    every = np.unique(np.rint(dense[inside]).astype(int), axis=0)
-    assert len(pixels) == pytest.approx(len(every), rel=0.03)
-    step = np.hypot(*np.diff(uv[np.argsort(uv[:, 0])], axis=0).T)
-    assert step.max() < 3.0
-    assert (np.diff(arc_order(los, AXIS)) == 1).sum() >= len(los) - 2, "in order of azimuth"

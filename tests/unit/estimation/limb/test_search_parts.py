@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, longest_chain
-from horizonval.estimation.limb.edges import find_edges, half_window, refine
+from horizonval.estimation.limb.edges import find_edges, refine
 from horizonval.estimation.limb.finder import find_limb, find_sun
 from horizonval.estimation.limb.picture import (
     SMALLEST_SIDE_PX,
@@ -17,7 +17,6 @@ from horizonval.estimation.limb.picture import (
     check_image,
     noise_sigma,
     saturated_pixels,
-    to_grey,
 )
 from horizonval.geometry.camera import CameraModel
 
@@ -62,14 +61,6 @@ def test_points_of_a_straight_edge_are_exact(angle_deg: float, offset: float) ->
     assert len(turned) == 0, "an edge that is bright on the other side is another edge"
 
 
-def test_a_soft_edge_is_less_sharp_and_in_the_same_place() -> None:
-    x = np.arange(64.0)
-    ramp = np.tile(np.clip((x - 29.3) / 4.0, 0.0, 1.0), (64, 1))
-    uv, _, soft = refine(ramp, np.array([[31.0, 20.0], [32.0, 40.0]]), np.array([[1.0, 0.0]] * 2))
-    assert uv == pytest.approx(np.array([[31.3, 20.0], [31.3, 40.0]]), abs=0.1)
-    assert soft == pytest.approx([0.5, 0.5], abs=0.1), "two of its four pixels"
-
-
 def test_the_same_place_is_given_once_and_the_rim_not_at_all() -> None:
     image = half_plane(64, 0.0, 0.2)
     twice = np.array([[31.0, 30.0], [32.0, 30.0], [31.0, 31.0]])
@@ -79,29 +70,6 @@ def test_the_same_place_is_given_once_and_the_rim_not_at_all() -> None:
     assert len(kept) == 2
     near = np.array([[2.0, 30.0], [61.0, 30.0]])
     assert len(refine(image, near, np.array([[1.0, 0.0]] * 2))[0]) == 0
-
-
-@pytest.mark.parametrize(("shape", "half"), [((16, 99), 2), ((99, 16), 2), ((8, 8), 2), ((32, 40), 4), ((512, 640), 5)])
-def test_a_window_fits_its_image(shape: tuple[int, int], half: int) -> None:
-    assert half_window(shape) == half
-    assert 2 * half + 1 < min(shape)
-
-
-def test_any_picture_is_one_grey_plane() -> None:
-    rng = np.random.default_rng(0)
-    colour = rng.integers(0, 255, (5, 7, 4)).astype(np.uint8)
-    plain = colour[:, :, :3].astype(float).mean(axis=2)
-    assert to_grey(colour[:, :, :3]) == pytest.approx(plain)
-    assert to_grey(colour) == pytest.approx(plain), "opacity is left out"
-    assert to_grey(colour[:, :, 2::-1]) == pytest.approx(plain), "whatever the order of channels"
-    for channels in (1, 2):
-        assert (to_grey(colour[:, :, :channels]) == colour[:, :, 0]).all()
-    assert (to_grey(colour[:, :, 1]) == colour[:, :, 1]).all()
-    for wrong in (np.zeros((3, 3, 5)), np.zeros((3, 3, 0)), np.zeros(4), np.zeros((1, 3, 3, 3))):
-        with pytest.raises(ValueError, match="shape"):
-            to_grey(wrong)
-    with pytest.raises(ValueError, match="numbers"):
-        to_grey(np.array([["a"]]))
 
 
 def noise(shape: tuple[int, ...] = (40, 40)) -> np.ndarray:

@@ -54,10 +54,3 @@ def test_clipping_above_the_steepest_place_hardly_moves_it():
     clipped, _ = to_steepest(air(nadir, full=50.0 + 0.9 * 800.0), CAMERA, los, nadir, True)
     moved_px = (off_axis_angle(clipped, nadir).mean() - off_axis_angle(plain, nadir).mean()) * CAMERA.fx
     assert abs(moved_px) < 0.1 * SCALE_PX
-
-
-def test_points_far_from_any_edge_are_left_out():
-    nadir = np.array([0.0, math.sin(1.15), math.cos(1.15)])
-    los = find_limb(air(nadir), CAMERA).los_cam
-    moved, kept = to_steepest(np.full((256, 256), 50.0), CAMERA, los, nadir, True)
-    assert len(moved) == len(kept) == 0

@@ -15,13 +15,11 @@ from horizonval.estimation.guard.sunlit import (
     steepest_height,
     sun_angles,
     sunlit_limb,
-    unknown_sun_covariance,
 )
 from horizonval.estimation.likelihood.templates import FOLDER, load_templates
-from horizonval.estimation.limb.cone import limb_directions
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.horizon import fit_cone
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 
 RADIUS_M = 6371008.8
 BLUE_UM, RED_UM = (load_templates(FOLDER / f"limb-{name}.npz").band_um for name in ("blue", "red"))
@@ -69,10 +67,6 @@ def test_the_limb_rises_towards_the_terminator_and_more_so_with_the_sun_ahead() 
     assert height_km(88.0, 0.0) - height_km(88.0, 180.0) > 8.0
 
 
-def test_there_is_no_height_at_night() -> None:
-    assert math.isnan(height_km(120.0, 90.0))
-
-
 def test_a_wrong_sun_is_one_of_the_patterns() -> None:
     los, sun = arc(), sun_at(85.0, 60.0)
     blur = np.full(len(los), 1.3 / 128.0)
@@ -95,22 +89,6 @@ def test_heights_move_the_cone_as_a_fit_to_raised_points_does() -> None:
     moved = cone_perturbation(los, NADIR, RHO, height[None, :], RADIUS_M)[0]
     # To first order; the second is a hundredth of it.
     assert basis.T @ (cone.axis_cam - NADIR) == pytest.approx(moved[:2], abs=0.03 * float(np.abs(moved).max()))
-
-
-def test_an_unknown_sun_costs_more_on_a_short_arc() -> None:
-    sigma = []
-    for width in (0.8, 1.6):
-        los = arc(width)
-        covariance = unknown_sun_covariance(los, NADIR, RHO, np.full(len(los), 1.3 / 128.0), RADIUS_M)
-        sigma.append(math.degrees(math.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1])))
-    assert sigma[0] > sigma[1] > 0.01
-
-
-def test_a_cone_is_sampled_once_for_every_pixel_in_view() -> None:
-    los = limb_directions(CAMERA, NADIR, RHO, 4.0)
-    assert off_axis_angle(los, NADIR) == pytest.approx(np.full(len(los), RHO), abs=1e-12)
-    # A curve from side to side through 248 columns.
-    assert 248 <= len(los) < 400
 
 
 def test_the_blur_in_angle_gets_less_off_the_axis_of_a_plane_image() -> None:

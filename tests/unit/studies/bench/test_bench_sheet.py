@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.studies.bench.frames import bench_suite, cell_of, commitment, sealed_seed
+from horizonval.studies.bench.frames import bench_suite, commitment, sealed_seed
 from horizonval.studies.bench.sheet import Answer, ranking, score_of, sheet_of
 
 # Points by hand: on the bound 1; at 4 times the bound 1 / (1 + 2); a refusal where due 0; beyond half a degree -1; a
@@ -71,12 +70,6 @@ def test_other_frames_cannot_be_ranked() -> None:
     """A method that left frames out is not compared with one that did not."""
     with pytest.raises(ValueError, match="same frames"):
         ranking({"x": TABLE, "y": TABLE[1:]})
-
-
-def test_forty_cells_of_as_many_frames() -> None:
-    counts = Counter(cell_of(case.name) for case in bench_suite(frames_per_cell=2).cases)
-    assert len(counts) == 40
-    assert set(counts.values()) == {2}
 
 
 def test_fewer_frames_are_the_first_of_more() -> None:

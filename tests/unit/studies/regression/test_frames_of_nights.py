@@ -13,7 +13,6 @@ import pytest
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
-from horizonval.studies.regression import page
 from horizonval.studies.regression.baseline import read_baseline
 from horizonval.studies.regression.page import shown_of
 
@@ -74,14 +73,6 @@ def test_the_limb_of_a_claim_is_a_circle_about_the_claimed_nadir(base, three):
     # The digits of path data are 0.01 px.
     off = np.arccos(d @ claimed) - truth.angular_radius_rad
     assert np.abs(off).max() < 0.02 * math.radians(110.0) / truth.camera_model.width
-
-
-def test_it_opens_with_degrees_and_with_where_claims_are_false(base):
-    sentences = page.of_baseline(base, base.results.rows[:1])["sentences"]
-    assert len(sentences) == 1
-    assert re.search(r"is right in 100 % of 1 answer due: .* the worst \S+° off\.", sentences[0])
-    rows = [replace(base.results.rows[0], false_valid=True, table="hard")]
-    assert 'false or crashed mostly in "hard" (1).' in page.of_baseline(base, rows)["sentences"][0]
 
 
 def test_a_night_without_images_shows_none():

@@ -19,13 +19,10 @@ from horizonval.spec.suite import UNITS, GateSpec
 from horizonval.studies.regression.accept import difference_table
 from horizonval.studies.regression.baseline import Baseline
 from horizonval.studies.regression.gates import (
-    ANGLE_LIMIT_ARCSEC,
     MOST_NAMED,
     GateInputs,
-    changed,
     judge,
     measure,
-    pairs_of,
     scenes,
 )
 from horizonval.studies.regression.history import pieces
@@ -147,27 +144,6 @@ def test_images_are_measured_where_the_metric_applies() -> None:
     assert found.estimate == paired_difference([float(k) for k in range(6)], list(range(6)))
     assert found.scenes == ("s5", "s4", "s3", "s2", "s1")
     assert measure(gate("limb_radiance", "rerender"), GateInputs(images=images), GateInputs()).estimate is None
-
-
-def test_changes_are_said_with_what_was_and_is() -> None:
-    base = [row(k, 10.0, roll_error_arcsec=1.0, false_valid=k == 3) for k in range(6)]
-    now = [
-        row(0, 10.0, roll_error_arcsec=1.0),
-        row(1, 10.0 + 0.5 * ANGLE_LIMIT_ARCSEC, roll_error_arcsec=1.0),
-        row(2, 10.0 + 2.0 * ANGLE_LIMIT_ARCSEC, roll_error_arcsec=1.0),
-        row(3, 10.0, roll_error_arcsec=1.0),
-        row(4, None),
-        row(5, 30.0, roll_error_arcsec=1.0, false_valid=True),
-    ]
-    told = changed(pairs_of(now, base))
-    assert [one["scene"] for one in told] == ["s5", "s4", "s3", "s2"], "statuses first, then by the change"
-    said = {one["scene"]: one["what"] for one in told}
-    assert said["s5"] == "became false; nadir error 10 -> 30 arcsec"
-    assert said["s4"] == "valid -> dark"
-    assert said["s3"] == "no longer false"
-    assert said["s2"].startswith("nadir error 10 -> 10")
-    assert told[0] | {"what": ""} == {"scene": "s5", "band": "vis", "replicate": 0, "estimator": "est", "what": ""}
-    assert pairs_of(now, base[:2]) == [(now[0], base[0]), (now[1], base[1])]
 
 
 def estimate(value: float, error: float, p_worse: float, p_better: float = 0.5) -> Estimate:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -22,11 +20,6 @@ def test_a_front_is_what_nobody_beats():
         assert kept != beaten
     assert any(found)
     assert not all(found)
-
-
-def test_the_unknown_is_on_no_front():
-    assert front([[1.0, None], [2.0, 2.0], [3.0, 1.0]]) == [False, True, True]
-    assert front([[None, None]]) == [False]
 
 
 def share(k, n):
@@ -116,11 +109,3 @@ def test_mcnemar_counts_frames_of_one_alone(make_sample):
     assert (answered["only_a"], answered["only_b"], within["only_a"], within["only_b"]) == (1, 8, 2, 8)
     assert answered["p"] == pytest.approx(stats.binomtest(8, 9).pvalue)
     assert answered["difference"] == pytest.approx(7 / 20)
-
-
-def test_one_design_against_itself(make_sample):
-    a = make_sample([0.01, 0.02, np.nan, 0.04, 0.03, 0.02])
-    found = compare(a, a, cluster_draws(6, "s", 0), 0.05)
-    assert found["mean_difference_deg"]["value"] == 0.0
-    assert found["answered"]["p"] is None
-    assert list(itertools.chain(found["rms_ratio"]["interval"])) == pytest.approx([1.0, 1.0])

@@ -132,12 +132,6 @@ SEASONS = STUDY.replace(
 )
 
 
-def test_a_design_may_be_named_like_a_number(load):
-    """Names are kept as they are given: what looks like the place in a list is no place in a list."""
-    study = load(STUDY.replace("[design.grid]", "[[design.list]]\nname = '001'\n[design.grid]"))
-    assert {design.frames for design in study.designs} == {"001_psf_sigma_px_0.5", "001_psf_sigma_px_1"}
-
-
 def test_a_mistake_in_the_conditions_names_the_design(load):
     with pytest.raises(UserError) as e:
         load(STUDY.replace("platform.latitude_deg", "platform.latitude_degrees"))
@@ -150,12 +144,6 @@ def test_the_season_is_an_axis_and_flights_are_clusters(load):
     assert study.designs[0].settings["orbit.epoch_utc"] == "2026-03-20T00:00:00+00:00"
     assert study.conditions["001_003"] == "001"
     assert sorted(set(study.conditions.values())) == ["000", "001", "002"]
-
-
-def test_samples_of_a_single_flight_stand_for_themselves(load):
-    study = load(SEASONS.replace('sobol = { n = 3, ranges = { "orbit.ltan_h" = [6.0, 12.0] } }', "").replace(
-        "sun_synchronous = true,", "inclination_deg = 97.4,"))  # fmt: skip
-    assert study.conditions == {f"00{i}": f"00{i}" for i in range(4)}
 
 
 def test_heads_are_one_camera(load):

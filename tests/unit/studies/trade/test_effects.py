@@ -96,13 +96,6 @@ def test_who_stands_in_the_way_is_left_out(make_sample):
     assert (found["basis"], found["n"], found["left_out"]) == ("own", 4, [])
 
 
-def test_nothing_to_compare(make_sample):
-    one = ("x", {"a": 0}, make_sample([0.1] * N))
-    assert effects_of([one], DRAWS) is None
-    assert effects_of([], DRAWS) is None
-    assert effects_of([one, ("y", {"a": 0}, one[2])], DRAWS) is None
-
-
 def test_type_two_against_one_factor_at_a_time(make_sample):
     # Two axes without interaction, one corner missing: what is left is exact, whatever is missing.
     logs = np.array([[-2.0, -1.7, -1.1], [-1.6, -1.3, -0.7]])

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.studies.trade.cost import COLUMNS, columns_of, is_tie, price_of, read_expression, read_price
+from horizonval.studies.trade.cost import is_tie, price_of, read_expression
 
 
 @pytest.mark.parametrize(
@@ -74,21 +72,3 @@ def test_ties():
     assert not is_tie(price(1.0, 0.3), price(1.51, 0.4))
     assert is_tie(price(None), price(None))
     assert not is_tie(price(None), price(1.0))
-
-
-def test_every_column_is_there():
-    measured = {"value": 0.1, "interval": [0.05, None], "n": 4}
-    share = {"rate": 0.5, "interval": [0.1, 0.9]}
-    design = {
-        name: share if name in ("availability", "answered_due", "false_valid", "within") else measured
-        for name in COLUMNS
-    }
-    design |= {"pixel_rate": 7.0, "pixels": 7, "width": 7, "height": 1, "heads": 1, "costs": {"mass_g": 3.0}}
-    columns = columns_of(design, measured)
-    assert set(columns) == {*COLUMNS, "mass_g"}
-    assert columns["pixels"] == {"value": 7, "interval": None, "uncertain": False}
-    # An interval that is open at one end is not known.
-    assert columns["p95_deg"] == {"value": 0.1, "interval": None, "uncertain": True}
-    price = read_price("mass_g * pixels / within", design["costs"], "x")
-    assert price_of(price, columns)["interval"] == [pytest.approx(42 - (42 - 21 / 0.9)), pytest.approx(21 / 0.1)]
-    assert math.isclose(price_of(price, columns)["value"], 42.0)

@@ -90,12 +90,6 @@ def test_too_few_frames_have_no_interval(make_sample):
     assert found["within"]["interval"][0] == pytest.approx(0.025 ** (1 / 4))
 
 
-def test_nothing_answered(make_sample):
-    found = measures_of(make_sample([np.nan] * 6), cluster_draws(6, "s", 0), 0.05)
-    assert found["rms_deg"] == {"value": None, "interval": None, "n": 0}
-    assert found["within"]["rate"] == 0.0
-
-
 def test_draws_follow_from_name_and_seed():
     a, b, c = cluster_draws(7, "s", 0), cluster_draws(7, "s", 0), cluster_draws(7, "s", 1)
     assert np.array_equal(a, b)
@@ -115,10 +109,6 @@ def test_independent_frames_have_the_exact_interval(k, n):
     assert (found["n"], found["of"], found["rate"]) == (k, n, k / n)
 
 
-def test_nothing_of_nothing():
-    assert proportion(np.zeros(0, dtype=bool), np.zeros(0, dtype=int))["interval"] is None
-
-
 def test_whole_flights_count_once():
     # Two flights answered all, two nothing: by hand, variance = 4/3 * 4 * 2.5^2 / 20^2 = 1/12, worth (1/4)/(1/12) = 3.
     flags = np.repeat([True, True, False, False], 5)
@@ -127,17 +117,6 @@ def test_whole_flights_count_once():
     few, many = proportion(flags, cluster), proportion(flags, np.arange(20))
     assert few["interval"][0] < many["interval"][0]
     assert few["interval"][1] > many["interval"][1]
-
-
-def test_without_a_miss_every_flight_counts_once():
-    found = proportion(np.ones(40, dtype=bool), np.repeat(np.arange(8), 5))
-    assert found["effective"] == 8
-    assert found["lower"] == pytest.approx(0.05 ** (1 / 8))
-
-
-def test_never_more_than_there_are():
-    # Every flight has the same share: they differ less than chance would have it.
-    assert effective_size(np.tile([True, False], 10), np.repeat(np.arange(10), 2)) == 20
 
 
 def test_the_interval_covers_the_truth_along_flights():
