@@ -22,9 +22,9 @@ from horizonval.geometry.part import Outline
 from horizonval.spec.camera import CameraSpec
 
 FRAME_SCHEMA = 4
-"""Of the truth's fields. 1: before there was a Moon; 2: before the infrared horizon; 3: before the refracted one.
-Fields that an older truth lacks take their defaults. It is part of a scene's identity, hence of its noise; the layout
-of files has a number of its own.
+"""Schema of the truth's fields. 1: no Moon; 2: no infrared horizon; 3: no refracted horizon. Fields that an older truth
+lacks take their defaults. It is part of a scene's identity, hence of its noise; the layout of files
+has a separate number.
 """
 
 
@@ -273,15 +273,8 @@ class RadianceFrame:
 class DetectorImage:
     """What a detector makes of one band of a frame.
 
-    Attributes
-    ----------
-    dn : ndarray, shape (H, W), uint16
-    band : str
-    truth : FrameTruth
-    full_scale : int
-        Largest digital number of the converter.
-    observation : dict
-        Seed and detector settings: with the frame, enough to make the same bytes again.
+    ``dn`` (H, W), uint16; ``full_scale``: largest digital number; ``observation``: seed and detector settings, which
+    with the frame give the same bytes again.
     """
 
     dn: NDArray[np.uint16]

@@ -1,25 +1,21 @@
-"""How a body was turned, between the quaternions that a file has: one turn at a constant rate from each to the next.
+"""Attitudes from files: quaternions, and one turn at a constant rate from each to the next.
 
-An interval in which the body turns by more than 90 deg is a gap: which way round it went is not told. So is one ten
-times as long as most, if the body turns by more than 5 deg in it. No attitude in a gap is flown.
+An interval in which the body turns by more than 90 deg is a gap, since the sense of the turn is unknown. So is one ten
+times as long as most, if the body turns by more than 5 deg in it. Attitudes in a gap are refused.
 
-Attitude ephemeris messages (CCSDS 504.0-B-1 and -2), KVN and XML: read, and written as KVN.
-
-Read are quaternions, whatever rates or derivatives stand behind them. ``q = (e sin(phi/2), cos(phi/2))`` turns the
-*frame* A about ``e`` by ``phi`` into B, so that its matrix ``M`` takes components in A to components in B (504.0-B-1,
-annex)::
+**Attitude ephemeris messages** (CCSDS 504.0-B-1 and -2), KVN and XML, are read, and written as KVN. Only quaternions
+are read. ``q = (e sin(phi/2), cos(phi/2))`` turns the *frame* A about ``e`` by ``phi`` into B, so that its matrix ``M``
+takes components in A to components in B (504.0-B-1, annex)::
 
     M_11 = q1^2 - q2^2 - q3^2 + qc^2,    M_12 = 2 (q1 q2 + q3 qc),    M_13 = 2 (q1 q3 - q2 qc), ...
 
 That is the conjugate of our ``q_B_from_A``, which turns vectors. ``ATTITUDE_DIR = B2A``, of the first version, is the
-other way round; the second version has A to B alone, and the scalar last.
+inverse; the second version has A to B alone, and the scalar last.
 
-The names that flight dynamics has for axes, and states in them turned to those of the stars.
-
-Four kinds are told apart: celestial (``GCRF``, ``ICRF``, ``EME2000``, ``J2000``), Earth-fixed (``ITRF`` of any year),
-``TOD``, the true equator and equinox of date by IAU 2006/2000A, and ``TEME``, that of two-line elements. ``EME2000``
-differs from ``GCRF`` by 23 milliarcseconds, 0.8 m in low orbit, the pole and equinox of older theories from ``TOD`` by
-some 0.05 arcsec, and the realisations of ``ITRF`` from each other by centimetres: they are taken for one.
+**Axes** are celestial (``GCRF``, ``ICRF``, ``EME2000``, ``J2000``), Earth-fixed (``ITRF`` of any year), ``TOD``, the
+true equator and equinox of date by IAU 2006/2000A, or ``TEME``, that of two-line elements. ``EME2000`` differs from
+``GCRF`` by 23 milliarcseconds (0.8 m in low orbit), the pole and equinox of older theories from ``TOD`` by some 0.05
+arcsec, and the realisations of ``ITRF`` from each other by centimetres: each is taken as one.
 """
 
 from __future__ import annotations
@@ -201,12 +197,8 @@ class _Segment:
 def attitude_of_aem(path: Path) -> AttitudeHistory:
     """Return the attitudes in a message of one segment, or of several without a change of axes.
 
-    Nothing is known between segments, and outside what they call usable.
-
-    Raises
-    ------
-    UserError
-        With file and key: axes that are not known, angles in place of quaternions, times that are not UTC.
+    Nothing is known between segments, and outside what they call usable. UserError, with file and key: unknown axes,
+    angles in place of quaternions, times that are not UTC.
     """
     with path.open("rb") as file:
         head = file.read(256).decode("utf-8", errors="replace")
@@ -261,18 +253,9 @@ def aem_text(
     created_utc: datetime,
     comments: Iterable[str] = (),
 ) -> str:
-    """Return attitudes as a message, KVN, version 1.0, which more programs read than the second.
+    """Return attitudes, quaternions (n, 4) at n times in UTC, as a message in KVN.
 
-    Parameters
-    ----------
-    times : iterable of datetime
-        UTC, n of them.
-    q_body_from_gcrs : ndarray, shape (n, 4)
-        Scalar last.
-    name : str
-        Of the spacecraft.
-    created_utc : datetime
-    comments : iterable of str
+    The version is 1.0, which more programs read than the second.
     """
     stamps = [_stamp(time) for time in times]
     conjugate = np.asarray(q_body_from_gcrs) * [-1.0, -1.0, -1.0, 1.0]

@@ -1,11 +1,7 @@
-"""CCSDS messages as keys and values, a line each: what is alike in all of them.
+"""CCSDS messages: lines of keys and values, times as text, and the spans of time that a file covers.
 
-A message is a header, then for each part a block of metadata and one of data. Keys stand in capitals before ``=``;
-``COMMENT`` lines say nothing to a program.
-
-Times as text, in the two ways that the standards of CCSDS and ISO write them, as UTC.
-
-Of which times a file speaks: its spans without gaps, within what it calls usable.
+A message is a header, then for each part a block of metadata and one of data. Keys are in capitals before ``=``;
+``COMMENT`` lines are skipped.
 """
 
 from __future__ import annotations

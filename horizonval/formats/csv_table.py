@@ -39,20 +39,10 @@ class CsvTable:
 
 
 def read_csv(path: Path, *alternatives: tuple[str, ...], texts: tuple[str, ...] = ()) -> CsvTable:
-    """Return the table in a file.
+    """Return the table in a file; UserError names file, line and column.
 
-    Parameters
-    ----------
-    path : Path
-    *alternatives : tuple of str
-        The sets of columns that it may have, in any order; the first that fits is read, other columns are not.
-    texts : tuple of str
-        Those of them that are no numbers.
-
-    Raises
-    ------
-    UserError
-        With file, line and column.
+    ``alternatives`` are the sets of columns that it may have, in any order. The first that fits is read, without other
+    columns. ``texts`` are those of them that are not numbers.
     """
     expected = " or ".join(", ".join(names) for names in alternatives)
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected=f"a table of {expected}")

@@ -1,35 +1,21 @@
-"""Which program wrote a camera's file, told by what it holds, and the camera in it.
+"""Cameras of calibration programs, in the terms of our camera files; the program is recognised by the file's keys.
 
-A camera as calibration programs tell it, in the terms of our camera files.
-
-All of them mean the pinhole or the fisheye of OpenCV, with other names and other orders::
+All of them use the pinhole or the fisheye of OpenCV, with other names and other orders::
 
     Brown-Conrady   k1 k2 p1 p2 k3     plumb_bob, radtan (k3 = 0), MATLAB's [k1 k2 k3] and [p1 p2]
     Kannala-Brandt  k1 k2 k3 k4        equidistant, equi, OpenCV's fisheye
 
-What has more is refused and not fitted: a rational or a thin prism term, a tilted sensor, axes that are not square to
-each other, a mirror (``omni``). A term that is there and 0 is no term.
+Other models are refused: a rational or a thin prism term, a tilted sensor, a skew, a mirror (``omni``). Terms that are
+0 are ignored. Pixel 0 is the centre of the first, but for MATLAB.
 
-A camera as OpenCV's calibration program writes it, YAML, XML or JSON of ``cv::FileStorage``, read by OpenCV.
-
-Of ``fisheye_model = 1`` the coefficients are those of the fisheye. Pixel 0 is the centre of the first.
-
-A camera as Kalibr tells it: ``camchain.yaml``, one table for every camera, ``cam0`` and so on.
-
-``intrinsics`` is ``fu fv pu pv`` of a ``pinhole``, ``distortion_coeffs`` is ``k1 k2 p1 p2`` (``radtan``) or ``k1 k2 k3
-k4`` (``equi``). Pixel 0 is the centre of the first. Where the cameras stand in their rig (``T_cn_cnm1``) is not read.
-
-A camera as MATLAB tells it: ``jsonencode(toStruct(cameraParams))``, of ``cameraParameters`` or ``cameraIntrinsics``.
-
-MATLAB counts pixels from 1, so that its principal point is ours and one more; ``IntrinsicMatrix`` is the transpose of
-``K``; ``ImageSize`` is rows and columns. Radial coefficients are ``k1 k2`` or ``k1 k2 k3``, tangential ones ``p1 p2``,
-of the same formulas as OpenCV's.
-
-A camera as ROS tells it: the YAML of ``camera_calibration``, or a ``sensor_msgs/CameraInfo`` message as text.
-
-``K`` is the lens; ``P``, that of a rectified image, and ``R`` are not read. Pixel 0 is the centre of the first.
-
-YAML as people write it, read by PyYAML without its objects.
+* OpenCV: YAML, XML or JSON of ``cv::FileStorage``, read by OpenCV. ``fisheye_model = 1`` means the fisheye.
+* Kalibr: ``camchain.yaml``, one table for every camera, ``cam0`` and so on. ``intrinsics`` is ``fu fv pu pv`` of a
+  ``pinhole``, ``distortion_coeffs`` is ``k1 k2 p1 p2`` (``radtan``) or ``k1 k2 k3 k4`` (``equi``). The cameras' poses
+  in their rig (``T_cn_cnm1``) are not read.
+* MATLAB: ``jsonencode(toStruct(cameraParams))``, of ``cameraParameters`` or ``cameraIntrinsics``. It counts pixels from
+  1; ``IntrinsicMatrix`` is the transpose of ``K``; ``ImageSize`` is rows and columns.
+* ROS: the YAML of ``camera_calibration``, or a ``sensor_msgs/CameraInfo`` message as text. ``K`` is the lens; ``P`` and
+  ``R``, those of a rectified image, are not read.
 """
 
 from __future__ import annotations
@@ -84,14 +70,7 @@ class Intrinsics:
 
 
 class FileReader:
-    """The keys of a parsed file, each asked for by name; what is not as expected names file and key.
-
-    Parameters
-    ----------
-    data : mapping
-    where : str
-        The file, for messages.
-    """
+    """The keys of a parsed file, each read by name; a mistake names file and key."""
 
     def __init__(self, data: Mapping[str, Any], where: str) -> None:
         self.data, self.where = data, where
@@ -173,9 +152,6 @@ def _flat(value: Any) -> list[float] | None:
     return found
 
 
-KALIBR_EXPECTED = "a camchain file of Kalibr: cam0 with camera_model, intrinsics, distortion_model, resolution"
-
-
 def is_kalibr(data: Mapping[str, Any]) -> bool:
     """Whether the keys are those of a camchain."""
     return any(isinstance(one, Mapping) and "intrinsics" in one and "camera_model" in one for one in data.values())
@@ -217,7 +193,6 @@ def of_kalibr(data: Mapping[str, Any], path: Path, name: str | None = None) -> I
     raise read.fail("distortion_model", f"found {model!r}", "radtan, equi or none")
 
 
-MATLAB_EXPECTED = "the struct of MATLAB's cameraParameters as JSON: ImageSize, K or FocalLength with PrincipalPoint"
 FIRST_PIXEL = 1.0
 
 
@@ -253,7 +228,6 @@ def of_matlab(data: Mapping[str, Any], path: Path) -> Intrinsics:
     return Intrinsics(int(columns), int(rows), fx, fy, cx - FIRST_PIXEL, cy - FIRST_PIXEL, distortion)
 
 
-ROS_EXPECTED = "a camera_info file of ROS: image_width, image_height, camera_matrix, distortion_model"
 BROWN_MODELS = ("plumb_bob", "rational_polynomial", "")
 FISHEYE_MODELS = ("equidistant", "fisheye")
 
@@ -289,18 +263,9 @@ MAX_FILE_BYTES = 1024 * 1024
 
 
 def read_yaml(path: Path, expected: str) -> Mapping[str, Any]:
-    """Return the mapping that a YAML file holds.
+    """Return the mapping in a YAML file, read by PyYAML without objects.
 
-    Parameters
-    ----------
-    path : Path
-    expected : str
-        What kind of file it should be, for messages.
-
-    Raises
-    ------
-    UserError
-        No such file, no YAML, no mapping; PyYAML is not installed.
+    UserError: no such file, no YAML, no mapping (``expected`` names the kind of file), or PyYAML is not installed.
     """
     try:
         import yaml
@@ -370,18 +335,9 @@ EXPECTED = "a camera of ROS (camera_info), Kalibr (camchain), OpenCV (FileStorag
 
 
 def read_camera(path: Path, camera: str | None = None) -> tuple[Intrinsics, str]:
-    """Return a camera and the name of the program that wrote it.
+    """Return a camera and the name of the program that wrote it; ``camera`` names one of several in a file of Kalibr.
 
-    Parameters
-    ----------
-    path : Path
-    camera : str, optional
-        Of several in one file, as Kalibr writes them.
-
-    Raises
-    ------
-    UserError
-        With file and key: a file of no such program, or a lens that ours cannot be.
+    UserError, with file and key: a file of no such program, or a lens that our camera files cannot hold.
     """
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
     found: Intrinsics

@@ -29,15 +29,7 @@ table of six digits, and 0.9 kB for the march along a ray, which has 18 bytes at
 
 @dataclass(frozen=True)
 class RayFile:
-    """Rays and the table they came from.
-
-    Attributes
-    ----------
-    header : list of str
-    rows : list of list of str
-        Every field as it was written.
-    observer_m, direction, sun : ndarray, shape (n, 3)
-    """
+    """Rays, shape (n, 3) each, and the table they came from with every field as it was written."""
 
     header: list[str]
     rows: list[list[str]]
@@ -47,13 +39,7 @@ class RayFile:
 
 
 def read_rays(path: Path) -> RayFile:
-    """Read a table of rays.
-
-    Raises
-    ------
-    UserError
-        Naming file, line and column of the first mistake.
-    """
+    """Read a table of rays; UserError names file, line and column of the first mistake."""
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a CSV file of rays")
     memory.refuse_beyond(MEMORY_PER_BYTE * len(text), "a table of that size", where=str(path), fix="split it")
     try:
@@ -109,13 +95,7 @@ def check_above_ground(table: RayFile, radius_m: float, path: Path) -> None:
 
 
 def write_radiance(path: Path, table: RayFile, radiance: dict[str, FloatArray]) -> None:
-    """Write the table with one more column per band, whole or not at all.
-
-    Raises
-    ------
-    UserError
-        The table has a column of that name already, or the file cannot be written.
-    """
+    """Write the table with one more column per band, whole or not at all; UserError where a column exists already."""
     added = {f"radiance_{band}": values for band, values in radiance.items()}
     for name in added:
         if name in table.header:

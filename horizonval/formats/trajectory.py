@@ -1,32 +1,23 @@
-"""A satellite's states between those that a file has: the polynomial through the nearest of them.
+"""Orbits from files: states, and between them the polynomial through the nearest states.
 
 With velocities it is Hermite's through the four nearest states, of degree 7, else Lagrange's through the eight nearest
-positions, whose derivative is the velocity. Of a circular orbit of 6 928 km, states a minute apart are met between them
-to 0.1 um with velocities and to 40 um without. Of states five minutes apart the first are off by 7 mm in the middle of
-a piece and 2 cm at its ends, the second by 1 m and 12 m.
-Pieces do not know each other: a manoeuvre lies between two.
+positions, whose derivative is the velocity. For a circular orbit of 6 928 km and states a minute apart the error is
+0.1 um with velocities and 40 um without. For states five minutes apart it is 7 mm in the middle of a piece and 2 cm at
+its ends, without velocities 1 m and 12 m. Pieces are independent: a manoeuvre lies between two.
 
-An interval in which the polynomial may be more than 100 m off is a gap, and no place in it is flown. How far it may be
-off is told by the remainder of interpolation for a circular orbit: in low orbit the largest steps are 16 minutes with
-velocities and 8 without, and near the ends of a piece, where states stand to one side only, 14 and 6.
+An interval in which the polynomial may be more than 100 m off is a gap, and positions in it are refused. The error is
+the remainder of interpolation for a circular orbit: in low orbit the largest steps are 16 minutes with velocities and 8
+without, near the ends of a piece 14 and 6.
 
-Orbit ephemeris messages (CCSDS 502.0-B), KVN and XML, read by the library ``oem``.
-
-Its states are taken as they stand; between them :mod:`horizonval.formats.trajectory` interpolates, whatever
-method the message names. States outside the usable span are used for that and not flown. Covariances are not read.
-
-Orbit mean-elements messages (CCSDS 502.0-B), KVN and XML: the elements of SGP4 with all their digits.
-
-Orbits and attitudes as tables of text, whose columns say axes, units, direction and order.
-
-An orbit has ``time_utc`` and ``x_gcrs_km``, ``y_gcrs_km``, ``z_gcrs_km``, or the same with ``itrs``; with
-``vx_gcrs_km_s`` and so on the velocities. An attitude has ``time_utc`` and ``q_body_from_gcrs_x``, ``_y``, ``_z``,
-``_w`` (the scalar), or the same with ``itrs``: the turn that takes components in those axes to those in the body's.
-
-Orbit and attitude from SPICE kernels, read by ``spiceypy``: SPK, and CK with the clock and frame kernels it needs.
-
-Geometric states of the spacecraft about the Earth in ``J2000``, which is taken for ``gcrs``; no light time. Kernels are
-loaded for each question and unloaded after it: they are a state of the whole process.
+* **Orbit ephemeris messages** (CCSDS 502.0-B), KVN and XML, are read by the library ``oem``. They are interpolated as
+  above, whatever method they name; states outside the usable span serve for that alone. Covariances are not read.
+* **Orbit mean-elements messages** (CCSDS 502.0-B), KVN and XML, hold the elements of SGP4 with all their digits.
+* **Tables of text.** An orbit has ``time_utc`` and ``x_gcrs_km``, ``y_gcrs_km``, ``z_gcrs_km``, or the same with
+  ``itrs``; with ``vx_gcrs_km_s`` and so on the velocities. An attitude has ``time_utc`` and ``q_body_from_gcrs_x``,
+  ``_y``, ``_z``, ``_w`` (the scalar), or the same with ``itrs``.
+* **SPICE kernels** are read by ``spiceypy``: SPK, and CK with clock and frame kernels. States are geometric, about the
+  Earth in ``J2000``, which is taken as ``gcrs``. Kernels are a state of the whole process: they are loaded for each
+  question and unloaded after it.
 """
 
 from __future__ import annotations
@@ -212,13 +203,7 @@ OEM_EXPECTED = "an orbit ephemeris message, KVN or XML"
 
 
 def orbit_of_oem(path: Path) -> Trajectory:
-    """Return the orbit in a message.
-
-    Raises
-    ------
-    UserError
-        With file and key: another centre, axes that are not known, states out of order; ``oem`` is not installed.
-    """
+    """Return the orbit in a message; UserError names file and key, or that ``oem`` is not installed."""
     try:
         from oem import OrbitEphemerisMessage
     except ImportError:

@@ -1,15 +1,15 @@
-"""How a body turns along its orbit: a reference it points at, and what it does about that.
+"""How a body turns along its orbit: a reference that it points at, and motions on top of it.
 
 With rotations of the frame, the last one first::
 
     R_body_from_lvlh(t) = E(t) T(t) S(t) P(t)
 
-``P`` the reference: the local vertical itself, the Sun (an axis of the body towards it, x as near to the velocity as
-that allows), or the stars (the local vertical of the first instant, kept). ``S`` a fixed offset, and a slew from it to
-another attitude, about one axis, with the smooth step 10 s^3 - 15 s^4 + 6 s^5. ``T`` a tumble at a constant rate about
-an axis of the body. ``E`` an error of pointing about each axis: a stationary Gaussian process of correlation
-``exp(-(dt / tau)^2 / 2)``, made of cosines whose frequencies are drawn from its spectrum and whose amplitudes are
-normal, so that it has a value and a rate at every instant, whatever instants are asked for.
+``P`` is the reference: the local vertical, the Sun (an axis of the body towards it, x as near to the velocity as that
+allows), or the stars (the local vertical of the first instant). ``S`` is a fixed offset, and a slew from it to another
+attitude about one axis with the smooth step 10 s^3 - 15 s^4 + 6 s^5. ``T`` is a tumble at a constant rate about an axis
+of the body. ``E`` is a pointing error about each axis: a stationary Gaussian process of correlation
+``exp(-(dt / tau)^2 / 2)``, a sum of cosines with frequencies drawn from its spectrum and normal amplitudes, so that it
+has a value and a rate at every instant.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from horizonval.geometry.orbit import lvlh_matrices
 
 States = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 Spans = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Positions [m] and velocities [m/s], shape (n, 3) each, at times (n,), in axes that keep still among the stars."""
+"""Positions [m] and velocities [m/s], shape (n, 3) each, at times (n,), in celestial axes."""
 
 _TONES = 64
 """Of an error; given the frequencies the process is exactly Gaussian, and they follow the spectrum to 1/sqrt(64)."""
@@ -47,13 +47,7 @@ class Slew:
 
 @dataclass(frozen=True)
 class PointingError:
-    """One sample of a Gaussian process about yaw, pitch and roll.
-
-    Attributes
-    ----------
-    frequency_rad_s, cosine_rad, sine_rad : ndarray, shape (3, k)
-        Frequencies, and the amplitudes of cosine and sine at each.
-    """
+    """One sample of a Gaussian process about yaw, pitch and roll: frequencies and amplitudes, shape (3, k) each."""
 
     frequency_rad_s: FloatArray
     cosine_rad: FloatArray
@@ -77,19 +71,9 @@ def pointing_error(
 
 @dataclass(frozen=True)
 class AttitudeProfile:
-    """What the body does; see the module.
+    """What the body does; see the module. Angles are yaw, pitch and roll, the tumble is about x, y, z.
 
-    Attributes
-    ----------
-    reference : {"nadir", "sun", "inertial"}
-    offset_rad : tuple of float
-        Yaw, pitch, roll against the reference.
-    slew : Slew, optional
-    tumble_rad_s : tuple of float
-        About the body's x, y, z.
-    error : PointingError, optional
-    sun_axis : tuple of float
-        Axis of the reference that points at the Sun.
+    ``sun_axis`` is the axis of the reference that points at the Sun.
     """
 
     reference: Literal["nadir", "sun", "inertial"] = "nadir"

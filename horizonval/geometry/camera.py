@@ -74,23 +74,16 @@ def camera_from_spec(spec: CameraGeometry) -> CameraModel:
 
 
 def project(camera: CameraModel, d_cam: ArrayLike) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the pixel coordinates of directions.
-
-    Parameters
-    ----------
-    camera : CameraModel
-    d_cam : array_like, shape (..., 3)
-        Directions in camera axes, of any length.
+    """Return the pixel coordinates of directions (..., 3) in camera axes, of any length.
 
     Returns
     -------
     uv : ndarray, shape (..., 2)
         Column and row; NaN where ``has_image`` is False. Not limited to the image.
     has_image : ndarray of bool, shape (...)
-        Pinhole: in front of the camera and where the distortion is one to one (see :func:`check_invertible`); beyond
-        that a polynomial folds back and would put far directions into the image. Fisheye: where its polynomial grows,
-        behind the camera too; never straight behind. Equal-angle: everywhere but for a zero vector. In all of them not
-        beyond the image circle.
+        Pinhole: in front of the camera and where the distortion is one to one (see :func:`check_invertible`). Fisheye:
+        where its polynomial grows, also behind the camera, never straight behind. Equal-angle: everywhere but for a
+        zero vector. In all of them not beyond the image circle.
     """
     d = np.asarray(d_cam, float)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -156,21 +149,11 @@ def _angle_to_axis(d: FloatArray) -> FloatArray:
 
 
 def check_invertible(camera: CameraModel, where: str = "") -> None:
-    """Raise if any place in the image has no, or no single, direction; what lies beyond the image circle may.
+    """Raise UserError if any point of the image, or of its image circle, has no or no single direction.
 
     The invertible disc and its image are simply connected, so the image lies inside where its border does; the border
-    is checked at every half pixel. A fisheye that fills an image circle is checked at the circle instead.
-
-    Parameters
-    ----------
-    camera : CameraModel
-    where : str
-        File and key for the message.
-
-    Raises
-    ------
-    UserError
-        If the distortion folds inside the image or its circle, or an equal-angle image exceeds the sphere.
+    is checked at every half pixel. A fisheye that fills an image circle is checked at the circle. ``where`` is file and
+    key for the message.
     """
     if camera.projection == "fisheye" and camera.image_circle_rad is not None:
         turning = turning_angle(camera.distortion[:4])

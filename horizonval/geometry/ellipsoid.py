@@ -32,18 +32,7 @@ from horizonval.core.errors import UserError
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """Oblate ellipsoid of revolution about z.
-
-    Parameters
-    ----------
-    a_m, b_m : float
-        Equatorial and polar radius [m]; ``0 < b_m <= a_m``.
-
-    Raises
-    ------
-    UserError
-        If the radii are not finite, not positive, or ``b_m > a_m``.
-    """
+    """Oblate ellipsoid of revolution about z with equatorial and polar radius [m]; UserError unless 0 < b <= a."""
 
     a_m: float
     b_m: float
@@ -184,20 +173,12 @@ def geocentric_nadir(r_itrs: ArrayLike) -> FloatArray:
 def line_intersections(
     o_itrs: ArrayLike, d_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where lines ``o + s d`` enter and leave the ellipsoid.
-
-    Parameters
-    ----------
-    o_itrs : array_like, shape (..., 3)
-        Points on the lines [m].
-    d_itrs : array_like, shape (..., 3)
-        Directions, broadcast against ``o_itrs``; need not be unit vectors.
+    """Return where lines ``o + s d`` (..., 3) enter and leave the ellipsoid; ``d`` need not be a unit vector.
 
     Returns
     -------
     s_near, s_far : ndarray, shape (...)
-        Parameters ([m] for unit directions) with ``s_near <= s_far``; NaN in both where the line misses. Negative
-        values lie behind ``o``.
+        Parameters ([m] for unit directions), ``s_near <= s_far``, negative behind ``o``; NaN where the line misses.
     """
     o, d = np.broadcast_arrays(np.asarray(o_itrs, float), np.asarray(d_itrs, float))
     o, d = o / ellipsoid.axes_m, d / ellipsoid.axes_m
@@ -222,27 +203,20 @@ def surface_distance(o_itrs: ArrayLike, d_itrs: ArrayLike, ellipsoid: Ellipsoid 
 def tangent_point(
     o_itrs: ArrayLike, d_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84, *, ray: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the place and the value of the lowest geodetic height along lines.
+    """Return the position and the value of the lowest geodetic height along lines ``o + s d`` (unit ``d``).
 
     Height is the signed distance to a convex body, hence convex along a line: one minimum, found by Newton on
     ``normal . d = 0`` with the second derivative from the principal radii of curvature, inside a bracket. The bracket
     needs no search: the vertical through the minimum is perpendicular to ``d`` and passes within ``(a^2 - b^2) / b``
     (43 km) of the centre, so the minimum lies that close to the foot of the perpendicular from the centre.
 
-    Parameters
-    ----------
-    o_itrs, d_itrs : array_like, shape (..., 3)
-        Points [m] and unit directions, broadcast against each other.
-    ray : bool
-        Keep to the half line ``s >= 0``: the lowest point is then ``o`` itself for rays that climb from the start.
-
     Returns
     -------
     s : ndarray, shape (...)
-        Distance from ``o`` along ``d`` [m].
+        Distance from ``o`` along ``d`` [m]; with ``ray`` not below 0.
     height : ndarray, shape (...)
-        Lowest geodetic height [m]; minus the depth of the chord for lines that pass through the ellipsoid. Converged
-        to 1 um, plus the rounding of the coordinates (1 um for observers 2e9 m away).
+        Lowest geodetic height [m]; minus the depth of the chord for lines through the ellipsoid. Converged to 1 um,
+        plus the rounding of the coordinates (1 um for observers 2e9 m away).
     """
     o, d = np.broadcast_arrays(np.asarray(o_itrs, float), np.asarray(d_itrs, float))
     shape = o.shape[:-1]

@@ -11,19 +11,14 @@ about ``p / |p|^2`` of radius ``sqrt(1 - 1/|p|^2)``, on the ellipsoid an ellipse
 difference already cancelled, ``-k p + sqrt(k) (u cos t + w sin t)`` with ``k = 1 - 1/|p|^2``, so that every altitude
 keeps full precision.
 
-The horizon of a sphere is a cone of sight lines, and a cone is a plane through unit vectors.
-
-Every line of sight ``u`` to the limb makes the angle rho with the nadir ``n``::
+**Cones.** Every line of sight ``u`` to the limb of a sphere makes the angle rho with the nadir ``n``::
 
     u . n = cos rho
 
-so the tips of the sight lines lie in a plane with normal ``n`` at distance ``cos rho`` from the eye. The unknowns
-``n / cos rho`` enter linearly (``u . m = 1``); the plane is fitted here by orthogonal regression, which is the same
-problem with ``|n| = 1`` kept: it stays finite at rho = 90 deg, where ``m`` does not, and it shrinks the radius of a
-short noisy arc ``cos^2 rho`` times less than ordinary least squares does (Deng et al., Aerospace 10, 371, 2023).
-
-No starting value, no image-plane ellipse or hyperbola, no special case for wide fields. Nothing here knows an image or
-a sensor: estimators fit what they find, and scoring asks with it what the exact horizon in view determines.
+so the tips of the sight lines lie in a plane with normal ``n`` at distance ``cos rho``. The plane is fitted by
+orthogonal regression with ``|n| = 1``: it stays finite at rho = 90 deg, and it shrinks the radius of a short noisy arc
+``cos^2 rho`` times less than ordinary least squares for ``n / cos rho`` does (Deng et al., Aerospace 10, 371, 2023). It
+needs no starting value and no special case for wide fields.
 """
 
 from __future__ import annotations
@@ -155,18 +150,8 @@ def angular_radius(r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84) -> float:
 
 
 def signed_limb_angle(d_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84) -> FloatArray:
-    """Return the angle [rad], shape (...), of directions to the nearest point of the limb, positive inside the Earth.
+    """Return the angle [rad], shape (...), of directions (..., 3) to the nearest limb point, positive inside the Earth.
 
-    Parameters
-    ----------
-    d_itrs : array_like, shape (..., 3)
-        Directions of any length.
-    r_itrs : array_like, shape (3,)
-        Observer [m], outside the ellipsoid.
-    ellipsoid : Ellipsoid
-
-    Notes
-    -----
     The nearest horizon direction is found from the best of 16 around the horizon by safeguarded Newton on the curve's
     parameter; the angle is stationary there, so its error is of second order in the parameter's.
     """
@@ -272,23 +257,10 @@ class _PoseHorizon:
 def horizon_pixels(
     camera: CameraModel, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84, n: int = 720
 ) -> list[FloatArray]:
-    """Return the horizon inside the image as polylines.
+    """Return the horizon inside the image as polylines of at most ``n`` columns and rows, exact to rounding.
 
-    Parameters
-    ----------
-    camera : CameraModel
-    q_cam_from_itrs : array_like, shape (4,)
-    r_itrs : array_like, shape (3,)
-        Observer [m], outside the ellipsoid.
-    ellipsoid : Ellipsoid
-    n : int
-        Points per polyline, at equal steps of the horizon's parameter.
-
-    Returns
-    -------
-    list of ndarray, shape (n, 2)
-        Column and row, each point exact to rounding; the ends lie on the image border. A horizon wholly in view is one
-        polyline whose last point repeats the first. Empty when no horizon is in view.
+    The observer is outside the ellipsoid. The ends lie on the image border; a horizon wholly in view is one polyline
+    whose last point repeats the first. Empty without horizon in view.
     """
     view = _PoseHorizon(camera, q_cam_from_itrs, r_itrs, ellipsoid)
     lines = []
@@ -297,18 +269,6 @@ def horizon_pixels(
         inside[[0, -1]] = True
         lines.append(uv[inside])
     return lines
-
-
-def horizon_fraction(
-    camera: CameraModel, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84
-) -> float:
-    """Return the share (0 to 1) of the horizon, by its parameter, that lies inside the image.
-
-    The parameter is the azimuth about the scaled nadir; it differs from that about the geocentric nadir by less than
-    the flattening (0.3 %).
-    """
-    arcs = _PoseHorizon(camera, q_cam_from_itrs, r_itrs, ellipsoid).arcs()
-    return float(min(1.0, sum(last - first for first, last in arcs) / (2 * math.pi)))
 
 
 def _crossings(view: _PoseHorizon, axis: int, values: FloatArray) -> FloatArray:
@@ -344,21 +304,11 @@ def horizon_rows(
     columns: ArrayLike,
     ellipsoid: Ellipsoid = WGS84,
 ) -> FloatArray:
-    """Return the sub-pixel rows at which the horizon crosses columns.
+    """Return the sub-pixel rows, shape (n, k), at which the horizon crosses n columns, fractional or not.
 
-    Parameters
-    ----------
-    camera, q_cam_from_itrs, r_itrs, ellipsoid
-        As in :func:`horizon_pixels`.
-    columns : array_like, shape (n,)
-        Columns, fractional or not.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
-        Rows in rising order, ``k`` the largest number of crossings of any column (at least 1); NaN where a column has
-        fewer. Bisected on the exact curve to rounding (1e-9 px). Two crossings closer than 1/4096 of the visible arc,
-        where a column only just touches the horizon's extreme, are not seen.
+    Rows rise; ``k`` is the largest number of crossings of any column (at least 1), NaN where a column has fewer. They
+    are bisected on the exact curve to rounding (1e-9 px). Two crossings closer than 1/4096 of the visible arc are not
+    seen.
     """
     view = _PoseHorizon(camera, q_cam_from_itrs, r_itrs, ellipsoid)
     return _crossings(view, 0, np.asarray(columns, float).reshape(-1))
@@ -378,15 +328,7 @@ def horizon_columns(
 
 @dataclass(frozen=True)
 class Cone:
-    """A circular cone of sight lines.
-
-    Attributes
-    ----------
-    axis_cam : ndarray, shape (3,)
-        Unit vector, inside the cone (``cos_rho >= 0``).
-    cos_rho : float
-        Cosine of the half-angle.
-    """
+    """A circular cone of sight lines: unit axis inside the cone, and cosine of the half-angle, not below 0."""
 
     axis_cam: FloatArray
     cos_rho: float
@@ -398,23 +340,7 @@ class Cone:
 
 
 def fit_cone(los_cam: FloatArray) -> Cone:
-    """Fit the cone through lines of sight by orthogonal regression.
-
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-        Unit vectors, n >= 3.
-
-    Returns
-    -------
-    Cone
-        Its axis is the side towards which the arc bends, ``cos_rho >= 0``.
-
-    Raises
-    ------
-    ValueError
-        With fewer than three points.
-    """
+    """Fit the cone through n >= 3 unit lines of sight by orthogonal regression; its axis is where the arc bends to."""
     if len(los_cam) < 3:
         raise ValueError(f"a cone needs three lines of sight, not {len(los_cam)}")
     middle = los_cam.mean(axis=0)

@@ -12,16 +12,13 @@ An orbit is Sun-synchronous where the node keeps pace with the mean Sun, 360 deg
 follows from dOmega/dt (Vallado, section 11.4.1). The axes are the true equator and equinox of date, ``tod``;
 Earth-fixed axes follow from the apparent sidereal time.
 
-Neglected: the periodic part of J2 (10 km along the orbit and across), drag, the Moon's and the Sun's pull. A scene
-needs a place that such a satellite could be at and an exact truth for that place, and both are kept. Elements that are
-to be those of a real satellite come as two lines, through SGP4 (:mod:`horizonval.geometry.orbit`).
+**Neglected**: the periodic part of J2 (10 km along the orbit and across), drag, and the pull of Moon and Sun. A scene
+needs a position that such a satellite could have and an exact truth for it.
 
-A satellite's position and velocity from two-line elements.
-
-The propagation is SGP4 as published with its corrections (the ``sgp4`` package, gravity constants WGS72, which the
-elements are fitted with); the frames are those of :mod:`horizonval.geometry.rotation`. Elements describe a real
-satellite to about a kilometre at their epoch and some kilometres a day after it. Here they define the orbit, and the
-truth is what they say.
+**Two-line elements** are propagated by SGP4 as published with its corrections (the ``sgp4`` package, gravity constants
+WGS72, with which the elements are fitted), in the frames of :mod:`horizonval.geometry.rotation`. Elements describe a
+real satellite to about a kilometre at their epoch and some kilometres a day after it. Here they define the orbit and
+are the truth.
 """
 
 from __future__ import annotations
@@ -54,15 +51,7 @@ _KEPLER_STEPS = 30
 
 @dataclass(frozen=True)
 class Elements:
-    """Mean elements at an epoch, angles in radians, against the true equator and equinox of that date.
-
-    Attributes
-    ----------
-    semi_major_axis_m, eccentricity, inclination_rad : float
-    raan_rad : float
-        Right ascension of the ascending node.
-    argument_of_perigee_rad, mean_anomaly_rad : float
-    """
+    """Mean elements at an epoch, against the true equator and equinox of that date."""
 
     semi_major_axis_m: float
     eccentricity: float
@@ -87,13 +76,7 @@ def secular_rates(elements: Elements) -> tuple[float, float, float]:
 
 
 def sun_synchronous_inclination(semi_major_axis_m: float, eccentricity: float = 0.0) -> float:
-    """Return the inclination [rad] at which the node turns once in a tropical year.
-
-    Raises
-    ------
-    UserError
-        If the orbit is too high for it: above 5 970 km for a circle.
-    """
+    """Return the inclination [rad] at which the node turns once in a tropical year; UserError if there is none."""
     equatorial = Elements(semi_major_axis_m, eccentricity, 0.0, 0.0, 0.0, 0.0)
     cosine = (2.0 * math.pi / TROPICAL_YEAR_S) / secular_rates(equatorial)[0]
     if cosine < -1.0:
@@ -180,12 +163,9 @@ def turn_about_pole(angle_rad: ArrayLike) -> FloatArray:
 
 
 def heading(r_itrs: ArrayLike, v_itrs: ArrayLike) -> FloatArray:
-    """Return the azimuth [rad] of velocities, from north to east in the geocentric level plane, shape (...).
+    """Return the azimuth [rad] of celestial velocities, from north to east in the geocentric level plane, shape (...).
 
-    Parameters
-    ----------
-    r_itrs, v_itrs : array_like, shape (..., 3)
-        Along Earth-fixed axes. The velocity among the stars gives the heading of the orbital plane, hence of ``lvlh``.
+    Positions and velocities have the shape (..., 3) along Earth-fixed axes; the azimuth is that of x of ``lvlh``.
     """
     r, v = np.asarray(r_itrs, dtype=np.float64), np.asarray(v_itrs, dtype=np.float64)
     longitude = np.arctan2(r[..., 1], r[..., 0])
@@ -210,14 +190,7 @@ EARTH_RATE_RAD_S = 7.292115146706979e-5
 
 @dataclass(frozen=True)
 class ElementSet:
-    """Two lines of 69 columns, as distributed.
-
-    Raises
-    ------
-    UserError
-        If a line is not 69 columns long, its number, its checksum or its fields are wrong, or the two lines are of
-        different satellites.
-    """
+    """Two lines of 69 columns, as distributed; UserError where length, number, checksum, fields or satellite differ."""
 
     line1: str
     line2: str
@@ -253,20 +226,9 @@ class ElementSet:
 
 
 def teme_states(elements: ElementSet, epoch_utc: datetime, seconds: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
-    """Return positions [m] and velocities [m/s] in the elements' own frame, shape (..., 3) each.
+    """Return positions [m] and velocities [m/s] in the elements' frame, shape (..., 3) each, seconds after an epoch.
 
-    Parameters
-    ----------
-    elements : ElementSet
-    epoch_utc : datetime
-        UTC where it has no time zone.
-    seconds : array_like, shape (...)
-        After the epoch.
-
-    Raises
-    ------
-    UserError
-        If the elements cannot be carried to an instant (the satellite has decayed), or the epoch is out of range.
+    UserError: the satellite has decayed, or the epoch (UTC without a time zone) is out of range.
     """
     return satellite_states(elements._satellite(), epoch_utc, seconds)
 

@@ -1,29 +1,21 @@
-"""Parts where the camera sees them: triangles in camera axes.
+"""Parts of the spacecraft as the camera sees them: triangles, their outline, and the share of pixels they cover.
 
-Simple shapes as triangles, in their own axes.
-
-A circle is a polygon of 512 corners and of the circle's area: with ``theta = pi / 512`` its corners lie
+**Shapes.** A circle is a polygon of 512 corners and of the circle's area: with ``theta = pi / 512`` its corners lie
 ``theta^2 / 3`` of the radius outside (1.3e-5) and the middles of its sides half as far inside. A circle 1000 pixels
-across is right to a hundredth of a pixel.
+across is right to a hundredth of a pixel. Meshes (PLY, OBJ, glTF) are read by trimesh.
 
-Triangles of a mesh file: PLY, OBJ or glTF, read by trimesh.
+**Outline.** Seen from the camera an edge of a triangle is an arc of a great circle, and on a plane across any axis
+(gnomonic projection) a straight line. There the triangles are cut to the field of view and united, in float64, by GEOS.
+The outline consists of the corners of the union, less those that move it by no more than a thousandth of a pixel. It is
+plain data: with a camera it gives the covered share of every pixel without the parts' files. A camera that sees no
+farther than 70 deg from its boresight needs one plane across its boresight, others the five faces of a cube that do not
+lie behind it.
 
-The outline of parts as the camera sees them: polygons on faces of a cube round the camera, where edges are straight.
-
-Seen from the camera an edge of a triangle is an arc of a great circle, and on a plane across any axis (gnomonic
-projection) a straight line. There the triangles are cut to the field of view and united, in float64, by GEOS. What is
-kept are the corners of the union, less those that move it by no more than a thousandth of a pixel. It is plain data:
-with a camera it says which share of every pixel is covered, without the parts' files.
-
-A camera that looks no farther than 70 deg from its boresight needs one face, the plane across its boresight, as large
-as its image. Others have the five faces of a cube that do not lie behind it.
-
-Which share of every pixel parts cover, from their outline, exactly.
-
-Edges of the outline are drawn through the lens: halved until the chord between two points lies within a thousandth of a
-pixel of the edge's image. The area of the polygon inside each pixel then follows from its edges alone (Green's theorem,
-as fonts are drawn): an edge that climbs by ``dy`` inside a pixel covers all pixels to its right by ``dy``, and of its
-own what lies to its right. No sampling: the share is exact to a thousandth of a pixel times the edge's length in it.
+**Coverage.** Edges of the outline are drawn through the lens: halved until the chord between two points lies within a
+thousandth of a pixel of the edge's image. The area of the polygon inside each pixel then follows from its edges alone
+(Green's theorem, as fonts are drawn): an edge that climbs by ``dy`` inside a pixel covers all pixels to its right by
+``dy``, and of its own what lies to its right. Without sampling the share is exact to a thousandth of a pixel times the
+edge's length in it.
 """
 
 from __future__ import annotations
@@ -120,20 +112,10 @@ EXPECTED = "a mesh: PLY, OBJ or glTF"
 
 
 def mesh_triangles(file: str, where: str) -> FloatArray:
-    """Return the triangles of a mesh in the file's own axes and unit, shape (n, 3, 3).
+    """Return the triangles of a mesh in the file's axes and unit, shape (n, 3, 3); ``where`` is the part, for errors.
 
-    Nodes of a glTF scene are where the file puts them. Faces of more than three corners are cut into triangles.
-
-    Parameters
-    ----------
-    file : str
-    where : str
-        The part, for error messages.
-
-    Raises
-    ------
-    UserError
-        No such file, none that can be read, or without a surface: no triangles, places that are not finite, no area.
+    Nodes of a glTF scene are at their positions. Faces of more than three corners are cut into triangles. UserError:
+    the file cannot be read, or has no triangles, positions that are not finite, or no area.
     """
     path = Path(file)
     place = f"{where}: {path}"
@@ -178,17 +160,7 @@ NEAREST_M = 1e-3
 def triangles_cam(part: SpacecraftPart, q_cam_from_body: ArrayLike, where: str) -> FloatArray:
     """Return the triangles of a part in camera axes [m], seen from the camera, shape (n, 3, 3).
 
-    Parameters
-    ----------
-    part : SpacecraftPart
-    q_cam_from_body : array_like, shape (4,)
-    where : str
-        The part's place in the scene, for error messages.
-
-    Raises
-    ------
-    UserError
-        A mesh that cannot be used, or a part that encloses or touches the camera.
+    UserError, at ``where``: a mesh that cannot be used, or a part that encloses or touches the camera.
     """
     if part.shape == "mesh":
         assert part.file is not None
@@ -209,13 +181,7 @@ def all_triangles_cam(parts: Sequence[SpacecraftPart], q_cam_from_body: ArrayLik
 
 
 def blocked(triangles: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return which rays from the camera meet a triangle, shape (n,), bool (Möller and Trumbore 1997).
-
-    Parameters
-    ----------
-    triangles : ndarray, shape (m, 3, 3)
-    directions : ndarray, shape (n, 3)
-    """
+    """Return which rays (n, 3) from the camera meet a triangle (m, 3, 3), shape (n,) (Möller and Trumbore 1997)."""
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal, towards = np.cross(u, v), np.cross(a, u)
     hit = np.zeros(len(directions), dtype=bool)
@@ -340,18 +306,9 @@ class Outline:
 
 
 def outline_of(triangles: Sequence[FloatArray], camera: CameraModel) -> Outline:
-    """Return the outline of all parts together in a camera's field of view.
+    """Return the outline of all parts, triangles in camera axes, in a camera's field of view.
 
-    Parameters
-    ----------
-    triangles : sequence of ndarray, shape (n, 3, 3)
-        Of each part, in camera axes.
-    camera : CameraModel
-
-    Raises
-    ------
-    UserError
-        A lens that sees farther back than :data:`WIDEST_RAD`.
+    UserError: a lens that sees farther back than :data:`WIDEST_RAD`.
     """
     faces, reach = _faces_of(camera)
     everything = np.concatenate([np.zeros((0, 3, 3)), *triangles])
@@ -464,11 +421,8 @@ def coverage(outline: Outline, camera: CameraModel) -> FloatArray:
 def polygon_coverage(start: FloatArray, end: FloatArray, width: int, height: int) -> FloatArray:
     """Return the covered share of unit squares, shape (height, width).
 
-    Parameters
-    ----------
-    start, end : ndarray, shape (n, 2)
-        Edges (x, y) of closed polygons that do not overlap, holes running against their outlines; square (column, row)
-        covers [column, column + 1] x [row, row + 1].
+    Edges (n, 2) are those of closed polygons that do not overlap, with holes in the opposite sense; square (column,
+    row) covers [column, column + 1] x [row, row + 1].
     """
     sign = np.sign(np.sum(start[:, 0] * end[:, 1] - end[:, 0] * start[:, 1])) or 1.0
     edges = np.stack([start, end], axis=1)

@@ -56,17 +56,8 @@ SLOWEST_KM_S = 1e-6
 class Pose:
     """Position and attitude of one camera.
 
-    Attributes
-    ----------
-    ellipsoid : Ellipsoid
-    r_itrs : ndarray, shape (3,)
-        Camera position [m].
-    altitude_m : float
-        Geodetic height, computed back from ``r_itrs``.
-    q_cam_from_itrs, q_cam_from_body, q_body_from_lvlh, q_lvlh_from_itrs : ndarray, shape (4,)
-        Scalar-last quaternions.
-    yaw_rad, pitch_rad, roll_rad : float
-        Body against lvlh, brought to ``|pitch| <= pi / 2`` and ``(-pi, pi]``: the values an estimator can report.
+    ``altitude_m`` is the geodetic height, computed back from ``r_itrs`` [m]; quaternions are scalar last. Yaw, pitch
+    and roll of the body against lvlh have ``|pitch| <= pi / 2`` and are in ``(-pi, pi]``: what an estimator can report.
     """
 
     ellipsoid: Ellipsoid
@@ -109,14 +100,9 @@ def _position(place: Platform, ellipsoid: Ellipsoid) -> FloatArray:
 
 
 def place_from_spec(scene: SceneSpec) -> tuple[Ellipsoid, FloatArray]:
-    """Return the planet's shape and the camera's position [m], shape (3,).
+    """Return the planet's shape and the camera's position [m], from geodetic latitude, longitude and altitude.
 
-    Latitude and altitude are geodetic; on a sphere that is the same as geocentric.
-
-    Raises
-    ------
-    UserError
-        If the position is not a finite place above the surface.
+    UserError: the position is not a finite point above the surface.
     """
     ellipsoid = ellipsoid_from_spec(scene.earth)
     place = scene.platform
@@ -133,21 +119,11 @@ def place_from_spec(scene: SceneSpec) -> tuple[Ellipsoid, FloatArray]:
 
 
 def pose_from_spec(scene: SceneSpec, camera: CameraSpec | None = None) -> Pose:
-    """Return the pose of a scene's camera.
+    """Return the pose of a scene's camera, which is needed where the scene chooses one of its heads.
 
     The heading is the azimuth of the velocity in the geocentric level plane. From the body outwards the scene's
-    mounting comes first and the head's second: ``q_cam_from_body = q_cam_from_housing q_housing_from_body``.
-
-    Parameters
-    ----------
-    scene : SceneSpec
-    camera : CameraSpec, optional
-        Needed where the scene chooses one of a camera's heads.
-
-    Raises
-    ------
-    UserError
-        If the position is not a finite place above the surface, or the camera has no such head.
+    mounting comes first and the head's second: ``q_cam_from_body = q_cam_from_housing q_housing_from_body``. UserError:
+    the position is not above the surface, or the camera has no such head.
     """
     if camera is None and scene.camera.head is not None:
         raise ValueError("a scene that chooses a head has no pose without its camera")
@@ -175,20 +151,9 @@ def pose_from_spec(scene: SceneSpec, camera: CameraSpec | None = None) -> Pose:
 
 
 def scene_keys(pose: PoseKeys, scene: SceneSpec, where: str) -> dict[str, Any]:
-    """Return what a pose gives as keys of a scene file.
+    """Return what a pose gives as keys of a scene file; the scene has what the pose leaves out.
 
-    Parameters
-    ----------
-    pose : PoseKeys
-    scene : SceneSpec
-        For what the pose leaves out.
-    where : str
-        Who gave the pose, for errors.
-
-    Raises
-    ------
-    UserError
-        A position at the Earth's centre or below the ground, or a velocity that goes straight up or down.
+    UserError, at ``where``: a position below the ground, or a velocity straight up or down.
     """
     found = pose.given
     position, velocity = found.pop("position_itrs_km", None), found.pop("velocity_itrs_km_s", None)
@@ -212,20 +177,9 @@ def scene_keys(pose: PoseKeys, scene: SceneSpec, where: str) -> dict[str, Any]:
 
 
 def turned(scene: SceneSpec, keys: Mapping[str, Any], where: str) -> SceneSpec:
-    """Return a scene whose camera is turned where it is; what is not named stays.
+    """Return a scene with its camera turned by some of :data:`horizonval.spec.pose.TURNS`; other keys stay.
 
-    Parameters
-    ----------
-    scene : SceneSpec
-    keys : mapping
-        Some of :data:`horizonval.spec.pose.TURNS`, as plain data.
-    where : str
-        Who gave the keys, for errors.
-
-    Raises
-    ------
-    UserError
-        Another key, or a value that cannot be.
+    UserError, at ``where``: another key, or an impossible value.
     """
     for key in keys:
         if key not in TURNS:

@@ -1,16 +1,13 @@
-"""The Earth's rotation at many instants: matrices between celestial, mean-equinox and Earth-fixed axes.
+"""Rotation of the Earth between celestial, mean-equinox and Earth-fixed axes, and directions.
 
-The same time scales as :mod:`horizonval.geometry.sun_and_moon`: UT1 is taken as UTC and the pole as fixed, for both
-need a measured table. UT1 - UTC stays below 0.9 s; it turns every celestial direction made from Earth-fixed
-measurements about the pole by up to 13.5 arcsec, alike for truth and measurement, so no
-difference of two of them feels it.
+UT1 is taken as UTC and the pole as fixed, as in :mod:`horizonval.geometry.sun_and_moon`: both need a measured table.
+UT1 - UTC is below 0.9 s. It turns every celestial direction made from Earth-fixed measurements about the pole by up to
+13.5 arcsec, truth and measurement equally, so that no difference of the two changes.
 
 ``teme`` (true equator, mean equinox) is the frame of two-line elements: one turn by the mean sidereal time of 1982
-about the axis leads to Earth-fixed axes (Vallado et al., "Revisiting Spacetrack Report #3", AIAA 2006-6753,
-appendix C). The way on to ``gcrs`` is IAU 2006/2000A, so the pole's nutation of 1980 in the elements is kept by theory
-and not by the formula; the two poles differ by some 0.05 arcsec.
-
-Directions: the angle between two, vectors across one, and many spread evenly.
+about the axis leads to Earth-fixed axes (Vallado et al., "Revisiting Spacetrack Report #3", AIAA 2006-6753, appendix
+C). The way on to ``gcrs`` is IAU 2006/2000A; the pole of the elements' nutation of 1980 differs from it by some 0.05
+arcsec.
 """
 
 from __future__ import annotations
@@ -29,19 +26,10 @@ from horizonval.core.errors import UserError
 
 
 def julian_utc(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> tuple[float, FloatArray]:
-    """Return instants as two-part Julian dates: the day's begin, and the fraction of a day, shape (...).
+    """Return instants as two-part Julian dates: the begin of the day, and the fraction of a day, shape (...).
 
-    Parameters
-    ----------
-    epoch_utc : datetime
-        UTC where it has no time zone.
-    seconds : array_like, shape (...)
-        After the epoch. A leap second between epoch and instant is not counted.
-
-    Raises
-    ------
-    UserError
-        If the year lies outside 1960 to 2099.
+    The epoch is UTC where it has no time zone; a leap second between epoch and instant is not counted. UserError: a
+    year outside 1960 to 2099.
     """
     if epoch_utc.tzinfo is not None:
         epoch_utc = epoch_utc.astimezone(UTC)
@@ -90,27 +78,11 @@ def turn(matrices: ArrayLike, vectors: ArrayLike) -> FloatArray:
 
 
 GOLDEN_ANGLE_RAD = math.pi * (3.0 - math.sqrt(5.0))
-"""The angle between neighbours of a sunflower: points turned on by it, at equal steps of area, lie evenly."""
+"""Golden angle: points at equal steps of area, each turned on by it, are spread evenly (sunflower)."""
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> float:
-    """Return the angle between two vectors, accurate at 0 and at pi.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (3,)
-        Of any length but zero.
-
-    Returns
-    -------
-    angle : float
-        [rad], from 0 to pi.
-
-    Examples
-    --------
-    >>> angle_between(np.array([1.0, 0.0, 0.0]), np.array([1.0, 1e-9, 0.0]))
-    1e-09
-    """
+    """Return the angle [rad] between two vectors of any length, shape (3,), accurate at 0 and at pi."""
     return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(np.dot(a, b)))
 
 
@@ -126,7 +98,7 @@ def off_axis_angle(d: FloatArray, axis: FloatArray) -> FloatArray:
 def cross(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the components of the cross products of vectors, shape (3, ...) each, or one of them (3,).
 
-    What :func:`numpy.cross` says, to the bit, without the time that it takes to find out how its arrays lie.
+    The bits are those of :func:`numpy.cross`, without its checks of the arrays' layout.
     """
     ax, ay, az = a
     bx, by, bz = b
@@ -134,13 +106,9 @@ def cross(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def rotation_vector(matrix: FloatArray) -> FloatArray:
-    """Return the rotation vector [rad], shape (3,), of a rotation matrix by less than a right angle.
+    """Return the rotation vector [rad], shape (3,), of a rotation matrix.
 
-    Of larger turns it is SciPy's, at a hundred times the price: there the matrix's odd part is none to lean on.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (3, 3)
+    The matrix's odd part gives it up to a right angle; larger turns use SciPy, which takes a hundred times as long.
     """
     odd = 0.5 * np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
     sine, cosine = math.sqrt(float(odd @ odd)), 0.5 * (float(np.trace(matrix)) - 1.0)
@@ -161,13 +129,7 @@ def perpendicular(n: FloatArray) -> FloatArray:
 
 
 def tangent_basis(axis: FloatArray) -> FloatArray:
-    """Return two unit vectors, shape (3, 2), that make a right-handed triad (e1, e2, axis).
-
-    Parameters
-    ----------
-    axis : ndarray, shape (3,)
-        Unit vector.
-    """
+    """Return two unit vectors, shape (3, 2), that make a right-handed triad (e1, e2, axis) with a unit vector."""
     helper = np.zeros(3)
     helper[np.argmin(np.abs(axis))] = 1.0
     e1 = np.array(cross(helper, axis))

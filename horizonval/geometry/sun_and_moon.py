@@ -150,13 +150,12 @@ def sun_visible_fraction(
         Below a quarter of a turn.
     ellipsoid : Ellipsoid
     limb_darkening : array_like
-        Coefficients of ``I(mu) / I(1) = sum a_k mu^k``; the share is then that of the light. Default: a uniform disc.
+        Coefficients of ``I(mu) / I(1) = sum a_k mu^k``; the share is then that of the light.
 
     Returns
     -------
-    fraction : ndarray, shape (...)
-        Exactly 1 in full light, exactly 0 in the umbra, and strictly between where any part of the disc is hidden and
-        any is seen; there its error is below 1e-9 for the Sun and the Moon.
+    ndarray, shape (...)
+        Exactly 1 in full light, exactly 0 in the umbra, else strictly between with an error below 1e-9.
     """
     r = np.asarray(r_itrs, float)
     fraction = _fractions(

@@ -1,26 +1,19 @@
-r"""How exactly the limb of an image can say where the Earth is: the Cramer-Rao bound of a frame.
+r"""Cramer-Rao bound of a frame: how exactly the limb of an image can determine the nadir.
 
-With the information ``F`` of an image (:mod:`horizonval.scoring.information`) and ``P`` of what is
-known beside it, no unbiased method that looks at the limb has a smaller covariance of the pose than::
+With the information ``F`` of an image (:mod:`horizonval.scoring.information`) and ``P`` of the scene's ``[prior]``, no
+unbiased method that uses the limb has a smaller covariance of the pose than::
 
     C = (F + P)^-1        nadir: N C N^T,    bound = sqrt(trace),    N: how turn and position move it
 
 (H. Cramer, "Mathematical Methods of Statistics", 1946, section 32.6; with priors H. L. Van Trees, "Detection,
-Estimation and Modulation Theory I", 1968, section 2.4.2). ``P`` is what ``[prior]`` of the scene says, one row each:
-position, altitude, attitude, height of the limb. Where it says nothing of the place, the nadir and the altitude are the
-unknowns, and a turn about the nadir is known; where it says nothing of the altitude that is free.
+Estimation and Modulation Theory I", 1968, section 2.4.2). Without a prior position the unknowns are the nadir and the
+altitude, and a turn about the nadir is taken as known; without a prior altitude the altitude is free.
 
-Two bounds are told, of the angle between claimed and true nadir:
+There are two bounds of the nadir. ``noise`` counts the detector's noise alone: air, relief, brightness and blur are
+known. For ``known`` these are free too, each with its prior, and so is the height of the limb.
 
-``noise``
-    The detector's noise alone. Air, relief, light and blur are known: what a method with perfect templates could do.
-``known``
-    These are free too, each with its prior, and so is the height of the limb: what is known of it by ``[prior]``, or
-    that of any air of the band's kind.
-
-An estimator's error over its bound is 1 in the mean square for a method that uses all there is. Bounds are of errors
-that are small against the pixel's reach, of methods that are not told more than the table says: one that is given the
-pose, or one that a threshold tells to refuse bad frames, may come out below.
+A method that uses all the information has a mean square of 1 of its error over the bound. The bound holds for errors
+that are small against a pixel. Methods that are given the pose, or that refuse bad frames, may have smaller errors.
 """
 
 from __future__ import annotations
@@ -43,10 +36,10 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.prior import PriorSpec
 
 ANY_LIMB_SIGMA_M = {"solar": 12e3, "thermal": 21e3}
-"""Of the height of a limb of which nothing is said: from 2 km below the ground to 40 km above it, or to 70 km, every
-height alike; a twelfth of the square width is its variance."""
+"""Standard deviation of a limb height without a prior: that of an even distribution from 2 km below the ground to 40 km
+(solar) or 70 km (thermal) above it."""
 HOPELESS_RAD = math.radians(30.0)
-"""A bound beyond says that the image does not determine the nadir."""
+"""Larger bounds mean that the image does not determine the nadir."""
 ARCSEC = math.radians(1.0 / 3600.0)
 
 
@@ -54,12 +47,8 @@ ARCSEC = math.radians(1.0 / 3600.0)
 class Bound:
     """The smallest root mean square error that an unbiased method can have on a frame.
 
-    Attributes
-    ----------
-    noise_rad, known_rad : float or None
-        Of the nadir, by the noise alone and by all that is not known; None where the image does not determine it.
-    altitude_m : float or None
-        Of the distance from the Earth's centre, by all that is not known.
+    ``noise_rad``, ``known_rad``: of the nadir, by noise alone and by all that is unknown; ``altitude_m``: of the
+    distance from the Earth's centre, by all that is unknown. None where the image does not determine the nadir.
     """
 
     noise_rad: float | None
@@ -87,15 +76,9 @@ def together(images: Iterable[DetectorImage]) -> LimbInformation | None:
 
 
 def bound_of(information: LimbInformation | None, truth: FrameTruth, band: str) -> Bound:
-    """Return the bound that an information leaves, with what the scene says is known.
+    """Return the bound of the information of one image, or of the sum of several heads, with the scene's priors.
 
-    Parameters
-    ----------
-    information : LimbInformation or None
-        Of one image, or the sum of several heads'.
-    truth : FrameTruth
-        Of any of them: place, and attitude of the body.
-    band : str
+    ``truth`` is that of any of the heads: it gives position and attitude of the body.
     """
     if information is None:
         return NO_BOUND
@@ -129,10 +112,7 @@ def _left(
     shape_sigma_m: float,
     by_step: FloatArray,
 ) -> tuple[float | None, float | None]:
-    """Return the standard deviations of nadir [rad] and altitude [m]; None where the nadir is not determined.
-
-    ``free_pose``: of :func:`_free`. A height or shape of no standard deviation is no unknown.
-    """
+    """Return the standard deviations of nadir [rad] and altitude [m]; a prior sigma of 0 fixes the height or shape."""
     total = information + pose
     kept = [6] * (height_sigma_m > 0.0) + [*range(7, UNKNOWNS)] * (shape_sigma_m > 0.0)
     for k in kept:
@@ -155,11 +135,9 @@ def _left(
 
 
 def _free(prior: PriorSpec, r_itrs: FloatArray, nadir_body: FloatArray) -> FloatArray:
-    """Return directions in the unknowns, shape (12, k), that turn and position are free in.
-
-    What is known exactly is left out of the equations: as a row of large weight, it would bury in its rounding what a
-    far disc says of the altitude.
-    """
+    """Return the directions of the unknowns, shape (12, k), in which turn and position are free."""
+    # What is known exactly is left out of the equations. As a row of large weight it would bury in its rounding what a
+    # far disc says of the altitude.
     up = r_itrs / np.linalg.norm(r_itrs)
     turn = tangent_basis(nadir_body) if prior.attitude_sigma_deg is None else np.eye(3)
     place = up[:, None] if prior.position_sigma_km is None else np.eye(3)

@@ -8,8 +8,7 @@ which keeps full accuracy for small angles. The tangent-plane error ``e`` (two c
 claimed covariance projected on the same plane, ``P = B^T C B``, give the normalised error squared
 ``e^T P^-1 e`` (Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2): 2 on average for an honest covariance.
 
-A claim without uncertainty (:func:`has_sigma`) has no such statistic. It is judged as if it claimed
-:data:`horizonval.scoring.limits.DEFAULT_SIGMA_RAD`, and marked.
+A claim whose covariance is not positive definite across the nadir has no such statistic. It is judged as if it claimed
 
 An estimator that claims the geodetic vertical is compared with the geodetic nadir, and its roll and pitch with the
 angles of that nadir in body axes.
@@ -43,8 +42,7 @@ def score(
     ----------
     truth : FrameTruth
     estimator : Estimator or None
-        ``estimates`` says which nadir is claimed, ``claim`` by which limits that is judged. None for what the fit
-        itself says, judged as a fit of a cone.
+        ``estimates`` selects the nadir and ``claim`` the limits. None: the fit's own ``estimates``, limits of a cone.
     result : Fit or Refusal
     earth_radius_m : float, optional
         Radius that the method was given (``Prior.sphere_radius_m``), for ``altitude_error_km``.
@@ -52,8 +50,7 @@ def score(
     Returns
     -------
     Score
-        Finite numbers or ``None`` only, rounded to the digits that are results. A fit that is not finite counts as a
-        false claim without errors.
+        Numbers are finite or None, rounded to the digits that are results. A fit that is not finite is a false claim.
     """
     if isinstance(result, Refusal):
         return Score(status=str(result.status), reason=result.reason or None, n_points=len(result.points))
@@ -108,22 +105,12 @@ def _limits(estimator: Estimator | None) -> limits.ClaimLimits:
 def is_false(nadir_error_rad: float, nees_nadir: float | None, judged: limits.ClaimLimits = limits.CONE_LIMITS) -> bool:
     """Whether a claimed nadir with this error is a false claim (:mod:`horizonval.scoring.limits`).
 
-    ``nees_nadir`` is that of all that is claimed, noise and model error; ``None`` where no uncertainty is claimed,
-    which is taken for the default. ``judged``: the limits of the kind of method.
+    ``nees_nadir`` includes noise and model error; None, no uncertainty claimed, is judged by the default.
     """
     if nadir_error_rad > judged.nadir_error_rad:
         return True
     nees = (nadir_error_rad / limits.DEFAULT_SIGMA_RAD) ** 2 if nees_nadir is None else nees_nadir
     return nees > limits.SIGMA_LIMIT**2 and nadir_error_rad > judged.sigma_floor_rad
-
-
-def has_sigma(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> bool:
-    """Whether a covariance claims an uncertainty of the nadir in every direction across it.
-
-    One that is not finite, not symmetric, not of shape (3, 3), or across ``nadir_cam`` not positive definite to what
-    float64 resolves (:data:`horizonval.scoring.limits.SMALLEST_SIGMA_RAD`) does not.
-    """
-    return _projected(_unit(nadir_cam), np.asarray(covariance_nadir_cam, dtype=np.float64)) is not None
 
 
 def sigma_nadir_rad(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> float:

@@ -1,41 +1,30 @@
-"""What should come of a frame, from its truth alone.
+"""Expected outcome of a frame, from its truth alone.
 
-A refusal is right or wrong only against what was in view. The exact horizon is sampled evenly around the Earth and
-projected into the image (:mod:`horizonval.scoring.horizon_view`). A sample is *usable* where
+The exact horizon is sampled evenly around the Earth and projected into the image
+(:mod:`horizonval.scoring.horizon_view`). A sample is *usable* if
 
 * it is in view, far enough from the image's rim for its profile to be read,
-* the Sun stands high enough over it and its light stands out of the camera's noise,
-* it does so under the Sun's veil too,
-* and is not saturated (:mod:`horizonval.scoring.limb_signal`; in thermal bands all of it shines, day and night).
+* the Sun is high enough over it, and its signal exceeds the camera's noise, also under the Sun's veil,
+* it is not saturated (:mod:`horizonval.scoring.limb_signal`; thermal bands need no Sun).
 
-Samples are *enough* where they are long and bent enough, and where they determine the nadir: the standard deviation of
-a cone through them, for the scatter of single points and for all that makes the limb no circle
-(:mod:`horizonval.earth.limb_heights`), must stay below a limit.
+Samples are *enough* if their arc is long and bent enough, and if they determine the nadir: the standard deviation of a
+cone through them, from the scatter of single points and from all that makes the limb no circle
+(:mod:`horizonval.earth.limb_heights`), must be below a limit.
 
-The tests are made in this order and the first that leaves too little names the outcome: ``no_limb`` (no horizon in
-view), ``short_arc`` (too little of it), ``sun_glare`` (solar bands, the Sun's disc in view), ``dark``, ``sun_glare``
-again (veil), ``saturated``; else ``valid``.
+The tests are made in this order, and the first that leaves too few samples names the outcome: ``no_limb``,
+``short_arc``, ``sun_glare`` (solar bands, the Sun's disc in view), ``dark``, ``sun_glare`` (veil), ``saturated``; else
+``valid``.
 
-**Borderline.** All of it is done three times, with the thresholds of :mod:`horizonval.scoring.limits` and with stricter
-and more lenient ones. Frames that are valid by one and not by another are borderline: their expected outcome stands as
-it is, but neither a claim nor a refusal is counted against an estimator. So are frames with the Sun in view whose limb
-would do otherwise: a sensor may refuse them by its rules, and need not. A false claim counts everywhere.
+**Borderline.** The tests are also made with stricter and with more lenient thresholds
+(:mod:`horizonval.scoring.limits`). A frame that is valid by one set and not by another is borderline: neither a claim
+nor a refusal counts against an estimator. So is a frame with the Sun in view whose limb would do otherwise. A false
+claim counts everywhere.
 
-**Heads** (``needs = "heads"``, see :func:`expected_of_heads`). A head need not determine the nadir by itself.
-
-* A camera must show an arc as long as a single one's, curved or not: one pixel of limb in a corner, or a limb that runs
-  along the rim, gives no direction. Two such arcs, or more, seen in directions far apart determine the nadir.
-* A linear array must be crossed with some pixels to spare at both ends, or the levels of the step are not known. In
-  thermal bands what crosses it is the infrared horizon of the truth (:mod:`horizonval.infrared_horizon`): that of
-  carbon dioxide stands 40 km above the ground, ten pixels of 0.1 deg, and leaves the row where the ground's edge is
-  still in it.
-* The Sun's disc in a thermal linear array is a step that saturates, far larger than the limb's, and a single row does
-  not show that it is a disc: ``sun_glare``, and borderline where the limb would do otherwise, as in solar bands.
-
-The exclusion angle: how far from the boresight the Sun must stay.
-
-It is the smallest tested angle from which on *every* frame was answered rightly, with a claim that is not false. One
-wrong or refused frame further out moves it there, because a mission cannot fly round single frames.
+**Heads** (``needs = "heads"``, :func:`expected_of_heads`). A head need not determine the nadir by itself. A camera must
+show an arc as long as a single camera's, straight or not. A linear array must be crossed by the limb with some pixels
+to spare at both ends, to know the levels of the step; in thermal bands by the infrared horizon of the truth, which in
+carbon dioxide lies 40 km above the ground. The Sun's disc in a thermal linear array looks like a step that saturates:
+``sun_glare``, and borderline where the limb would do otherwise.
 """
 
 from __future__ import annotations
@@ -95,9 +84,7 @@ class Expected:
     horizon_sagitta_px : float
         How far the arc in view deviates from a great circle (a straight line in an undistorted image).
     lit_fraction : float or None
-        Share of that length over which the Sun stands (1 in thermal bands); ``None`` without horizon in view.
-    lit_arc_px, lit_sagitta_px : float
-        As above, of the lit part.
+        Share of that length that is sunlit (1 in thermal bands); None without horizon in view.
     sun_in_frame : bool
         Any visible part of the Sun's disc inside the image.
     sun_limb_distance_deg : float
@@ -122,8 +109,6 @@ class Expected:
     horizon_arc_px: float
     horizon_sagitta_px: float
     lit_fraction: float | None
-    lit_arc_px: float
-    lit_sagitta_px: float
     sun_in_frame: bool
     sun_limb_distance_deg: float
     sun_zenith_deg: float
@@ -137,16 +122,7 @@ class Expected:
 
 @dataclass(frozen=True)
 class Examined:
-    """What a truth says about one band of a frame, and what it follows from.
-
-    Attributes
-    ----------
-    camera : CameraModel
-    view : HorizonView
-        For a linear array among several heads that of the infrared horizon, where the truth has it.
-    signal : LimbSignal
-    expected : Expected
-    """
+    """Expected outcome of one band of a frame, with the horizon (the infrared one for a linear head) and its signal."""
 
     camera: CameraModel
     view: HorizonView
@@ -164,7 +140,7 @@ def expected_outcome(
 def examine(
     truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose", "heads"] = "image"
 ) -> Examined:
-    """Return what an estimator should report for one band of a frame, with the horizon and its signal.
+    """Return the expected outcome of one band of a frame, with the horizon and its signal.
 
     Parameters
     ----------
@@ -172,8 +148,8 @@ def examine(
     band : str, optional
         Name of the band; the camera's first one by default.
     needs : {"image", "pose", "heads"}, optional
-        ``Estimator.needs``: a method that is given the pose can always answer; one that looks through several heads
-        needs from each no more than an arc, from a linear array a crossing.
+        ``Estimator.needs``: a method that is given the pose can always answer; a method of several heads needs an arc
+        from each camera and a crossing from each linear array.
 
     Raises
     ------
@@ -199,7 +175,7 @@ def examine(
     usable = _usable(scene, limits.NOMINAL)
     rho = truth.angular_radius_rad
     arc_px, sagitta_px = extent(camera, view.uv, view.in_view, rho)
-    lit_px, lit_sagitta_px = extent(camera, view.uv, lit, rho)
+    lit_px, _ = extent(camera, view.uv, lit, rho)
     determined = _determined_rad(scene, usable)
     seen = view.in_view
     up_cam = -np.array(truth.nadir_geodetic_cam)
@@ -210,8 +186,6 @@ def examine(
         horizon_arc_px=arc_px,
         horizon_sagitta_px=sagitta_px,
         lit_fraction=lit_px / arc_px if arc_px > 0 else None,
-        lit_arc_px=lit_px,
-        lit_sagitta_px=lit_sagitta_px,
         sun_in_frame=scene.sun,
         sun_limb_distance_deg=-math.degrees(float(signed_limb_angle(truth.sun_itrs, truth.r_itrs, ellipsoid))),
         sun_zenith_deg=math.degrees(math.acos(max(-1.0, min(1.0, float(up_cam @ np.array(truth.sun_cam)))))),
@@ -226,11 +200,10 @@ def examine(
 
 
 def expected_of_heads(heads: Sequence[Expected]) -> Expected:
-    """Return what a method should report that looks through several heads, from what each head sees.
+    """Return the expected outcome of a method that uses several heads.
 
-    All of them must have an arc or a crossing: the outcome is that of the first head that has none. The figures are
-    the first head's, but ``borderline`` holds if it holds for any head and no other head makes the outcome certain, and
-    Sun and Moon are in the frame if they are in any head's.
+    It is the outcome of the first head that lacks an arc or crossing. The frame is borderline if any head is and no
+    other head makes the outcome certain. Sun and Moon are in the frame of any head. Other figures are the first head's.
     """
     whole = replace(
         heads[0],
@@ -254,7 +227,7 @@ class _Scene:
     sun: bool
     one_of_several: bool
     determined_rad: dict[bytes, float] = field(default_factory=dict)
-    """What is known already: under most thresholds the same samples are members."""
+    """Results by set of samples: most thresholds select the same ones."""
 
     @property
     def crossing_only(self) -> bool:
@@ -390,13 +363,10 @@ def _band(spec: CameraSpec, name: str | None) -> Band:
 
 
 def exclusion_angle_deg(angle_deg: Sequence[float], right: Sequence[bool]) -> float | None:
-    """Return the smallest angle from which on every answer is right; None if the widest one is wrong already.
+    """Return the smallest Sun angle from which on every answer is right [deg]; None if the widest one is wrong.
 
-    Parameters
-    ----------
-    angle_deg : sequence of float
-        Of the Sun from the boresight; several frames may share one.
-    right : sequence of bool
+    Angles are from the boresight. One wrong or refused frame farther out moves the angle there: a mission cannot avoid
+    single frames. Several frames may share an angle.
     """
     wrong = [angle for angle, good in zip(angle_deg, right, strict=True) if not good]
     widest_wrong = max(wrong, default=-1.0)

@@ -24,19 +24,11 @@ _SAMPLES_MIN, _SAMPLES_MAX = 21600, 400_000
 
 @dataclass(frozen=True)
 class HorizonView:
-    """Samples of the horizon, n of them, in order.
+    """n samples of the horizon, in order.
 
-    Attributes
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    uv : ndarray, shape (n, 2)
-        NaN where the direction has no image.
-    in_view : ndarray of bool, shape (n,)
-        Whether it falls on the detector, and no part of the spacecraft is before it.
-    cos_zenith : ndarray, shape (n,)
-        Of the Sun at the tangent point.
-    cos_azimuth : ndarray, shape (n,)
-        Of the angle, there, between the line of sight and the Sun's azimuth: 1 with the Sun ahead.
+    ``los_cam`` (n, 3); ``uv`` (n, 2), NaN for directions without an image; ``in_view`` (n,): on the detector and not
+    behind a part of the spacecraft; ``cos_zenith`` (n,): of the Sun at the tangent point; ``cos_azimuth`` (n,): of the
+    angle there between the line of sight and the Sun's azimuth, 1 with the Sun ahead.
     """
 
     los_cam: FloatArray

@@ -1,48 +1,12 @@
-"""Fisher information of the limb in an image, as it is kept beside the image and added over heads.
+"""Fisher information of the limb in an image, stored with the image and added over heads.
 
-Unknowns of no interest taken out of a system of normal equations, and symmetric matrices inverted.
+**Pixels.** A pixel of mean ``I`` and variance ``v``, independent and nearly normal, adds ``J^T J / v``, with ``J`` the
+derivatives of its mean by the unknowns. Those by the pose follow from the motion of the limb: ``J_k = I_F dF/dk`` with
+``I_F = grad I . grad F / |grad F|^2``. The gradient of the image is that of a quintic spline through its pixels, with
+the lens's fall-off divided out before and multiplied back after.
 
-With the information ``M = [[A, B], [B^T, D]]`` of unknowns that are kept and of others, ``A - B D^-1 B^T`` (Schur's
-complement) is what is known of the first with the others free. It is found by taking out one unknown after the other::
-
-    M' = M - m m^T / m_k,     m: column k of M
-
-of positive definite matrices, which need no search for pivots. Libraries of linear algebra do it in less time, but
-round by how many threads they run on; what is kept beside an image has to be the same bytes everywhere.
-
-What the limb in an image says about the pose: Fisher information by the noise of the pixels.
-
-A pixel of mean ``I`` and variance ``v``, independent of the others and as good as normal, adds ``J^T J / v`` to the
-information, ``J`` the derivatives of its mean by the unknowns. By the pose they follow from where the limb is
-(:mod:`.limb_motion`): ``J_k = I_F dF/dk`` with ``I_F = grad I . grad F / |grad F|^2``. The gradient of the image is
-that of a spline of fifth order through its pixels, the lens's fall-off taken out before and put back after.
-
-Two informations are kept, each of twelve unknowns: turn, position, height of the limb, and the planet's shape: how its
-surface departs from a sphere towards the unit vector ``u`` is ``u^T Q u`` of a symmetric ``Q`` without trace, five
-numbers, which whoever knows neither place nor pole does not know. ``by_noise``: all else is
-known. ``by_knowledge``: free are also
-
-- the level of space and the gain of all light, of which nothing is known;
-- the gain along the limb, by pieces of azimuth, correlated: :data:`LIGHT_SIGMA`;
-- the blur of the lens, ``d2I/dx2 / 2`` across the limb by its variance: :data:`BLUR_VARIANCE_SIGMA`;
-- how far up the limb's light reaches, ``-height dI/dheight`` by its logarithm: :data:`STRETCH_SIGMA`;
-- the relief, the height by pieces of azimuth, of :mod:`horizonval.earth.limb_heights`
-
-and are eliminated (Schur's complement), so that informations of several images of one pose can be added.
-
-**Taken.** Pixels from :data:`INSIDE_PX` inside of the limb to :data:`OUTSIDE_PX`, or :data:`OUTSIDE_M`, outside.
-
-**Neglected.** All but the *place* of the limb: how its light changes along it, by the Sun's angle, by coasts and
-clouds, tells a turn about the nadir to whoever has a template of it, and landmarks inside tell more. Where yaw is known
-or nothing hangs on it the bound is that of the renderer's own derivatives to 1 %; on a sunlit limb with a position, and
-a yaw known to 2 deg, these give half of it. What the variance itself says. That pixels undersample an image of little
-blur: the spline's slope of a sharp edge is 0.3 % too small with a lens that blurs by 0.7 px beside the pixel's square,
-1 % with 0.5 px, 3 % with 0.4 px and 10 % with none, and the bound as much too large.
-
-How the limb moves in an image when the camera turns or moves, or when the limb rises: exact, of an ellipsoid.
-
-Scaled by the axes ``s`` the ellipsoid is the unit sphere, the camera stands at ``p = r / s`` and looks along
-``e = d / s``. The tangent cone's function (:func:`horizonval.geometry.horizon.limb_side`, scaled)::
+**Motion of the limb.** Scaled by the axes ``s`` the ellipsoid is the unit sphere, the camera is at ``p = r / s`` and
+looks along ``e = d / s``. The tangent cone's function (:func:`horizonval.geometry.horizon.limb_side`, scaled)::
 
     F = -p . e - sqrt(|p|^2 - 1) |e|
 
@@ -51,12 +15,32 @@ is positive inside the limb and zero on it, and its derivatives are closed::
     dF/de = -p - k e / |e|,    dF/dp = -e - |e| p / k,    k = sqrt(|p|^2 - 1)
     dF/dd = (dF/de) / s,       dF/dr = (dF/dp) / s
     dF/dh = -sum over axes of (p dF/dp + e dF/de) / s          all axes longer by the height h of the limb
-    dF/dtheta = d x dF/dd                                     the camera turns by theta, and what it sees with it
+    dF/dtheta = d x dF/dd                                     the camera turns by theta
 
-Light that hangs on the height over the ground moves with the contours of F: from a change dF by a motion of the camera
-it follows by ``dI = (dI/dF) dF``, and ``dI/dF = grad I . grad F / |grad F|^2`` in the image.
+Radiance that depends on the height over the ground moves with the contours of F, hence ``dI = (dI/dF) dF``.
 
-The information of a rendered frame as a camera sees it, and images that carry it.
+**Unknowns.** Twelve are kept: turn, position, height of the limb, and the planet's shape, whose surface departs from a
+sphere towards the unit vector ``u`` by ``u^T Q u`` with a symmetric ``Q`` without trace (5 numbers). For ``by_noise``
+everything else is known. For ``by_knowledge`` these are free and eliminated:
+
+- the level of space and the gain of all radiance, without a prior;
+- the gain along the limb, by pieces of azimuth, correlated: :data:`LIGHT_SIGMA`;
+- the blur of the lens, ``d2I/dx2 / 2`` across the limb by its variance: :data:`BLUR_VARIANCE_SIGMA`;
+- how far up the limb's radiance reaches, ``-height dI/dheight`` by its logarithm: :data:`STRETCH_SIGMA`;
+- the relief, the height by pieces of azimuth (:mod:`horizonval.earth.limb_heights`).
+
+With ``M = [[A, B], [B^T, D]]`` of kept and eliminated unknowns what remains is Schur's complement ``A - B D^-1 B^T``.
+It is found one unknown after the other, ``M' = M - m m^T / m_k`` with ``m`` column k of M, which needs no pivots for
+positive definite matrices. Libraries round by the number of their threads; stored information has to be the same bytes
+everywhere.
+
+Pixels from :data:`INSIDE_PX` inside the limb to :data:`OUTSIDE_PX`, or :data:`OUTSIDE_M`, outside are used.
+
+**Neglected.** All but the *position* of the limb. How its radiance changes along it (the Sun's angle, coasts, clouds)
+tells a turn about the nadir to a method with a template, and so do landmarks. Where yaw is known or does not matter the
+bound is that of the renderer's derivatives to 1 %; on a sunlit limb with a position, and a yaw known to 2 deg, these
+give half of it. Undersampling: the spline's slope of a sharp edge is 0.3 % too small with a lens blur of 0.7 px, 1 %
+with 0.5 px, 3 % with 0.4 px and 10 % without, and the bound as much too large.
 """
 
 from __future__ import annotations
@@ -79,7 +63,7 @@ from horizonval.sensor.expected_image import ExpectedImage, expected_image
 from horizonval.spec.camera import CameraSpec
 
 KEY = "information"
-"""Of an image's settings, under which its information stands. Images from before it was kept have none."""
+"""Key of the information in an image's settings."""
 SCHEMA = 2
 POSE, SHAPE = 7, 5
 UNKNOWNS = POSE + SHAPE
@@ -90,13 +74,9 @@ UNKNOWNS = POSE + SHAPE
 class LimbInformation:
     """Information of one image, or the sum of several.
 
-    Attributes
-    ----------
-    by_noise, by_knowledge : ndarray, shape (12, 12)
-        Of a turn of the body about its axes [1/rad^2], of the position in Earth-fixed axes, of the height of the limb
-        and of the planet's shape along the shapes of :mod:`.limb_information` in Earth-fixed axes [1/m^2].
-    limb_height_m : float
-        Where the pixels that say most look past the Earth.
+    ``by_noise`` and ``by_knowledge`` have the shape (12, 12): turn of the body about its axes [1/rad^2], position in
+    Earth-fixed axes, height of the limb, and the planet's shape along :data:`SHAPES` [1/m^2]. ``limb_height_m`` is the
+    height of the limb where the most informative pixels look past the Earth.
     """
 
     by_noise: FloatArray
@@ -144,17 +124,9 @@ def _symmetric(upper: Sequence[float]) -> FloatArray:
 
 
 def without_last(information: FloatArray, kept: int) -> FloatArray:
-    """Return the information on the first ``kept`` unknowns of a symmetric matrix with all others free.
+    """Return the information on the first ``kept`` unknowns, shape (kept, kept), with all others free.
 
-    Parameters
-    ----------
-    information : ndarray, shape (N, N)
-        Positive definite in what is taken out.
-    kept : int
-
-    Returns
-    -------
-    ndarray, shape (kept, kept)
+    The matrix (N, N) is symmetric, and positive definite in what is eliminated.
     """
     left = information.copy()
     for k in range(len(left) - 1, kept - 1, -1):
@@ -175,16 +147,10 @@ def inverse(matrix: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class LimbMotion:
-    """Of n pixels.
+    """Derivatives of F for n pixels.
 
-    Attributes
-    ----------
-    value : ndarray, shape (n,)
-        F.
-    by_pixel : ndarray, shape (2, n)
-        Its change by column and row [1/px].
-    by_pose : ndarray, shape (7, n)
-        By a turn in camera axes [1/rad], by position in Earth-fixed axes [1/m], by the height of the limb [1/m].
+    ``value`` (n,): F. ``by_pixel`` (2, n): by column and row [1/px]. ``by_pose`` (7, n): by a turn in camera axes
+    [1/rad], by position in Earth-fixed axes [1/m], by the height of the limb [1/m].
     """
 
     value: FloatArray
@@ -212,7 +178,6 @@ def limb_motion(
     ----------
     camera : CameraModel
     uv : ndarray, shape (n, 2)
-        Column and row.
     cam_from_itrs : ndarray, shape (3, 3)
     r_itrs : ndarray, shape (3,)
         Outside the ellipsoid [m].
@@ -222,8 +187,7 @@ def limb_motion(
     Returns
     -------
     LimbMotion
-        NaN where a pixel sees nothing. An image of one row has no change by row, and one of one column none by column:
-        nothing in it shows a motion that way.
+        NaN where a pixel sees nothing. An image of one row has no change by row, one of one column none by column.
     """
     p = r_itrs / axes_m
     k = float(np.sqrt(p @ p - 1.0))
@@ -293,19 +257,10 @@ def limb_information(
     *,
     body_from_cam: FloatArray | None = None,
 ) -> LimbInformation | None:
-    """Return what the limb in an image says; None without limb in it.
+    """Return what the limb in an image says of the pose; None without limb in it.
 
-    Parameters
-    ----------
-    expected : ExpectedImage
-    camera : CameraModel
-    cam_from_itrs : ndarray, shape (3, 3)
-    r_itrs : ndarray, shape (3,)
-    ellipsoid : Ellipsoid
-    reliefs : sequence of Relief
-        How the height of the limb varies along it.
-    body_from_cam : ndarray, shape (3, 3), optional
-        The turn is then about the body's axes, else about the camera's.
+    ``reliefs``: how the height of the limb varies along it. ``body_from_cam``: the turn is then about the body's axes,
+    else about the camera's.
     """
     chosen = _near(camera, cam_from_itrs, r_itrs, ellipsoid)
     if chosen is None:
@@ -467,16 +422,7 @@ def _gram(jacobian: FloatArray) -> FloatArray:
 
 
 def information_of(frame: RadianceFrame, camera: CameraSpec, band: str | None = None) -> LimbInformation | None:
-    """Return what one band of a frame says about the pose, seen by a camera; None without limb in it.
-
-    Parameters
-    ----------
-    frame : RadianceFrame
-        Radiance without noise.
-    camera : CameraSpec
-        As for :func:`horizonval.sensor.observe.observe`.
-    band : str, optional
-    """
+    """Return the information of one band of a noiseless frame seen by a camera; None without limb in it."""
     truth = frame.truth
     kinds = {one.name: one.kind for one in camera.band}
     solar = kinds[band or camera.band[0].name] == "solar"

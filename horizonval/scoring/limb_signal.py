@@ -1,36 +1,28 @@
 """Signal, noise, veil and saturation at the limb, from the truth and the camera file, without an image.
 
-By day a pixel on the limb collects ``S = L etendue tau t QE lambda / (h c)`` electrons, with L from
-:mod:`horizonval.scoring.limb_signal`; the Sun's veil adds V, the dark current D. The step at the limb stands out of
+By day a pixel on the limb collects ``S = L etendue tau t QE lambda / (h c)`` electrons. The Sun's veil adds V, the dark
+current D. The noise of the step at the limb is::
 
     noise^2 = S + V + D + read^2 + step^2 / 12 + (PRNU (S + V))^2 + DSNU^2
 
-and is lost where S + V reaches full scale. The veil is that of the optics' own settings: wings of the lens
-(:mod:`horizonval.sensor.lens.scatter`) about a Sun in or near the frame, the baffle's table for a Sun outside of it.
+and the limb saturates where S + V reaches full scale. The veil comes from the camera file: wings of the lens
+(:mod:`horizonval.sensor.lens.scatter`) about a Sun in or near the frame, the baffle's table for a Sun outside.
 
-A thermal limb always stands before cold space; its signal is the radiance of a black body of 220 K, the coldest air
-that is seen at the limb, its noise the NETD and the pixels' offsets.
+A thermal limb is always in front of cold space. Its signal is the radiance of a black body of 220 K, the coldest air
+seen at the limb, its noise the NETD and the pixels' offsets. A camera without a detector has no noise.
+
+**Radiance L.** The tables hold the reflectance ``pi L / E`` of the limb's brightest layer (E the Sun's irradiance
+across its rays, in the band) of clean US-standard air seen from 500 km in 450 to 750 nm, computed with this package's
+march, all orders of scattering. It depends on the Sun's zenith angle z at the tangent point and on the Sun's side:
+ahead (behind the limb), side, or behind the camera. The ground adds ``albedo G(z)`` at the limb and ``albedo B(z)``
+some ten kilometres below it. ``HAZE`` is the ratio of the brightest layers with and without the default background of
+particles (ground of albedo 0.3); it serves for every model of particles. Without air ``pi L / E = albedo cos(z)``.
+
+The tables are good to 30 % by day in visible bands, to a factor of two in other bands, other air and in twilight. They
+decide whether a signal exceeds five times its noise or full scale, and frames within a factor of three of a threshold
+are borderline (:mod:`horizonval.scoring.limits`).
 
 Neglected: ghosts, the tail of diffraction, moonlight (100 000 times fainter than sunlight), airglow, blooming.
-A camera without a detector is taken as free of noise.
-
-How bright the limb is, from the Sun's place alone: a small table in place of a renderer.
-
-Reflectance ``pi L / E`` (L radiance of the limb's brightest layer, E the Sun's irradiance across its rays, both in the
-band) of clean US-standard air seen from 500 km in 450 to 750 nm, computed once with this suite's own march, all orders
-of scattering. It depends on the Sun's zenith angle z at the tangent point and on the side from which the Sun comes:
-ahead (the Sun is behind the limb and its light is scattered forwards), from the side, from behind the camera. The
-ground's part is ``albedo G(z)`` at the limb and ``albedo B(z)`` some ten kilometres below it.
-
-Haze makes a limb a little darker, and up to five times brighter where the Sun stands low behind it: ``HAZE`` is the
-ratio of the brightest layers with and without the default background of particles (the same march, ground of albedo
-0.3), by the Sun's zenith angle and azimuth. It serves for every model of particles.
-
-Good to 30 % by day in visible bands; a factor of two in other bands, other air and in twilight, where the table falls
-by ten every 1.5 to 4 deg. What is decided with it is a signal against five times its noise and against full scale, and
-frames within a factor of three of a threshold are called borderline (:mod:`horizonval.scoring.limits`).
-
-Without air the ground alone is seen: ``pi L / E = albedo cos(z)``.
 """
 
 from __future__ import annotations
@@ -95,18 +87,8 @@ def limb_reflectance(
 ) -> FloatArray:
     """Return ``pi L / E`` of the limb.
 
-    Parameters
-    ----------
-    zenith_rad : ndarray
-        Sun's zenith angle at the tangent point.
-    cos_azimuth : ndarray
-        Cosine of the angle between the line of sight and the Sun's azimuth there: 1 with the Sun ahead.
-    albedo : float
-        Of the ground.
-    air : bool
-        Whether there is any.
-    hazy : bool
-        Whether the air has particles.
+    ``zenith_rad``: the Sun's zenith angle at the tangent point. ``cos_azimuth``: cosine of the angle there between the
+    line of sight and the Sun's azimuth, 1 with the Sun ahead. ``hazy``: whether the air has particles.
     """
     if not air:
         return np.asarray(albedo * np.maximum(np.cos(zenith_rad), 0.0))
@@ -151,18 +133,10 @@ _RADIUS_KM = 6371.0
 
 @dataclass(frozen=True)
 class LimbSignal:
-    """At every sample of the horizon, shape (n,); meaningful where it is in view.
+    """Signal at every sample of the horizon, shape (n,); meaningful where it is in view.
 
-    Attributes
-    ----------
-    lit : ndarray
-        Signal-to-noise ratio of the step at the limb without the Sun's veil.
-    seen : ndarray
-        The same with the veil.
-    filling : ndarray
-        Limb and veil over full scale: the limb is saturated above 1.
-    veil_filling : ndarray
-        Veil over full scale.
+    ``lit`` and ``seen``: signal-to-noise ratio of the step at the limb without and with the Sun's veil. ``filling``:
+    limb and veil over full scale, saturated above 1. ``veil_filling``: veil over full scale.
     """
 
     lit: FloatArray

@@ -42,14 +42,7 @@ while to claim nothing; with this one a claim without uncertainty is false whene
 
 @dataclass(frozen=True)
 class ClaimLimits:
-    """When a claim of a kind of method is false: beyond an error, or beyond so many sigma and a floor of the error.
-
-    Attributes
-    ----------
-    nadir_error_rad : float
-    sigma_floor_rad : float
-        Below this error the test of :data:`SIGMA_LIMIT` is not applied.
-    """
+    """A claim is false beyond ``nadir_error_rad``, or beyond :data:`SIGMA_LIMIT` and above ``sigma_floor_rad``."""
 
     nadir_error_rad: float
     sigma_floor_rad: float

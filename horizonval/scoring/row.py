@@ -1,13 +1,10 @@
-"""A row of results: what one estimator reported of one image, how far it was off, and what it was up against.
+"""A row of results: what one estimator reported of one image, its errors, and the conditions.
 
-:class:`Row` is the one place where a column is spelled: its name, type, unit and meaning stand at its field. The schema
-of ``results.parquet``, the rows of ``cases/*.json`` and the reference of the columns follow from :data:`COLUMNS`.
+:class:`Row` is the one place where a column is spelled: name, type, unit and meaning are at its field. The schema of
+``results.parquet``, the rows of ``cases/*.json`` and the reference of the columns follow from :data:`COLUMNS`.
 
-The table of results: one row per case and estimator, stored as Parquet.
-
-Columns and types are those of :data:`horizonval.scoring.row.COLUMNS`. The same rows give the same bytes, in whatever
-order they come: rows are sorted, and nothing of the clock or the machine is stored. The file is sealed
-(:mod:`horizonval.core.sealed`): whoever reads it here reads what was written.
+The table of results has one row per case and estimator, stored as Parquet. The same rows in any order give the same
+bytes: rows are sorted, and no clock or machine is stored. The file is sealed (:mod:`horizonval.core.sealed`).
 """
 
 from __future__ import annotations
@@ -42,19 +39,7 @@ class Meaning:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table of results.
-
-    Attributes
-    ----------
-    name : str
-    unit : str
-        Empty where there is none.
-    meaning : str
-    sql_type : {"VARCHAR", "DOUBLE", "INTEGER", "BOOLEAN"}
-        As in ``results.parquet``.
-    optional : bool
-        Whether it is empty where it does not apply.
-    """
+    """A column of the table of results; ``optional``: empty where it does not apply."""
 
     name: str
     unit: str

@@ -1,43 +1,26 @@
 """Statistics of a run: what each estimator delivers with each camera.
 
-Four questions are kept apart. *Availability*: of the frames that should give an attitude, how many did. *Accuracy*: the
-errors of all claimed attitudes. *Integrity*: how many claims were false, with the exact (Clopper-Pearson 1934) 95 %
-interval, because none seen in n frames still allows 3/n. *Consistency*: the mean normalised error squared, 2 for an
-honest covariance. ``nees_nadir_total`` is the test of a claim: all errors by all that is claimed. ``nees_nadir`` is the
-same errors by the claimed noise alone: above 2 by what atmosphere and oblateness add, it is no test of the noise. That
-is ``nees_noise``, of several draws of the noise of one frame (:mod:`horizonval.scoring.summary`).
+Four questions are separate. *Availability*: of the frames that should give an attitude, how many did. *Accuracy*: the
+errors of all claims. *Integrity*: how many claims were false. *Consistency*: the mean normalised error squared, 2 for
+an honest covariance. ``nees_nadir_total`` tests a claim: all errors by all that is claimed. ``nees_nadir`` has the same
+errors by the claimed noise alone; atmosphere and oblateness bring it above 2.
 
-Expected against reported outcomes: who says no, and for the right reason?
+**Rates** have the interval of Clopper and Pearson (Biometrika 26, 404, 1934), which holds at least its confidence for
+any true rate: none in n trials still allows 3 / n (J. A. Hanley and A. Lippman-Hand, JAMA 249, 1743, 1983). Borderline
+frames (:mod:`horizonval.scoring.expected`) take no part in availability and refusal. A false claim or a crash counts on
+every frame.
 
-Counted strictly, a claim that is false is no valid answer, whatever was expected, and is told apart by what makes it
-false; frames that may fairly go either way have a line of their own.
-
-Rates of rare things, with intervals that do not flatter.
-
-The interval is Clopper and Pearson's (Biometrika 26, 404, 1934): it holds at least its confidence for any true rate,
-also where nothing was seen. None in n trials still allows 3 / n (J. A. Hanley and A. Lippman-Hand, JAMA 249, 1743,
-1983).
-
-Frames that are borderline (:mod:`horizonval.scoring.expected`) take no part in availability and refusal. A false claim
-or a crash counts wherever it is made.
-
-Consistency where only noise acts: one frame, many draws of the detector's noise.
-
-``nees_nadir`` of a row (:mod:`horizonval.scoring.errors`) has all errors in it, those of atmosphere and oblateness too,
-over the covariance of noise alone, and ``nees_nadir_total`` has the same errors over all that is claimed. Neither says
-whether the *noise* part is honest. Fits of the same frame that differ in nothing but the noise do: their scatter about
-their own mean is noise alone, whatever they are all off by. With N draws the deviation from the mean has the share
-(N - 1) / N of one draw's covariance, hence
+**Noise.** ``nees_noise`` tests the claimed noise by fits of one frame under N draws of the detector's noise. Their
+scatter about their own mean is noise alone; a deviation from the mean has the share (N - 1) / N of one draw's
+covariance, hence::
 
     nees_i = N / (N - 1)  (n_i - mean n)^T C_i^-1 (n_i - mean n)
 
 in the plane across the mean nadir: 2 on average for an honest covariance C_i.
 
-What an estimator does with a camera, in a line: how often it works, where it does not, how far off it is at most.
-
-It *works* where it claims an attitude that is not false. Counted are all frames of an orbit, eclipse included, for a
-satellite flies through all of it; and, apart, the frames that are due an answer. Where it gives no answer or a wrong
-one is told by what was in view, from the truth alone.
+**Headline.** An estimator *works* on a frame where it claims an attitude that is not false. All frames of an orbit
+count, eclipse included, and separately the frames that should give an attitude. Frames without a right answer are
+grouped by what was in view, from the truth alone.
 """
 
 from __future__ import annotations
@@ -168,18 +151,7 @@ def rates(rows: Sequence[Row], likelihood: Collection[str] = ()) -> dict[str, An
 
 
 def noise_nees(fits: Sequence[Fit]) -> FloatArray:
-    """Return the normalised error squared of every draw by its ``covariance_nadir_cam``, 2 degrees of freedom.
-
-    Parameters
-    ----------
-    fits : sequence of Fit
-        Of one frame, N >= 2.
-
-    Raises
-    ------
-    ValueError
-        With fewer than two.
-    """
+    """Return the normalised error squared of every draw of one frame (2 degrees of freedom); ValueError below two."""
     if len(fits) < 2:
         raise ValueError(f"{len(fits)} draws have no scatter; at least 2 are needed")
     off, covariances = _across_mean(fits)
@@ -238,19 +210,15 @@ def condition_of(row: Row) -> str:
 def headline(rows: Sequence[Row], orbit: Collection[str] = ()) -> dict[str, Any]:
     """Return what a line says of rows of one estimator.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-    orbit : collection of str, optional
-        Names of the cases that are samples of an orbit, evenly spread along it.
+    ``orbit`` names the cases that are samples of an orbit, evenly spread along it.
 
     Returns
     -------
     dict
-        ``orbit`` and ``due``: of the frames along an orbit, and of those that are due an answer, how many it worked in,
-        as :func:`horizonval.scoring.summary.proportion`; samples of an orbit are no random ones, so that its interval
-        is left out. ``false``, ``crashed``, ``silent``: where, as ``[condition, n, of]`` the most first, ``of`` all
-        frames of that condition. ``worst_arcsec``: the largest error of any claim, with ``n``, the claims.
+        ``orbit`` and ``due``: of the frames along an orbit, and of those that should give an attitude, how many it
+        worked in, as :func:`proportion`; samples of an orbit are not random, so they have no interval. ``false``,
+        ``crashed``, ``silent``: where, as ``[condition, n, of]`` the most first, ``of`` all frames of that condition.
+        ``worst_arcsec``: the largest error of any claim, with ``n``, the claims.
     """
     flown = [row for row in rows if row.case in orbit]
     due = [row for row in rows if row.is_due]
@@ -295,7 +263,7 @@ def summarise(
     ----------
     rows : sequence of Row
     given_pose : collection of str, optional
-        Estimators that are told the true pose: they test the scoring, and their claims are no merit of a method.
+        Estimators that are given the true pose: they test the scoring and are left out of ``rates``.
     orbit : collection of str, optional
         Cases that are samples of an orbit.
     likelihood : collection of str, optional
@@ -304,10 +272,8 @@ def summarise(
     Returns
     -------
     dict
-        JSON data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together but those of ``given_pose``
-        as :func:`horizonval.scoring.summary.rates`, and ``groups``, a list sorted by estimator and camera of what
-        :func:`summarise_group` returns, each with ``given_pose``, whether its estimator is one of those, and
-        ``headline`` as :func:`horizonval.scoring.summary.headline`.
+        JSON data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` (:func:`rates`), and ``groups`` by estimator and
+        camera: :func:`summarise_group` with ``given_pose`` and ``headline`` (:func:`headline`).
     """
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
@@ -331,24 +297,18 @@ def summarise(
 
 
 def summarise_group(rows: Sequence[Row], likelihood: Collection[str] = ()) -> dict[str, Any]:
-    """Statistics over rows that belong together; ``None`` wherever there is nothing to compute from.
+    """Return statistics over rows that belong together; None where there is nothing to compute from.
 
     Returns
     -------
     dict
-        ``n``; ``n_expected_valid``, borderline frames left out; ``n_valid`` (claims); ``availability``, ``refusal``,
-        ``bonus``, ``false_valid``, ``false_valid_frames``, ``claims_without_sigma``, ``crashed``,
-        ``n_borderline`` as :func:`horizonval.scoring.summary.rates`;
-        ``nadir_error_arcsec``: ``{n, rms, median, p95, max}``; ``roll_error_arcsec`` and ``pitch_error_arcsec``:
-        ``{n, mean, std}``; ``altitude_error_km``: the same; ``refusals``: ``{status: n}``; ``confusion``:
-        ``{expected: {reported: n}}``; ``strict_confusion``: the same with borderline frames and false claims apart;
-        ``error_over_bound``: the same over what the limb allows (:mod:`horizonval.scoring.bound`), and ``bound_arcsec``
-        of the frames with a claim; ``nees_nadir`` by the claimed noise and ``nees_nadir_total`` by noise and claimed
-        model error:
-        ``{n, mean, expected, interval}`` where ``interval`` holds the mean of an honest covariance with 95 %;
-        ``nees_noise`` of fits about their mean where only the noise differs: the same of ``n`` frames with at least two
-        fits, claimed at the first draw or not, and ``draws``, their fits, and ``standard_error`` of the mean.
-        Proportions carry ``interval``, the Clopper-Pearson 95 % one. ``p95`` interpolates linearly between the ranks.
+        ``n``; ``n_expected_valid``, borderline frames left out; ``n_valid`` (claims); the keys of :func:`rates`;
+        ``nadir_error_arcsec``, ``error_over_bound`` and ``bound_arcsec`` of claims: ``{n, rms, median, p95, max}``;
+        ``roll_error_arcsec``, ``pitch_error_arcsec``, ``altitude_error_km``: ``{n, mean, std}``; ``refusals``:
+        ``{status: n}``; ``confusion`` and ``strict_confusion``: ``{expected: {reported: n}}``; ``nees_nadir`` by the
+        claimed noise, ``nees_nadir_total`` by noise and model error: ``{n, mean, expected, interval}`` where
+        ``interval`` contains the mean of an honest covariance with 95 %; ``nees_noise``: the same of ``n`` frames with
+        at least two fits, with ``draws``, their fits, and ``standard_error`` of the mean.
     """
     claims = [row for row in rows if row.is_claim]
     due = [row for row in rows if row.is_due]

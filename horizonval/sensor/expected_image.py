@@ -1,19 +1,15 @@
-"""What a detector's image is on average, before it is quantised, and how far every pixel scatters about that.
+"""Mean and variance of a detector's image before it is quantised, and what its digital numbers stand for.
 
-In digital numbers, with the gain ``g`` in electrons, or in radiance, per number::
+In digital numbers, with the gain ``g`` in electrons or in radiance per number::
 
     cmos       mean = black + (N + D) / g       variance = (N + D + read^2 + (prnu N)^2 + dsnu^2) / g^2 + 1/12
     thermal    mean = (L - L_low) / g           variance = (sigma^2 + offsets^2 + (rms L)^2) / g^2 + 1/12
 
-``N`` and ``D`` are the expected photoelectrons and dark electrons, 1/12 the variance of rounding. The pixels' own
-differences count as noise: a user of a single image knows no other image to take them from.
+``N`` and ``D`` are the expected photoelectrons and dark electrons, 1/12 the variance of rounding. Differences between
+pixels count as noise, since a user of a single image cannot calibrate them.
 
-Neglected: hot pixels, protons, and charge that spills out of saturated columns, all of which touch few pixels; that
-rounding of a signal with less noise than a third of a number is no noise any more.
-
-Digital numbers as radiances, as far as a detector states it or its data sheet tells.
-
-What an estimator is told of a camera's lens: what its file says, and nothing that an image would have to show.
+Neglected: hot pixels, protons and blooming, which affect few pixels; and that rounding is not noise where a signal has
+less noise than a third of a number.
 """
 
 from __future__ import annotations
@@ -39,26 +35,16 @@ from horizonval.spec.detector import Cmos, LinearArray, ThermalDetector
 ROUNDING = 1.0 / 12.0
 """Variance of the error of rounding [DN^2]."""
 FOREIGN = (Hit.SUN, Hit.MOON, Hit.PART)
-"""What is in an image and is not the Earth."""
+"""Hits that are not the Earth."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedImage:
-    """An image's statistics.
+    """Statistics of an image, each of shape (H, W) but ``zero``.
 
-    Attributes
-    ----------
-    mean : ndarray, shape (H, W)
-        [DN], not clipped.
-    variance : ndarray, shape (H, W)
-        [DN^2].
-    reads : ndarray of bool, shape (H, W)
-        Whether the pixel reads what falls on it: it is of the band's own colour, not saturated, and sees neither Sun
-        nor Moon nor a part of the spacecraft.
-    zero : float
-        Mean of a pixel that gets no light [DN].
-    illumination : ndarray, shape (H, W)
-        Light on the pixels of an even scene, 1 on the axis: it stays where it is when the camera turns.
+    ``mean`` [DN], not clipped; ``variance`` [DN^2]; ``reads``: whether the pixel has the band's colour, is not
+    saturated and sees neither Sun nor Moon nor a part of the spacecraft; ``zero``: mean of a pixel without light [DN];
+    ``illumination``: relative illumination of an even scene, 1 on the axis.
     """
 
     mean: FloatArray
@@ -71,17 +57,7 @@ class ExpectedImage:
 def expected_image(frame: RadianceFrame, camera: CameraSpec, band: str | None = None) -> ExpectedImage:
     """Return the statistics of what :func:`horizonval.sensor.observe.observe` makes of one band of a frame.
 
-    Parameters
-    ----------
-    frame : RadianceFrame
-    camera : CameraSpec
-    band : str, optional
-        The camera's first band by default.
-
-    Raises
-    ------
-    UserError
-        As for :func:`horizonval.sensor.observe.observe`.
+    The band is the camera's first one by default. Errors are those of ``observe``.
     """
     spec = band_named(camera, band)
     if isinstance(camera.detector, Cmos):
@@ -101,7 +77,7 @@ def expected_image(frame: RadianceFrame, camera: CameraSpec, band: str | None = 
 def _of_charge(
     frame: RadianceFrame, camera: CameraSpec, detector: Cmos, band: Band
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], float]:
-    # Of a mosaic the whole image in the band's own colour: what lies between its pixels is not read, but it is there.
+    # Of a mosaic the whole image in the band's colour; ``reads`` then leaves out the other pixels.
     whole = detector.model_copy(update={"bayer": None})
     back = (lambda of: np.asarray(frame.behind[of.name], dtype=np.float64)) if frame.behind else None
     charge = cmos.expected_charge(
@@ -142,7 +118,7 @@ def _of_warmth(
 
 
 def radiance_per_dn(image: DetectorImage) -> float | None:
-    """Return the band radiance on the axis that a digital number stands for [W m-2 sr-1]; None without a calibration.
+    """Return the band radiance on the axis per digital number [W m-2 sr-1]; None without a calibration.
 
     A thermal detector states it. A photon counting one is taken as calibrated to its data sheet.
     """
@@ -158,7 +134,7 @@ def radiance_per_dn(image: DetectorImage) -> float | None:
 
 
 def black_level_dn(image: DetectorImage) -> float:
-    """Return the number that the converter of a photon counting detector adds; 0 where the image does not tell."""
+    """Return the black level of a photon counting detector; 0 where the image does not state it."""
     if "camera" not in image.observation:
         return 0.0
     detector = CameraSpec.model_validate(image.observation["camera"]).detector
@@ -166,7 +142,7 @@ def black_level_dn(image: DetectorImage) -> float:
 
 
 def stated_lens(camera: CameraSpec, band: Band | None) -> Lens | None:
-    """Return what is told of the lens in a band; None of one without diffraction and with one spread over the field.
+    """Return the point-spread and diffraction data that estimators are given; None for one spread and no diffraction.
 
     Diffraction needs the pitch of the detector's pixels.
     """

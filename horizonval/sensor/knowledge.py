@@ -1,39 +1,32 @@
-"""What the platform knows of a frame: what ``[prior]`` states, and truth with an error where it states a sigma alone.
+"""What the platform knows of a frame and its camera: the tables ``[prior]`` and ``[calibration]`` of the scene.
 
-Every quantity has a random stream of its own, seeded with the scene's ``draw`` or name and its seed, as the clouds
-are: another key, camera or head moves nothing, and the error goes with its sigma. All heads of a housing and all draws
-of the noise therefore share one error. Samples of an orbit are drawn one by one: what a filter would make of them is
-not asked.
+Values that a table states are used as they are. A sigma alone means that the value is the truth with an error drawn
+from it. Every quantity has a separate random stream, seeded with the table's or the scene's ``draw`` or name, the
+scene's seed and, for properties of a lens, the head. Another key, camera or head therefore changes no other error, an
+error is proportional to its sigma, and all draws of the noise share one error. Samples of an orbit are drawn one by
+one: no filter is simulated.
 
-With unit normals ``n``:
+**Prior.** With unit normals ``n``:
 
 - position: ``r + sigma n``; altitude: ``h + sigma n``, drawn again where it is not above 0;
 - attitude: ``q_body_from_itrs = exp(sigma n) q``, a turn about the body's axes;
 - Sun: ``s + sigma n`` across the true direction ``s``, in body axes, brought to length 1;
-- height of the limb: the mean all round of the lowest height at half the plateau, of a thermal band.
+- height of the limb: about the mean height of half the plateau, of a thermal band.
 
-The planet's shape and the clock are taken for exact: a second of time is 7.5 km along a low orbit, and part of what a
-position is off by.
-
-What a platform believes of its camera and its time: the truth with the errors of the table ``[calibration]``.
-
-An error is what is told less what is true: the key's own, and one drawn from its sigma. As with ``[prior]`` every
-quantity has a random stream of its own, seeded with ``calibration.draw``, or without it the scene's ``draw`` or name,
-with the scene's seed, and, of what is a lens's own, with the head.
+**Calibration.** An error is the given value minus the true one: the stated error plus a drawn one.
 
 - the camera: :mod:`horizonval.estimation.lens_error`;
-- the mounting ``M``: ``q_cam_from_body`` is told as ``M exp([e x])``, so that an answer's roll and pitch of a level
-  body are larger by ``e_x`` and ``e_y``;
-- the clock, ahead by ``e``: inertial axes are right, since stars need no clock, and with ``n = sqrt(GM / r^3)`` about
-  the orbit's normal ``h`` and the Earth's rotation ``w`` the position is told as ``R_z(-w e) exp(n e [h x]) r``;
+- the mounting ``M``: ``q_cam_from_body`` is given as ``M exp([e x])``, so that roll and pitch of a level body come out
+  larger by ``e_x`` and ``e_y``;
+- the clock, ahead by ``e``: inertial axes stay right, since stars need no clock. With ``n = sqrt(GM / r^3)`` about the
+  orbit's normal ``h`` and the Earth's rotation ``w`` the position is given as ``R_z(-w e) exp(n e [h x]) r``;
 - the exposure, later than its stamp by ``e``: position and attitude are those of ``e`` before the frame's instant.
 
-What is measured on the body (attitude, the Sun) comes to camera axes by the mounting that is believed. Values that
-``[prior]`` states stand as they are: clock and offset move drawn ones. Sigmas of clock, offset and mounting are added
-in squares to those of position and attitude, the first along all three axes although they act along the orbit.
+What is measured on the body (attitude, the Sun) is turned to camera axes by the given mounting. Sigmas of clock, offset
+and mounting are added in squares to those of position and attitude, along all three axes.
 
-**Neglected.** The orbit is a circle at the frame's height. A drawn altitude does not change along it: by 20 m/s at most
-over the oblate Earth. The Sun does not move.
+**Neglected.** The orbit is a circle at the frame's height. A drawn altitude does not change along it (20 m/s at most
+over the oblate Earth). The Sun does not move.
 """
 
 from __future__ import annotations
@@ -66,12 +59,9 @@ from horizonval.spec.prior import PAIRS, CalibrationSpec, PriorSpec, is_climate_
 
 
 def stated_prior(spec: PriorSpec, where: str = "prior") -> Prior:
-    """Return what a table ``[prior]`` says by itself, for a picture whose truth nobody has.
+    """Return the prior that a table states by itself, for a picture without truth.
 
-    Raises
-    ------
-    UserError
-        A sigma without its value, or a climate of the place without a time.
+    UserError: a sigma without its value, or a climate by place without a time.
     """
     for value, sigma in PAIRS.items():
         if getattr(spec, sigma) is not None and getattr(spec, value) is None:
@@ -88,19 +78,10 @@ def stated_prior(spec: PriorSpec, where: str = "prior") -> Prior:
 
 
 def drawn_prior(spec: PriorSpec, truth: FrameTruth, band: str | None = None) -> Prior:
-    """Return what is known of a frame, and nothing more of its truth than that.
+    """Return what is known of a frame: stated values, and drawn ones where a sigma stands alone.
 
-    Parameters
-    ----------
-    spec : PriorSpec
-    truth : FrameTruth
-    band : str, optional
-        Whose limb ``limb_height_sigma_km`` is about.
-
-    Raises
-    ------
-    UserError
-        A height of the limb is to be drawn for a band that has none in the truth; a climate that there is not.
+    ``band`` is the one whose limb ``limb_height_sigma_km`` is about. UserError: a limb height is to be drawn for a band
+    without one in the truth, or the climate is unknown.
     """
     refuse_unknown_climate(spec)
     known = _stated(spec)
@@ -121,7 +102,7 @@ def drawn_prior(spec: PriorSpec, truth: FrameTruth, band: str | None = None) -> 
         mount = np.array(truth.q_cam_from_body)
         known["q_cam_from_itrs"] = compose(mount, turn.as_quat(), inverse(mount), np.array(truth.q_cam_from_itrs))
     if spec.position_sigma_km is not None or spec.attitude_sigma_deg is not None:
-        # Nobody knows where he is on a turning Earth without a clock.
+        # A position on the turning Earth needs a time.
         known.setdefault("epoch_utc", datetime.fromisoformat(truth.epoch_utc))
     if spec.limb_height_sigma_km is not None and spec.limb_height_km is None:
         error = known["limb_height_sigma_m"] * _stream(truth, f"limb height {band}").standard_normal()
@@ -197,23 +178,14 @@ def _stream(truth: FrameTruth, what: str) -> np.random.Generator:
 
 
 EARTH_RATE_RAD_S = 7.292115e-5
-"""Of the Earth's rotation (IERS)."""
+"""Rate of the Earth's rotation (IERS)."""
 
 
 @dataclass(frozen=True)
 class CalibrationErrors:
-    """What is told of a camera and its time less what is true.
+    """Given minus true values of a camera and its time.
 
-    Attributes
-    ----------
-    focal_length : float
-        As a share of it.
-    principal_point_px : tuple of 2 floats
-    distortion_px : float
-        Of the farthest corner.
-    mounting_rad : tuple of 3 floats
-        About the body's axes.
-    exposure_offset_s, clock_s : float
+    ``focal_length`` is relative, ``distortion_px`` at the farthest corner, ``mounting_rad`` about the body's axes.
     """
 
     focal_length: float = 0.0
@@ -224,13 +196,7 @@ class CalibrationErrors:
     clock_s: float = 0.0
 
     def camera(self, camera: CameraModel) -> CameraModel:
-        """Return a camera as it is told.
-
-        Raises
-        ------
-        UserError
-            One that folds inside the image, or has no distortion to be wrong.
-        """
+        """Return a camera as it is given; UserError where it folds inside the image or has no distortion."""
         believed = miscalibrated(camera, self.focal_length, self.principal_point_px, self.distortion_px)
         try:
             check_invertible(believed, where="calibration: distortion_error_px, distortion_sigma_px")
@@ -239,7 +205,7 @@ class CalibrationErrors:
         return believed
 
     def mounting(self, q_cam_from_body: Any) -> FloatArray:
-        """Return a mounting as it is told, shape (4,); the mounting itself where it is right."""
+        """Return a mounting as it is given, shape (4,); the mounting itself where it is right."""
         q = np.array(q_cam_from_body, dtype=np.float64)
         return compose(q, Rotation.from_rotvec(self.mounting_rad).as_quat()) if any(self.mounting_rad) else q
 
@@ -283,7 +249,7 @@ def drawn_errors(spec: CalibrationSpec, scene: dict[str, Any], head: str | None)
 
 
 def stated_sigmas(spec: CalibrationSpec) -> Calibration | None:
-    """Return what estimators are told of the calibration's errors; None where nothing is said of them."""
+    """Return the sigmas of the calibration's errors that estimators are given; None where none is stated."""
     x, y, z = (math.radians(sigma) for sigma in spec.mounting_sigma_deg)
     stated = Calibration(
         focal_length_sigma=spec.focal_length_sigma_percent / 100.0,
@@ -299,17 +265,9 @@ def stated_sigmas(spec: CalibrationSpec) -> Calibration | None:
 def believed_prior(
     prior: Prior, stated: PriorSpec, truth: FrameTruth, errors: CalibrationErrors, sigmas: Calibration | None
 ) -> Prior:
-    """Return a prior as a platform states it whose clock, exposure and mounting are off.
+    """Return a prior that was drawn for a right camera and clock, changed by errors of clock, exposure and mounting.
 
-    Parameters
-    ----------
-    prior : Prior
-        Of a platform whose camera and time are right.
-    stated : PriorSpec
-        What it was drawn by: values that stand in it stay.
-    truth : FrameTruth
-    errors : CalibrationErrors
-    sigmas : Calibration, optional
+    Values that ``stated``, the table it was drawn by, holds stay.
     """
     changed: dict[str, Any] = {}
     sigmas = sigmas or Calibration()
@@ -341,7 +299,7 @@ def along_orbit(truth: FrameTruth, seconds: float) -> FloatArray:
 
 
 def _attitude(q_cam_from_itrs: FloatArray, truth: FrameTruth, errors: CalibrationErrors) -> FloatArray:
-    """Return an attitude as it is told: by the wrong mounting, at the stamp, in axes of the wrong time."""
+    """Return an attitude as it is given: by the wrong mounting, at the stamp, in axes of the wrong time."""
     believed = Rotation.from_quat(q_cam_from_itrs)
     if errors.exposure_offset_s != 0.0:
         # A camera that turns by w dt afterwards stood turned by it the other way before.

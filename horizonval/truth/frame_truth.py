@@ -1,8 +1,6 @@
-"""The exact truth of a frame, from its specification alone: float64, closed form, no renderer.
+"""The exact truth of a frame, from its specification alone, and what parts of the spacecraft hide.
 
-This room stands above ``infrared_horizon``, which adds what thermal bands see of the horizon.
-
-What parts of the spacecraft hide from the camera: their outline, and how much of limb and Sun lies behind it.
+Everything is float64 and closed form, without the renderer.
 """
 
 from __future__ import annotations
@@ -49,21 +47,9 @@ _RINGS, _TURNS = 4, 16
 
 
 def parts_truth(scene: SceneSpec, camera: CameraSpec, pose: Pose, sun_itrs: ArrayLike) -> dict[str, Any]:
-    """Return :attr:`horizonval.frame.FrameTruth.parts` of a scene that has parts.
+    """Return :attr:`horizonval.frame.FrameTruth.parts` of a scene with parts; the Sun is a unit vector.
 
-    Parameters
-    ----------
-    scene, camera
-        Resolved specifications.
-    pose : Pose
-    sun_itrs : array_like, shape (3,)
-        Unit vector towards the Sun.
-
-    Raises
-    ------
-    UserError
-        As :func:`horizonval.geometry.part.triangles_cam` and
-        :func:`horizonval.geometry.part.outline_of`.
+    Errors as :func:`horizonval.geometry.part.triangles_cam` and :func:`horizonval.geometry.part.outline_of`.
     """
     model = camera_from_spec(camera.camera)
     triangles = part_triangles(scene.part, pose.q_cam_from_body)
@@ -132,7 +118,7 @@ BESIDE = ("prior", "calibration")
 def scene_id(scene: dict[str, Any], camera: dict[str, Any]) -> str:
     """Return the sha256 hex digest of resolved scene, camera and frame schema, as JSON with sorted keys.
 
-    What is known beside the image, rightly or not, is left out: whoever knows more sees the same, noise included.
+    Priors and calibration are left out: they do not change the image or its noise.
     """
     seen = {key: table for key, table in scene.items() if key not in BESIDE}
     document = {"camera": camera, "frame_schema": FRAME_SCHEMA, "scene": seen}
@@ -161,27 +147,20 @@ def _moon_place(scene: SceneSpec, ellipsoid: Ellipsoid, r_itrs: Any) -> Any:
 
 
 def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> FrameTruth:
-    """Return the truth of the frame that a scene and a camera describe.
+    """Return the truth of the frame that a resolved scene and camera describe; both are stored as plain data.
 
     The Sun comes from the epoch (apparent, geocentric), or from ``[sun]`` as a direction at infinity seen from the
-    geodetic sub-satellite point; its distance, hence its angular radius, comes from the epoch in both cases. The
-    share of the disc in view is exact for that direction and the ellipsoid, refraction left out. The Moon is seen from
-    the camera; see :func:`moon_place`.
-
-    Parameters
-    ----------
-    scene, camera
-        Resolved specifications; both are kept in the truth as ``model_dump(mode="json")``, which reads back.
-    infrared : bool
-        Whether to work out the infrared horizon (up to 2 s for every thermal band, once for every place and air);
-        without, it is left empty, and :func:`with_infrared_horizon` adds it.
+    geodetic sub-satellite point; its angular radius comes from the epoch in both cases. The share of the disc in view
+    is exact for that direction and the ellipsoid, refraction left out. The Moon is seen from the camera; see
+    :func:`moon_place`. ``infrared`` False leaves the infrared horizon empty (up to 2 s for every thermal band, once for
+    every position and air); :func:`with_infrared_horizon` adds it.
 
     Raises
     ------
     UserError
-        If the camera is not above the surface, its distortion folds inside the image, the scene does not say which of
-        its heads took the frame, a part of the spacecraft cannot be, or the epoch is outside 1960 to 2099; with the
-        infrared horizon also as :func:`horizonval.earth.optical.optical_model`.
+        The camera is not above the surface, its distortion folds inside the image, the scene does not choose one of its
+        heads, a part of the spacecraft is impossible, or the epoch is outside 1960 to 2099; with the infrared horizon
+        also as :func:`horizonval.earth.optical.optical_model`.
     """
     check_invertible(camera_from_spec(camera.camera))
     pose = pose_from_spec(scene, camera)
@@ -228,16 +207,9 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
 
 
 def truth_turned(truth: FrameTruth, scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
-    """Return the truth of a scene that differs from a truth's own in the attitude and the mounting alone.
+    """Return the truth of a scene that differs from a truth's own in attitude and mounting alone.
 
-    All that belongs to place, instant and air is taken over, the infrared horizon too: the same as
-    :func:`truth_of`, bit by bit, without working it out again.
-
-    Parameters
-    ----------
-    truth : FrameTruth
-    scene, camera
-        Resolved specifications; the camera is the truth's own.
+    Everything else is copied, the infrared horizon too: bit by bit what :func:`truth_of` returns.
     """
     fields = _attitude_fields(scene, camera, pose_from_spec(scene, camera), truth.sun_itrs, truth.moon_itrs)
     # A copy of its own; plain data outlives JSON bit by bit, and quicker than element by element.
@@ -282,12 +254,10 @@ def _components(v: ArrayLike) -> Any:
 
 
 def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
-    """Return a truth with the infrared horizon of the optical model that belongs to its scene and camera.
+    """Return a truth with the infrared horizon of the optical model of its scene and camera.
 
-    Beside what :func:`horizonval.truth.infrared_horizon.infrared_horizon` finds, every band has ``accuracy``:
-    what :func:`horizonval.earth.spectral.thermal_absorption.thermal_accuracy` states of it (``heights_km``,
-    ``relative``, ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an
-    atmosphere file.
+    Every band also has ``accuracy``, that of :func:`horizonval.earth.spectral.thermal_absorption.thermal_accuracy`, or
+    None where the absorption comes from an atmosphere file.
     """
     ellipsoid = truth.ellipsoid
     horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs)

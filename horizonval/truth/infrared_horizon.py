@@ -1,21 +1,16 @@
-"""The infrared horizon all round a camera, for every thermal band: what a frame's truth carries.
+"""The infrared horizon all round a camera, for every thermal band, as a frame's truth has it.
 
 Air that depends on height and latitude alone looks the same along rays at azimuths A and -A about the nadir: half of
 the circle is integrated, and all of it where the air varies with longitude. Where the air is the same everywhere, only
-the ellipsoid's curvature still turns with the azimuth (0.7 % of its radius, some 30 m of the horizon's height); its
-first harmonics are then enough, and on a sphere one azimuth.
+the ellipsoid's curvature changes with the azimuth (0.7 % of its radius, some 30 m of the horizon's height); its first
+harmonics are then enough, and on a sphere one azimuth.
 
-The infrared horizon of a stored truth as a curve in the camera: where a perfect locator would find it.
-
-Where a limb profile drops: what horizon sensors in thermal bands look for.
-
-``L(h)`` is the radiance of the clear limb against the lowest geodetic height of the ray. The plateau is the largest
-``L`` between 10 and 24 km if the air itself is the horizon there (``opaque``: at least 0.6 of the ray 10 km below the
-hard horizon, as in the 15 um band of CO2), else that ray's radiance (``window``: the ground is the horizon, blurred by
-water vapour). Half of the plateau, and the steepest fall, are the heights that the locators of sensors come near to.
-
-The steepest fall is a broad maximum, with edges of its own where the lapse rate of a profile changes: it depends on
-what counts as structure (here 0.5 km) by some 0.3 km, and where two places are nearly as steep it may be either.
+**Limb profile.** ``L(h)`` is the radiance of the clear limb against the lowest geodetic height of the ray. The plateau
+is the largest ``L`` between 10 and 24 km if the air itself is the horizon there (``opaque``: at least 0.6 of the ray
+10 km below the hard horizon, as in the 15 um band of CO2), else that ray's radiance (``window``: the ground is the
+horizon, blurred by water vapour). Horizon sensors locate half of the plateau, or the steepest fall. The latter is a
+broad maximum: it depends on what counts as structure (here 0.5 km) by some 0.3 km, and where two heights are nearly as
+steep it may be either.
 """
 
 from __future__ import annotations
@@ -124,22 +119,12 @@ class HorizonHeights:
 
 
 def locate(height_m: FloatArray, radiance: FloatArray, ground_radiance: FloatArray) -> HorizonHeights:
-    """Return where the profiles of one band drop.
+    """Return where the profiles (azimuths, n) of one band drop, at n heights that rise from 0.
 
-    Parameters
-    ----------
-    height_m : ndarray, shape (n,)
-        Rising from 0. Between them a cubic spline: structure finer than the steps does not count.
-    radiance : ndarray, shape (azimuths, n)
-    ground_radiance : ndarray, shape (azimuths,)
-        Of the rays of :data:`GROUND_RAY_M`.
-
-    Returns
-    -------
-    Located
-        ``kind`` is one for the band, by the means over the azimuths. ``half_plateau_m`` is the highest place with half
-        of the plateau; 0 where the whole limb is darker (the drop is then at the hard horizon itself).
-        ``maximum_gradient_m`` is where -dL/dh is largest above 0.
+    A cubic spline connects the heights. ``ground_radiance`` (azimuths,) is that of the rays of :data:`GROUND_RAY_M`.
+    ``kind`` is one for the band, by the means over the azimuths. ``half_plateau_m`` is the highest crossing of half of
+    the plateau; 0 where the whole limb is darker (the drop is then at the hard horizon). ``maximum_gradient_m`` is
+    where -dL/dh is largest above 0.
     """
     fine = np.arange(height_m[0], height_m[-1] + 0.5 * _STEP_M, _STEP_M)
     fine[-1] = min(fine[-1], height_m[-1])
@@ -216,8 +201,7 @@ def infrared_horizon(
     Returns
     -------
     dict
-        By band: ``kind`` ("opaque" or "window", see :mod:`horizonval.truth.infrared_horizon`), and lists over
-        the azimuths about the geocentric nadir:
+        By band: ``kind`` ("opaque" or "window"), and lists over the azimuths about the geocentric nadir:
 
         - ``azimuth_deg``, from north to east;
         - ``geometric_angle_rad``: of the hard horizon from the geocentric nadir;
@@ -226,15 +210,12 @@ def infrared_horizon(
         - ``maximum_gradient_height_m`` and ``maximum_gradient_angle_rad``.
 
         Heights are those of the ray's straight line outside the air, over the geometric planet: bent rays come lower
-        (7 m at 40 km, 0.5 km at 10 km). They are rounded to 0.1 m, radiances to six digits: rounding differs between
-        machines in the last bit, and truths must not. Empty where the camera is not above the air, nothing absorbs, or
-        an atmosphere file ends
-        below 30 km, where no plateau can be told.
+        (7 m at 40 km, 0.5 km at 10 km). Heights are rounded to 0.1 m, radiances to six digits, so that machines agree.
+        Empty where the camera is not above the air, nothing absorbs, or an atmosphere file ends below 30 km.
 
     Notes
     -----
-    The last few are remembered: frames of one place and air share theirs. Some 0.2 s for a band, and 1 to 2 s where the
-    air changes with latitude.
+    The last eight are cached. Some 0.2 s for a band, and 1 to 2 s where the air changes with latitude.
     """
     if not model.thermal:
         return {}

@@ -1,43 +1,33 @@
 r"""Radiance of the clear limb in a thermal band, integrated along exact rays.
 
-With ``u`` of :mod:`horizonval.truth.infrared_radiance` the optical depth of a g point is the integral of
-``k (ds/du) du``, which is smooth. The path is cut at shells about 1 km apart; every piece has its depth ``D`` and its
-mean source ``M = integral of S dtau / D`` by Simpson's rule in u. Within the piece the source is the parabola in tau
-through its values ``S0`` and ``S1`` at the ends with that mean::
+**Integral.** With ``u`` below, the optical depth of a g point is the integral of ``k (ds/du) du``, which is smooth. The
+path is cut at shells about 1 km apart; every piece has its depth ``D`` and its mean source ``M = integral of S dtau /
+D`` by Simpson's rule in u. Within the piece the source is the parabola in tau through its values ``S0`` and ``S1`` at
+the ends with that mean::
 
     integral of S exp(-tau) dtau = S0 (1 - b) + S1 (b - e) + (M - (S0 + S1)/2) 6 [(1 + e) - 2 b] / D,
     e = exp(-D),  b = (1 - e) / D
 
 which is exact for thin pieces and tends to S0 for thick ones.
 
-Rays past the Earth by azimuth and lowest height, and their course through shells of equal geodetic height.
+**Rays.** A ray lies in the vertical plane of its azimuth about the geocentric nadir ``z``,
+``d = cos(theta) z + sin(theta) m``. Turned outward by ``dtheta`` its lowest point, at distance ``s_t``, rises by
+``s_t (n . e) dtheta``, with ``n`` the ellipsoid's normal there and ``e`` the direction that ``d`` turns to: Newton's
+method finds the angle of a height. Along the ray the height ``z`` is convex with its minimum ``h`` at the lowest point,
+so that in the signed root ``u = +-sqrt(z - h)`` (minus on the observer's side) distance and latitude are smooth: on a
+sphere ``s - s_t = u sqrt(2 (R + h) + u^2)``. A polynomial through exact points follows both to the millimetre.
 
-A ray lies in the vertical plane of its azimuth about the geocentric nadir ``z``, ``d = cos(theta) z + sin(theta) m``.
-Turned outward by ``dtheta`` its lowest point, at distance ``s_t``, rises by ``s_t (n . e) dtheta``, with ``n`` the
-ellipsoid's normal there and ``e`` the direction that ``d`` turns to: Newton's method finds the angle of a height.
-
-Along the ray the height ``z`` is convex with its minimum ``h`` at the lowest point, so that in the signed root
-``u = +-sqrt(z - h)`` (minus on the observer's side) distance and latitude are smooth: on a sphere
-``s - s_t = u sqrt(2 (R + h) + u^2)``. A polynomial through exact points follows both to the millimetre.
-
-Refraction for the truth of infrared horizons: heights in which bent rays are straight.
-
-A ray in layered air keeps ``n (R + z) sin(theta)`` (Bouguer). With the height ``y = z + N(z) (R + z)``, N = n - 1,
-it is a straight line past a planet that is ``N(0) R`` larger, and its path is dz/dy of the straight one's:
-
-.. math:: ds = \frac{dz}{dy}\,dt
-
-so that extinction over y, times dz/dy, gives the bent ray's optical depth. A line's lowest y is its distance from the
-geometric planet as seen from outside the air: what a horizon sensor takes for the height.
-
+**Refraction.** A ray in layered air keeps ``n (R + z) sin(theta)`` (Bouguer). With the height
+``y = z + N(z) (R + z)``, N = n - 1, it is a straight line past a planet that is ``N(0) R`` larger, and its path is
+``ds = (dz/dy) dt`` of the straight one's: extinction over y times dz/dy gives the bent ray's optical depth. A line's
+lowest y is its distance from the geometric planet as seen from outside the air: what a horizon sensor takes as height.
 Neglected: the turn of the verticals along the ray (1.1 deg at most, for a ray that grazes the ground; 3 arcsec at
-40 km), by which a ray sees air a little further on.
+40 km), by which a ray sees air a little farther on.
 
-What the ground sends up a ray that meets it, band by band.
-
-A ground of emissivity e and temperature T sends ``e S(T)``, and throws back ``1 - e`` of the sky's mean radiance. Rays
-10 km below the hard horizon come up at 3 deg from the level, through ten to twenty times the air of a vertical one: of
-the reflected light next to nothing gets out, so the sky is worked out for some latitudes and heights only.
+**Ground.** A ground of emissivity e and temperature T sends ``e S(T)``, and reflects ``1 - e`` of the sky's mean
+radiance. Rays 10 km below the hard horizon leave the ground at 3 deg from the level, through ten to twenty times the
+air of a vertical one: almost none of the reflected radiance gets out, so the sky is computed for some latitudes and
+heights only.
 """
 
 from __future__ import annotations
@@ -385,22 +375,12 @@ class BandMedium:
         ]
 
 
-def limb_radiance(air: BandMedium, rays: Sequence[RayPath], *, step_m: float = SHELL_M) -> FloatArray:
-    """Return the radiance [W m-2 sr-1], shape (azimuths, heights), of rays past the ground.
-
-    Parameters
-    ----------
-    air : BandMedium
-    rays : sequence of Course, length heights
-        Lowest heights from 0 on; the camera is above the air.
-    step_m : float
-        Thickness of the shells; 1 km leaves 1e-4 of the plateau.
-    """
-    return limb_radiances([air], rays, step_m=step_m)[0]
-
-
 def limb_radiances(airs: Sequence[BandMedium], rays: Sequence[RayPath], *, step_m: float = SHELL_M) -> list[FloatArray]:
-    """Return :func:`limb_radiance` of several bands: those whose air is laid out alike share where points lie in it."""
+    """Return the radiance [W m-2 sr-1], shape (azimuths, heights), of rays past the ground, of each of several bands.
+
+    The camera is above the air. ``step_m`` is the thickness of the shells; 1 km leaves 1e-4 of the plateau. Bands whose
+    air has the same layout share the positions of points in it.
+    """
     kinds: list[list[int]] = []
     for k, air in enumerate(airs):
         alike = next((kind for kind in kinds if airs[kind[0]].lies_as(air)), None)

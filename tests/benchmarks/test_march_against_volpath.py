@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from peak_memory import run_apart
+from measuring import run_apart
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.geometry.camera import CameraModel

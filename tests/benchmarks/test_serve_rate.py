@@ -1,4 +1,4 @@
-"""How many images a second one client gets of a server, and that its memory stays flat over ten thousand."""
+"""How many images a second a server and a session give, and that a server's memory stays flat over ten thousand."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
+from measuring import spent_s
 
 import horizonval as hv
 
@@ -85,3 +87,37 @@ def test_memory_is_flat(tmp_path: Path, record_property: Callable[[str, float], 
         record_property("mb_at_the_end", round(end / (1 << 20), 1))
         record_property("images_per_second", round(rate, 1))
     assert end - tenth < MOST_GROWTH_BYTES, f"{(end - tenth) / (1 << 20):.1f} MiB more"
+
+
+PLACE: dict[str, Any] = {"altitude_km": 550, "latitude_deg": 10, "epoch_utc": "2026-03-20T12:00Z", "mount_roll_deg": 65}
+SESSION_IMAGES = 24
+
+
+def _attitude(k: int) -> tuple[float, float, float]:
+    """Return the attitude of a camera that scans 6 deg and back."""
+    return 0.5 * (k if k < SESSION_IMAGES // 2 else SESSION_IMAGES - k), 0.05 * k, 0.0
+
+
+@pytest.mark.benchmark
+@pytest.mark.parametrize(("camera", "most_ratio"), [("ir-bolometer-160-57deg", 0.3), ("vis-cmos-512-60deg", 0.15)])
+def test_an_image_of_a_session_costs_a_part_of_one_of_another_place(
+    camera: str, most_ratio: float, record_property: Callable[[str, float], None]
+) -> None:
+    session = hv.Session(camera, **PLACE)
+
+    def elsewhere(*latitudes_deg: float) -> None:
+        for latitude_deg in latitudes_deg:
+            scene = session.scene.changed(latitude_deg=latitude_deg, render={"method": "march"})
+            hv.render(scene, progress=False).observe(seed=1)
+
+    def here() -> None:
+        for k in range(SESSION_IMAGES):
+            session.image(_attitude(k), seed=k)
+
+    elsewhere(29.0)
+    anew = spent_s(lambda: elsewhere(30.0, 31.0, 32.0)) / 3
+    here()
+    image = spent_s(here) / SESSION_IMAGES
+    record_property("processor_ms", round(1e3 * image, 1))
+    record_property("ratio", round(image / anew, 3))
+    assert image / anew < most_ratio, f"{1e3 * image:.1f} ms against {1e3 * anew:.1f} ms of a frame anew"

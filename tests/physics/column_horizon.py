@@ -16,7 +16,7 @@ from horizonval.earth.spectral import thermal_absorption
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.spec.camera import CameraSpec
 from horizonval.suites.stability import highest_crossing
-from horizonval.truth.infrared_radiance import BandMedium, RayPath, limb_radiance, ray_paths
+from horizonval.truth.infrared_radiance import BandMedium, RayPath, limb_radiances, ray_paths
 
 EARTH = sphere(6.371e6)
 CAMERA_M = np.array([6.371e6 + 500e3, 0.0, 0.0])
@@ -51,7 +51,7 @@ def limb(state: GasState) -> FloatArray:
             source_weight_per_cm=points.weight_per_cm,
             sun_radiance=np.zeros(len(points.wavelength_um)),
         )
-        rows.append(limb_radiance(BandMedium(band), _paths())[0])
+        rows.append(limb_radiances([BandMedium(band)], _paths())[0][0])
     return np.array(rows)
 
 

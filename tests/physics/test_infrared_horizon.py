@@ -24,7 +24,7 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth.frame_truth import truth_of
 from horizonval.truth.infrared_horizon import infrared_horizon
-from horizonval.truth.infrared_radiance import BandMedium, ground_ray, limb_radiance, limb_radiances, ray_paths
+from horizonval.truth.infrared_radiance import BandMedium, ground_ray, limb_radiances, ray_paths
 
 SPHERE = sphere(6_371_230.0)
 CAMERA_M = np.array([6_371_230.0 + 500e3, 0.0, 0.0])
@@ -110,7 +110,7 @@ def test_radiances_of_another_integrator(climate: str, interval: str) -> None:
     lo, hi = (float(x) for x in interval.removesuffix("um").split("-"))
     heights = np.array([float(r["tangent_height_km"]) for r in rows]) * 1e3
     air = BandMedium(model_of(climate, lo, hi).thermal[0])
-    found = limb_radiance(air, ray_paths(CAMERA_M, SPHERE, [0.4], heights, air.top_m))[0]
+    found = limb_radiances([air], ray_paths(CAMERA_M, SPHERE, [0.4], heights, air.top_m))[0][0]
     # Five figures printed; 2e-3 for the cut bins of 14.0 to 16.3 um and both codes' steps.
     np.testing.assert_allclose(found, [float(r["radiance_420ppm_W_m2_sr"]) for r in rows], rtol=2e-3)
 
@@ -121,7 +121,7 @@ def test_the_quadrature_has_converged(climate: str, band_um: tuple[float, float]
     """Shells eight times thinner change the radiance by less than 1e-4 of the brightest."""
     air = BandMedium(model_of(climate, *band_um).thermal[0])
     rays = ray_paths(CAMERA_M, SPHERE, [0.0], np.array([0.0, 2e3, 5.3e3, 9e3, 16e3, 24.7e3, 38e3, 50e3]), air.top_m)
-    coarse, fine = limb_radiance(air, rays), limb_radiance(air, rays, step_m=125.0)
+    (coarse,), (fine,) = limb_radiances([air], rays), limb_radiances([air], rays, step_m=125.0)
     assert np.abs(coarse - fine).max() < 1e-4 * fine.max()
     down = ray_paths(CAMERA_M, SPHERE, [0.0], [-10e3], air.top_m)[0]
     (path, passed), (path_fine, passed_fine) = ground_ray(air, down), ground_ray(air, down, step_m=125.0)
@@ -142,7 +142,7 @@ def test_bands_together_are_each_alone() -> None:
     assert airs[2].lies_as(airs[3])
     rays = ray_paths(CAMERA_M, SPHERE, [0.0, 1.0, 2.5], np.array([0.0, 8e3, 12e3, 30e3]), airs[0].top_m)
     for air, found in zip(airs, limb_radiances(airs, rays), strict=True):
-        np.testing.assert_array_equal(found, limb_radiance(air, rays))
+        np.testing.assert_array_equal(found, limb_radiances([air], rays)[0])
 
 
 SCALE_M = 7000.0
@@ -154,7 +154,7 @@ def test_isothermal_exponential_limb_has_the_closed_form() -> None:
     model = exponential(k0, SCALE_M)
     air = BandMedium(model.thermal[0])
     heights = np.array([5e3, 20e3, 30e3, 36e3, 40e3, 47.3e3, 60e3])
-    found = limb_radiance(air, ray_paths(CAMERA_M, SPHERE, [1.0], heights, air.top_m))[0]
+    found = limb_radiances([air], ray_paths(CAMERA_M, SPHERE, [1.0], heights, air.top_m))[0][0]
     full = float(model.thermal[0].source(250.0)[0])
     tau = np.array([depth(h, k0, SCALE_M) for h in heights])
     # The band is linear in height over 100 m, 2.5e-5 above the exponential, and ends at 100 km (exp(-8.6) of what a

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,12 @@ from horizonval.renderer.rays import RAY_NODES, radiance_along_rays, thermal_rad
 
 DATA = Path(__file__).parents[1] / "data"
 BANDS = ("450nm", "550nm", "850nm")
+
+
+@cache
+def table_of(name: str) -> Table:
+    """Return a table; several tests read one."""
+    return Table(name)
 
 
 class Table:
@@ -47,7 +54,7 @@ class Table:
 @pytest.mark.parametrize("band", BANDS)
 def test_single_scatter_by_day_equals_another_code(band: str) -> None:
     """0.2 %; the table itself is good to 2e-4 at these Sun angles."""
-    table = Table("rayleigh_limb_sasktran2.csv")
+    table = table_of("rayleigh_limb_sasktran2.csv")
     day = table["sza_deg"] < 80.0
     error = table.ours[band] / table[f"ss_{band}"] - 1.0
     assert day.sum() > 300
@@ -63,7 +70,7 @@ def test_single_scatter_at_the_terminator_equals_another_code(band: str) -> None
     shrink from the 500 m to the 100 m table towards our values; on those rays the authority is
     :func:`test_dark_rays_equal_brute_force`.
     """
-    table = Table("rayleigh_limb_single_scatter_fine.csv")
+    table = table_of("rayleigh_limb_single_scatter_fine.csv")
     error = np.abs(table.ours[band] / table[f"ss_{band}"] - 1.0)
     sunward = table["rel_az_deg"] == 0.0
     height = table["tangent_km"]
@@ -78,7 +85,7 @@ def test_single_scatter_at_the_terminator_equals_another_code(band: str) -> None
 
 def test_single_scatter_equals_independent_monte_carlo() -> None:
     """0.1 % and three standard errors, every Sun angle, dark rays included."""
-    table = Table("rayleigh_limb_montecarlo_550nm.csv")
+    table = table_of("rayleigh_limb_montecarlo_550nm.csv")
     first, se = table["mc_first_order"], table["mc_first_order_se"]
     assert np.all(np.abs(table.ours["550nm"] - first) < 1e-3 * first + 3.0 * se)
 
@@ -87,7 +94,7 @@ def test_single_scatter_equals_independent_monte_carlo() -> None:
 @pytest.mark.parametrize("band", BANDS)
 def test_dark_rays_equal_brute_force(band: str) -> None:
     """0.1 % where the tables of others are not good enough: Sun zenith 90, sunward and grazing ground."""
-    table = Table("rayleigh_limb_single_scatter_fine.csv")
+    table = table_of("rayleigh_limb_single_scatter_fine.csv")
     error = np.abs(table.ours[band] / table[f"ss_{band}"] - 1.0)
     atmosphere = read_atmosphere(DATA / "atm_rayleigh.json")
     model = file_model(atmosphere, thermal=False)

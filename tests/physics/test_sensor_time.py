@@ -195,3 +195,19 @@ def test_drift_since_the_shutter(make_frame):
     assert abs(means.mean()) < 4 * 0.2 / math.sqrt(1000)
     pattern = (kelvin - means[:, None, None]).std() * math.sqrt(192 / 191)
     assert pattern == pytest.approx(math.hypot(0.05, 0.03), rel=0.02)
+
+
+def test_microbolometer_scale_is_that_of_black_bodies(make_frame):
+    tables = {
+        "camera": {"name": "bench", "width": 16, "height": 12, "fov_deg": 0.1},
+        "band": [{"name": "lwir", "kind": "thermal", "lo_um": 8.0, "hi_um": 14.0}],
+        "detector": {"kind": "microbolometer", "pixel_pitch_um": 12.0, "netd_k": 0.05, "bits": 14},
+    }
+    tables["detector"] |= {"scene_min_k": 200.0, "scene_max_k": 320.0}  # type: ignore[operator]
+    spec = CameraSpec.model_validate(tables)
+    low, high = band_radiance(200.0), band_radiance(320.0)
+    for temperature in (200.0, 233.0, 300.0, 320.0):
+        dn = observe(make_frame(band_radiance(temperature), tables), spec, noise=False).dn
+        expected = (band_radiance(temperature) - low) / (high - low) * (2**14 - 1)
+        np.testing.assert_allclose(dn, expected, atol=0.51)
+    assert (observe(make_frame(0.0, tables), spec).dn == 0).all()

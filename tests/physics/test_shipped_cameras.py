@@ -229,23 +229,6 @@ def test_colours_are_where_the_mosaic_says() -> None:
         np.testing.assert_array_equal(own_pixels(detector, band, 8), bayer.mask("BGGR", band[0].upper(), (8, 8)))
 
 
-@pytest.mark.parametrize("name", shipped_names("camera"))
-def test_every_camera_says_what_it_is(name: str) -> None:
-    spec = load_camera(name)
-    assert spec.camera.name == name
-    assert len(spec.camera.source) > 40
-    assert spec.band
-    assert spec.detector is not None
-
-
-def test_there_are_a_dozen_of_all_kinds() -> None:
-    specs = [load_camera(name) for name in shipped_names("camera")]
-    assert len(specs) >= 12
-    assert {spec.detector.kind for spec in specs if spec.detector} == {"cmos", "microbolometer", "thermopile", "linear"}
-    assert {spec.camera.projection for spec in specs} == {"pinhole", "fisheye", "equal_angle"}
-    assert {len(spec.head) for spec in specs} == {0, 2, 4}
-
-
 def test_the_pair_looks_across_the_longitudinal_axis() -> None:
     """Perpendicular to each other and to the body's z."""
     from horizonval.geometry.frames import inverse, rotate

@@ -16,7 +16,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.renderer.backend import activate
-from horizonval.truth.infrared_radiance import BandMedium, layer_edges_m, limb_radiance, ray_paths
+from horizonval.truth.infrared_radiance import BandMedium, layer_edges_m, limb_radiances, ray_paths
 
 activate()
 
@@ -31,7 +31,7 @@ RADIUS_M = 6371e3
 DEPTHS = (0.001, 0.01, 0.1, 0.3, 1.0)
 CLEAN = {"aerosol": "none", "refraction": False}
 WINDOW = {"name": "window", "kind": "thermal", "lo_um": 10.5, "hi_um": 12.5}
-LIMB = camera_of(GREEN, width=96, height=24, fov_deg=2.4)
+LIMB = camera_of(GREEN, width=96, height=8, fov_deg=2.4)
 """Columns cross the limb, from the ground to 60 km."""
 
 
@@ -124,11 +124,6 @@ def test_layer_of_nothing_is_clear_air() -> None:
     assert found.worst < 1e-4, str(found)
 
 
-def test_same_scene_gives_same_bytes() -> None:
-    scene = scene_of(50.0, layer=[cirrus(0.1)], render={"orders": "single"})
-    assert rendered(scene, LIMB).radiance["green"].tobytes() == rendered(scene, LIMB).radiance["green"].tobytes()
-
-
 def test_truth_cuts_its_rays_at_the_edges_of_layers_up_to_the_top_of_the_air() -> None:
     model = optical_model(scene_of(50.0, layer=[cirrus(0.2, 9.03, 11.01)]), camera_of(WINDOW))
     band = model.thermal[0]
@@ -153,7 +148,7 @@ def test_window_equals_the_truth(layer: dict[str, Any]) -> None:
     height, radiance = height[limb][order][::4], radiance[limb][order][::4]
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     paths = ray_paths(np.array(truth.r_itrs), ellipsoid, np.array([math.radians(77.0)]), height, 100e3)
-    expected = limb_radiance(BandMedium(band), paths)[0]
+    expected = limb_radiances([BandMedium(band)], paths)[0][0]
     assert np.median(np.abs(radiance / expected - 1.0)) < 3e-4
     # the edge has a slope that no table over height follows: its place is right to a tenth of a pixel of 300 m
     brightest = int(np.argmax(expected))

@@ -1,11 +1,12 @@
 """View tables against the march along every cell with four times the nodes, over suns, heights, lenses, air and ground.
 
-Pixels brighter than 1e-3 of the frame's brightest, by day; down to 1e-4 in twilight. Hundreds of cases drawn at random
-are in ``test_view_tables_at_random``.
+Pixels brighter than 1e-3 of the frame's brightest, by day; down to 1e-4 in twilight. Then scenes drawn at random, where
+every draw is a hash of its number.
 """
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from table_and_march import (
     DAY_FLOOR,
     DAY_MEDIAN,
     DAY_WORST,
+    FINER,
     GREEN,
     NIR,
     RED,
@@ -41,22 +43,14 @@ def _sunlit(tilt_deg: float = LIMB, **tables: Any) -> SceneSpec:
 
 
 DAY: dict[str, Case] = {
-    "sun in the zenith": (scene_of(0.0), camera_of(GREEN, NIR)),
-    "sun at 60 deg": (scene_of(60.0, azimuth_deg=-40.0), camera_of(GREEN, NIR)),
-    "sun at 85 deg, ahead": (scene_of(85.0), camera_of(GREEN, NIR)),
-    "sun at 85 deg, behind": (scene_of(85.0, azimuth_deg=180.0), camera_of(BLUE)),
     "straight down": (_sunlit(0.0), camera_of(GREEN)),
     "limb upside down": (_sunlit(LIMB, camera={"mount_yaw_deg": 180.0}), camera_of(GREEN)),
     "above the limb": (_sunlit(LIMB + 20.0), camera_of(GREEN)),
-    "300 km": (scene_of(40.0, 300.0), camera_of(RED, fov_deg=70.0)),
     "20 200 km": (scene_of(70.0, 20_200.0, off_nadir_deg=8.0), camera_of(GREEN, fov_deg=14.0)),
     "geostationary": (scene_of(30.0, 35_786.0, off_nadir_deg=0.0), camera_of(GREEN, fov_deg=19.0)),
-    "sphere": (_sunlit(earth={"shape": "sphere", "radius_km": 6371.0}), camera_of(GREEN)),
     "barrel": (_sunlit(), camera_of(GREEN, width=80, height=60, distortion=BARREL)),
     "whole sky": (_sunlit(0.0), camera_of(GREEN, width=96, height=96, **SKY)),
     "half a degree": (_sunlit(LIMB + 0.5), camera_of(GREEN, fov_deg=0.5)),
-    "clouds": (_sunlit(LIMB - 15.0, clouds={"cover": 0.5}), camera_of(GREEN)),
-    "land and sea": (_sunlit(30.0, surface={"kind": "earth"}), camera_of(GREEN, NIR)),
     "glint under clouds": (
         scene_of(30.0, off_nadir_deg=28.0, surface={"kind": "earth"}, clouds={"cover": 0.3}),
         camera_of(NIR, fov_deg=90.0),
@@ -74,16 +68,8 @@ DAY: dict[str, Case] = {
         _sunlit(LIMB + 0.5, atmosphere={"refraction": True}),
         camera_of(GREEN, fov_deg=3.0),
     ),
-    "refraction, clouds and coasts": (
-        _sunlit(LIMB - 15.0, atmosphere={"refraction": True}, clouds={"cover": 0.5}, surface={"kind": "earth"}),
-        camera_of(GREEN),
-    ),
     "inside the air": (scene_of(60.0, 20.0, off_nadir_deg=85.0), camera_of(GREEN)),
     "over the pole": (_sunlit(0.0, platform={"latitude_deg": 90.0}), camera_of(GREEN, fov_deg=130.0)),
-    "across the date line": (
-        _sunlit(30.0, platform={"latitude_deg": -3.0, "longitude_deg": 180.0}, surface={"kind": "earth"}),
-        camera_of(GREEN, fov_deg=90.0),
-    ),
     "one pixel, and a wide band": (
         _sunlit(0.0),
         camera_of(
@@ -102,17 +88,11 @@ TWILIGHT: dict[str, Case] = {
     "sun at 92 deg, across": (scene_of(92.0, azimuth_deg=95.0), camera_of(GREEN, NIR, fov_deg=40.0)),
     "sun at 96 deg": (scene_of(96.0), camera_of(GREEN, NIR, fov_deg=40.0)),
     "sun at 96 deg, from far": (scene_of(96.0, 35_786.0, off_nadir_deg=5.0), camera_of(GREEN, fov_deg=12.0)),
-    "sun at 100 deg, off": (scene_of(100.0, azimuth_deg=30.0), camera_of(BLUE, fov_deg=40.0)),
-    "sun at 104 deg": (scene_of(104.0), camera_of(RED, fov_deg=40.0)),
     "sun at 108 deg": (scene_of(108.0, azimuth_deg=8.0), camera_of(GREEN, fov_deg=40.0)),
     "single scattering": (scene_of(95.0, render={"orders": "single"}), camera_of(GREEN, fov_deg=40.0)),
     "haze": (
         scene_of(93.0, atmosphere={"aerosol": "background"}, render={"orders": "single"}),
         camera_of(GREEN, fov_deg=40.0),
-    ),
-    "clouds and land": (
-        scene_of(90.0, azimuth_deg=60.0, clouds={"cover": 0.5}, surface={"kind": "earth"}),
-        camera_of(GREEN),
     ),
     "refraction": (scene_of(94.0, atmosphere={"refraction": True}), camera_of(GREEN, fov_deg=40.0)),
     "refraction and clouds": (
@@ -138,26 +118,10 @@ def _backend() -> None:
 
 
 SLOW = {
-    "haze, all orders",
-    "300 km",
-    "sun at 85 deg, behind",
-    "one pixel, and a wide band",
-    "sun in the zenith",
-    "glint under clouds",
-    "sun at 60 deg",
-    "sphere",
-    "clouds",
-    "land and sea",
-    "sun at 104 deg",
-    "sun at 100 deg, off",
-    "refraction, clouds and coasts",
-    "moonlit clouds",
-    "moon in frame",
-    "sun at 85 deg, ahead",
-    "across the date line",
-    "clouds and land",
-}
-"""Whose table of multiple scattering takes a minute to solve, others that take half of one, and some of many alike."""
+    "haze, all orders", "one pixel, and a wide band", "glint under clouds", "moonlit clouds", "moon in frame",
+    "sun at 92 deg, across", "refraction and clouds", "20 200 km", "inside the air", "over the pole", "barrel",
+}  # fmt: skip
+"""Cases that are slow to solve, and some whose like are quick."""
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in DAY])
@@ -172,3 +136,108 @@ def test_in_twilight_and_by_night(name: str) -> None:
     errors = table_errors(*TWILIGHT[name], TWILIGHT_FLOOR)
     assert errors
     assert all(e.worst < TWILIGHT_WORST for e in errors), "; ".join(map(str, errors))
+
+
+DRAWS = 200
+LAST_OF_DAY_DEG = 85.0
+BANDS = (BLUE, GREEN, RED, NIR)
+CORNERS = (154, 179)
+"""Draws with a cell whose part above the limb is a corner that no line across met: its ray was one into the Earth,
+which tables know nothing of, and one pixel was off by 2.7e-3 and 1.1e-3."""
+
+
+class Draw:
+    """Numbers from 0 to 1 that a name stands for."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+    def uniform(self, what: str, low: float = 0.0, high: float = 1.0) -> float:
+        digest = hashlib.sha256(f"view tables {self.number} {what}".encode()).digest()
+        return low + (high - low) * int.from_bytes(digest[:7], "big") / 256**7
+
+    def chance(self, what: str, probability: float) -> bool:
+        return self.uniform(what) < probability
+
+    def choice(self, what: str, options: tuple[Any, ...]) -> Any:
+        return options[int(self.uniform(what) * len(options))]
+
+
+def drawn(number: int) -> tuple[SceneSpec, CameraSpec, float]:
+    """Return a scene, a camera and the Sun's zenith angle [deg]."""
+    draw = Draw(number)
+    sun_deg = draw.uniform("sun", 0.0, 108.0)
+    altitude_km = 300.0 * (35_786.0 / 300.0) ** draw.uniform("altitude")
+    limb_deg = angle_of_limb_deg(altitude_km)
+    refraction = draw.chance("refraction", 0.15)
+    tables: dict[str, Any] = {
+        "platform": {
+            "latitude_deg": draw.uniform("latitude", -90.0, 90.0),
+            "longitude_deg": draw.uniform("longitude", -180.0, 180.0),
+        },
+        "camera": {"mount_yaw_deg": draw.uniform("about the boresight", -180.0, 180.0)},
+        "atmosphere": {"refraction": refraction},
+        "render": {"orders": draw.choice("orders", ("single", "all"))},
+    }
+    if draw.chance("particles", 0.3):
+        # a table of all orders with particles takes half a minute to solve: one of them for all draws
+        tables["atmosphere"]["aerosol"] = draw.choice("aerosol", ("background", "volcanic_moderate", "volcanic_high"))
+        tables["render"]["orders"] = "single"
+    if draw.chance("sphere", 0.2):
+        tables["earth"] = {"shape": "sphere", "radius_km": 6371.0}
+    if draw.chance("earth", 0.4):
+        tables["surface"] = {"kind": "earth", "wind_speed_m_s": draw.uniform("wind", 1.0, 15.0)}
+    if not refraction and draw.chance("clouds", 0.4):
+        tables["clouds"] = {"cover": draw.uniform("cover", 0.1, 0.9), "seed": number}
+    view = draw.choice("view", ("limb", "limb", "edge", "sun", "any"))
+    azimuth_deg = draw.uniform("azimuth", -180.0, 180.0)
+    if view == "sun":
+        azimuth_deg *= 0.03
+    tilt_deg = {
+        "limb": limb_deg + draw.uniform("tilt", -3.0, 3.0),
+        "edge": limb_deg + draw.uniform("tilt", 0.0, 0.4),
+        "sun": limb_deg + draw.uniform("tilt", -1.0, 4.0),
+        "any": draw.uniform("tilt", 0.0, limb_deg),
+    }[view]
+    geometry: dict[str, Any] = {"fov_deg": 1.2 * limb_deg * draw.uniform("field", 0.3, 0.95)}
+    if view == "edge":
+        geometry = {"fov_deg": 0.01 * limb_deg * draw.uniform("field", 1.0, 5.0)}
+    elif draw.chance("fisheye", 0.2):
+        geometry = {"projection": "fisheye", "fov_deg": min(3.0 * limb_deg, 170.0)}
+    elif draw.chance("distorted", 0.3):
+        geometry["distortion"] = BARREL
+    scene = scene_of(
+        sun_deg,
+        altitude_km,
+        off_nadir_deg=tilt_deg,
+        azimuth_deg=azimuth_deg,
+        sun_azimuth_deg=draw.uniform("sun azimuth", -180.0, 180.0),
+        **tables,
+    )
+    return scene, camera_of(draw.choice("band", BANDS), width=48, height=48, **geometry), sun_deg
+
+
+def wrong_of(number: int, finer: int = FINER) -> list[str]:
+    """Return what is wrong with a draw, a line per band.
+
+    What is wrong against the march with four times the nodes is asked again with sixteen times as many, which is nearer
+    to the limit: on rays through the lowest kilometres of haze the former is itself off by up to 4e-3.
+    """
+    scene, camera, sun_deg = drawn(number)
+    day = sun_deg <= LAST_OF_DAY_DEG
+    errors = table_errors(scene, camera, DAY_FLOOR if day else TWILIGHT_FLOOR, finer)
+    worst, median = (DAY_WORST, DAY_MEDIAN) if day else (TWILIGHT_WORST, 1.0)
+    wrong = [f"draw {number}: {e}" for e in errors if e.worst >= worst or e.median >= median]
+    return wrong_of(number, 4 * FINER) if wrong and finer == FINER else wrong
+
+
+@pytest.mark.parametrize("number", [0, 1, pytest.param(CORNERS[1], marks=pytest.mark.slow)])
+def test_some_draws(number: int) -> None:
+    assert not wrong_of(number)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(0, DRAWS, 10))
+def test_every_draw(first: int) -> None:
+    wrong = [line for number in range(first, first + 10) for line in wrong_of(number)]
+    assert not wrong, "\n".join(wrong)

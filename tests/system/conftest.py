@@ -8,12 +8,17 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from horizonval import cli
+from horizonval.jobs import engine
+from horizonval.jobs.pool import get_ready
+from horizonval.plugins import registry
+from horizonval.suites.units import scored
 
 PROGRAM = Path(sys.executable).with_name("horizonval")
 
@@ -94,6 +99,38 @@ def horizonval(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Ca
         return subprocess.CompletedProcess(["horizonval", *map(str, arguments)], status, output, errors)
 
     return call
+
+
+def _one_by_one(work: Callable[[Any], Any], items: Iterable[Any], *_: object, **__: object) -> Iterator[Any]:
+    return ((item, work(item)) for item in items)
+
+
+class _Here:
+    """Asks estimators in this process instead of one that may be killed."""
+
+    spent_s = None
+
+    def __init__(self, limits: object) -> None:
+        pass
+
+    def run(self, name: str, observation: Any) -> Any:
+        return registry.run_safely(registry.get(name), observation)
+
+
+@pytest.fixture(scope="module")
+def here() -> Iterator[None]:
+    """Make frames in this process: worker processes cost seconds to start, and the small run has them."""
+    get_ready(2, True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(engine, "run_in_processes", _one_by_one)
+        yield
+
+
+@pytest.fixture
+def estimators_here(here: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make frames and estimates in this process, and no pages."""
+    monkeypatch.setattr(scored, "supervisor_of", _Here)
+    monkeypatch.setattr("horizonval.report.build_report", lambda folder: folder / "report" / "index.html")
 
 
 @pytest.fixture(scope="session")

@@ -16,12 +16,9 @@ from conftest import assert_one_line, outcome_of
 
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import tangency_points
-from horizonval.jobs import engine
-from horizonval.plugins import registry
 from horizonval.report.load import load_run
 from horizonval.scoring.row import read_results
 from horizonval.store.store import Store
-from horizonval.suites.units import scored
 
 
 @pytest.fixture
@@ -170,25 +167,7 @@ def test_gc_does_nothing_while_a_run_or_a_shard_is_at_work(horizonval, out, make
     assert len(listed(horizonval)) == 13
 
 
-@pytest.fixture
-def in_this_process(monkeypatch) -> None:
-    """Estimators without the process of their own, results without pages: what would be most of a test's time."""
-
-    class Here:
-        spent_s = None
-
-        def __init__(self, limits):
-            pass
-
-        def run(self, name, observation):
-            return registry.run_safely(registry.get(name), observation)
-
-    monkeypatch.setattr(scored, "supervisor_of", Here)
-    monkeypatch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
-    monkeypatch.setattr("horizonval.report.build_report", lambda folder: folder / "report" / "index.html")
-
-
-@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.usefixtures("estimators_here")
 def test_scoring_again_gives_the_runs_own_results(horizonval, out):
     """From the archive alone; what is damaged is told, and made good by the same command later."""
     before = read_results(out / "results.parquet")

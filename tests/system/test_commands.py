@@ -62,13 +62,6 @@ def test_the_program_itself(program):
     assert_one_line(program("rendr"), "rendr")
 
 
-def test_help(horizonval):
-    text = horizonval("--help").stdout
-    for command in ("run", "check", "render", "observe", "estimate", "reproduce", "regress", "study", "serve", "view"):
-        assert command in text
-        assert horizonval(command, "--help").returncode == 0
-
-
 WRONG = {
     "run --wrokers 2": ["--wrokers"],
     "run quick --out o --workers 0": ["--workers"],
@@ -296,47 +289,6 @@ def test_every_head_of_a_camera_is_a_frame(horizonval, scene):
     assert (scene / "again.exr").read_bytes() == (scene / "one.left.exr").read_bytes()
 
 
-def _damages(data):
-    flipped = bytearray(data)
-    flipped[len(data) // 2] ^= 1
-    header = bytearray(data)
-    header[data.find(b"scene_id") + 30] ^= 1
-    return {
-        "empty": b"",
-        "magic": data[:4],
-        "half": data[: len(data) // 2],
-        "flipped": bytes(flipped),
-        "header": bytes(header),
-        "longer": data + b"x",
-        "text": b"this is no image\n" * 50,
-    }
-
-
-def test_damaged_exr_into_every_command(horizonval, frame_path, scene):
-    for name, data in _damages(frame_path.read_bytes()).items():
-        path = scene / f"{name}.exr"
-        path.write_bytes(data)
-        assert_one_line(horizonval("observe", path, "-o", "o.exr"), str(path))
-        assert_one_line(horizonval("estimate", path, "--estimator", "altitude-free"), str(path))
-        assert not (scene / "o.exr").exists()
-
-
-def test_archive_ls_and_verify(horizonval, mini_run, tmp_path):
-    done = horizonval("archive", "ls", mini_run)
-    assert (done.returncode, len(done.stdout.splitlines())) == (0, 12)
-    entries = json.loads(horizonval("archive", "ls", mini_run / "archive", "--json").stdout)
-    assert {e["kind"] for e in entries} == {"frame", "image"}
-    assert json.loads(horizonval("archive", "verify", mini_run, "--json").stdout) == {"entries": 12, "problems": []}
-    shutil.copytree(mini_run / "archive", tmp_path / "copy")
-    victim = next((tmp_path / "copy").rglob("*.exr"))
-    victim.write_bytes(victim.read_bytes()[:-100])
-    done = horizonval("archive", "verify", "copy")
-    assert done.returncode == 1
-    assert victim.name in done.stdout
-    done = horizonval("archive", "ls", "copy")
-    assert (done.returncode, len(done.stdout.splitlines())) == (0, 12)
-
-
 def test_report_again(horizonval, mini_run, tmp_path):
     shutil.copytree(mini_run, tmp_path / "out")
     shutil.rmtree(tmp_path / "out" / "report")
@@ -357,12 +309,6 @@ def test_radiance(horizonval, tmp_path):
         assert all(float(x) > 0 for x in made.split(",")[10:])
     assert horizonval("radiance", "rays.csv", "--atmosphere", "us76", "-o", "hot.csv", "--thermal").returncode == 0
     assert (tmp_path / "hot.csv").read_text() != (tmp_path / "out.csv").read_text()
-
-
-def test_radiance_of_no_rays(horizonval, tmp_path):
-    (tmp_path / "rays.csv").write_text(RAYS.splitlines()[0] + "\n")
-    assert horizonval("radiance", "rays.csv", "--atmosphere", "us76", "-o", "out.csv").returncode == 0
-    assert (tmp_path / "out.csv").read_text().startswith(RAYS.splitlines()[0] + ",radiance_")
 
 
 def test_every_mistake_of_an_atmosphere_is_a_line(horizonval, tmp_path):

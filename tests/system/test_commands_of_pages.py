@@ -53,7 +53,7 @@ def run(*arguments: object) -> None:
 
 
 @pytest.fixture(scope="module")
-def files_of_a_user(tmp_path_factory):
+def files_of_a_user(here, tmp_path_factory):
     """A folder with a space in its name: a suite, one with a program, a study, and their camera."""
     folder = tmp_path_factory.mktemp("of a user")
     (folder / "mini-camera.toml").write_text(MINI_CAMERA)

@@ -16,8 +16,7 @@ from conftest import MINI_CAMERA
 
 from horizonval import cli
 from horizonval.core import atomic
-from horizonval.jobs import engine
-from horizonval.jobs.pool import Execution, get_ready
+from horizonval.jobs.pool import Execution
 from horizonval.suites.run import run_suite as run
 from horizonval.suites.suite import load_suite
 
@@ -37,15 +36,6 @@ platform.latitude_deg = 40.0
 """
 OF_THE_CLOCK = {"timings.json", "manifest.json"}
 """What two equal runs do not share: seconds, and their digest."""
-
-
-@pytest.fixture(scope="module")
-def here() -> Iterator[None]:
-    """Frames are made in this process."""
-    get_ready(2, True)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -193,7 +183,7 @@ def check_all_are_found(
 
 
 def test_damage_is_found_whatever_it_is_and_wherever(finished, tmp_path, capsys):
-    check_all_are_found(finished, tmp_path / "out", 40, 24, 1, capsys)
+    check_all_are_found(finished, tmp_path / "out", 24, 24, 1, capsys)
 
 
 @pytest.mark.slow
@@ -214,7 +204,7 @@ def check_all_are_mended(finished: Path, suite: Path, out: Path, flips: int, oth
 
 
 def test_the_same_command_mends_it(finished, suite, tmp_path, capsys):
-    check_all_are_mended(finished, suite, tmp_path / "out", 3, 4, 3, capsys)
+    check_all_are_mended(finished, suite, tmp_path / "out", 1, 3, 3, capsys)
 
 
 @pytest.mark.slow
@@ -222,7 +212,7 @@ def test_the_same_command_mends_130_damages(finished, suite, tmp_path, capsys):
     check_all_are_mended(finished, suite, tmp_path / "out", 50, 80, 4, capsys)
 
 
-@pytest.mark.parametrize("name", ["run.json", "summary.json", "cases/a.json", "state/a.json", "results.parquet"])
+@pytest.mark.parametrize("name", ["run.json", "cases/a.json", "state/a.json", "results.parquet"])
 def test_what_was_altered_is_told_where_it_is_read_and_said_where_it_is_mended(
     finished, suite, tmp_path, capsys, caplog, name
 ):
@@ -242,7 +232,7 @@ def test_what_was_altered_is_told_where_it_is_read_and_said_where_it_is_mended(
         assert "run the suite again" in line
     caplog.clear()
     finish(suite, out)
-    if name not in ("summary.json", "results.parquet"):
+    if name != "results.parquet":
         (line,) = caplog.messages
         assert f"{name}: altered since it was written" in line
         assert "it is made anew" in line
@@ -296,7 +286,7 @@ class _Full:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.4, 0.8, 0.999])
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.999])
 def test_a_disk_that_fills_up_costs_nothing_but_the_rest(finished, suite, tmp_path, capsys, monkeypatch, share):
     out = tmp_path / "out"
     room = int(share * sum(path.stat().st_size for path in files_of(finished)))
@@ -350,7 +340,7 @@ def check_deaths(finished: Path, suite: Path, out: Path, moments: list[int], cap
     return ended
 
 
-@pytest.mark.parametrize("moments", [[0, 4, 3], [9], [13]])
+@pytest.mark.parametrize("moments", [[0, 4, 3], [13]])
 def test_death_between_any_two_files_changes_nothing(finished, suite, tmp_path, capsys, monkeypatch, moments):
     assert not check_deaths(finished, suite, tmp_path / "out", moments, capsys, monkeypatch)
 

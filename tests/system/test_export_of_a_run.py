@@ -35,7 +35,7 @@ attitude = { offset_deg = [15.0, 2.0, -1.0] }
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory):
+def exported(here, tmp_path_factory):
     folder = tmp_path_factory.mktemp("exported")
     (folder / "mini-camera.toml").write_text(MINI_CAMERA)
     (folder / "pass.toml").write_text(SUITE)

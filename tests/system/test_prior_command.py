@@ -93,7 +93,7 @@ def test_mistakes_are_one_line(horizonval, image_path, tmp_path) -> None:  # typ
     assert_one_line(horizonval("estimate", image_path, *METHOD, "--prior", "none.toml"), "none.toml")
 
 
-def test_a_suites_prior_is_drawn_once_and_made_again_from_its_archive(horizonval, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_suites_prior_is_drawn_once_and_made_again_from_its_archive(here, horizonval, tmp_path) -> None:  # type: ignore[no-untyped-def]
     """A program writes down what it was given; the archived images alone give the same bytes."""
     (tmp_path / "mini-camera.toml").write_text(MINI_CAMERA)
     (tmp_path / "echo.py").write_text(PROGRAM)

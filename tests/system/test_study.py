@@ -77,7 +77,7 @@ def cases(out: Path) -> dict[str, tuple[bytes, int]]:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(here, tmp_path_factory):
     """The study, run and then extended by an axis value; what the folder held in between."""
     folder = tmp_path_factory.mktemp("study")
     (folder / "camera.toml").write_text(CAMERA)
@@ -182,10 +182,3 @@ def test_information_alone_tells_what_any_method_can_do(run, tmp_path):
     assert in_process("study", folder / "tiny.toml", "--out", out, "--by-information").returncode == 0
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert verify_folder(out) == []
-
-
-def test_information_alone_needs_a_study_and_a_folder(run):
-    folder, *_ = run
-    done = in_process("study", folder / "out", "--by-information")
-    assert done.returncode == 2
-    assert "--out" in done.stderr

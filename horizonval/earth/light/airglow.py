@@ -1,30 +1,26 @@
-r"""What glows at night: airglow below 120 km, and the sky behind it.
+"""Sources at night: airglow below 120 km, and the sky behind it.
 
 **Airglow.** Layers of a Gaussian profile, zenith column in rayleigh (1 R = 1e10 / (4 pi) photons m-2 s-1 sr-1 along the
-line of sight; Hunten, Roach and Chamberlain, J. Atmos. Terr. Phys. 8, 345 (1956)), typical of middle latitudes in
-a year of average solar activity:
+line of sight; Hunten, Roach and Chamberlain, J. Atmos. Terr. Phys. 8, 345 (1956)), typical of middle latitudes in a
+year of average solar activity:
 
 ==============  =================  ===========  ======  =========================================================
 emission        wavelength         column       height  width (half maximum)
 ==============  =================  ===========  ======  =========================================================
-OI              557.7 nm           250 R        97 km   8 km
-Na D            589.3 nm           60 R         91 km   9 km
-O2 A (0-0)      762 nm             6 kR         94 km   9 km; seen from above: air below 60 km absorbs it, not ours
-OH Meinel       0.6 to 1.1 um      R / nm       88 km   9 km; bands of the table below, smeared over wavelength
-NO2 continuum   0.4 to 0.7 um      R / nm       95 km   14 km
+OI              557.7 nm           250 R        97 km   8 km Na D            589.3 nm           60 R         91 km   9
+km O2 A (0-0)      762 nm             6 kR         94 km   9 km; as seen from above: air below 60 km absorbs it OH
+Meinel       0.6 to 1.1 um      R / nm       88 km   9 km; bands of the table below, smeared over wavelength NO2
+continuum   0.4 to 0.7 um      R / nm       95 km   14 km
 ==============  =================  ===========  ======  =========================================================
 
 Lines and heights: Roach and Gordon, *The Light of the Night Sky* (1973); Leinert et al., A&AS 127, 1 (1998), section 6;
-heights also from rockets (Greer and Best 1967: 5577 at 94.5 km, Na 98 km; Watanabe et al. 1981: O2 94 km, OH 90 km) and
-the Shuttle (Mende et al., JGR 98, 19117 (1993): lower layer at 90 km, continuum up to 103 km). Every one of these
-varies by a factor of two from night to night: the figures are the right order, not a prediction. Left out: OI 630.0 nm
-(100 R at 250 km, above our top, a second faint limb in the red), 777 nm, the ultraviolet Herzberg bands, aurora, and
-any structure in latitude and time.
+heights also from rockets (Greer and Best 1967; Watanabe et al. 1981) and the Shuttle (Mende et al., JGR 98, 19117
+(1993)). Each varies by a factor of two from night to night. Neglected: OI 630.0 nm (100 R at 250 km, above the top),
+777 nm, the ultraviolet Herzberg bands, aurora, and any structure in latitude and time.
 
-**Sky.** Zodiacal light and stars as one uniform radiance of the Sun's colour: 22.0 mag arcsec-2 in V, 210 S10, the mean
-over the whole sky of some 110 S10 of zodiacal light and 100 S10 of stars (Roach and Gordon 1973; Leinert et al. 1998,
-tables 16 and 36). In truth it runs from 23 at the galactic poles away from the ecliptic to 21 in the Milky Way. Single
-stars are left out.
+**Sky.** Zodiacal light and stars are one uniform radiance of the Sun's colour: 22.0 mag arcsec-2 in V, 210 S10, the
+mean over the sky of some 110 S10 of zodiacal light and 100 S10 of stars (Roach and Gordon 1973; Leinert et al. 1998,
+tables 16 and 36). The true sky ranges from 23 at the galactic poles to 21 in the Milky Way.
 """
 
 from __future__ import annotations
@@ -36,14 +32,14 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.light.moonlight import V_SUN, V_UM
-from horizonval.earth.spectral import bands, sunlight
+from horizonval.earth.light.moonlight import V_SUN
+from horizonval.earth.spectral import bands
 from horizonval.spec.camera import Band
 
 TOP_M = 120_000.0
 STEP_M = 100.0
 REACH = 1.5
-"""Half maximum widths after which a layer is cut off, on either side (4e-4 of it, put back by scaling)."""
+"""Half-maximum widths at which a layer is cut off on either side (4e-4 of it, restored by scaling)."""
 SKY_V = 22.0
 ARCSEC2_SR = math.radians(1.0 / 3600.0) ** 2
 RAYLEIGH = 1e10 / (4.0 * math.pi)
@@ -88,10 +84,9 @@ def radiance(rayleigh: FloatArray | float, wavelength_um: FloatArray | float) ->
 
 
 def band_energy(band: Band, layer: Layer) -> tuple[FloatArray, FloatArray]:
-    """Return wavelengths and what each adds to the band's radiance when the layer is seen from below in the zenith.
+    """Return wavelengths and their contributions to the band's radiance of the layer in the zenith [W m-2 sr-1].
 
-    [W m-2 sr-1], response and photon weighting of :mod:`horizonval.earth.spectral.bands` in it; their sum is the
-    band's.
+    They include response and photon weighting of :mod:`horizonval.earth.spectral.bands`.
     """
     if len(layer.wavelength_um) == 1:
         wavelength, weight = np.array(layer.wavelength_um), np.ones(1)
@@ -107,10 +102,10 @@ def band_energy(band: Band, layer: Layer) -> tuple[FloatArray, FloatArray]:
 def with_night(
     model: OpticalModel, camera_bands: list[Band], sun_distance_au: float, *, airglow: bool, sky: bool
 ) -> OpticalModel:
-    """Return the model with its solar nodes aglow, up to 120 km, and the sky behind them.
+    """Return the model with airglow up to 120 km in its solar nodes, and the sky behind them.
 
-    A wavelength's share of a band's energy goes to the two nodes beside it, linearly: the band's energy is exact, and
-    the air in front dims it as it dims those nodes.
+    A wavelength's share of a band's energy is divided linearly between the two neighbouring nodes: the band's energy is
+    exact, and the air in front attenuates it as it does those nodes.
     """
     z: FloatArray = np.arange(round(TOP_M / STEP_M) + 1, dtype=np.float64) * STEP_M
     nodes = list(model.nodes)
@@ -141,8 +136,3 @@ def _glow(band: Band, nodes: list[SpectralNode], altitude_m: FloatArray) -> Floa
             share = np.maximum(1.0 - np.abs(position - k), 0.0)
             glow[k] += float(np.sum(energy * share)) / node.weight * layer.profile_per_m(altitude_m)
     return glow
-
-
-def sky_radiance(wavelength_um: float = V_UM) -> float:
-    """Return the radiance of the sky behind everything [W m-2 sr-1 um-1]."""
-    return float(sunlight.irradiance(wavelength_um)) * 10.0 ** (0.4 * (V_SUN - SKY_V)) / ARCSEC2_SR

@@ -1,24 +1,20 @@
-r"""Limb darkening of the Sun: Neckel's analytical functions (Sol. Phys. 229, 13 (2005), table 1).
+"""Limb darkening of the Sun: Neckel's analytical functions (Sol. Phys. 229, 13 (2005), table 1).
 
 They are fitted to the measured continuum of Neckel and Labs (Sol. Phys. 153, 91 (1994)), 300 to 1100 nm::
 
     I(mu) / I(1) = A_0 + A_1 mu + ... + A_5 mu^5,      A_k = a_k0 + a_k1 / lambda + a_k5 / lambda^5
 
-with ``mu^2 = 1 - (r / R)^2`` on the disc and the wavelength in um. At mu = 1 every set sums to one, whatever the
-wavelength. The darkening jumps across the Balmer limit: between 373 and 385 nm, where Neckel gives no fit, it is
-linear in wavelength. Beyond 1.1 um it is held: there the disc is flatter than this (at 2 um its edge is brighter by
-some 10 % of the centre). Spots, faculae and the chromosphere are left out.
+with ``mu^2 = 1 - (r / R)^2`` on the disc and the wavelength in um. At mu = 1 every set sums to one. The darkening jumps
+across the Balmer limit: between 373 and 385 nm, where Neckel gives no fit, it is linear in wavelength. Beyond 1.1 um it
+is constant, although the disc is flatter there (at 2 um its edge is brighter by some 10 % of the centre). Spots,
+faculae and the chromosphere are neglected.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
-
-UNIFORM = (1.0,)
-"""Of a disc of equal radiance everywhere."""
 
 _RANGES = (
     (
@@ -40,7 +36,7 @@ _RANGES = (
 
 
 def coefficients(wavelength_um: float) -> tuple[float, ...]:
-    """Return ``A_0 ... A_5`` of ``I(mu) / I(1) = sum A_k mu^k``; the table's ends are held outside 0.30 to 1.10 um."""
+    """Return ``A_0 ... A_5`` of ``I(mu) / I(1) = sum A_k mu^k``; constant outside 0.30 to 1.10 um."""
     wavelength = min(max(wavelength_um, _RANGES[0][0][0]), _RANGES[-1][0][1])
     for (low, high), *_ in _RANGES:
         if low <= wavelength <= high:
@@ -53,14 +49,3 @@ def coefficients(wavelength_um: float) -> tuple[float, ...]:
 def _fit(wavelength_um: float, low_um: float) -> FloatArray:
     rows = next(first + second for (low, _), first, second in _RANGES if low == low_um)
     return np.array(rows) @ np.array([1.0, 1.0 / wavelength_um, wavelength_um**-5])
-
-
-def profile(darkening: ArrayLike, mu: ArrayLike) -> FloatArray:
-    """Return ``I(mu) / I(1)``."""
-    return np.polynomial.polynomial.polyval(np.asarray(mu, float), np.asarray(darkening, float))
-
-
-def mean(darkening: ArrayLike) -> float:
-    """Return the mean of ``I / I(1)`` over the disc: ``sum 2 A_k / (k + 2)``."""
-    a = np.asarray(darkening, float)
-    return float(np.sum(2.0 * a / (np.arange(len(a)) + 2.0)))

@@ -1,23 +1,21 @@
-r"""How much light the Moon gives: magnitude, colour, and how it lies on the disc.
+"""The Moon's irradiance, its colour, and its distribution over the disc.
 
 **Magnitude** (C. W. Allen, *Astrophysical Quantities*, 3rd ed. 1976, section 66; the same law in Krisciunas and
 Schaefer, PASP 103, 1033 (1991), eq. 9), for a phase angle a in degrees and distances in au::
 
     V = +0.21 + 5 lg(r Delta) + 0.026 |a| + 4e-9 a^4
 
--12.74 for the full Moon at its mean distance, against -26.75 for the Sun at 1 au (Allen's Sun is -26.74, Willmer,
-ApJS 236, 47 (2018), has -26.76). Left out: the opposition surge below a = 5 deg (up to 0.3 mag brighter), waxing and
-waning (0.1 mag), libration (a few per cent), polarisation. The law is fitted to phase angles up to about 150 deg;
-within a day of new Moon it is an extrapolation, of light that does not matter.
+-12.74 for the full Moon at its mean distance, against -26.75 for the Sun at 1 au. Neglected: the opposition surge below
+a = 5 deg (up to 0.3 mag brighter), waxing and waning (0.1 mag), libration (a few per cent), polarisation. The law is
+fitted to phase angles up to about 150 deg; closer to new Moon the irradiance is negligible.
 
-**Colour.** B - V is 0.92 for the Moon (Allen) and 0.65 for the Sun, so the albedo goes with the wavelength to the power
-1.1 in the blue; towards 1 um the slope is less, 0.8 (ratio 1.6 of 1.0 to 0.55 um, as in the ROLO model: Kieffer and
-Stone, AJ 129, 2887 (2005)). Held beyond 1.1 um. Good to some 10 % at 0.4 and 1 um.
+**Colour.** B - V is 0.92 for the Moon (Allen) and 0.65 for the Sun, so the albedo is proportional to the wavelength to
+the power 1.1 in the blue; towards 1 um to the power 0.8 (ratio 1.6 of 1.0 to 0.55 um, as in the ROLO model: Kieffer and
+Stone, AJ 129, 2887 (2005)). Constant beyond 1.1 um. Good to some 10 % at 0.4 and 1 um.
 
 **Disc.** Radiance follows Lommel and Seeliger, ``mu0 / (mu0 + mu)`` between terminator and limb: a full Moon as bright
-at the edge as in the middle, which is what the Moon shows. Its mean over the disc is known in closed form (e.g.
-van Diggelen, *Photometric properties of lunar crater floors*, 1959; Hapke, *Theory of reflectance*, 2012, section
-11.3), and with it the disc is scaled to the magnitude. Maria, earthshine and the Moon's own heat are left out.
+at the edge as in the middle. Its mean over the disc has a closed form (Hapke, *Theory of reflectance*, 2012, section
+11.3), which scales the disc to the magnitude. Maria, earthshine and the Moon's thermal emission are neglected.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ from horizonval.core.arrays import FloatArray
 
 V_SUN = -26.75
 V_MOON_UNIT = 0.21
-"""V of the full Moon brought to 1 au from Sun and observer."""
+"""V of the full Moon at 1 au from Sun and observer."""
 V_UM = 0.55
 BLUE_SLOPE, RED_SLOPE = 1.1, 0.8
 RED_END_UM = 1.1
@@ -54,22 +52,7 @@ def irradiance_ratio(
 ) -> FloatArray:
     """Return the Moon's spectral irradiance over the Sun's, across the rays, outside the atmosphere.
 
-    Parameters
-    ----------
-    wavelength_um : array_like
-    phase_rad : float
-        Angle at the Moon between Sun and observer.
-    sun_moon_au, moon_au, sun_au : float
-        From the Sun to the Moon, from the Moon to the observer, and from the Sun to where its irradiance is meant.
+    ``phase_rad``: angle at the Moon between Sun and observer. Distances from the Sun to the Moon, from the Moon to the
+    observer, and from the Sun to the point of reference.
     """
     return 10.0 ** (0.4 * (V_SUN - magnitude(phase_rad, sun_moon_au, moon_au))) * sun_au**2 * colour(wavelength_um)
-
-
-def mean_over_disc(phase_rad: float) -> float:
-    """Return the mean of ``mu0 / (mu0 + mu)`` over the whole disc, dark part included: 1/2 for the full Moon."""
-    half = 0.5 * abs(phase_rad)
-    if half < 1e-9:
-        return 0.5
-    if half > math.pi / 2 - 1e-9:
-        return 0.0
-    return 0.5 * (1.0 + math.sin(half) * math.tan(half) * math.log(math.tan(0.5 * half)))

@@ -1,4 +1,4 @@
-"""Everything in a scene's sky besides the Sun's irradiance: its limb darkening, the Moon, and the night."""
+"""Additions to the Sun's irradiance in a scene's sky: its limb darkening, the Moon, and the night."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from horizonval.earth.light.airglow import with_night
 from horizonval.spec.camera import Band
 
 NIGHT_ZENITH_RAD = math.radians(99.0)
-"""Solar zenith angle beyond which the lights of the night count.
+"""Solar zenith angle beyond which night sources count.
 
-With the Sun 9 deg below the horizon twilight lights the ground with some 0.1 lx (between 3.4 lx at 6 deg and 0.008 lx
-at 12 deg: Kaufmann, *IES Lighting Handbook*; Seidelmann, *Explanatory Supplement*, 1992, section 9.3), half of a full
-Moon; where the Sun is higher, the lights of the night add less than twilight's own spread from day to day.
-"""
+With the Sun 9 deg below the horizon twilight illuminates the ground with some 0.1 lx (between 3.4 lx at 6 deg and 0.008
+lx at 12 deg: Kaufmann, *IES Lighting Handbook*; Seidelmann, *Explanatory Supplement*, 1992, section 9.3), half of a
+full Moon; with a higher Sun, night sources add less than twilight's variation from day to day."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +29,10 @@ class Moonlight:
 
 
 def night_in_view(sun_zenith_rad: float, horizon_rad: float) -> bool:
-    """Return whether somewhere in view the Sun is lower than :data:`NIGHT_ZENITH_RAD` allows.
+    """Return whether somewhere in view the Sun is lower than :data:`NIGHT_ZENITH_RAD`.
 
-    Parameters
-    ----------
-    sun_zenith_rad : float
-        Of the Sun at the point below the camera.
-    horizon_rad : float
-        Angle at the Earth's centre from that point to the horizon.
+    ``sun_zenith_rad``: of the Sun at the sub-satellite point. ``horizon_rad``: angle at the Earth's centre from that
+    point to the horizon.
     """
     return sun_zenith_rad + horizon_rad > NIGHT_ZENITH_RAD
 
@@ -51,10 +46,10 @@ def with_sky(
     airglow: bool,
     background: bool,
 ) -> OpticalModel:
-    """Return the model with limb darkening and moonlight in its solar nodes, and with the night if it is wanted.
+    """Return the model with limb darkening and moonlight in its solar nodes, and optionally the night.
 
-    Thermal bands keep a uniform Sun (the disc's edge is within 10 % of its centre at 10 um, and the Sun there saturates
-    any horizon sensor), and no Moon.
+    Thermal bands have a uniform Sun (the disc's edge is within 10 % of its centre at 10 um, and the Sun saturates any
+    horizon sensor), and no Moon.
     """
     nodes = []
     for node in model.nodes:

@@ -1,33 +1,26 @@
-"""What covers the globe, in cells of 0.05 degrees, and how high it lies, in cells of one degree.
+"""Cover of the globe, in cells of 0.05 degrees, its height, in cells of one degree, and chequered test grounds.
 
-The kinds of ground are those of the MODIS land cover of 2019 put together to fifteen (``tests/data/make_ground_map.py``
-says how), four bits each. Between the centres of four cells weights are bilinear. A place is land where the cells of
-land among them weigh more than one half: coasts are smooth lines and not staircases; its kind is then a blend of those
-cells. Lakes are water, the great ice shelves of Antarctica ice sheet.
+**Map.** The kinds of ground are those of the MODIS land cover of 2019 combined to fifteen
+(``tests/data/make_ground_map.py``), four bits each. Weights are bilinear between the centres of four cells. A place is
+land where its land cells weigh more than one half, so that coasts are smooth lines; its kind is a blend of those cells.
+Lakes are water, the great ice shelves of Antarctica ice sheet. Heights are means of the land in a cell, for
+temperatures only: the ground itself lies on the ellipsoid.
 
-Heights are means of what is land in a cell, for temperatures: the ground itself lies on the ellipsoid.
+**Materials.** A kind of ground is a mixture of green vegetation, soil and bright sand; the rest is shade. Each mixture
+reproduces the published broadband albedo of its IGBP class.
 
-A chequered globe: two kinds of ground in squares between parallels and meridians, by turns.
-
-The globe is cut into belts of latitude of equal height, and each belt into an even number of equal pieces of longitude,
-as near to a square in its middle as whole numbers allow. Belts are counted from the south pole, pieces from 180 deg
-eastwards; where the sum is even the ground is of the first kind.
-
-What the ground at a place is made of in a month: shares of materials.
-
-A kind of ground is a mixture of green vegetation, soil and bright sand; what lacks in its sum is shade. The mixtures
-are chosen so that the albedo of each kind over all sunlight is the published one of its IGBP class
-(``tests/unit/earth/test_earth_ground_kinds.py`` has both), not measured at one place.
-
-**Snow** covers land poleward of a line that moves with the month (:func:`snow_share`). Over trees it is seen between
-and on them only in part: A. K. Betts and J. H. Ball, J. Geophys. Res. 102, 28901 (1997), measured an albedo of 0.75 for
-snow-covered grass, 0.21 for aspen and 0.13 for conifers; satellites find somewhat more (E. G. Moody et al., Remote
-Sens. Environ. 111, 337 (2007)). Ice sheets are firn everywhere and at all times. The line moves so that the area beyond
-it is the mean snow cover of the northern hemisphere (Rutgers Global Snow Lab, monthly means: 47 million km2 in January,
-2.9 in August); snow on mountains off that line and on the land of the southern hemisphere is left out, and so are the
-seasons of leaves and crops.
+**Snow** covers land poleward of a line that moves with the month (:func:`snow_share`). Trees hide part of it: A. K.
+Betts and J. H. Ball, J. Geophys. Res. 102, 28901 (1997), measured an albedo of 0.75 for snow-covered grass, 0.21 for
+aspen and 0.13 for conifers; satellites find somewhat more (E. G. Moody et al., Remote Sens. Environ. 111, 337 (2007)).
+Ice sheets are always firn. The area beyond the line is the mean snow cover of the northern hemisphere (Rutgers Global
+Snow Lab: 47 million km2 in January, 2.9 in August). Neglected: snow on mountains off that line and in the southern
+hemisphere, and the seasons of leaves and crops.
 
 **The sea** is water with foam, and white where it is frozen (:mod:`horizonval.earth.surface.sea_ice`).
+
+**Chequered ground.** The globe is divided into belts of latitude of equal height, and each belt into an even number of
+equal pieces of longitude, as near to a square in its middle as whole numbers allow. Belts are counted from the south
+pole, pieces from 180 deg eastwards; where the sum is even the ground is of the first kind.
 """
 
 from __future__ import annotations
@@ -65,18 +58,18 @@ KINDS = (
     "wetland",
     "town",
 )
-SEA, ICE_SHEET = KINDS.index("sea"), KINDS.index("ice sheet")
+SEA = KINDS.index("sea")
 HEIGHT_STEP_M = 25.0
 
 
 @cache
 def _packed() -> NDArray[np.uint8]:
-    """Return the cells, two a byte, the first in the low half: rows from 90 S, columns eastward from 180 W."""
+    """Return the cells, two per byte, the first in the low half: rows from 90 S, columns eastward from 180 W."""
     return np.ascontiguousarray(tables.npz("ground_map.npz")["kinds"], dtype=np.uint8)
 
 
 def packed_words() -> NDArray[np.uint32]:
-    """Return the map for the renderer, eight cells a word, the first in the lowest bits."""
+    """Return the map for the renderer, eight cells per word, the first in the lowest bits."""
     return _packed().view("<u4").ravel().astype(np.uint32, copy=False)
 
 
@@ -91,20 +84,11 @@ def heights_m() -> FloatArray:
 def kinds_around(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> tuple[NDArray[np.uint8], FloatArray]:
     """Return the kinds of the four cells around places and their weights, shapes (4, ...).
 
-    Parameters
-    ----------
-    latitude_deg, longitude_deg : array_like
-        Geodetic, broadcast against each other; longitudes from -540 on.
+    Geodetic latitudes and longitudes (from -540 on) broadcast.
     """
     rows, columns, weights = _around(latitude_deg, longitude_deg, PER_DEGREE, ROWS, COLUMNS)
     pairs = _packed()[rows, columns >> 1]
     return (pairs >> (4 * (columns & 1)).astype(np.uint8)) & 15, weights
-
-
-def is_land(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> NDArray[np.bool_]:
-    """Return whether places lie on land, ice sheets included; parameters as :func:`kinds_around`."""
-    kinds, weights = kinds_around(latitude_deg, longitude_deg)
-    return np.asarray(np.sum(weights * (kinds != SEA), axis=0) > 0.5)
 
 
 def height_m(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> FloatArray:
@@ -114,14 +98,14 @@ def height_m(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> FloatArray:
 
 
 def mean_height_m(latitude_deg: ArrayLike) -> FloatArray:
-    """Return the mean height of land along circles of latitude [m], Greenland and Antarctica left out."""
+    """Return the mean height of land along circles of latitude [m], without Greenland and Antarctica."""
     return np.interp(np.asarray(latitude_deg, dtype=np.float64), np.arange(-89.5, 90.0), _mean_heights_m())
 
 
 def air_begins_m(latitude_deg: FloatArray, longitude_deg: FloatArray | None) -> FloatArray:
     """Return the height at which columns of air begin [m]: that of the land poleward of 62 deg, 0 within 58 deg.
 
-    Without longitudes the mean of land and sea along circles of latitude south of 60 S, 0 elsewhere.
+    Without longitudes: the mean of land and sea along circles of latitude south of 60 S, 0 elsewhere.
     """
     if longitude_deg is not None:
         return height_m(latitude_deg, longitude_deg) * np.clip((np.abs(latitude_deg) - 58.0) / 4.0, 0.0, 1.0)
@@ -130,7 +114,7 @@ def air_begins_m(latitude_deg: FloatArray, longitude_deg: FloatArray | None) -> 
 
 
 def highest_m(latitude_deg: ArrayLike) -> FloatArray:
-    """Return a height that :func:`height_m` does not pass at latitudes [m]."""
+    """Return an upper bound of :func:`height_m` at latitudes [m]."""
     row = np.clip(np.floor(np.asarray(latitude_deg, dtype=np.float64)).astype(np.int64) + 90, 0, 179)
     rows = heights_m().max(axis=1)
     return np.maximum(rows[row], np.maximum(rows[np.maximum(row - 1, 0)], rows[np.minimum(row + 1, 179)]))
@@ -174,18 +158,8 @@ def piece_counts(square_km: float) -> FloatArray:
     return np.asarray(2.0 * np.maximum(1.0, np.rint(math.pi * EARTH_RADIUS_KM * np.cos(middle) / square_km)))
 
 
-def first_squares(square_km: float, latitude_deg: FloatArray, longitude_deg: FloatArray) -> NDArray[np.bool_]:
-    """Return whether places lie on squares of the first kind."""
-    pieces = piece_counts(square_km)
-    belt = np.clip(np.floor((latitude_deg / 180.0 + 0.5) * len(pieces)).astype(int), 0, len(pieces) - 1)
-    count = pieces[belt]
-    turn = np.mod(longitude_deg / 360.0 + 0.5, 1.0)
-    number = belt + np.minimum(np.floor(turn * count), count - 1.0)
-    return np.asarray(number % 2 == 0)
-
-
 SNOW_EDGE_DEG = 2.0
-"""Half width in latitude of the belt in which snow sets in."""
+"""Half width in latitude of the edge of the snow cover."""
 SNOW_LINE_DEG = (39.8, 40.5, 44.1, 50.3, 58.0, 65.1, 70.1, 71.5, 68.6, 58.7, 48.2, 42.1)
 """Northern snow line in the middle of each month, January first."""
 
@@ -208,18 +182,14 @@ _MIXTURES: Mapping[str, tuple[float, float, float, float, float]] = MappingProxy
         "town": (0.30, 0.55, 0.0, 0.0, 0.6),
     }
 )
-"""Vegetation, soil, sand, firn; and how much of a cover of snow is seen from above."""
+"""Vegetation, soil, sand, firn; and the share of a snow cover that is visible from above."""
 
 
 @dataclass(frozen=True)
 class GroundCover:
-    """What the ground at places is made of; arrays of one shape.
+    """Materials of the ground at places; arrays of one shape.
 
-    Attributes
-    ----------
-    land : bool array
-    shares : dict of ndarray
-        Share of every material of :data:`horizonval.earth.surface.materials.DRY`, and of "water" without its foam.
+    ``shares``: of every material of :data:`horizonval.earth.surface.materials.DRY`, and of "water" without its foam.
     """
 
     land: NDArray[np.bool_]
@@ -232,15 +202,7 @@ def mixtures() -> FloatArray:
 
 
 def ground_cover(latitude_deg: ArrayLike, longitude_deg: ArrayLike, month: float) -> GroundCover:
-    """Return what the ground is made of.
-
-    Parameters
-    ----------
-    latitude_deg, longitude_deg : array_like
-        Geodetic, broadcast against each other.
-    month : float
-        0.5 to 12.5, 7.0 the middle of July.
-    """
+    """Return the materials of the ground at geodetic places, which broadcast; ``month``: 7.0 is the middle of July."""
     latitude, longitude = np.broadcast_arrays(np.asarray(latitude_deg, float), np.asarray(longitude_deg, float))
     kinds, weights = kinds_around(latitude, longitude)
     weights = weights * (kinds != SEA)
@@ -263,6 +225,6 @@ def snow_line_deg(month: float) -> float:
 
 
 def snow_share(latitude_deg: ArrayLike, line_deg: float) -> FloatArray:
-    """Return how much of the land at a latitude is under snow."""
+    """Return the share of land under snow at a latitude."""
     latitude = np.asarray(latitude_deg, dtype=np.float64)
     return np.clip((latitude - line_deg) / (2.0 * SNOW_EDGE_DEG) + 0.5, 0.0, 1.0)

@@ -1,21 +1,17 @@
-"""Materials: what kinds of ground are made of, and how much each reflects from 0.3 to 2.5 um.
+"""Materials of the ground, whose mixtures form all kinds of ground, and their reflectance from 0.3 to 2.5 um.
 
-Fifteen kinds of ground are mixtures of few things. So there are few materials, each with a spectrum, and a kind of
-ground is a mixture of them (:mod:`horizonval.earth.surface.ground_map`).
-
-The spectra are round numbers that follow published measurements, not the measurement of one place:
+The spectra are rounded after published measurements:
 
 - ``vegetation``: a closed green canopy; ``soil``: dry soil, rock and straw (shapes after the ASTER spectral library, A.
   M. Baldridge et al., Remote Sens. Environ. 113, 711 (2009));
-- ``sand``: bright desert, after the bare sands by which satellites are calibrated (H. Cosnefroy et al., ibid. 58, 101
-  (1996), reflectance of twenty sites in North Africa and Arabia: 0.18 to 0.25 at 0.45 um, 0.35 to 0.5 at 0.65, 0.45 to
-  0.6 at 0.85, 0.55 to 0.7 at 1.6), at the dark end of their range, as rocky desert lies between the sands;
-- ``snow``: S. G. Warren, Rev. Geophys. 20, 67 (1982), grains of a tenth of a millimetre, a tenth taken off for age and
+- ``sand``: bright desert, at the dark end of the bare sands by which satellites are calibrated, as rocky desert lies
+  between the sands (H. Cosnefroy et al., ibid. 58, 101 (1996): 0.18 to 0.25 at 0.45 um, 0.35 to 0.5 at 0.65, 0.45 to
+  0.6 at 0.85, 0.55 to 0.7 at 1.6);
+- ``snow``: S. G. Warren, Rev. Geophys. 20, 67 (1982), grains of a tenth of a millimetre, reduced by a tenth for age and
   dirt; also of sea ice; ``firn``: the clean, dry snow of ice sheets (T. C. Grenfell, S. G. Warren, P. C. Mullen, J.
   Geophys. Res. 99, 18669 (1994): 0.96 to 0.98 in all visible light);
-- ``water``: what comes back from below the surface of clear oceanic water with 0.1 mg of chlorophyll per m3 (A. Morel
-  and S. Maritorena, ibid. 106, 7163 (2001)); ``foam``: P. Koepke, Appl. Opt. 23, 1816 (1984), the same at all
-  wavelengths.
+- ``water``: reflectance from below the surface of clear oceanic water with 0.1 mg of chlorophyll per m3 (A. Morel and
+  S. Maritorena, ibid. 106, 7163 (2001)); ``foam``: P. Koepke, Appl. Opt. 23, 1816 (1984), spectrally flat.
 """
 
 from __future__ import annotations
@@ -61,5 +57,5 @@ NAMES = tuple(_SPECTRA)
 
 
 def spectrum(material: str, wavelength_um: ArrayLike) -> FloatArray:
-    """Return the albedo of a material of :data:`NAMES`; of water the light from below its surface."""
+    """Return the albedo of a material of :data:`NAMES`; of water the part from below its surface."""
     return np.interp(np.asarray(wavelength_um, dtype=np.float64), *_SPECTRA[material])

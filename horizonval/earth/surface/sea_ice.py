@@ -1,21 +1,20 @@
-"""Where the sea is frozen: a climatological edge by month and longitude, and how much of the ice is white.
+"""Sea ice: a climatological edge by month and longitude, and the white share of the ice.
 
-Poleward of the edge of a month and a longitude the sea is under ice. The edge moves between its summer and its winter
-latitude, linear in a number from 0 to 1 that is that of the month::
+Poleward of an edge the sea is frozen. The edge moves between its summer and its winter latitude with a number that
+depends on the month alone::
 
     edge(longitude, month) = summer(longitude) + advance(month) (winter(longitude) - summer(longitude))
 
-The latitudes are read, to a degree or so, off the median edges of the Sea Ice Index for March and September (north) and
-September and February (south) (F. Fetterer et al., NSIDC data set G02135, version 3; medians of 1981 to 2010). The
-``advance`` of each month was chosen here so that the sea beyond the edge has the monthly mean extent of the same index
-(mean of the years 1995, 2000, ... 2020). What that cannot have: single winters, seas that lag behind the hemisphere
-(the Sea of Okhotsk is free in June, Hudson Bay in August), the ice of the Baltic.
+The latitudes are the median edges of the Sea Ice Index for March and September (north) and September and February
+(south), to a degree or so (F. Fetterer et al., NSIDC data set G02135, version 3; medians of 1981 to 2010). The
+``advance`` of each month gives the sea beyond the edge the monthly mean extent of the same index (mean of the years
+1995, 2000, ... 2020). Neglected: differences between winters, seas that lag behind the hemisphere (the Sea of Okhotsk,
+Hudson Bay), the ice of the Baltic.
 
-Over three degrees from the edge on, concentration rises to what it is inside the pack. :data:`WHITE_NORTH` and
-:data:`WHITE_SOUTH` say how much of the surface there is snow or white ice; the rest is leads and, in the Arctic summer,
-ponds, and counts as water (concentrations after C. L. Parkinson and D. J. Cavalieri, J. Geophys. Res. 113, C07003 and
-C07004 (2008); ponds after D. K. Perovich et al., ibid. 107, 8044 (2002), whose albedo of Arctic ice goes from 0.85 in
-April to 0.5 in July and back). Bare ice counts as snow: in the near infrared it is darker.
+Concentration rises over three degrees from the edge to that of the pack. :data:`WHITE_NORTH` and :data:`WHITE_SOUTH`
+are the shares of snow or white ice there; the rest, leads and in the Arctic summer ponds, counts as water
+(concentrations after C. L. Parkinson and D. J. Cavalieri, J. Geophys. Res. 113, C07003 and C07004 (2008); ponds after
+D. K. Perovich et al., ibid. 107, 8044 (2002)). Bare ice counts as snow, although it is darker in the near infrared.
 """
 
 from __future__ import annotations
@@ -26,11 +25,9 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 
 SECTORS = 36
-"""Of ten degrees of longitude, the first from 180 to 170 W; edges hold in their middles."""
+"""Number of sectors of ten degrees of longitude, the first from 180 to 170 W; edges apply in their middles."""
 EDGE_DEG = 3.0
-"""Latitudes from the first ice to the pack."""
-EXTENT_SHARE = 0.15
-"""Concentration from which the sea counts as frozen in published extents."""
+"""Width in latitude of the transition from open water to the pack."""
 
 _WINTER_NORTH = (
     60, 58.5, 65, 65, 65, 65, 65, 65, 55, 50, 50, 47, 58, 65, 66, 69, 72, 74,
@@ -48,9 +45,6 @@ _SUMMER_SOUTH = (
     78, 77, 74.5, 73, 72.5, 72, 71.5, 71, 70.5, 70, 70, 68, 65.5, 66, 70, 72, 72, 70.5,
     69.5, 69.5, 69, 68, 68, 66, 66.5, 67, 66, 65.5, 64.5, 65.5, 65.7, 65.5, 66, 67, 69, 73,
 )  # fmt: skip
-EXTENT_NORTH = (13.91, 14.73, 14.90, 14.21, 12.79, 11.05, 8.48, 6.13, 5.22, 7.14, 9.96, 12.23)
-EXTENT_SOUTH = (5.26, 3.21, 4.27, 7.20, 10.64, 13.77, 16.24, 18.00, 18.69, 18.36, 16.14, 10.45)
-"""Published extents, million km2, January first."""
 _ADVANCE_NORTH = (0.882, 0.969, 0.986, 0.915, 0.781, 0.619, 0.305, 0.090, 0.000, 0.178, 0.480, 0.736)
 _ADVANCE_SOUTH = (0.176, 0.015, 0.100, 0.314, 0.543, 0.736, 0.878, 0.973, 1.011, 0.993, 0.872, 0.531)
 WHITE_NORTH = (0.95, 0.95, 0.95, 0.94, 0.90, 0.78, 0.58, 0.55, 0.70, 0.85, 0.91, 0.94)
@@ -71,12 +65,12 @@ def edges_deg(month: float) -> tuple[FloatArray, FloatArray]:
 
 
 def white_shares(month: float) -> tuple[float, float]:
-    """Return how much of the pack is white, north and south."""
+    """Return the white share of the pack, north and south."""
     return _at(month, WHITE_NORTH), _at(month, WHITE_SOUTH)
 
 
 def frozen(latitude_deg: ArrayLike, longitude_deg: ArrayLike, month: float) -> FloatArray:
-    """Return how far into the ice places at sea are: 0 at the edge and in open water, 1 in the pack."""
+    """Return the depth of places at sea in the ice: 0 at the edge and in open water, 1 in the pack."""
     latitude, longitude = np.asarray(latitude_deg, dtype=np.float64), np.asarray(longitude_deg, dtype=np.float64)
     middle = (np.arange(SECTORS) + 0.5) * 360.0 / SECTORS - 180.0
     north, south = (np.interp(longitude, middle, edge, period=360.0) for edge in edges_deg(month))
@@ -85,7 +79,7 @@ def frozen(latitude_deg: ArrayLike, longitude_deg: ArrayLike, month: float) -> F
 
 
 def white_share(latitude_deg: ArrayLike, longitude_deg: ArrayLike, month: float) -> FloatArray:
-    """Return how much of the sea is snow or white ice."""
+    """Return the share of the sea that is snow or white ice."""
     north, south = white_shares(month)
     return frozen(latitude_deg, longitude_deg, month) * np.where(np.asarray(latitude_deg) > 0.0, north, south)
 

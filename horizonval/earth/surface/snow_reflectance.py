@@ -1,4 +1,4 @@
-r"""Snow shines forward: how much more or less of the Sun's beam it sends to an observer than a Lambert surface would.
+"""Anisotropic reflection of the Sun's beam by snow, relative to a Lambert surface.
 
 For weakly absorbing snow, with cosines mu_sun and mu_view to the vertical and the scattering angle theta in degrees,
 
@@ -6,14 +6,13 @@ For weakly absorbing snow, with cosines mu_sun and mu_view to the vertical and t
     p = 11.1 exp(-0.087 theta) + 1.1 exp(-0.014 theta),    A = 1.247, B = 1.186, C = 5.157
 
 (A. A. Kokhanovsky and E. P. Zege, Appl. Opt. 43, 1589 (2004); A. A. Kokhanovsky, J. Geophys. Res. 118, 9325 (2013)).
-Here the factor is ``R_0 / N(mu_sun)`` with N the mean of R_0 over the upper hemisphere, weighted by mu_view: whatever
-the Sun's height, snow reflects the share of the beam that its albedo says. N is 0.99 to 1.02 for the Sun more than 9
-deg high; by as much is the factor not reciprocal.
+The factor is ``R_0 / N(mu_sun)`` with N the mean of R_0 over the upper hemisphere, weighted by mu_view, so that snow
+reflects the share of the beam given by its albedo at any Sun. N is 0.99 to 1.02 for the Sun more than 9 deg high; the
+factor violates reciprocity by as much.
 
-Left out: that snow which absorbs, in the near infrared, shines forward more than white snow and reflects more of a low
-Sun; and sastrugi, which take from the forward peak under a low Sun (S. G. Warren, R. E. Brandt, P. O'Rawe Hinton, J.
-Geophys. Res. 103, 25789 (1998)). The form holds to zenith angles of 75 deg or so; cosines are held at
-:data:`LEAST_COSINE`.
+Neglected: in the near infrared absorbing snow is more anisotropic than white snow and reflects more of a low Sun;
+sastrugi reduce the forward peak under a low Sun (S. G. Warren, R. E. Brandt, P. O'Rawe Hinton, J. Geophys. Res. 103,
+25789 (1998)). The form is valid to zenith angles of 75 deg or so; cosines are at least :data:`LEAST_COSINE`.
 """
 
 from __future__ import annotations
@@ -28,18 +27,14 @@ from horizonval.core.arrays import FloatArray
 A, B, C = 1.247, 1.186, 5.157
 LEAST_COSINE = 0.15
 NODES = 65
-"""Of the table of N, evenly over the cosine of the Sun's zenith angle."""
+"""Size of the table of N, even in the cosine of the Sun's zenith angle."""
 
 
 def reflection_function(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> FloatArray:
     """Return R_0.
 
-    Parameters
-    ----------
-    mu_sun, mu_view : array_like
-        Cosines of the angles between the vertical and Sun and observer, held at :data:`LEAST_COSINE`.
-    cosine : array_like
-        Cosine of the angle between the directions to Sun and observer.
+    ``mu_sun``, ``mu_view``: cosines of the angles between the vertical and Sun and observer. ``cosine``: that of the
+    angle between the directions to Sun and observer.
     """
     sun, view = (np.maximum(np.asarray(mu, dtype=np.float64), LEAST_COSINE) for mu in (mu_sun, mu_view))
     theta = np.degrees(np.arccos(np.clip(-np.asarray(cosine, dtype=np.float64), -1.0, 1.0)))
@@ -60,12 +55,3 @@ def mean_reflection() -> FloatArray:
     mean = np.asarray(np.sum(w * mu * found.mean(axis=-1), axis=-1))
     mean.setflags(write=False)
     return mean
-
-
-def forward_factor(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> FloatArray:
-    """Return the radiance of sunlit snow over that of a Lambert surface of the same albedo.
-
-    Parameters as for :func:`reflection_function`.
-    """
-    mean = np.interp(np.asarray(mu_sun, dtype=np.float64), np.linspace(0.0, 1.0, NODES), mean_reflection())
-    return np.asarray(reflection_function(mu_sun, mu_view, cosine) / mean)

@@ -1,19 +1,18 @@
-r"""Sudden stratospheric warmings: what they do to temperature, and how often there is one.
+"""Sudden stratospheric warmings: their temperature change and their frequency.
 
-The polar stratosphere warms by some tens of kelvin within days, while the mesosphere above it cools; the warm air lies
+The polar stratosphere warms by some tens of kelvin within days, while the mesosphere above it cools; the warm air is
 off the pole at first. With the share of latitude c (0 at 45 deg, 1 from 70 deg on) and the profile v over log-pressure
 height::
 
     dT = W v(z) [c + 0.35 sin(c pi / 2) (cos(phi) / cos(65 deg)) cos(lambda - lambda_0 + tilt z)],
     v(z) = exp(-((z - 33 km) / 9 km)^2 / 2) - 0.5 exp(-((z - 68 km) / 9 km)^2 / 2)
 
-W is the mean over the polar cap at its warmest, near 8 hPa. The shape is that of composites (V. Limpasuvan et al., J.
-Climate 17, 2584 (2004): warm by 30 to 40 K in single cases from 10 to 1 hPa, cold above, weaker and later below), the
-figures are round.
+W is the mean over the polar cap at its warmest, near 8 hPa. Shape and rounded values follow the composites of V.
+Limpasuvan et al., J. Climate 17, 2584 (2004).
 
-In the north six winters of ten see a major warming (A. J. Charlton and L. M. Polvani, J. Climate 20, 449 (2007)); the
-stratosphere is warm for some 20 of 120 days: one winter day in ten. In the south one spring in twenty. Drawn warmings
-have W from 25 to 55 K, evenly.
+In the north six winters of ten have a major warming (A. J. Charlton and L. M. Polvani, J. Climate 20, 449 (2007)),
+which lasts some 20 of 120 days: one winter day in ten. In the south it is one spring in twenty. Random warmings have W
+uniform from 25 to 55 K.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from horizonval.core.arrays import FloatArray
 WARM_M, COLD_M, DEEP_M = 33e3, 68e3, 9e3
 COLD_SHARE, WAVE_SHARE = 0.5, 0.35
 TILT_PER_M = 0.45 / 7000.0
-"""Phase per height, as the planetary waves of :mod:`horizonval.earth.weather.field`."""
+"""Phase per height of the planetary waves of :mod:`horizonval.earth.weather.field`."""
 NORTH_DAYS, SOUTH_DAYS = 0.1, 0.003
 DRAWN_K = (25.0, 55.0)
 
@@ -38,7 +37,7 @@ def winter_pole(month: float) -> int:
 
 
 def chance(month: float) -> float:
-    """Return the probability that a day of a month lies in a warming: of winter, and nothing in its outer months."""
+    """Return the probability of a warming on a day of a month; 0 outside the inner months of winter."""
     pole = winter_pole(month)
     middle = 1.5 if pole > 0 else 8.5
     inner = abs((month - middle + 6.0) % 12.0 - 6.0) <= 2.0

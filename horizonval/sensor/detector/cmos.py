@@ -45,19 +45,8 @@ def respond(
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
     """Return digital numbers, shape (H, W), and the settings that an image carries.
 
-    Parameters
-    ----------
-    radiance : callable
-        Gives the checked radiance of a band, shape (H, W).
-    truth : FrameTruth
-        For how the camera turns and where it flies.
-    geometry, camera, detector
-    band : Band
-        The one asked for; a mosaic needs the other colours too.
-    behind : callable, optional
-        Gives the radiance of a band without parts of the spacecraft, where the frame has some.
-    rng : callable
-        See :data:`Streams`. Without noise the pixels do not differ either.
+    ``radiance`` gives the checked radiance of a band, shape (H, W); a mosaic asks for all colours. ``behind`` gives it
+    without parts of the spacecraft, where the frame has some. Without noise (:data:`Streams`) pixels do not differ.
     """
     bits, black, full_well = detector.bits, detector.black_level_dn, detector.full_well_e
     noisy, unit = rng("read") is not None, fixed_pattern.unit(camera.camera.name, truth)
@@ -88,17 +77,7 @@ def respond(
 
 @dataclass(frozen=True, eq=False)
 class ExpectedCharge:
-    """What the pixels are expected to collect, before anything is counted.
-
-    Attributes
-    ----------
-    electrons : ndarray, shape (H, W)
-        Photoelectrons, smear included; of a unit whose pixels differ, as these see it.
-    dark : ndarray, shape (H, W)
-        Dark electrons.
-    seconds : float
-        Exposure.
-    """
+    """Expected charge of the pixels: photoelectrons with smear, dark electrons, shape (H, W) each, and the exposure."""
 
     electrons: FloatArray
     dark: FloatArray
@@ -112,19 +91,7 @@ def electrons_per_dn(detector: Cmos) -> float:
 
 
 def radiance_per_dn(camera: CameraSpec, detector: Cmos, band: Band, seconds: float) -> float:
-    """Return the band radiance on the axis that one more digital number stands for [W m-2 sr-1].
-
-    As data sheets have it: area and transmission of the lens, exposure, quantum efficiency and converter.
-
-    Parameters
-    ----------
-    camera : CameraSpec
-    detector : Cmos
-    band : Band
-        The one of the image; of a mosaic its colour.
-    seconds : float
-        Exposure.
-    """
+    """Return the band radiance on the axis per digital number [W m-2 sr-1], by the data sheet, at an exposure."""
     geometry = camera_from_spec(camera.camera)
     pitch_m = detector.pixel_pitch_um * 1e-6
     area_m2 = optics.pupil_area_m2(geometry.fx * pitch_m, camera.optics.f_number)

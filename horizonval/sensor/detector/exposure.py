@@ -1,18 +1,15 @@
-"""Photons to electrons: the counting process in a pixel's photodiode.
+"""Photons to electrons: the counting process in a pixel's photodiode, and automatic exposure.
 
-The band's response of a solar band is a quantum efficiency, and its band radiance weighs photons by their wavelength
-over ``lambda_ref`` (:mod:`horizonval.earth.spectral.bands`), so that the mean count follows exactly::
+The response of a solar band is a quantum efficiency, and its band radiance weights photons by their wavelength over
+``lambda_ref`` (:mod:`horizonval.earth.spectral.bands`), so that the mean count is exactly::
 
     electrons = P t QE_peak lambda_ref / (h c)
 
-Photoelectrons and dark electrons are Poisson distributed, each from its own stream. The dark current doubles every few
-kelvin. The silicon is taken as linear up to the full well; neglected is its memory of the last exposure.
+Photoelectrons and dark electrons are Poisson distributed, from separate streams. The silicon is taken as linear up to
+the full well; its memory of the last exposure is neglected.
 
-The exposure a camera chooses for itself.
-
-From the expected image: the given percentile of the pixels' electrons, which grow in proportion to the exposure, shall
-be the target share of the full well. A dark frame gets the longest exposure; a sunlit one that would saturate even with
-the shortest keeps that.
+An automatic exposure brings the given percentile of the pixels' expected electrons to the target share of the full
+well, within its shortest and longest exposure.
 """
 
 from __future__ import annotations
@@ -41,10 +38,9 @@ def dark_current_ratio(temperature_c: float | None, reference_c: float | None, d
 def count(expected: FloatArray, full_well_e: float, rng: np.random.Generator) -> FloatArray:
     """Return Poisson counts, shape of ``expected``.
 
-    Expected counts above 100 full wells (the Sun) come back as they are. The pixel saturates either way, a count below
-    one full well being 99 of ten (for a full well of one electron) or more standard deviations away, and what spills
-    over is right within 3 %, for wells of 10 000 electrons within 0.1 %. It keeps the generator inside the range of its
-    integers.
+    Expected counts above 100 full wells (the Sun) are returned as they are: the generator stays inside the range of its
+    integers. The pixel saturates either way, and what spills over is right within 3 %, for wells of 10 000
+    electrons within 0.1 %.
     """
     limit = 100 * full_well_e + 1000
     return np.where(expected > limit, expected, rng.poisson(np.minimum(expected, limit)))

@@ -1,25 +1,18 @@
-"""Charge to converter input: what a pixel can hold, and what reading it adds.
+"""Charge to digital numbers: smear, full well, blooming, read noise, and an ideal converter.
 
-Electrons beyond the full well are lost; the read noise of the amplifier chain is Gaussian, the same for every pixel
-and independent of the charge. Neglected: the bend of the response just below saturation, and random telegraph noise
-of single pixels.
-
-Charge on its way through the array: smear of a frame transfer, and what spills over a full well.
+Electrons beyond the full well are lost. The read noise is Gaussian, the same for every pixel and independent of the
+charge. ``dn = floor(black + signal / gain + 1/2)``, clipped to 0 and ``2^bits - 1``.
 
 **Smear.** A frame-transfer CCD has no shutter. While the image is shifted to its storage, one row in ``row_time_s``,
-and before that while the last one was shifted out, every packet passes all other rows of its column and collects there
-as if exposed for one row time::
+and before that while the last one was shifted out, every packet passes all other rows of its column::
 
     smear(r) = row_time * sum over the other rows of the column of rate
 
 **Blooming.** Electrons beyond the full well spill along the column, half of them up and half down, until they find room
-or leave the array. Down first, then up: where two overfull stretches compete for the same room the upper one gets it.
-Arrays with drains (all modern CMOS) lose the excess instead.
+or leave the array; down first, so that the upper of two overfull stretches gets the room between them. Arrays with
+drains (all modern CMOS) lose the excess instead.
 
-Signal to digital numbers: an ideal converter.
-
-``dn = floor(black + signal / gain + 1/2)``, clipped to 0 and ``2^bits - 1``. The black level keeps the lower half of
-the read noise. Neglected: differential non-linearity.
+Neglected: the bend of the response just below saturation, random telegraph noise, differential non-linearity.
 """
 
 from __future__ import annotations

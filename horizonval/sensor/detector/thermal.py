@@ -1,34 +1,26 @@
-"""Detectors that warm up: microbolometers, thermopiles, linear arrays. Radiance to digital numbers.
+"""Thermal detectors: microbolometers, thermopiles, linear arrays. Radiance to digital numbers.
 
-Such a detector absorbs power, warms up, and reads the power's *difference* to that of a closed shutter or chopper. With
-that reading subtracted what is left is proportional to the band radiance of the scene; everything is kept in units of
-the radiance on the axis that gives as much power::
+Such a detector reads the *difference* of the absorbed power to that of a closed shutter or chopper. With that reading
+subtracted the signal is proportional to the band radiance of the scene, and everything is in units of the radiance on
+the axis that gives as much power::
 
     signal = response * (lens of L, dragged by the time constant)  +  offsets  +  noise
 
 A pixel follows with the time constant tau: a turning camera's image is the mean over the past with weight
-``exp(-s / tau) / tau``. Offsets are what the last correction left and what has drifted since, given as temperature
-differences of a 300 K scene. A chopped (pyroelectric) element takes the difference of two looks: its noise is sqrt(2)
-larger, and it has no offsets. The converter's ends are the band radiances of black bodies.
+``exp(-s / tau) / tau``. Offsets are the residue of the last correction and the drift since, as temperature differences
+of a 300 K scene. A chopped (pyroelectric) element reads the difference of two samples: its noise is sqrt(2) larger, and
+it has no offsets. The converter's ends are the band radiances of black bodies.
 
-Neglected: the lens's own glow (subtracted with the shutter's reading; what changes of it since is the drift), heat
-flowing between pixels, and the bend of the response over the converter's range.
+The noise of resistor and read-out is independent of the scene. It is given either as the temperature difference NETD of
+a 300 K scene that equals it through a loss-free lens of f-number N0 (a slower or darker lens brings less power per
+radiance to the detector), or as detectivity D* (R. C. Jones) of an element of area A read with bandwidth B, with the
+etendue of :mod:`horizonval.sensor.lens.optics`::
 
-Noise and scale of thermal detectors, in units of the scene's band radiance.
+    sigma_L = NETD dL/dT(300 K) (N / N0)^2 / tau
+    NEP = sqrt(A B) / D*,      sigma_L = NEP / (tau A pi / (4 N^2))
 
-The noise is that of the resistor and the read-out, hence independent of the scene. It is given
-
-- as the temperature difference NETD of a 300 K scene that equals it, seen through a loss-free lens of f-number N0. A
-  slower or darker lens brings less power per radiance to the detector::
-
-      sigma_L = NETD dL/dT(300 K) (N / N0)^2 / tau
-
-- or as detectivity D* of an element of area A read with bandwidth B::
-
-      NEP = sqrt(A B) / D*,      sigma_L = NEP / (tau A pi / (4 N^2))
-
-(R. C. Jones's D*; the etendue of a pixel on the axis is that of :mod:`horizonval.sensor.lens.optics`.) Photon noise is
-two orders below.
+Neglected: the change of the lens's own emission since the shutter's reading, which is part of the drift; heat between
+pixels; the bend of the response over the converter's range; photon noise, two orders below.
 """
 
 from __future__ import annotations
@@ -92,7 +84,7 @@ SIGMA_PER_FWHM = 1.0 / np.sqrt(8.0 * np.log(2.0))
 LAGUERRE_POINTS = 16
 LAGUERRE_PX = 4.0
 SLICE = 2.5e-3
-"""Of an edge's contrast: no step of a dragged edge is higher than this or a pixel's share of the drag."""
+"""Of an edge's contrast: the largest step of a dragged edge, unless a pixel's share of the drag is larger."""
 
 
 def respond(
@@ -134,7 +126,7 @@ def expected_signal(
     band: Band,
     behind: FloatArray | None = None,
 ) -> FloatArray:
-    """Return what like pixels without noise would read [W m-2 sr-1], shape (H, W); parameters as in :func:`respond`."""
+    """Return the noise-free signal of equal pixels [W m-2 sr-1], shape (H, W); parameters as in :func:`respond`."""
     pitch_m = detector.pixel_pitch_um * 1e-6
     signal = image_plane.radiance_on_axis(radiance, geometry, camera.optics, pitch_m, band, sun_of(truth))
     turn = motion.rate_cam_rad_s(truth)
@@ -220,8 +212,8 @@ def lag_by_time_constant(
 def lag_quadrature(drag_px: float) -> tuple[FloatArray, FloatArray]:
     """Return ages, in time constants, and weights of sum 1 that stand for ``exp(-age)``.
 
-    A short drag takes Gauss and Laguerre's points. They are too far apart for edges that are dragged over many pixels:
-    those take slices of a pixel of the way, later slices of equal weight, each at its mean age.
+    A short drag uses Gauss-Laguerre points. For edges dragged over many pixels they are too far apart; then slices of a
+    pixel of the way are used, later slices of equal weight, each at its mean age.
     """
     if drag_px < LAGUERRE_PX:
         return np.polynomial.laguerre.laggauss(LAGUERRE_POINTS)

@@ -1,19 +1,19 @@
-"""Convolution that keeps a Sun 1e9 times brighter than the limb apart from what is faint.
+"""Convolution that keeps the rounding errors of a Sun 1e9 times brighter than the limb away from faint pixels.
 
-Fourier transforms leave rounding errors that are even over the image, some 1e-16 of its root of summed squares: with a
-Sun in it that is much against a faint limb. Two ways round it:
+Fourier transforms leave rounding errors that are even over the image, some 1e-16 of its root of summed squares. Two
+cases avoid this:
 
 * The core of a point spread is narrow and steep. The few pixels above 1000 times the median of the lit ones are taken
-  out and their kernels added one by one, exact relative to themselves; the rest goes through the transform.
-* The wings are wide and flat, none of their values above a thousandth or so, and the errors of the transform shrink
-  with them: 1e-9 of the limb for that Sun.
+  out and their kernels added one by one, exact relative to themselves; the rest is transformed.
+* The wings are wide and flat, none of their values above a thousandth or so, and the errors shrink with them: 1e-9 of
+  the limb for that Sun.
 
-Both transforms are padded, so that nothing comes round from the opposite border. Where the exact result is 0 the
-transform leaves a value of either sign at the rounding error; those below 0 are set to 0, and a value farther below
-than rounding explains is an error, not clipped. The transforms run on all cores and give the same bytes on any number.
+Transforms are padded, so that nothing wraps round. Where the exact result is 0 the transform leaves a rounding error of
+either sign; values below 0 are set to 0, and a value farther below than rounding explains is an error. The bytes do not
+depend on the number of cores.
 
-Light that leaves the image over its border is lost. What comes in from outside nobody knows. It is guessed: for the
-core the border pixel goes on, for the wings the mean of what they see inside. A bright pixel goes on in neither guess.
+Light that leaves the image is lost. The scene outside is guessed: for the core it is the border pixel, for the wings
+the mean of what they see inside. A bright pixel is in neither guess.
 """
 
 from __future__ import annotations
@@ -43,16 +43,9 @@ _KEPT_BYTES = 64_000_000
 
 
 def spread_core(image: FloatArray, kernel: FloatArray, border: Border = "edge") -> FloatArray:
-    """Return the image spread with a small kernel, shape (H, W).
+    """Return the image (H, W), not below 0, spread with a small kernel (2 r + 1, 2 r + 1), not below 0 and even.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Not below 0.
-    kernel : ndarray, shape (2 r + 1, 2 r + 1)
-        Not below 0, even in both offsets.
-    border : {"edge", "dark"}
-        Outside the image. A bright pixel at the border is not repeated outside: that would be a row of Suns.
+    A bright pixel at the border is not repeated outside: that would be a row of Suns.
     """
     reach = len(kernel) // 2
     bright = _bright_pixels(image)
@@ -75,16 +68,9 @@ def spread_core(image: FloatArray, kernel: FloatArray, border: Border = "edge") 
 def spread_wings(image: FloatArray, quadrant: FloatArray, total: float | None = None) -> FloatArray:
     """Return the image spread with a kernel as large as itself, shape (H, W).
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Not below 0.
-    quadrant : ndarray, shape (H, W)
-        The kernel at offsets (0..H - 1, 0..W - 1), not below 0; even in both offsets.
-    total : float, optional
-        The kernel's sum over the whole plane. Where it is given, the scene outside the image is taken to be, for each
-        pixel, the kernel's mean over what is inside (bright pixels excepted): an even image stays even. Left out, the
-        outside is dark.
+    ``quadrant`` (H, W) is the kernel at offsets (0..H - 1, 0..W - 1), even in both. ``total`` is its sum over the whole
+    plane: the scene outside the image is then taken, for each pixel, to be the kernel's mean over what is inside
+    (bright pixels excepted), so that an even image stays even. Without it the outside is dark.
     """
     if total is None:
         return _dark_outside(image, quadrant)

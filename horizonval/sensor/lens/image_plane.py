@@ -1,18 +1,17 @@
-"""The lens: from the radiance of the scene to what falls on the pixels.
+"""The lens: from the radiance of the scene to the power on the pixels.
 
-Cameras that count photons want the power on each pixel; those that warm up want the radiance that would give the same
-power on the axis. Both go through the same stages, in the order of the light::
+Cameras that count photons use the power on each pixel; thermal cameras use the radiance that would give the same power
+on the axis. Both go through the same stages, in the order of the light::
 
     collected    solid angle, pupil, vignetting                                 (optics)
-    ghosts       added                                                          (ghosts)
+    ghosts       added                                                          (stray_light)
     spread       aberration, diffraction, defocus, scatter                      (lens_spread)
     stray light  of the Sun outside the image: through the wings of the lens,   (stray_light)
                  brought to the level of the baffle's table where one is given
 
-Without a table the wings go on as they were when the Sun leaves the image. A table says how bright the middle of the
-image is: wings that are fainter there get an even veil under them, brighter ones are dimmed. So the halo of a Sun just
-outside stays what it was as long as the table is not below
-:func:`horizonval.sensor.lens.scatter.point_source_transmittance` at the border.
+A baffle's table gives the irradiance in the middle of the image: wings that are fainter there get an even veil added,
+brighter ones are dimmed. The halo of a Sun just outside does not change while the table is not below the wings' own
+``PST = tau pi / (4 N^2) cos(theta) K(tan theta) (f / pitch)^2`` at the border (:mod:`horizonval.sensor.lens.scatter`).
 """
 
 from __future__ import annotations
@@ -40,17 +39,8 @@ def radiance_on_axis(
 ) -> FloatArray:
     """Return the radiance [W m-2 sr-1] that on the axis would give every pixel the power it gets, shape (H, W).
 
-    The transmission is not in it: stray light, whose table has it, is divided by it.
-
-    Parameters
-    ----------
-    radiance : ndarray, shape (H, W)
-        Band radiance of the scene.
-    geometry, lens
-    pixel_pitch_m, band : optional
-        For diffraction and defocus.
-    sun : Sun, optional
-        Where the Sun is; None leaves out its stray light from outside the image. Needs the band.
+    The transmission is not in it: stray light, whose table has it, is divided by it. Pitch and band are needed for
+    diffraction and defocus; without a Sun there is no stray light from outside the image.
     """
     light = radiance * optics.relative_illumination(geometry, lens)
     on_axis_power = math.pi * lens.transmission / (4 * lens.f_number**2)
@@ -82,10 +72,10 @@ def _through(
     per_source_irradiance: float,
     per_detector_irradiance: float,
 ) -> FloatArray:
-    """Return the light after all that follows the collection, in its own unit.
+    """Return the light after all stages that follow the collection, in its own unit.
 
-    The last two numbers turn an irradiance across the Sun's rays, gathered by the pupil into one point, and one on the
-    detector into the light's unit.
+    The last two numbers convert to it an irradiance across the Sun's rays, gathered by the pupil into one point, and
+    one on the detector.
     """
     if lens.ghost:
         light = light + sum(stray_light.ghost_image(light, geometry, ghost) for ghost in lens.ghost)

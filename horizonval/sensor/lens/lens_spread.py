@@ -1,61 +1,40 @@
 """The point spread of the whole lens: core and wings.
 
-The share 1 - TIS of a point's light goes into the core (aberration, diffraction, defocus; over the field if it
-changes), the share TIS into the scatter wings over the whole image. What diffraction throws beyond the core's square
-joins the wings. A lens with nothing but a Gaussian keeps the direct convolution of
-:mod:`horizonval.sensor.lens.lens_spread`.
+The share 1 - TIS of a point's light goes into the core (aberration, diffraction, defocus), the share TIS into the
+scatter wings over the whole image. What diffraction throws beyond the core's square joins the wings.
 
-Outside the image the core takes the scene to go on as in the border pixel and the wings as the mean of what they see
+Outside the image the core takes the scene to continue as in the border pixel and the wings as the mean of what they see
 inside, a Sun excepted, so that an even scene stays even. The second guess is wrong by at most the contrast of the scene
 times the wings' share outside, half of TIS on the border. The Sun outside: :mod:`horizonval.sensor.lens.stray_light`.
 
-The lens as a blur: a Gaussian point spread.
+**Gaussian.** The kernel is the Gaussian at whole pixels, scaled to a sum of 1 and cut at 8 sigma, where it is below
+1e-13 of its peak. Integration over the pixel is not in it: the renderer averages over pixels. Its variance is
+``sigma^2`` within 0.3 % from sigma = 0.7 pixels on; below, whole pixels are too coarse (98 % at 0.6, 86 % at 0.5, 9 %
+at 0.3), which matters little next to the pixel's own 0.29. The convolution is direct: rounding errors stay relative to
+each pixel's value, so that a Sun 1e9 times brighter than the limb leaves no ripples.
 
-The kernel is the Gaussian at whole pixels, scaled to a sum of 1, cut where it is below 1e-13 of its peak (8 sigma).
-Integration over the pixel is not in it: the renderer averages over pixels. Its variance is ``sigma^2`` within 0.3 %
-from sigma = 0.7 pixels on; below, whole pixels are too coarse to carry it (98 % at 0.6, 86 % at 0.5, 9 % at 0.3), which
-matters little beside the pixel's own 0.29.
-
-The convolution is done directly, not with a Fourier transform: rounding errors stay relative to each pixel's own
-value, so that a Sun 1e9 times brighter than the limb leaves no ripples and nothing below zero.
-
-Beyond the border the scene is taken to go on as in the border pixel: light from there is guessed within 3 sigma of the
-border, and no dark frame appears around the image.
-
-A point spread that widens towards the corners.
-
-The standard deviation of the Gaussian is given against the field angle, linear between entries, constant beyond them.
-Light from a place between two entries is shared between their two Gaussians so that the mixture has the variance wanted
-there::
+**Over the field.** The standard deviation is given against the field angle, linear between entries, constant beyond.
+Light between two entries is shared between their Gaussians so that the mixture has the right variance::
 
     w = (sigma^2 - sigma_a^2) / (sigma_b^2 - sigma_a^2)
 
-The shares of every pixel sum up to 1 and each Gaussian keeps its light, so that none is lost or made. The mixture's
-shape is not Gaussian between the entries: closer entries, better shape. An even scene gets a dent or a bump of some
-0.6 % where the widening sets in or ends at once (0.6 to 1.5 pixels over 30 deg of a 200-pixel image), as light that
-spreads unevenly does.
+No light is lost or made. The mixture is not Gaussian between the entries. An even scene gets a dent or a bump of some
+0.6 % where the widening begins or ends abruptly (0.6 to 1.5 pixels over 30 deg of a 200-pixel image).
 
-The core of the point spread: diffraction, aberration and defocus as one kernel on whole pixels.
-
-The transfer functions of the three multiply::
+**Diffraction and defocus.** The transfer functions multiply::
 
     T(f) = T_diffraction(f)  exp(-2 pi^2 sigma^2 f^2)  2 J1(2 pi a f) / (2 pi a f),     a = |defocus| / (2 N)
 
-the last being the evenly lit disc of a detector that stands ``defocus`` beside the focus (geometric, without the
-rings of diffraction in it). With W = |defocus| / (8 N^2) this is within 0.06 of the exact modulation of a defocused
-pupil (H. H. Hopkins, Proc. R. Soc. A 231, 91 (1955)) from W = 3 wavelengths on and within 0.07 below a tenth of one;
-between, around half a wavelength, it is too low by up to 0.22. The kernel is the product's Fourier integral at whole
-pixels.
-
-The frame's pixels are means over their area already, so that the kernel has no pixel in it as long as whole pixels can
-carry the pattern, that is, as long as nothing is left of T from one cycle per pixel on. A finer pattern would be caught
-on or between its rings by chance. It is therefore averaged over the pixel after all: the kernel then says which share
-of a point's light falls on which pixel. The variance that this adds, 1/12 px^2, is taken off the Gaussian's, so that
-the total is as wide as it should; where sigma is below 0.29 px the Gaussian is left out and up to 1/12 px^2 is too
-much, which is what one cannot know of a point inside its pixel.
-
-The kernel is cut at a square. What diffraction throws beyond goes on as its mean power law
+the last being the evenly lit disc of a defocused detector (geometric, without rings). With W = |defocus| / (8 N^2) this
+is within 0.06 of the exact modulation of a defocused pupil (H. H. Hopkins, Proc. R. Soc. A 231, 91 (1955)) from W = 3
+wavelengths on and within 0.07 below a tenth of one; around half a wavelength it is too low by up to 0.22. The kernel is
+the product's Fourier integral at whole pixels, cut at a square; beyond, diffraction goes on as its mean power law
 (:func:`horizonval.sensor.lens.diffraction.far_pattern`) in the wings.
+
+The frame's pixels are means over their area, so the kernel contains no pixel as long as nothing is left of T from one
+cycle per pixel on. A finer pattern is averaged over the pixel, so that the kernel gives each pixel's share of a point's
+light. The variance that this adds, 1/12 px^2, is subtracted from the Gaussian's; where sigma is below 0.29 px up to
+1/12 px^2 is too much, which is the uncertainty of a point inside its pixel.
 """
 
 from __future__ import annotations
@@ -121,17 +100,7 @@ def core_kernel(
     """Return the core kernel, shape (2 reach + 1, 2 reach + 1), read-only.
 
     It holds the share of a point's light per pixel, none below 0, and sums up to 1 less what diffraction throws beyond.
-
-    Parameters
-    ----------
-    sigma_px, defocus_radius_px : float
-        Gaussian and disc.
-    band : Band or None
-        None leaves diffraction out.
-    f_number, pitch_m : float
-        For diffraction.
-    reach : int
-        From :func:`reach_px`.
+    ``band`` None leaves diffraction out; ``reach`` is from :func:`core_reach_px`.
     """
     # Bands hold lists and cannot be keys of a cache; their text can.
     return _kernel(sigma_px, defocus_radius_px, band and band.model_dump_json(), f_number, pitch_m, reach)
@@ -187,10 +156,8 @@ def _transfer_at(
 def _sampled(
     period: int, sigma: float, radius: float, band: Band | None, f_number: float, pitch_m: float, averaged: bool
 ) -> FloatArray:
-    """Return the pattern at whole pixels, shape (period, period), its centre at [0, 0].
-
-    Frequencies beyond half a cycle per pixel are folded back: that is what sampling does.
-    """
+    """Return the pattern at whole pixels, shape (period, period), its centre at [0, 0]."""
+    # Frequencies beyond half a cycle per pixel are folded back: that is what sampling does.
     folds = _folds(sigma, radius, band, f_number, pitch_m)
     base = fft.fftfreq(period)
     total = np.zeros((period, period // 2 + 1))
@@ -226,21 +193,9 @@ def spread(
 ) -> FloatArray:
     """Return the image as the lens spreads it, shape (H, W), in the image's unit.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Light per pixel, not below 0.
-    camera : CameraModel
-    lens : Optics
-    band, pixel_pitch_m : optional
-        For diffraction and defocus.
-    border : {"edge", "dark"}
-        What is taken to be outside the image: "edge" guesses as above, "dark" is for the bookkeeping of light.
-
-    Raises
-    ------
-    UserError
-        Diffraction or defocus without what they need, or wider than a kernel can be.
+    The image is not below 0. Band and pitch are needed for diffraction and defocus. ``border``: "edge" continues the
+    scene outside, "dark" counts the light that is lost. UserError: something needed is missing, or the core is wider
+    than a kernel can be.
     """
     core = None
     for sigma, share in _over_field(camera, lens):
@@ -261,8 +216,7 @@ def lost_share(
 ) -> FloatArray:
     """Return the share of every pixel's light that leaves the image over its border, shape (H, W).
 
-    The kernels being even, a pixel's light goes where light of its own kernel would come from: what stays of it is what
-    the same kernel makes of an image of ones that is dark outside.
+    Kernels are even: what stays of a pixel's light is what its kernel makes of an image of ones that is dark outside.
     """
     ones = np.ones((camera.height, camera.width))
     core = np.zeros_like(ones)

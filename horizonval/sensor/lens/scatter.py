@@ -93,15 +93,3 @@ def _pixel_means(scatter: Scatter, rows: int, columns: int, fx: float, fy: float
     means = np.einsum("iajb,a,b->ij", share, weight, weight) / (fx * fy)
     means[0, 0] = share_in_rectangle(scatter, 0.5 / fx, 0.5 / fy)
     return means
-
-
-def point_source_transmittance(
-    scatter: Scatter, angle_rad: FloatArray, f_number: float, transmission: float
-) -> FloatArray:
-    """Return the irradiance in the middle of the image over that of a far point, below 90 deg off the axis.
-
-    ``PST = tau pi / (4 N^2) cos(theta) K(tan theta) (f / pitch)^2``: the level at which a stray-light table joins the
-    wings at the border of the field.
-    """
-    share = image_share(scatter, np.tan(angle_rad) ** 2)
-    return transmission * math.pi / (4 * f_number**2) * np.cos(angle_rad) * share

@@ -1,34 +1,25 @@
-"""Sunlight from outside the image that finds its way to the detector.
+"""Sunlight from outside the image that reaches the detector, and ghosts.
 
-A camera with its baffle is described by its point-source transmittance against the angle between Sun and boresight::
+**Stray light.** A camera with its baffle has a point-source transmittance against the angle between Sun and boresight::
 
     PST(theta) = irradiance on the detector / irradiance across the Sun's rays at the aperture
     E_detector = PST(theta) E_sun (share of the disc in view and outside the image)
 
 (E. Fest, *Stray Light Analysis and Control*, SPIE 2013; the lens's transmission is in it.) It holds in the middle of
-the image. What the wings of the lens do not explain of it is taken as even over the detector: it has been scattered
-from baffle and barrel, far from any image (:mod:`horizonval.sensor.lens.image_plane`). The logarithm of the table is
-linear in the angle.
+the image. What the wings of the lens do not explain of it is even over the detector: it was scattered by baffle and
+barrel (:mod:`horizonval.sensor.lens.image_plane`). The logarithm of the table is linear in the angle. While the Sun's
+disc crosses the border of the image, the part inside is rendered and the part outside uses this table.
 
-While the Sun's disc crosses the border of the image, the part inside is rendered and scattered by the lens, and the
-part outside goes through this table.
+Neglected: attenuation of the sunlight by the Earth's air; the part of the disc behind the Earth is taken as evenly
+spread over the parts inside and outside the image; stray light of Earth and Moon outside the image.
 
-Neglected: sunlight on its way through the Earth's air keeps its full strength as long as the disc is seen past the
-solid Earth; the share of the disc behind the Earth is taken as evenly spread over the parts inside and outside the
-image; stray light of the Earth and the Moon outside the image.
+**Ghosts** are images by two reflections in the lens, scaled about the principal point c and then blurred::
 
-Ghosts: faint images of the scene by two reflections between lens surfaces or the detector's window.
+    ghost(p) = ratio / scale^2 * image(c + (p - c) / scale)
 
-A ghost is the image scaled about the principal point c, seldom in focus::
-
-    ghost(p) = ratio / scale^2 * image(c + (p - c) / scale),   then blurred
-
-Every pixel of the image is taken as evenly lit, and its light is shared among the pixels that its scaled square covers:
-the ghost of all that stays in the image holds ``ratio`` times its light, exactly, and nothing is below 0. The light is
-added: what reflections take from the image is in the lens's measured transmission.
-
-Neglected: change of the ratio over the field and of the shape (a pupil's image, mostly); ghosts of what is outside the
-image.
+Every pixel is evenly lit, and its light is shared among the pixels that its scaled square covers, so that the ghost of
+what stays in the image holds exactly ``ratio`` times its light. The light is added: what reflections take from the
+image is in the lens's measured transmission. Neglected: change over the field, and ghosts of what is outside the image.
 """
 
 from __future__ import annotations
@@ -67,7 +58,7 @@ class Sun:
 
 
 def sun_of(truth: FrameTruth) -> Sun:
-    """Return the Sun's irradiance across its rays [W m-2], weighted by the band's response."""
+    """Return the Sun of a truth, less the share of its disc behind parts of the spacecraft."""
     before_parts = 1.0 - truth.parts["hidden_sun"] if truth.parts else 1.0
     return Sun(truth.sun_cam, truth.sun_angular_radius_rad, truth.sun_visible_fraction * before_parts)
 
@@ -84,10 +75,7 @@ def band_irradiance(band: Band, angular_radius_rad: float) -> float:
 
 
 def outside_image(camera: CameraModel, sun: Sun) -> tuple[float, FloatArray]:
-    """Return the share of the Sun's disc outside the image, and the unit vector to the middle of that share.
-
-    Counted on 2048 points of equal area: to 0.3 % of the disc.
-    """
+    """Return the share of the Sun's disc outside the image, to 0.3 %, and the unit vector to the middle of it."""
     # Points of a sunflower: the square root makes areas equal, the golden angle spreads them.
     index = np.arange(_DISC_POINTS) + 0.5
     radius = np.sqrt(index / _DISC_POINTS) * math.tan(sun.angular_radius_rad)
@@ -136,7 +124,7 @@ def ghost_image(image: FloatArray, camera: CameraModel, ghost: Ghost) -> FloatAr
 
 
 def _axis_map(size: int, centre: float, scale: float) -> csr_array:
-    """Return the matrix that takes light along one axis to its places in the ghost; columns sum to 1 or less."""
+    """Return the matrix that moves light along one axis to the ghost; columns sum to 1 or less."""
     source = np.arange(size)
     ends = centre + (np.stack([source - 0.5, source + 0.5]) - centre) * scale
     low, high = ends.min(axis=0), ends.max(axis=0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from horizonval.earth.weather import field, real_states, warming, zonal_climate
 from horizonval.earth.weather.field import WeatherField
 from horizonval.earth.weather.hydrostatic import pressure_pa, saturated_share
 from horizonval.earth.weather.zonal_climate import with_cold_poles
-from horizonval.spec.load import load_suite
 from horizonval.spec.scene import SceneSpec
 
 Z_M = np.linspace(0.0, 1e5, 201)
@@ -264,29 +262,3 @@ def test_the_modes_are_made_of_the_states() -> None:
     length = np.einsum("cmqk,cmqk->cm", shipped["modes"], shipped["modes"])
     np.testing.assert_allclose(product, length, rtol=1e-3)
     np.testing.assert_allclose((np.asarray(shipped["modes"])[..., 0, :] ** 2).sum(axis=1), 1.0, atol=1e-3)
-
-
-def test_a_suite_can_draw_its_weather(tmp_path: Path) -> None:
-    """A grid of seeds: days of weather for the same view; a Sobol range of seeds draws one for every frame."""
-    path = tmp_path / "days.toml"
-    path.write_text(
-        """
-[suite]
-name = "days"
-title = "Days"
-seed = 1
-estimators = ["guarded-altitude-free"]
-keep = "none"
-
-[defaults]
-camera = { file = "ir-bolometer-160-57deg", mount_roll_deg = 62.0 }
-platform = { epoch_utc = 2026-01-20T12:00:00Z, altitude_km = 500.0, latitude_deg = 60.0 }
-atmosphere = { profile = "weather" }
-
-[[cases]]
-name = "days"
-grid = { "atmosphere.seed" = [1, 2, 3] }
-"""
-    )
-    seeds = [case.scene.atmosphere.seed for case in load_suite(path).cases]
-    assert seeds == [1, 2, 3]

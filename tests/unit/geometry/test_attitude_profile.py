@@ -23,12 +23,6 @@ def _fly(profile, t):
     return attitude_against_lvlh(profile, _states, SUN, np.asarray(t, float))
 
 
-def test_nadir_pointing_is_still_and_level():
-    angles, rates = _fly(AttitudeProfile(), [0.0, 1000.0])
-    assert np.all(angles == 0.0)
-    assert np.all(rates == 0.0)
-
-
 def test_an_offset_is_reported_as_given():
     angles, _ = _fly(AttitudeProfile(offset_rad=(0.3, -0.2, 0.1)), [0.0, 500.0])
     assert angles == pytest.approx(np.tile([0.3, -0.2, 0.1], (2, 1)), abs=1e-12)

@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.geometry.rotation import (
-    GOLDEN_ANGLE_RAD,
     angle_between,
     fibonacci_sphere,
     off_axis_angle,
@@ -47,10 +46,6 @@ def test_the_spiral_spreads_points_evenly():
     np.fill_diagonal(cosine, -1.0)
     nearest = np.arccos(cosine.max(axis=1)) / math.sqrt(4 * math.pi / 1000)
     assert 0.7 < nearest.min() <= nearest.max() < 1.1
-
-
-def test_the_golden_angle_divides_the_circle_in_the_golden_ratio():
-    assert math.tau / GOLDEN_ANGLE_RAD - 1.0 == pytest.approx((1.0 + math.sqrt(5.0)) / 2.0)
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 1e-9, 1e-3, 1.0, 1.6, 3.0])

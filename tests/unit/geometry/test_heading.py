@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.ellipsoid import WGS84, geodetic_nadir
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.orbit import heading
 from horizonval.geometry.pose import Pose, pose_from_spec
@@ -38,22 +37,6 @@ def test_orbit_of_the_heading_has_the_inclination_of_spherical_trigonometry(
     inclination = math.acos(math.cos(geocentric_latitude) * math.sin(math.radians(heading_deg)))
     normal = np.cross(pose.r_itrs, axis_itrs(pose, 0))
     assert math.acos(normal[2] / np.linalg.norm(normal)) == pytest.approx(inclination, abs=1e-12)
-
-
-@pytest.mark.parametrize("heading_deg", [-135.0, 45.0, 60.0])
-def test_azimuth_in_the_geodetic_plane_is_another(heading_deg: float) -> None:
-    """By ``(d / 2)^2 sin(2 heading)``, which the documentation puts at 0.50 arcsec."""
-    pose = pose_of(45.0, heading_deg)
-    forward = axis_itrs(pose, 0)
-    east = np.cross([0.0, 0.0, 1.0], pose.r_itrs)
-    east /= np.linalg.norm(east)
-    up = -geodetic_nadir(pose.r_itrs, WGS84)
-    geodetic = math.atan2(forward @ east, forward @ np.cross(up, east))
-    difference = math.remainder(geodetic - math.radians(heading_deg), math.tau)
-    between = math.acos(float(up @ pose.r_itrs) / float(np.linalg.norm(pose.r_itrs)))
-    assert difference == pytest.approx((between / 2.0) ** 2 * math.sin(2.0 * math.radians(heading_deg)), rel=1e-3)
-    if abs(math.sin(2.0 * math.radians(heading_deg))) == pytest.approx(1.0):
-        assert abs(difference) / ARCSEC == pytest.approx(0.50, abs=0.005)
 
 
 def test_flown_orbits_mean_the_same_azimuth() -> None:

@@ -72,13 +72,6 @@ def test_velocity_is_the_derivative_of_position():
     assert np.linalg.norm((r1 - r0) - orbit.tod_states(elements, t)[1], axis=-1).max() < 8.0
 
 
-def test_keplers_equation_is_solved():
-    mean = np.linspace(-20, 20, 4001)
-    for e in (0.0, 0.3, 0.95):
-        found = orbit.eccentric_anomaly(mean, e)
-        assert np.abs(found - e * np.sin(found) - mean).max() < 1e-13
-
-
 def test_heading_gives_the_same_lvlh_as_position_and_velocity():
     elements = orbit.Elements(7.1e6, 0.02, 1.7, 0.4, 2.0, 0.7)
     r, v = orbit.tod_states(elements, np.linspace(0, 5000, 7))

@@ -112,27 +112,6 @@ def test_the_bound_is_that_of_differences_of_whole_pictures(picture, altitude_kn
     assert noise < known < 1.10 * reference
 
 
-@pytest.mark.parametrize(
-    ("picture", "scale", "published"),
-    [
-        (_sphere(256, 256, 20.0, (0.0, 0.0, 1.0), 35786e3), 8.0, (0.063, 0.063)),
-        (_sphere(256, 256, 60.0), 8.0, (2.97, 0.457)),
-        (_sphere(160, 120, 57.0), 1.0, (50.4, 7.3)),
-    ],
-    ids=["disc", "arc", "infrared"],
-)
-def test_the_figures_of_trials_are_reached(picture, scale, published):
-    """Arcsec of limbs of 1024 px, altitude free and known, whose contrast and direction are not written down: 20 %.
-
-    A quarter of the size has four times the angle of a pixel and a quarter of the limb: 4^1.5 times the bound.
-    """
-    information = _information(picture)
-    distance = PICTURES.RADIUS_M + picture.altitude_m
-    for altitude_known, value in zip((False, True), published, strict=True):
-        found = _tilt_arcsec(information.by_noise, picture.nadir, altitude_known=altitude_known, distance_m=distance)
-        assert found / scale == pytest.approx(value, rel=0.2)
-
-
 def test_a_full_disc_has_the_bound_in_closed_form():
     r"""Around a disc of n = 2 pi r pixels of limb, each with the information ``A^2 / (2 sqrt(pi) s sigma^2)`` on its
     place (the square of a Gaussian slope, summed), a shift by two axes shares it: trace = 2 / (n i / 2).

@@ -13,8 +13,7 @@ from synthetic import estimator, fit_of, result_row, toy_image, truth_at
 
 from horizonval.estimation.methods import ideal
 from horizonval.geometry.rotation import tangent_basis
-from horizonval.scoring import limits
-from horizonval.scoring.errors import has_sigma, score
+from horizonval.scoring.errors import score
 from horizonval.scoring.summary import BEYOND_SIGMA, rates, why_false
 from horizonval.suites.observation import observation_of
 
@@ -51,7 +50,6 @@ def test_a_claim_without_uncertainty_is_judged_by_the_default(kind, where):
             covariance = in_plane(UNSURE[kind], fit)
         extra = {"systematic_nadir_cam": np.zeros((3, 3))} if where == "total" else {}
         fit = dataclasses.replace(fit, covariance_nadir_cam=covariance, **extra)
-        assert not has_sigma(fit.nadir_cam, covariance)
         s = score(TRUTH, estimator(), fit)
         assert s.without_sigma
         assert s.nees_nadir_total is None
@@ -95,11 +93,6 @@ def test_no_claim_is_better_off_without_its_uncertainty(error, azimuth, sigmas, 
     without = score(TRUTH, estimator(), dataclasses.replace(fit, covariance_nadir_cam=nothing))
     assert without.without_sigma
     assert without.false_valid >= with_it.false_valid
-
-
-def test_the_default_is_as_large_as_it_may_be():
-    assert pytest.approx(limits.SIGMA_TEST_FLOOR_RAD) == limits.SIGMA_LIMIT * limits.DEFAULT_SIGMA_RAD
-    assert math.degrees(limits.DEFAULT_SIGMA_RAD) * 3600.0 == pytest.approx(72.0)
 
 
 def test_the_ideal_sensor_claims_what_rounding_leaves():

@@ -14,7 +14,7 @@ from horizonval.earth.limb_heights import Relief
 from horizonval.geometry.horizon import fit_cone
 from horizonval.scoring import expected as module
 from horizonval.scoring import limits
-from horizonval.scoring.expected import Expected, examine, expected_of_heads, expected_outcome
+from horizonval.scoring.expected import Expected, examine, exclusion_angle_deg, expected_of_heads, expected_outcome
 
 CLOUDS = {"clouds": {"cover": 0.5}}
 
@@ -81,25 +81,6 @@ def test_single_points_scatter_the_nadir_as_drawn_points_do(monkeypatch: pytest.
     assert seen.expected.determined_deg == pytest.approx(scatter, rel=0.25)
 
 
-def test_what_is_in_view_is_told_in_numbers() -> None:
-    """Sun's zenith and distance from the limb follow from the geometry alone; a full disc is in view all round."""
-    truth = truth_at(THERMAL_CAMERA, altitude_km=35786.0, sun_zenith_deg=40.0, sun_azimuth_deg=180.0)
-    told = expected_outcome(truth)
-    assert told.horizon_fraction_in_view == 1.0
-    assert told.sun_zenith_deg == pytest.approx(40.0, abs=0.2)
-    # From the centre the Sun is 140 deg off; the limb 8.7 deg.
-    assert told.sun_limb_distance_deg == pytest.approx(140.0 - 8.7, abs=0.3)
-    assert told.lit_fraction == pytest.approx(1.0)
-    assert told.lit_arc_px == pytest.approx(told.horizon_arc_px)
-    circumference = 2 * math.pi * math.tan(truth.angular_radius_rad) * truth.camera_model.fx
-    assert told.horizon_arc_px == pytest.approx(circumference, rel=0.02)
-    half = expected_outcome(truth_at(SOLAR_CAMERA, altitude_km=35786.0, sun_zenith_deg=90.0, sun_azimuth_deg=90.0))
-    assert half.lit_fraction == pytest.approx(0.5, abs=0.05)
-    assert expected_outcome(truth_at(roll_deg=150.0)).lit_fraction is None
-    assert expected_outcome(truth_at(roll_deg=150.0)).limb_snr is None
-    assert expected_outcome(truth_at(roll_deg=150.0)).determined_deg is None
-
-
 def head(outcome: Outcome, borderline: bool = False, *, sun: bool = False, moon: bool = False) -> Expected:
     numbers = {f.name: 0.0 for f in dataclasses.fields(Expected) if f.type == "float"}
     return Expected(
@@ -133,3 +114,20 @@ def test_sun_and_moon_are_in_the_frame_of_any_head() -> None:
         assert expected_of_heads(both).sun_in_frame
         assert not expected_of_heads(both).moon_in_frame
     assert expected_of_heads([plain, head(Outcome.VALID, moon=True)]).moon_in_frame
+
+
+@pytest.mark.parametrize(
+    ("right", "angle"),
+    [
+        ([True, True, True, True], 0.0),
+        ([False, False, True, True], 20.0),
+        ([True, False, True, True], 20.0),
+        ([True, True, True, False], None),
+    ],
+)
+def test_everything_beyond_is_right(right, angle):
+    assert exclusion_angle_deg([0.0, 10.0, 20.0, 30.0], right) == angle
+
+
+def test_one_wrong_frame_among_several_at_an_angle_spoils_it():
+    assert exclusion_angle_deg([10.0, 10.0, 20.0], [True, False, True]) == 20.0

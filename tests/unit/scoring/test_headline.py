@@ -70,21 +70,6 @@ def test_a_line_says_it_in_degrees():
     )
 
 
-def test_without_an_orbit_the_frames_due_an_answer_count_with_their_interval():
-    (group,) = summarise([*ORBIT[:2], OTHERS[0]])["groups"]
-    # Both of two leave a rate of 0.025^(1/2) = 15.8 % possible.
-    assert words_of(group, DEG).startswith(
-        "works in 100 % of the frames due an answer (2 of 2; 15.8 to 100 % with 95 %)"
-    )
-    (group,) = summarise([OTHERS[0]])["groups"]
-    assert words_of(group, DEG).startswith("none of 1 frame is due an answer; no answer with the Sun")
-
-
-def test_claims_without_uncertainty_are_said():
-    (group,) = summarise([row("a", "valid", 0.1, without_sigma=True), ORBIT[0]])["groups"]
-    assert "; 1 claim without uncertainty; worst" in words_of(group, DEG)
-
-
 def test_who_is_told_the_pose_is_counted_apart():
     told = [row(case, "valid", 0.0, estimator="told") for case in "abcd"]
     summary = summarise([*ORBIT, *told], given_pose=["told"])

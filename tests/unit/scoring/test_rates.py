@@ -9,7 +9,6 @@ from horizonval.scoring.summary import (
     proportion,
     rates,
     strict_confusion,
-    upper_bound,
     why_false,
 )
 
@@ -21,15 +20,6 @@ from horizonval.scoring.summary import (
 def test_the_exact_interval_is_the_published_one(k, n, low, high):
     """R. G. Newcombe, Statistics in Medicine 17, 857 (1998), table I, method 5 (four digits)."""
     assert proportion(k, n)["interval"] == pytest.approx([low, high], abs=6e-5)
-
-
-def test_none_seen_still_allows_three_over_n():
-    """Hanley and Lippman-Hand 1983: 3 / n; exactly 1 - 0.05^(1/n)."""
-    assert upper_bound(0, 3000) == pytest.approx(3 / 3000, rel=2e-3)
-    assert upper_bound(0, 100) == pytest.approx(1 - 0.05 ** (1 / 100), rel=1e-9)
-    assert upper_bound(0, 0) is None
-    # "Below 0.1 %" is not shown by 2900 frames without a false claim, but by 3000.
-    assert upper_bound(0, 2900) > 1e-3 > upper_bound(0, 2999)
 
 
 def row(expected, status, borderline=False, false=False, estimator="e", error=None):

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from synthetic import result_row
 
-from horizonval.cli.output import print_summary
+from horizonval.estimation.observation import Fit
 from horizonval.scoring.row import Row
-from horizonval.scoring.summary import proportion, summarise
+from horizonval.scoring.summary import mean_noise_nees, noise_nees, summarise
 
 
 def row(case: str, expected: str, status: str, error: float | None = None, **changes: Any) -> Row:
@@ -64,13 +64,6 @@ def test_numbers_by_hand():
     assert (group["false_valid"]["n"], group["false_valid"]["of"]) == (1, 3)
 
 
-def test_intervals_of_proportions():
-    # Clopper and Pearson 1934: no success in n gives 1 - 0.025^(1/n); 5 of 10 gives 0.1871 and 0.8129.
-    assert proportion(0, 20)["interval"] == pytest.approx([0.0, 1 - 0.025 ** (1 / 20)])
-    assert proportion(5, 10)["interval"] == pytest.approx([0.1871, 0.8129], abs=1e-4)
-    assert proportion(0, 0) == {"n": 0, "of": 0, "rate": None, "interval": None}
-
-
 def test_a_summary_is_plain_json_in_any_order_of_rows():
     text = json.dumps(summarise(ROWS), allow_nan=False)
     assert json.dumps(summarise(ROWS[::-1]), allow_nan=False) == text
@@ -101,10 +94,35 @@ def test_noise_over_frames_counts_each_by_its_degrees_of_freedom():
     }  # fmt: skip
 
 
-def test_the_printed_table_has_the_noise_where_it_was_drawn(capsys):
-    print_summary(summarise(ROWS))
-    assert "noise" not in capsys.readouterr().out
-    drawn = row("d", "valid", "valid", 10.0, nees_noise=3.0, noise_draws=10)
-    print_summary(summarise([drawn, replace(drawn, case="e", nees_noise=2.0), *ROWS[5:]]))
-    lines = capsys.readouterr().out.splitlines()[:3]
-    assert [line.split("  ")[-1].strip() for line in lines] == ["noise NEES / 2", "-", "1.25 +- 0.25 (2 frames)"]
+SIGMA = np.array([2e-4, 5e-5])
+
+
+def draws(count: int, claimed: float = 1.0, bias: float = 0.0) -> list[Fit]:
+    rng = np.random.default_rng(5)
+    fits = []
+    for _ in range(count):
+        off = rng.normal(0.0, SIGMA) + bias
+        nadir = np.array([off[0], off[1], 1.0])
+        covariance = np.diag([*(claimed * SIGMA) ** 2, 0.0])
+        fits.append(Fit(nadir / np.linalg.norm(nadir), covariance, 0.0, 0.0))
+    return fits
+
+
+def test_an_honest_covariance_gives_two_whatever_all_draws_are_off_by() -> None:
+    """Two degrees of freedom each: the mean of 400 is 2 with a standard error of 0.1."""
+    assert noise_nees(draws(400)).mean() == pytest.approx(2.0, abs=0.4)
+    assert noise_nees(draws(400, bias=3e-3)).mean() == pytest.approx(2.0, abs=0.4)
+
+
+def test_a_claim_of_half_the_scatter_gives_eight() -> None:
+    assert noise_nees(draws(400, claimed=0.5)).mean() == pytest.approx(8.0, abs=1.6)
+
+
+def test_a_claim_that_cannot_be_tested_has_no_mean() -> None:
+    assert mean_noise_nees(draws(5)) == pytest.approx(noise_nees(draws(5)).mean())
+    assert mean_noise_nees(draws(1)) is None
+    with pytest.raises(ValueError, match="at least 2"):
+        noise_nees(draws(1))
+    assert mean_noise_nees(draws(5, claimed=0.0)) is None
+    assert mean_noise_nees(draws(5, claimed=np.nan)) is None
+    assert mean_noise_nees(draws(5, bias=np.nan)) is None

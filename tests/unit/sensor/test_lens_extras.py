@@ -77,13 +77,6 @@ def test_mirrored_ghost_is_the_image_turned_about_the_principal_point():
     np.testing.assert_allclose(found, 0.01 * image[::-1, ::-1], rtol=1e-12)
 
 
-def test_upright_ghost_of_the_same_size_is_the_image():
-    image = RNG.random((61, 81))
-    np.testing.assert_allclose(
-        stray_light.ghost_image(image, CAMERA, Ghost(ratio=0.5, scale=1.0)), image / 2, rtol=1e-12
-    )
-
-
 @pytest.mark.parametrize("scale", [-0.8, 0.37, 1.7, -2.5, 0.05])
 @pytest.mark.parametrize("blur", [0.0, 1.5])
 def test_ghosts_keep_their_light_and_their_place(scale, blur):

@@ -18,7 +18,7 @@ from horizonval.estimation.methods import altitude_free
 from horizonval.estimation.observation import Observation
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
-from horizonval.sensor.knowledge import along_orbit, errors_of, stated_sigmas
+from horizonval.sensor.knowledge import errors_of, stated_sigmas
 from horizonval.spec.prior import CalibrationSpec
 from horizonval.suites.observation import observation_of
 
@@ -151,14 +151,6 @@ def test_a_clock_moves_the_nadir_that_is_predicted_by_the_orbit_s_rate() -> None
     nadirs = [predicted_nadir(one) for one in (right, wrong)]
     angle = math.degrees(math.acos(float(nadirs[0] @ nadirs[1])))
     assert angle == pytest.approx(10.0 * 360.0 / (94.5 * 60.0), rel=3e-3)
-
-
-def test_an_orbit_leads_back_to_its_start() -> None:
-    truth = with_tables()
-    period = 2.0 * math.pi * math.sqrt(float(np.linalg.norm(truth.r_itrs)) ** 3 / 3.986004418e14)
-    turned = Rotation.from_matrix(along_orbit(truth, period)).as_rotvec()
-    # The Earth alone has turned.
-    assert np.allclose(turned, [0.0, 0.0, -7.292115e-5 * period], atol=1e-9)
 
 
 def test_values_that_are_stated_stay() -> None:

@@ -153,9 +153,3 @@ def test_a_weaker_response_brings_less_signal_and_the_same_netd():
     assert thermal.blackbody_radiance(half, 300.0) == thermal.blackbody_radiance(full, 300.0)
     sigma = thermal.from_netd(full, 0.05, 1.0, 1.0)
     assert sigma / thermal.radiance_per_kelvin(full) == pytest.approx(0.05)
-
-
-def test_slow_and_dark_lenses_raise_the_noise():
-    sigma = thermal.from_netd(BAND, 0.05, 1.0, 1.0)
-    assert thermal.from_netd(BAND, 0.05, 2.0, 1.0) == pytest.approx(4 * sigma)
-    assert thermal.from_netd(BAND, 0.05, 1.0, 0.5) == pytest.approx(2 * sigma)

@@ -94,7 +94,3 @@ def _error_and_claim(seen: Observation, image: hv.Image) -> tuple[float, float] 
         return None
     cosine = float(result.nadir_cam @ np.array(image.truth.nadir_geocentric_cam))
     return float(np.arccos(min(cosine, 1.0))), float(np.sqrt(np.trace(result.total_covariance_nadir_cam)))
-
-
-def test_a_frame_before_the_lens_has_none(frame: hv.Frame) -> None:
-    assert observation_of(frame, ESTIMATOR).lens is None

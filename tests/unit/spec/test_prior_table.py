@@ -13,7 +13,7 @@ from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood import templates
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import shipped_path
-from horizonval.spec.load import Suite, load_prior, load_scene, load_suite
+from horizonval.spec.load import Case, Suite, load_prior, load_scene, load_suite
 from horizonval.spec.prior import PriorSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.suites.identity import frame_identity
@@ -120,6 +120,19 @@ def test_who_knows_more_sees_the_same_noise(tmp_path: Path) -> None:
     assert len({truth.scene_id for truth in truths}) == 1
     assert "prior" not in truths[0].scene
     assert truths[1].scene["prior"]["altitude_sigma_km"] == 1.0
+
+
+def test_a_scene_keeps_its_identity_unless_it_is_marched() -> None:
+    camera = CameraSpec.model_validate({"camera": {"width": 8, "height": 8, "fov_deg": 40.0}})
+    plain = {"camera": {"file": "x"}, "platform": {"altitude_km": 500.0}}
+    silent, table, march = (
+        Case(SceneSpec.model_validate(plain | {"render": keys}), camera)
+        for keys in ({}, {"method": "table"}, {"method": "march"})
+    )
+    assert "method" not in silent.scene.model_dump()["render"]
+    for identity in (frame_identity, lambda case: truth_of(case.scene, case.camera).scene_id):
+        assert identity(silent) == identity(table)
+        assert identity(march) != identity(table)
 
 
 def test_a_sigma_is_an_axis_of_a_suite(tmp_path: Path) -> None:

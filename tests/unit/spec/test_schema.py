@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 
 from horizonval.cli.app import run_command_line
 from horizonval.spec.files import shipped_names, shipped_path, shipped_root
-from horizonval.spec.schema import MODELS, holds_numbers, json_schema, tables, unit_of
+from horizonval.spec.schema import MODELS, json_schema
 
 FILES = [(kind, name) for kind in MODELS if kind != "prior" for name in shipped_names(kind)]
 """No prior is shipped: what is known is known of one picture."""
@@ -94,25 +94,3 @@ def test_mistakes_are_found(kind, data):
 def test_axes_over_any_key_are_let_through(grid):
     assert _validator("scene").is_valid(SCENE)
     assert list(_validator("suite").iter_errors(_grid(**grid))) == []
-
-
-@pytest.mark.parametrize("kind", MODELS)
-def test_every_key_has_a_meaning_and_every_number_a_unit(kind):
-    schema = MODELS[kind].model_json_schema()
-    for table in [schema, *schema["$defs"].values()]:
-        for name, node in table["properties"].items():
-            # A text that the key shares with its table is left out beside the reference.
-            below = schema["$defs"].get(node.get("$ref", "").rsplit("/", 1)[-1], {})
-            assert len(node.get("description", below.get("description", ""))) >= 8, (table["title"], name)
-            if holds_numbers(node):
-                assert unit_of(name, node) is not None, (table["title"], name)
-    assert all(table.meaning for table in tables(kind))
-
-
-def test_the_schema_tells_meaning_unit_default_and_range():
-    key = json_schema("camera")["$defs"]["CameraGeometry"]["properties"]["fov_deg"]
-    assert key["title"] == "fov_deg [deg]"
-    assert key["unit"] == "deg"
-    assert key["exclusiveMaximum"] == 360
-    assert key["description"].startswith("Horizontal full angle")
-    assert json_schema("scene")["$defs"]["RenderSettings"]["properties"]["nodes"]["default"] == 128

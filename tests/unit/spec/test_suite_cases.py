@@ -112,13 +112,6 @@ def test_an_orbit_becomes_places_epochs_and_attitudes(load):
     assert {c.scene.attitude.pitch_deg for c in suite.cases} == {10.0}
 
 
-def test_an_ellipse_goes_up_and_down(load):
-    suite = load(ORBIT + "perigee_km = 500.0\napogee_km = 3000.0\ninclination_deg = 10.0\n")
-    heights = [c.scene.platform.altitude_km for c in suite.cases]
-    assert heights[0] == pytest.approx(500, abs=1)
-    assert heights[4] == pytest.approx(3000, abs=2)
-
-
 def test_two_lines_fly_with_sgp4(load):
     suite = load(f'[[cases]]\nname = "iss"\n[cases.orbit]\nn = 16\ntle = ["{TLE[0]}", "{TLE[1]}"]\n')
     places = [c.scene.platform for c in suite.cases]
@@ -205,11 +198,3 @@ def test_a_figure_of_a_table_leaves_out_the_tables_whose_names_begin_alike(load)
     tables = "".join(f'[[cases]]\nname = "{name}"\ngrid.attitude.yaw_deg = [0]\n' for name in ("sun", "sun_far"))
     suite = load('[[figure]]\nkind = "sweep"\ncases = "sun"\nx = "platform.altitude_km"\n' + tables)
     assert list(figure_plans(suite)[0]["cases"]) == ["sun_yaw_deg_0"]
-
-
-def test_the_shipped_suite_of_stability():
-    assert load_suite("quick").stability is None
-    spec = load_suite("infrared-horizon-stability").stability
-    assert [(b.lo_um, b.hi_um) for b in spec.band] == [(14.0, 16.3), (14.16, 16.25), (8.0, 14.0), (10.5, 12.5)]
-    assert (spec.altitude_km, spec.positions) == (900.0, 72)
-    assert spec.months == list(range(1, 13))

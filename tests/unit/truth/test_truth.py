@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from synthetic import truth_at
 
+from horizonval.frame import FrameTruth
 from horizonval.truth.infrared_horizon import locate, profile_heights_m
 
 HEIGHT = profile_heights_m(100e3)
@@ -53,3 +59,20 @@ def test_heights_end_below_the_top() -> None:
     assert HEIGHT[0] == 0.0
     assert np.all(np.diff(HEIGHT) > 0.0)
     assert profile_heights_m(50e3)[-1] <= 49.5e3
+
+
+def test_what_was_read_stays_out_of_the_plain_data():
+    truth = truth_at()
+    before = json.dumps(truth.to_dict())
+    assert truth.camera_spec is not None
+    assert json.dumps(truth.to_dict()) == before
+    assert truth == FrameTruth.from_dict(json.loads(before)) == pickle.loads(pickle.dumps(truth))
+
+
+def test_names_of_scene_camera_and_head():
+    truth = truth_at(name="pass")
+    assert (truth.scene_name, truth.head, truth.camera_name) == ("pass", None, "vis-640x480")
+    scene = {**truth.scene, "camera": {"file": "rigs/pair.toml", "head": "left"}}
+    nameless = {**truth.camera, "camera": {**truth.camera["camera"], "name": ""}}
+    other = replace(truth, scene=scene, camera=nameless)
+    assert (other.head, other.camera_file, other.camera_name) == ("left", "rigs/pair.toml", "pair")
