@@ -83,7 +83,7 @@ def test_leftovers_go_and_nothing_else(tmp_path):
     folder = RunFolder(tmp_path / "run")
     folder.create()
     keep = [folder.case("a"), folder.archive / "x.exr", folder.root / ".hidden", folder.root / "mine.tmp"]
-    drop = [folder.cases / ".a.json.12.tmp", folder.archive / ".0f.tmp", folder.root / ".results.parquet.part"]
+    drop = [folder.cases / ".a.json.12.tmp", folder.archive / ".0f.tmp", folder.root / ".results.parquet.12.tmp"]
     for path in keep + drop:
         path.touch()
     folder.remove_temporary_files()
