@@ -116,9 +116,8 @@ class SceneName(Model):
 class RenderSettings(Model):
     """Accuracy of the march along each ray.
 
-    With 128 nodes the march is within 0.3 % of its limit wherever a pixel has a twentieth of the brightest one's
-    radiance, and within 1 % (in twilight 0.3 %, with particles 1.5 %) down to a thousandth, with the Sun at any height
-    to 8 deg below the horizon.
+    With 128 nodes the march is within 0.3 % of its limit in pixels brighter than a twentieth of the brightest, and
+    within 1 % (1.5 % with particles) down to a thousandth, with the Sun at any height to 8 deg below the horizon.
     """
 
     later_keys: ClassVar[frozenset[str]] = frozenset({"method", "part_samples"})

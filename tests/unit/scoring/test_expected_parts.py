@@ -22,7 +22,6 @@ CLOUDS = {"clouds": {"cover": 0.5}}
 def determined(camera: dict, scene: dict | None = None, **pose: float) -> float:
     truth = truth_at(camera, **({"roll_deg": 66.0} | pose))
     found = expected_outcome(dataclasses.replace(truth, scene=truth.scene | (scene or {}))).determined_deg
-    assert found is not None
     return found
 
 

@@ -19,7 +19,6 @@ def test_it_is_what_the_file_says() -> None:
     """550 nm or so at f/4 on pixels of 5.5 um; 0.6 px in the middle, 1.1 at 40 deg, whose root mean square is 0.886."""
     camera = load_camera("vis-cmos-1024-60deg-full")
     lens = stated_lens(camera, camera.band[0])
-    assert lens is not None
     assert lens.diffraction_px == pytest.approx(0.6 * 4.0 / 5.5, rel=0.03)
     np.testing.assert_allclose(lens.angles_rad, np.radians([0.0, 40.0]))
     np.testing.assert_allclose(lens.ratios, np.array([0.6, 1.1]) / 0.886, rtol=1e-3)
@@ -35,7 +34,6 @@ def test_of_a_plain_lens_nothing_is_said() -> None:
 def test_without_pixels_there_is_no_pitch() -> None:
     camera = load_camera("vis-cmos-1024-60deg-full").model_copy(update={"detector": None})
     lens = stated_lens(camera, camera.band[0])
-    assert lens is not None
     assert lens.diffraction_px == 0.0
 
 
@@ -80,7 +78,6 @@ def test_a_profile_seen_through_all_of_a_lens(frame: hv.Frame) -> None:
     seen = observation_of(image, ESTIMATOR)
     assert seen.lens is not None
     known = _error_and_claim(seen, image)
-    assert known is not None
     error, claimed = known
     assert claimed < np.radians(180.0 / 3600.0)
     assert error < 3.0 * claimed

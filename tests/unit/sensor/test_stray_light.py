@@ -130,7 +130,6 @@ def test_veil_fades_without_a_step_out_to_30_deg_beyond_the_border():
 @pytest.mark.parametrize("angle_deg", [32.0, 45.0, 60.0])
 def test_wings_of_a_sun_outside_are_the_level_a_table_joins(angle_deg):
     power = sun_image(angle_deg)
-    assert SCATTERING.scatter is not None
     # PST = tau pi / (4 N^2) cos(theta) K(tan theta) (f / pitch)^2
     angle = math.radians(angle_deg)
     share = scatter.image_share(SCATTERING.scatter, np.array(math.tan(angle) ** 2))
@@ -144,7 +143,6 @@ def test_scattered_level_of_a_sun_on_the_axis():
     """Scattered radiance behind the lens is ``E BSDF``; a pixel at theta takes it in by ``cos^4``."""
     power = sun_image(0.0)
     level = SCATTERING.scatter
-    assert level is not None
     angle = math.atan(50 / 104.8)
     exact = stray_light.band_irradiance(BAND, RADIUS) * level.level / (1 + (math.sin(angle) / 0.01) ** 2)
     exact *= math.pi * 0.8 * PITCH**2 / 16 * math.cos(angle) ** 4
