@@ -73,6 +73,7 @@ def by_the_renderer(frame) -> np.ndarray:
     return np.asarray(axes @ jacobian @ jacobian.T @ axes.T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "prior",
     [{}, {"altitude_sigma_km": 1.0}, {"position_sigma_km": 1.0, "attitude_sigma_deg": [2.0, 2.0, 2.0]}],
