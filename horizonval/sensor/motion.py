@@ -9,9 +9,9 @@ The pixel's path over the exposure is a parabola through its exact positions at 
 it, bilinear between pixels. Row r of a rolling shutter is exposed ``(r - (H - 1) / 2) row_time`` after the middle row,
 whose instant is the frame's.
 
-Neglected: vignetting and stray light turn with the scene; the motion along the orbit, which moves the ground (0.9 deg/s
-below a satellite at 500 km) but hardly the limb; radiance beyond the image's border, taken as that of the border; the
-Sun's motion against the local vertical frame, 0.06 deg/s.
+Neglected: that vignetting and stray light do not move with the scene; the motion along the orbit, which moves the
+ground (0.9 deg/s below a satellite at 500 km) but hardly the limb; radiance beyond the image's border, taken as that of
+the border; the Sun's motion against the local vertical frame, 0.06 deg/s.
 """
 
 from __future__ import annotations

@@ -179,7 +179,7 @@ class PlatformPrior(Model):
     later_keys: ClassVar[frozenset[str]] = frozenset({"altitude_sigma_km"})
 
     altitude_km: Positive | None = None
-    """Height of the orbit above the ellipsoid. A prior that has an altitude stands in its place."""
+    """Height of the orbit above the ellipsoid. A prior with an altitude replaces it."""
     altitude_sigma_km: Positive | None = None
     """Standard deviation of its error."""
 
