@@ -108,7 +108,7 @@ class SceneName(Model):
     """Another number draws other clouds and other noise. In a suite the default is the suite's seed."""
     draw: FrameName | None = None
     """A name from which everything random is drawn, instead of the scene's identity. Scenes of the same draw and
-    seed have the same clouds and, with the same camera name, the same noise, to compare cameras and methods frame by frame."""
+    seed have the same clouds and, with the same camera name, the same noise: for comparisons frame by frame."""
 
 
 class RenderSettings(Model):
