@@ -5,11 +5,11 @@ A message is a header of eight bytes and one map in MessagePack::
     "HVS1"  length of the body, 4 bytes, most significant first  body
 
 The four letters show at once that a peer speaks another protocol; the length bounds what is read before any of it is
-parsed. After anything but a whole message nobody knows where the next one begins, so the stream is given up
+parsed. After an incomplete or foreign message the next one cannot be found, so the stream is given up
 (:class:`BrokenStreamError`).
 
-An array is ``{"dtype": "<u2", "shape": [H, W], "data": bytes}``: little-endian, row by row, in the words of numpy's
-``dtype.str``, which a reader in any language can take apart. Numbers of 64 bits are kept bit by bit.
+An array is ``{"dtype": "<u2", "shape": [H, W], "data": bytes}``: little-endian, row by row, with numpy's
+``dtype.str``. Numbers of 64 bits are exact.
 """
 
 from __future__ import annotations
@@ -48,21 +48,13 @@ class BrokenStreamError(UserError):
 def receive(stream: socket.socket, most_bytes: int, time_limit_s: float, first_s: float | None = None) -> bytes | None:
     """Return the body of the next message, or None where the peer ended the stream between two messages.
 
-    Parameters
-    ----------
-    stream : socket
-        Its time-out is changed.
-    most_bytes : int
-        Longest body that is read.
-    time_limit_s : float
-        From the first byte of a message to its last.
-    first_s : float, optional
-        How long the first byte may take; for ever without.
+    ``most_bytes``: longest body; ``time_limit_s``: from the first byte of a message to its last; ``first_s``: for the
+    first byte, no limit by default. Changes the stream's time-out.
 
     Raises
     ------
     BrokenStreamError
-        Half a message, one that is too long or too slow, or none of ours.
+        A message that is incomplete, too long, too slow or foreign.
     OSError
         The connection is lost.
     """
@@ -89,14 +81,9 @@ def receive(stream: socket.socket, most_bytes: int, time_limit_s: float, first_s
 
 
 def send(stream: socket.socket, body: bytes, time_limit_s: float | None) -> None:
-    """Write one message.
+    """Write one message; ``UserError`` if the body is too long for a header.
 
-    Raises
-    ------
-    UserError
-        The body is longer than a header can say.
-    OSError
-        The connection is lost, or the peer does not read (``TimeoutError``); the stream is then of no more use.
+    ``OSError``: the connection is lost, or the peer does not read (``TimeoutError``); the stream is then unusable.
     """
     if len(body) > LONGEST_BODY:
         raise UserError(f"a message of {len(body)} bytes", where="message", expected=f"at most {LONGEST_BODY}")
@@ -105,9 +92,9 @@ def send(stream: socket.socket, body: bytes, time_limit_s: float | None) -> None
 
 
 def send_last(stream: socket.socket, body: bytes, time_limit_s: float) -> None:
-    """Write one message after which the connection is closed; what the peer still says is read and forgotten.
+    """Write one message after which the connection is closed; later bytes from the peer are discarded.
 
-    Closed with bytes unread, TCP would take back what the peer has not read yet. Errors as of :func:`send`.
+    Closed with bytes unread, TCP would discard what the peer has not read yet. Errors as of :func:`send`.
     """
     send(stream, body, time_limit_s)
     stream.shutdown(socket.SHUT_WR)
@@ -172,26 +159,13 @@ def check_installed() -> None:
 
 
 def pack(message: dict[str, Any]) -> bytes:
-    """Return a map as bytes; the same map gives the same bytes.
-
-    Parameters
-    ----------
-    message : dict
-        Of text, numbers, true and false, None, bytes, lists and maps of them. Arrays by :func:`array_to_map`.
-    """
+    """Return a map of plain values as bytes; the same map gives the same bytes. Arrays by :func:`array_to_map`."""
     packed: bytes = _msgpack().packb(message, use_bin_type=True)
     return packed
 
 
 def unpack(body: bytes) -> dict[str, Any]:
-    """Return the map that was packed.
-
-    Raises
-    ------
-    UserError
-        Bytes that are no MessagePack, that hold more than one value, or another value than a map with names, each of
-        them once.
-    """
+    """Return the packed map; ``UserError`` for anything but one MessagePack map with unique text keys."""
     msgpack = _msgpack()
     try:
         message = msgpack.unpackb(body, raw=False, strict_map_key=True, object_pairs_hook=_map)
@@ -223,13 +197,7 @@ def array_to_map(array: NDArray[Any]) -> dict[str, Any]:
 
 
 def array_of_map(packed: Any, where: str) -> NDArray[Any]:
-    """Return the array of :func:`array_to_map`, the caller's own.
-
-    Raises
-    ------
-    UserError
-        It is none: another type, or data of another length.
-    """
+    """Return the array of :func:`array_to_map` as a copy; ``UserError`` for another type or length."""
     expected = f"an array: dtype {', '.join(DTYPES)}, shape and data"
     if not isinstance(packed, dict) or set(packed) != {"dtype", "shape", "data"} or packed["dtype"] not in DTYPES:
         raise UserError("found something else", where=where, expected=expected)
@@ -278,12 +246,9 @@ class Address:
 
     @classmethod
     def parse(cls, text: str) -> Address:
-        """Return the address that a text names; the empty text names the default socket.
+        """Return the address that a text names, the default socket for the empty text.
 
-        Raises
-        ------
-        UserError
-            It names none.
+        ``UserError`` if it names none.
         """
         if not text:
             return cls(default_socket())
@@ -308,12 +273,8 @@ class Address:
     def connect(self, time_limit_s: float | None) -> socket.socket:
         """Return a connection.
 
-        Raises
-        ------
-        OSError
-            Nobody listens, or not in time.
-        UserError
-            A path that no socket can have, or a system without Unix sockets.
+        ``OSError``: nobody listens, or not in time. ``UserError``: a path that no socket can have, or a system without
+        Unix sockets.
         """
         if self.path is None:
             stream = socket.create_connection((self.host, self.port), timeout=time_limit_s)
@@ -335,13 +296,7 @@ class Address:
 
 
 def unix_socket(path: Path) -> socket.socket:
-    """Return an unconnected Unix socket for a path.
-
-    Raises
-    ------
-    UserError
-        The system has none, or the path is too long for one.
-    """
+    """Return an unconnected Unix socket; ``UserError`` if the system has none, or the path is too long."""
     if not hasattr(socket, "AF_UNIX"):
         raise UserError("this system has no Unix sockets", where=str(path), fix="use TCP on the loopback: --port")
     if len(os.fsencode(path)) > LONGEST_PATH:
@@ -364,13 +319,7 @@ def default_socket() -> Path:
 
 
 def make_private_folder(folder: Path) -> None:
-    """Make the default socket's folder, if need be, and refuse one that others can get into.
-
-    Raises
-    ------
-    UserError
-        It belongs to somebody else, or others may enter it.
-    """
+    """Make the default socket's folder, if need be; ``UserError`` if another user owns it or may enter it."""
     folder.mkdir(mode=0o700, exist_ok=True)
     about = folder.lstat()
     foreign = hasattr(os, "getuid") and about.st_uid != os.getuid()

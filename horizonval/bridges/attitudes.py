@@ -1,13 +1,13 @@
-"""Attitudes among the stars: states of simulators as requests for images, and claims of a run as messages of CCSDS.
+"""Inertial attitudes: states of simulators as requests for images, and claims of a run as messages of CCSDS.
 
-Simulators count position, velocity and attitude from the axes of the stars, with the attitude as modified Rodrigues
-parameters ``sigma_BN = e tan(phi / 4)``, which turn the frame ``N`` about the axis ``e`` by ``phi`` into ``B``. The
+Simulators give position, velocity and attitude in inertial axes ``N``, with the attitude as modified Rodrigues
+parameters ``sigma_BN = e tan(phi / 4)``, which turn ``N`` about the axis ``e`` by ``phi`` into ``B``. The
 matrix ``[BN]`` takes components in ``N`` to components in ``B``: it is our ``q_body_from_gcrs``, and the inverse of the
-rotation of vectors that scipy makes of the same parameters. ``N`` is taken for ``gcrs``; a simulator's J2000 axes
+rotation of vectors that scipy makes of the same parameters. ``N`` is ``gcrs``; a simulator's J2000 axes
 differ from it by 23 milliarcseconds.
 
-A horizon sensor sees roll and pitch against the local vertical. In a message of claimed attitudes the turn about the
-vertical is the true one, as a remark in it says; a refusal leaves a gap.
+A horizon sensor measures roll and pitch against the local vertical. In a message of claimed attitudes the turn about
+the vertical is the true one, as a remark in it says; a refusal leaves a gap.
 """
 
 from __future__ import annotations
@@ -54,22 +54,18 @@ def request_of_state(
     sigma_bn: ArrayLike,
     omega_bn_body: ArrayLike = (0.0, 0.0, 0.0),
 ) -> dict[str, Any]:
-    """Return the keywords of :meth:`horizonval.Client.image` that say where a spacecraft is and how it is turned.
+    """Return the pose keywords of :meth:`horizonval.Client.image` for a spacecraft's state.
 
     Parameters
     ----------
     epoch_utc : datetime
+        From 1960 to 2099, or ``UserError``.
     r_gcrs, v_gcrs : array_like, shape (3,)
         Position [m] from the Earth's centre and velocity [m/s].
     sigma_bn : array_like, shape (3,)
         Modified Rodrigues parameters.
     omega_bn_body : array_like, shape (3,)
-        Angular velocity against the stars in body axes [rad/s]; it blurs the exposure.
-
-    Raises
-    ------
-    UserError
-        An epoch outside 1960 to 2099.
+        Inertial angular velocity in body axes [rad/s]; it blurs the exposure.
     """
     turn = itrs_from_gcrs(epoch_utc)
     r_itrs = turn @ np.asarray(r_gcrs, float)
@@ -93,14 +89,7 @@ _UNFIT = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 def write_attitudes(run_folder: Path, store: Store, out: Path) -> list[Path]:
-    """Write the messages into a folder and return their paths.
-
-    Parameters
-    ----------
-    run_folder : Path
-    store : Store
-        The run's archive, which has the true pose of every frame.
-    out : Path
+    """Write the messages of a run into the folder ``out`` and return their paths; ``store`` has the true poses.
 
     Raises
     ------

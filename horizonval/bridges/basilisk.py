@@ -1,14 +1,13 @@
 """Our camera and our attitude as modules of Basilisk (AVS Lab).
 
 :class:`CameraModule` reads the spacecraft's state, asks for the image of it, and publishes a ``CameraImageMsg`` for
-each head: the bytes of a PNG in memory, as Basilisk's own image modules take them. :class:`AttitudeModule` hands the
-images to an estimator and publishes a ``NavAttMsg``: the attitude that was known before, tilted so that its nadir is
-the measured one. A horizon says nothing about the turn around the nadir; that is left as it was.
+each head: the bytes of a PNG in memory, as Basilisk's image modules take them. :class:`AttitudeModule` hands the
+images to an estimator and publishes a ``NavAttMsg``: the prior attitude, tilted so that its nadir is
+the measured one. A horizon does not measure the turn about the nadir; that is unchanged.
 
-Importing this module needs the package ``bsk``, which the extra ``basilisk`` brings.
-
-A simulation whose central body is not the frame's origin links ``planetInMsg``. Times are the simulation's, counted
-from ``epoch_utc``; Basilisk's own orientation of the Earth is not used.
+Needs the package ``bsk`` (extra ``basilisk``). A simulation whose central body is not the frame's origin links
+``planetInMsg``. Times are the simulation's, counted from ``epoch_utc``; Basilisk's orientation of the Earth is not
+used.
 """
 
 from __future__ import annotations

@@ -84,10 +84,9 @@ def write_mcap(path: Path, sources: Iterable[Path], progress: Progress | None = 
     Parameters
     ----------
     path : Path
-        Of the MCAP file; one that is there is replaced when the new one is whole.
+        Replaced when the new file is complete.
     sources : iterable of Path
-        EXR files, in the order in which they are to be written. Of the files of one instant and camera one pose is
-        written.
+        EXR files, in the order in which they are written; one pose per instant and camera.
     progress : Progress, optional
 
     Raises
@@ -107,9 +106,9 @@ def write_mcap(path: Path, sources: Iterable[Path], progress: Progress | None = 
 
 
 def messages_of(source: RadianceFrame | DetectorImage) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Return topic, type and content of the messages of one frame or image; without the packages that encode them.
+    """Return topic, type and content of the messages of one frame or image.
 
-    Content is plain data with the fields' names, byte arrays as bytes.
+    Plain data by field, byte arrays as bytes.
     """
     truth = source.truth
     spec = camera_of(truth, source.observation if isinstance(source, DetectorImage) else None)

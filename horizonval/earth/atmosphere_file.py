@@ -5,20 +5,19 @@
     {"note": "anything",                              optional
      "planet_radius_km": 6371.0, "top_km": 100.0,
      "altitude_km": [0.0, ...], "temperature_K": [...],
-     "refractivity": [...],                            optional: n - 1, wanted where light is refracted
+     "refractivity": [...],                            optional: n - 1, needed for refraction
      "bands": [{"name": "550nm", "wavelength_nm": 550.0, "scattering_per_m": [...], "absorption_per_m": [...],
                 "phase": "rayleigh" | "isotropic" | {"henyey_greenstein": g},
                 "particle_scattering_per_m": [...], "asymmetry": g}],                     both optional
      "surface": {"albedo": 0.3, "temperature_K": 288.15, "emissivity": 1.0}}
 
-Coefficients and temperature are linear in altitude between nodes. The first node is the ground. Above ``top_km`` there
-is vacuum. ``top_km`` may lie above the last node: there is vacuum between the two as well (a coefficient that is not
-zero at the last node ends there in a step).
+Coefficients and temperature are linear in altitude between nodes; the first node is the ground. There is vacuum above
+``top_km``, and between the last node and ``top_km`` (a coefficient that is not zero at the last node ends there in a
+step).
 
-A band may hold particles beside its molecules: ``particle_scattering_per_m`` scatters by the phase function of Henyey
-and Greenstein with ``asymmetry``, while ``phase`` applies to ``scattering_per_m`` and is then "rayleigh" or
-"isotropic". ``absorption_per_m`` is the absorption of everything, so that
-``extinction = scattering + particle_scattering + absorption``.
+A band may hold particles in addition to molecules: ``particle_scattering_per_m`` scatters by the phase function of
+Henyey and Greenstein with ``asymmetry``, while ``phase`` applies to ``scattering_per_m`` and is then "rayleigh" or
+"isotropic". ``extinction = scattering + particle_scattering + absorption``.
 """
 
 from __future__ import annotations
@@ -31,13 +30,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from horizonval.core import atomic, files
+from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import MOST_MISTAKES, UserError, excerpt, several
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.gases import ozone, rayleigh
+from horizonval.earth.gases import rayleigh
 from horizonval.earth.surface.ground_emission import uniform_ground
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -45,14 +43,12 @@ _NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
-"""Of an atmosphere file; the largest of ours has 90 kB."""
+"""Largest atmosphere file that is read."""
 
 MAX_TEMPERATURE_STEP_K = 0.1
 """Largest change of temperature between nodes of a thermal column; leaves 5e-7 of radiance at 15 um, 1e-4 at 1 um."""
-
-
 VACUUM_STEP_M = 0.01
-"""Height over which refracted air of a thermal band ends."""
+"""Thickness of the layer in which refracted air of a thermal band ends."""
 
 
 class _Strict(BaseModel):
@@ -130,7 +126,7 @@ class AtmosphereFile(_Strict):
 
 
 def _check_particles(band: AtmosphereBand, where: str) -> None:
-    """Refuse half a description of particles, and two kinds of particles in one band."""
+    """Refuse an incomplete description of particles, and two kinds of particles in one band."""
     if (band.particle_scattering_per_m is None) != (band.asymmetry is None):
         there, lacks = "particle_scattering_per_m", "asymmetry"
         if band.asymmetry is not None:
@@ -163,7 +159,7 @@ def _user_error(error: ValidationError, file: str) -> UserError:
     mistakes: dict[str, UserError] = {}
     for problem in problems[:MOST_MISTAKES]:
         mistake = _mistake(problem, file)
-        # A phase function is wrong once, and not once for each kind that there is.
+        # pydantic reports a wrong phase function once per alternative.
         mistakes.setdefault(mistake.where, mistake)
     return several(list(mistakes.values()), max(0, len(problems) - MOST_MISTAKES))
 
@@ -194,12 +190,12 @@ def _mistake(problem: Any, file: str) -> UserError:
 
 
 def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
-    """Return the checked content of an atmosphere file that was read already.
+    """Return the checked content of an atmosphere file from its parsed JSON.
 
     Raises
     ------
     UserError
-        Naming ``file``, the first offending key and what was expected there.
+        Naming ``file``, the first offending keys and what was expected there.
     """
     if not isinstance(data, dict) or not AtmosphereFile.model_fields.keys() & data:
         raise UserError("not an atmosphere file", where=file, expected="a JSON object of the format's keys")
@@ -215,17 +211,17 @@ def read_atmosphere(path: Path | str) -> AtmosphereFile:
     Raises
     ------
     UserError
-        File missing, not JSON, or not what the format asks for.
+        File missing, not JSON, or not in the format.
     """
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="an atmosphere file (JSON)")
     return parse_atmosphere(files.parse_json(text, path), str(path))
 
 
 def altitudes_m(file: AtmosphereFile, *, thermal: bool) -> FloatArray:
-    """Return the grid on which the file's columns are exact: its own nodes, for thermal columns with more between.
+    """Return the grid on which the file's columns are exact: its nodes, for thermal columns with more between.
 
-    Coefficients and temperature are linear between the file's nodes, but Planck's function of the temperature is not:
-    intervals are split evenly until the temperature changes by at most 0.1 K from node to node.
+    Coefficients and temperature are linear between the file's nodes, but Planck's function of the temperature is not.
+    Intervals are therefore divided evenly until the temperature changes by at most 0.1 K from node to node.
     """
     z = np.array(file.altitude_km) * 1e3
     if not thermal:
@@ -238,12 +234,12 @@ def altitudes_m(file: AtmosphereFile, *, thermal: bool) -> FloatArray:
 
 
 def column(file: AtmosphereFile, values: list[float], altitude_m: FloatArray) -> FloatArray:
-    """Return one of the file's columns on other altitudes, linear between the file's nodes."""
+    """Return one of the file's columns on other altitudes."""
     return np.interp(altitude_m, np.array(file.altitude_km) * 1e3, np.array(values, dtype=np.float64))
 
 
 def scatterers(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArray) -> dict[str, Any]:
-    """Return the fields of :class:`SpectralNode` that say what scatters in a band of the file, on other altitudes."""
+    """Return the fields of :class:`SpectralNode` about scattering for a band of the file, on other altitudes."""
     scattering = column(file, band.scattering_per_m, altitude_m)
     zero = np.zeros_like(scattering)
     if isinstance(band.phase, HenyeyGreenstein):
@@ -268,7 +264,7 @@ def refractivity(file: AtmosphereFile, altitude_m: FloatArray, where: str) -> Fl
     Raises
     ------
     UserError
-        The file does not tell.
+        The file has no refractivity.
     """
     if file.refractivity is None:
         raise UserError(
@@ -282,15 +278,13 @@ def file_model(file: AtmosphereFile, *, thermal: bool, refracted: str = "") -> O
 
     Parameters
     ----------
-    file : AtmosphereFile
-    thermal : bool
-        False: scattered sunlight of irradiance 1, one node of weight 1 per band, answers in 1/sr; the Sun is a point,
-        so its disc has no radiance.
-        True: emission at the band's wavelength, one emitting band of one g point per band, answers in W m-2 sr-1 um-1.
-        Scattering is then left out of the extinction: at thermal wavelengths molecular scattering is below 1e-6 of
-        absorption, and taking light out without putting it back would be the worse error for larger particles.
+    file : AtmosphereFile thermal : bool
+        False: scattered sunlight of irradiance 1, one node of weight 1 per band, radiances in 1/sr. The Sun is a point,
+        so its disc has no radiance. True: emission at the band's wavelength, one emitting band of one g point per band,
+        radiances in W m-2 sr-1 um-1. Extinction is then absorption alone: removing scattered light without its source
+        would be the larger error.
     refracted : str
-        Refract light by the file's ``refractivity``; the file's name, for the message if there is none.
+        Name of the file, for the error message. If given, light is refracted by the file's ``refractivity``.
     """
     z = altitudes_m(file, thermal=thermal)
     if thermal and refracted:
@@ -324,7 +318,7 @@ def _solar_node(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArr
 
 
 def _grey_band(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArray) -> EmittingBand:
-    """Return a band that emits at one wavelength, per micrometre; no absorption is one of 1e-300 per metre."""
+    """Return a band that emits at one wavelength, per micrometre; zero absorption becomes 1e-300 per metre."""
     inside = altitude_m <= file.altitude_km[-1] * 1e3
     absorption = np.where(inside, column(file, band.absorption_per_m, altitude_m), 0.0)
     wavelength_um = band.wavelength_nm * 1e-3
@@ -340,72 +334,3 @@ def _grey_band(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArra
         source_weight_per_cm=np.array([[1e4 / wavelength_um**2]]),
         sun_radiance=np.zeros(1),
     )
-
-
-def atmosphere_from_profile(
-    name: str,
-    wavelengths_nm: list[float],
-    *,
-    use_ozone: bool = True,
-    step_km: float = 0.5,
-    top_km: float = 100.0,
-    planet_radius_km: float = 6371.0,
-    albedo: float = 0.3,
-) -> dict[str, Any]:
-    """Return an atmosphere file's content for a named profile: Rayleigh scattering, and ozone absorption to 1 um.
-
-    Parameters
-    ----------
-    name : str
-        See :func:`horizonval.earth.atmosphere.profiles.names`.
-    wavelengths_nm : list of float
-        One band each, named ``"550nm"``.
-    use_ozone : bool
-    step_km : float
-        Distance of the nodes; with 0.5 km the linear columns are up to 6e-4 above the profile between nodes.
-
-    Raises
-    ------
-    UserError
-        Unknown profile; ozone wanted below 280 nm.
-    """
-    n = round(top_km / step_km)
-    z = np.linspace(0.0, top_km, n + 1)
-    state = profile(name).at(z * 1e3)
-    bands = []
-    for wavelength_nm in wavelengths_nm:
-        um = wavelength_nm * 1e-3
-        scattering = state.number_density_air * rayleigh.cross_section_m2(um)
-        absorption = np.zeros_like(z)
-        if use_ozone and um <= ozone.MAX_UM:
-            absorption = state.number_density_o3 * ozone.cross_section_m2(um, state.temperature_k)
-        bands.append(
-            {
-                "name": f"{wavelength_nm:g}nm",
-                "wavelength_nm": float(wavelength_nm),
-                "scattering_per_m": scattering.tolist(),
-                "absorption_per_m": absorption.tolist(),
-                "phase": "rayleigh",
-            }
-        )
-    return {
-        "note": f"Profile {name}: Rayleigh scattering{' and ozone' if use_ozone else ''}; linear between nodes.",
-        "planet_radius_km": planet_radius_km,
-        "top_km": top_km,
-        "altitude_km": z.tolist(),
-        "temperature_K": state.temperature_k.tolist(),
-        "bands": bands,
-        "surface": {"albedo": albedo, "temperature_K": float(state.temperature_k[0]), "emissivity": 1.0},
-    }
-
-
-def write_atmosphere(data: dict[str, Any], path: Path | str) -> None:
-    """Check an atmosphere file's content and write it, floats so that they read back bit by bit.
-
-    Raises
-    ------
-    UserError
-        Content the reader would refuse; nothing is written then.
-    """
-    parse_atmosphere(data, str(path))
-    atomic.write_text(Path(path), json.dumps(data, allow_nan=False) + "\n")

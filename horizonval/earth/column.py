@@ -1,12 +1,11 @@
-"""What the renderer needs to know of the planet: columns of optical properties, one per spectral node.
+"""Interface between the physics and the renderer: columns of optical properties, one per spectral node.
 
-The physics rooms end and the renderer begins here. A node is monochromatic; the renderer solves each node alone and
-adds them up::
+A node is monochromatic; the renderer solves each node separately::
 
     L_band = sum over the band's nodes of weight * L_node
 
-Every property is linear in altitude between the nodes of the common grid and zero above its top. Scattered sunlight
-comes in such nodes, thermal bands are :class:`horizonval.earth.atmosphere.emission.EmittingBand`.
+Every property is linear in altitude between the nodes of the common grid and zero above its top. Thermal bands are
+:class:`horizonval.earth.atmosphere.emission.EmittingBand`.
 """
 
 from __future__ import annotations
@@ -25,16 +24,16 @@ from horizonval.earth.weather.field import ColumnMap
 
 @dataclass(frozen=True)
 class ColumnPlaces:
-    """Where columns of air stand that differ from the one below the camera.
+    """Positions of columns of air that differ from the one below the camera.
 
     Attributes
     ----------
     altitude_m : ndarray, shape (k,)
-        On which they are given: even, from 0 to the top of the model.
+        Even levels from 0 to the top of the model.
     sin_latitude : ndarray, shape (m,)
-        Even and rising, at least two; of geodetic latitudes. Empty where there is a map.
+        Sine of geodetic latitudes, even and rising, at least two. Empty where there is a map.
     column_map : ColumnMap or None
-        Where the m columns stand if the air varies with longitude too.
+        Positions of the m columns if the air varies with longitude too.
     """
 
     altitude_m: FloatArray
@@ -44,54 +43,51 @@ class ColumnPlaces:
 
 @dataclass(frozen=True)
 class SpectralNode:
-    """One monochromatic (or g-point) column of optical properties on the common altitude grid.
+    """One monochromatic column of optical properties on the common altitude grid.
 
     Attributes
     ----------
-    name : str
-    band : str
+    name : str band : str
         Band this node adds to.
     weight : float
         Band radiance = sum over nodes of ``weight`` * node radiance [um]; 1 for an atmosphere file's band.
     wavelength_um : float
         Nominal wavelength.
-    extinction_per_m : ndarray, shape (n,)
-    molecular_per_m : ndarray, shape (n,)
-        Scattering coefficient of molecules. Their phase function is
-        ``(1 - c/3 + c cos^2) / (4 pi)`` with c = ``molecular_cos2``.
+    extinction_per_m : ndarray, shape (n,) molecular_per_m : ndarray, shape (n,)
+        Scattering coefficient of molecules. Their phase function is ``(1 - c/3 + c cos^2) / (4 pi)`` with c =
+        ``molecular_cos2``.
     molecular_cos2 : float
         0.75 without depolarisation (Rayleigh), ``0.75 (1 - q) / (1 + 2 q)`` with ``q = rho / (2 - rho)`` for a
         depolarisation factor rho, 0 for isotropic scattering.
     particle_per_m : ndarray, shape (n,)
         Scattering coefficient of particles, phase function of Henyey and Greenstein.
     asymmetry : ndarray, shape (n,)
-        Its asymmetry g at every altitude; where there are no particles, any number in (-1, 1).
+        Its asymmetry g; any number in (-1, 1) where there are no particles.
     solar_irradiance : float
-        W m-2 um-1 at the scene's distance of the Sun, outside the atmosphere, across the rays. 1 for atmosphere files
-        of the ``radiance`` command: the answer is then 1/sr.
+        W m-2 um-1 outside the atmosphere, across the rays, at the scene's distance of the Sun. 1 for atmosphere files
+        of the ``radiance`` command, whose radiances are in 1/sr.
     sun_radiance : float
         Mean radiance of the Sun's disc outside the atmosphere, unit of the node radiance.
     limb_darkening : tuple of float
         Coefficients of ``I(mu) / I(1) = sum a_k mu^k`` on the Sun's disc; (1,) for a uniform one.
     moon_irradiance : float
-        The Moon's irradiance at the Earth's centre, outside the atmosphere, unit of ``solar_irradiance``; 0 for none.
+        The Moon's irradiance at the Earth's centre, outside the atmosphere, unit of ``solar_irradiance``.
     sky_radiance : float
         Of the sky behind everything, unit of the node radiance.
     glow_per_m : ndarray, shape (m,)
-        Emission of the air itself, whatever its temperature and the Sun's height (airglow), on the model's
-        ``glow_altitude_m``: W m-3 sr-1 um-1, the node radiance per metre. Empty for none.
+        Airglow on the model's ``glow_altitude_m``: W m-3 sr-1 um-1, the node radiance per metre. Empty for none.
     layer_per_m : ndarray, shape (m, n)
-        Extinction of each of the model's ``layers``, which ``extinction_per_m`` has in it.
+        Extinction of each of the model's ``layers``, included in ``extinction_per_m``.
     layer_albedo, layer_asymmetry : tuple of float
         Scattering per ``layer_per_m``, and asymmetry of each layer's particles.
     forward_per_m : ndarray, shape (n,)
-        What of ``particle_per_m`` scatters straight on and is not in ``extinction_per_m``, see
-        :mod:`horizonval.renderer.scattering.shells`; empty for nothing.
+        Part of ``particle_per_m`` that scatters straight on and is not in ``extinction_per_m``, see
+        :mod:`horizonval.renderer.scattering.shells`; may be empty.
     more_extinction_per_m, more_molecular_per_m : ndarray, shape (m, k)
-        What the model's ``columns`` have more of (less: negative) than the node's own column. Empty without columns.
+        Difference of the model's ``columns`` from the node's own column. Empty without columns.
     energy_ratio : float
         Of solar bands, whose weights count photons: a band's energy radiance is the sum over nodes of ``weight`` *
-        ``energy_ratio`` * node radiance. Not a number where nobody asks for it.
+        ``energy_ratio`` * node radiance. NaN where it is not needed.
     """
 
     name: str
@@ -133,27 +129,22 @@ class OpticalModel:
         Rising from 0 to ``top_m``.
     top_m : float
         Vacuum above.
-    nodes : tuple of SpectralNode
-    albedo : float
+    nodes : tuple of SpectralNode albedo : float
         Lambert albedo of the ground, for sunlight.
     ground_varies : bool
-        Whether the ground is more than ``albedo`` says, or has clouds above it.
+        Whether the ground differs from a Lambert ground of ``albedo``, or has clouds above it.
     glow_altitude_m : ndarray, shape (m,)
-        Altitudes of ``glow_per_m``, from 0 on; may go on above ``top_m``, where the air glows without dimming. Empty
-        where nothing glows.
+        Altitudes of ``glow_per_m``, from 0; may extend above ``top_m``, where the glow is not attenuated. May be empty.
     refractivity : ndarray, shape (n,), or None
-        n - 1 of the air, one for all nodes. None: light goes straight.
-    thermal : tuple of EmittingBand
-        The thermal bands of a scene, each with its own air over height and latitude.
-    emission : GroundEmission or None
-        What ground and clouds emit in them; None where there are no thermal bands.
+        n - 1 of the air, one for all nodes. None: straight rays.
+    thermal : tuple of EmittingBand emission : GroundEmission or None
+        What ground and clouds emit in the thermal bands.
     layers : tuple of (float, float)
-        Base and top of the layers of thin cloud: the air's columns bend sharply there.
+        Base and top of the layers of thin cloud, where the columns bend sharply.
     gaps : tuple of LayerGaps or None
-        Of each of the layers where it is cloudy, None for an even one. The columns are those of the mean layer.
+        Cloudy part of each layer, None for an even one. The columns are those of the mean layer.
     columns : ColumnPlaces or None
-        Of air that differs from place to place: where ``more_extinction_per_m`` of the nodes stands. None: the nodes'
-        own columns serve everywhere.
+        Positions of the columns of ``more_extinction_per_m``. None: the nodes' own columns apply everywhere.
     band_order : tuple of str
         Names of all bands in the camera's order; empty for that of ``nodes`` and then ``thermal``.
     """
@@ -186,5 +177,5 @@ class OpticalModel:
 
     @property
     def glow_top_m(self) -> float:
-        """Nothing shines above."""
+        """Top of everything that emits or scatters."""
         return max(self.top_m, float(self.glow_altitude_m[-1])) if len(self.glow_altitude_m) else self.top_m

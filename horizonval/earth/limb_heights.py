@@ -1,37 +1,29 @@
-"""What a circular cone cannot say of the Earth: how far a limb that is no circle pulls the nadir of a fitted cone.
+"""Height of the visible limb: how it varies, what that does to a fitted cone, and how refraction raises the horizon.
 
-A limb that stands ``h`` above the sphere at azimuth phi is seen ``delta = h tan(rho) / R`` outside of it. To first
-order the fitted axis ``n`` and half-angle ``rho`` then move by the least-squares answer to
+A limb at the height ``h`` above the sphere at azimuth phi appears ``delta = h tan(rho) / R`` outside of it. To first
+order the fitted axis ``n`` and half-angle ``rho`` move by the least-squares solution of
 
     t(phi) . dn + drho = delta(phi),        (dn, drho) = G delta,      G = (J^T J)^-1 J^T,  J = [t, 1]
 
 with ``t`` the unit direction from the axis towards the point. A constant height moves ``rho`` alone; a bow of one
-kilometre over a 50 deg piece of limb, seen from 500 km, moves the nadir by 0.3 deg. The covariance of the heights
-along the limb is hence carried to the nadir as ``G K G^T``. It does not shrink with the number of points, and it is
-kept apart from the noise.
+kilometre over a 50 deg arc of limb, seen from 500 km, moves the nadir by 0.3 deg. The covariance K of the heights along
+the limb therefore propagates to the nadir as ``G K G^T``. It does not decrease with the number of points and is
+separate from noise. Second orders are neglected: (delta / rho)^2 is 1e-5.
 
-**Oblateness.** The radius of the ellipsoid in the direction ``u`` from its centre is ``a (1 - f (u . z)^2)`` to first
-order in the flattening, ``z`` the pole. A method that knows neither place nor heading must take every direction of
-the pole as equally likely; the covariance is the mean over poles spread evenly over the sphere. Up to 0.17 deg rms,
-most of it the angle between geocentric and geodetic vertical.
+**Oblateness.** To first order in the flattening the radius of the ellipsoid in the direction ``u`` from its centre is
+``a (1 - f (u . z)^2)``, ``z`` the pole. A method that knows neither position nor heading must treat all directions of
+the pole as equally likely; the covariance is the mean over poles spread evenly over the sphere. This gives up to 0.17
+deg rms, mostly the angle between geocentric and geodetic vertical.
 
 **Relief.** Height of the visible limb over the ground varies with the Sun's angle along the limb, with clouds and with
-the temperature of the air. It is taken as a random function of azimuth with a standard deviation and a correlation
-length, ``K(phi) = s^2 exp(-phi^2 / (2 l^2))``.
+the temperature of the air. It is a random function of azimuth with a standard deviation and a correlation length,
+``K(phi) = s^2 exp(-phi^2 / (2 l^2))``, measured on rendered limbs.
 
-Second orders are neglected: (delta / rho)^2 is 1e-5.
-
-How the height of the visible limb varies along it: measured on rendered limbs, for estimators and their judges.
-
-Where refracting air shows the hard horizon: at the tangent of the apparent planet.
-
-A ray that grazes the ground has the impact parameter ``n R`` (Bouguer's law), n the index of the air there, and leaves
-the air as a straight line at that distance from the centre. Seen from outside the air, the outline is that of a planet
-whose axes are longer by :math:`(n - 1) R`: 1.77 km in visible light over the US standard atmosphere.
-
-One index serves all bands of a camera, the mean over their wavelengths (1 % of n - 1 at either end of the visible,
-20 m); R is the planet's mean radius (10 m at most on the Earth's ellipsoid). The air is in layers: horizontal gradients
-tilt the horizon by arcseconds.
+**Refraction.** A ray that grazes the ground has the impact parameter ``n R`` (Bouguer's law), n the index of the air
+there, and leaves the air as a straight line at that distance from the centre. Seen from outside, the planet is larger
+by :math:`(n - 1) R`: 1.77 km in visible light for the US standard atmosphere. One index, the mean over the bands'
+wavelengths, serves all bands (1 % of n - 1 at either end of the visible, 20 m); R is the mean radius (10 m at most on
+the ellipsoid). Horizontal gradients of the air are neglected: they tilt the horizon by arcseconds.
 """
 
 from __future__ import annotations
@@ -64,34 +56,33 @@ class Relief:
 
 
 SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
-"""Of the steepest place of the sunlit limb, Sun at 0 to 85 deg from the zenith: a slow change with the Sun's angle
-along the arc, and clouds."""
+"""Relief of the steepest point of the sunlit limb: a slow change with the Sun's angle along the arc, and clouds."""
 
 THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
-"""Of the infrared limb, which follows the temperature of the stratosphere from latitude to latitude."""
+"""Relief of the infrared limb, which follows the temperature of the stratosphere across latitudes."""
 
 CLOUD_RELIEF_SOLAR = Relief(600.0, 0.05)
-"""What clouds at the limb add to it in sunlight."""
+"""Additional relief of clouds at the limb in sunlight."""
 
 CLOUD_RELIEF_THERMAL = Relief(2500.0, 0.05)
-"""What clouds at the limb add to it in window bands, which see their tops; carbon dioxide bands do not."""
+"""Additional relief of clouds in window bands, which see their tops; bands of carbon dioxide do not."""
 
 SOLAR_HEIGHT_M = (-2e3, 40e3)
 THERMAL_HEIGHT_M = (-2e3, 70e3)
 
 
 def reliefs(band_kind: Literal["solar", "thermal"] | None) -> tuple[Relief, ...]:
-    """Return how the limb's height varies along it; the larger one where the band is not known."""
+    """Return how the limb's height varies along it; the larger variation if the band is unknown."""
     return SOLAR_RELIEF if band_kind == "solar" else THERMAL_RELIEF
 
 
 def limb_height_m(band_kind: Literal["solar", "thermal"] | None) -> tuple[float, float]:
-    """Return the lowest and the highest that the visible limb stands above a sphere of the mean radius, air alone."""
+    """Return the lowest and the highest visible limb of clear air above a sphere of the mean radius."""
     return SOLAR_HEIGHT_M if band_kind == "solar" else THERMAL_HEIGHT_M
 
 
 MOST_POINTS = 240
-"""Points that stand for all of them: the heights are smooth, and the matrix of their covariance is not made large."""
+"""Largest number of points in the covariance matrix; the heights are smooth, so a sample suffices."""
 POLES = 400
 
 
@@ -114,18 +105,15 @@ def systematic_covariance(
     ----------
     los_cam : ndarray, shape (n, 3)
         Unit lines of sight to the limb points used, n >= 3.
-    axis_cam : ndarray, shape (3,)
-    rho_rad : float
-    flattening : float
+    axis_cam : ndarray, shape (3,) rho_rad : float flattening : float
         Of the planet; 0 for a sphere.
     reliefs : tuple of Relief
         Independent contributions.
-    earth_radius_m : float
-    estimates : {"geocentric", "geodetic"}
-        Which vertical the axis is compared with: what is left of oblateness depends on it.
+    earth_radius_m : float estimates : {"geocentric", "geodetic"}
+        Vertical with which the axis is compared; the effect of oblateness depends on it.
     gain : ndarray, shape (3, n), optional
-        How far a limb that is seen one radian further out at each of the points moves (axis 1, axis 2, half-angle) of a
-        method that is no fit of a cone; all points are then used.
+        Derivative of (axis 1, axis 2, half-angle) by the outward shift [rad] of the limb at each point, for methods
+        that do not fit a cone; all points are then used.
 
     Raises
     ------
@@ -150,15 +138,9 @@ def systematic_covariance(
 def relief_covariance(
     across: FloatArray, rho_rad: float, reliefs: tuple[Relief, ...], earth_radius_m: float
 ) -> FloatArray:
-    """Return the covariance [rad^2], shape (n, n), of how far outside of the cone the relief lets a limb be seen.
+    """Return the covariance [rad^2], shape (n, n), of the limb's angular distance from the cone due to relief.
 
-    Parameters
-    ----------
-    across : ndarray, shape (n, 2)
-        Unit directions from the axis towards the points, in its tangent basis.
-    rho_rad : float
-    reliefs : tuple of Relief
-    earth_radius_m : float
+    ``across`` (n, 2): unit directions from the axis towards the points, in its tangent basis.
     """
     azimuth = np.arctan2(across[:, 1], across[:, 0])
     apart = np.abs(azimuth[:, None] - azimuth[None, :])
@@ -170,13 +152,9 @@ def relief_covariance(
 
 
 def oblate_limbs(across: FloatArray, rho_rad: float, flattening: float) -> FloatArray:
-    """Return how far outside of a cone [rad] an ellipsoid's limb is seen, shape (n, poles), for poles spread evenly.
+    """Return how far outside of a cone [rad] an ellipsoid's limb appears, shape (n, poles), for poles spread evenly.
 
-    Parameters
-    ----------
-    across : ndarray, shape (n, 2)
-        As for :func:`relief_covariance`.
-    rho_rad, flattening : float
+    ``across`` as for :func:`relief_covariance`.
     """
     # From the Earth's centre a tangent point lies 90 deg - rho from the sub-satellite point, which is opposite to the
     # nadir.
@@ -206,19 +184,19 @@ def _poles() -> FloatArray:
 def air_refractivity(
     scene: SceneSpec, number_density_air: FloatArray, camera_bands: Sequence[Band]
 ) -> FloatArray | None:
-    """Return n - 1 of air of some number density [1/m3] for a camera's bands; None where the scene bends no light."""
+    """Return n - 1 of air of a number density [1/m3] for a camera's bands; None without refraction."""
     if scene.atmosphere.refraction is False:
         return None
     return rayleigh.refractivity(number_density_air, [bands.reference_wavelength_um(band) for band in camera_bands])
 
 
 def file_refractivity(scene: SceneSpec, file: AtmosphereFile, altitude_m: FloatArray, where: str) -> FloatArray | None:
-    """Return n - 1 of an atmosphere file on other altitudes; None where light is not bent.
+    """Return n - 1 of an atmosphere file on other altitudes; None without refraction.
 
     Raises
     ------
     UserError
-        The scene asks for refraction, and the file does not tell.
+        The scene asks for refraction, and the file has no refractivity.
     """
     wanted = scene.atmosphere.refraction
     if wanted is False or (wanted is None and file.refractivity is None):
@@ -229,15 +207,13 @@ def file_refractivity(scene: SceneSpec, file: AtmosphereFile, altitude_m: FloatA
 def horizon_rise_m(
     scene: SceneSpec, camera: CameraSpec, altitude_m: float, mean_radius_m: float, base_dir: Path | None = None
 ) -> float:
-    """Return by how much the refracted horizon stands above the geometric one [m]; 0 where light is not bent.
+    """Return the height of the refracted horizon above the geometric one [m]; 0 without refraction.
 
-    Inside the air, at index n(h), light arrives as from a planet larger by ``(n(0) - n(h)) R``.
+    Inside the air, at index n(h), the planet appears larger by ``(n(0) - n(h)) R``.
 
     Parameters
     ----------
-    scene, camera
-        Resolved specifications.
-    altitude_m : float
+    scene, camera altitude_m : float
         Of the camera.
     mean_radius_m : float
         Of the planet.

@@ -1,23 +1,20 @@
-"""From a scene and a camera to the optical properties the renderer marches through.
+"""From a scene and a camera to the optical properties that the renderer integrates.
 
 Solar bands become monochromatic nodes: Gauss's rule for the measure ``R(lambda) (lambda / lambda_ref) E_sun(lambda)``,
 so that Fraunhofer lines and jagged responses are integrated exactly and only the smooth transfer function is sampled
-(exact for polynomials of degree 2 n - 1 in wavelength). Ozone's cross section has peaks of its own; the nodes take it
-smoothed as :meth:`horizonval.earth.spectral.quadrature.Orthonormal.smoothed` says. Every node of a band carries the
-band's mean irradiance, and the weights add up to the band's effective width [um]. How many nodes: what the band asks
-for, or else the fewest that keep ``render.band_error``; see :mod:`horizonval.earth.atmosphere.node_count`.
+(exact for polynomials of degree 2 n - 1 in wavelength). Nodes use a smoothed cross section of ozone
+(:meth:`horizonval.earth.spectral.quadrature.Orthonormal.smoothed`). Every node of a band has the band's mean
+irradiance, and the weights add up to the band's effective width [um]. The number of nodes is the band's, or the
+smallest that meets ``render.band_error`` (:mod:`horizonval.earth.atmosphere.node_count`). Oxygen and water vapour add a
+few nodes from 570 nm on (:mod:`horizonval.earth.gases.sunlight_absorption`).
 
-A solar node has molecules with their depolarisation at its wavelength, ozone, and particles with the asymmetry of what
-scatters at each altitude. Thermal bands become :class:`horizonval.earth.atmosphere.emission.EmittingBand`, see
-:mod:`horizonval.earth.atmosphere.emission`, and what is behind them
-:class:`horizonval.earth.surface.ground_emission.GroundEmission`.
+A solar node has molecules with their depolarisation at its wavelength, ozone, nitrogen dioxide below 700 nm, and
+particles with the asymmetry of the scatterers at each altitude. Thermal bands become
+:class:`horizonval.earth.atmosphere.emission.EmittingBand` with a
+:class:`horizonval.earth.surface.ground_emission.GroundEmission` behind.
 
-Oxygen and water vapour absorb in bands from 570 nm on, by a few nodes more; see
-:mod:`horizonval.earth.gases.sunlight_absorption`. Nitrogen dioxide absorbs below 700 nm, at the nodes as they are; see
-:mod:`horizonval.earth.gases.nitrogen_dioxide`.
-
-Left out: cloud; absorption of sunlight by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in
-thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
+Neglected: absorption of sunlight by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in thermal
+bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
 """
 
 from __future__ import annotations
@@ -49,13 +46,13 @@ from horizonval.spec.scene import SceneSpec
 __all__ = ["NO_ATMOSPHERE", "FloatArray", "OpticalModel", "SpectralNode", "node_counts", "optical_model"]
 
 BARE_EARTH_NODES = 4
-"""Nodes of a band over a ground with a spectrum but without air: vegetation's red edge is what they must follow."""
+"""Nodes of a band over a ground with a spectrum but without air; they must follow vegetation's red edge."""
 BARE_GROUND_K = 288.15
-"""Temperature of the ground without an atmosphere to take it from: US76 sea level."""
+"""Temperature of the ground without an atmosphere: US76 at sea level."""
 
 
 def node_counts(model: OpticalModel) -> dict[str, int]:
-    """Return how many spectral nodes or g points every band of a model has, in the camera's order."""
+    """Return the number of spectral nodes or g points of every band of a model, in the camera's order."""
     solar = [node.band for node in model.nodes]
     thermal = {band.name: band.count for band in model.thermal}
     return {band: thermal[band] if band in thermal else solar.count(band) for band in model.bands}
@@ -71,21 +68,19 @@ def optical_model(
 ) -> OpticalModel:
     """Return the optical properties of a scene for every band of a camera.
 
-    On a grid of 100 m from 0 to 100 km. Densities fall exponentially between levels; taken as linear over 100 m they
-    are at most 3e-5 too high for a scale height of 7 km. An atmosphere file keeps its own nodes.
+    The grid has 100 m steps from 0 to 100 km. Densities fall exponentially between levels; linear interpolation over
+    100 m makes them at most 3e-5 too high for a scale height of 7 km. An atmosphere file keeps its own nodes.
 
-    Where the air varies over the globe, the nodes of solar bands have the column of the point below the satellite, and
-    beside it what the air in sight has more of (:mod:`horizonval.earth.atmosphere.sunlit_gases`).
+    Where the air varies over the globe, solar nodes have the column below the satellite and the differences from it of
+    the columns in sight (:mod:`horizonval.earth.atmosphere.sunlit_gases`).
 
     Parameters
     ----------
     scene : SceneSpec
-        Atmosphere, surface and ``render.band_error`` are used; for ``by_latitude_month`` the platform too.
+        Atmosphere, surface and ``render.band_error`` are used; for air that varies the platform too.
     camera : CameraSpec
         Its bands are used.
-    sun_distance_au : float
-        Distance of the Sun.
-    base_dir : Path, optional
+    sun_distance_au : float base_dir : Path, optional
         Folder against which ``atmosphere.file`` and ``profile_file`` are resolved; default the current one.
     change : AirChange
         How the air differs from the scene's; spectral nodes and ground are those of the scene.
@@ -93,7 +88,7 @@ def optical_model(
     Raises
     ------
     UserError
-        Camera without bands; unknown profile; band outside the tables; a file refused; an atmosphere file without a
+        Camera without bands; unknown profile; band outside the tables; an invalid file; an atmosphere file without a
         band of the camera's name; ``render.band_error`` out of reach.
     """
     if not camera.band:
@@ -186,7 +181,7 @@ def _solar_nodes(
     where: str,
     change: AirChange,
 ) -> list[SpectralNode]:
-    """Return the nodes that the air of the scene asks for, of ``changed`` air."""
+    """Return the nodes that the scene's air needs, with the properties of ``changed`` air."""
     lo, hi = bands.limits_um(band)
     if air.with_ozone and lo < ozone.MIN_UM:
         raise UserError(
@@ -231,7 +226,7 @@ def _solar_nodes(
 
 
 def _around(sight: GasesInSight | None, rule: SolarRule, index: int) -> dict[str, Any]:
-    """Return what a node keeps of the columns around its own."""
+    """Return the fields of a node about the columns around its own."""
     if sight is None:
         return {}
     extinction, molecular = sight.more_per_m(rule, index)
@@ -239,7 +234,7 @@ def _around(sight: GasesInSight | None, rule: SolarRule, index: int) -> dict[str
 
 
 def _layers(air: Air, wavelength_um: float, raised_m: float) -> dict[str, Any]:
-    """Return what a node keeps of each layer of thin cloud."""
+    """Return the fields of a node about layers of thin cloud."""
     if not air.layers:
         return {}
     optics = [aerosol.optics(layer.particle, wavelength_um) for layer in air.layers]
@@ -279,8 +274,8 @@ def _from_file(
     """Return a scene whose atmosphere comes from a file: one node per camera band, grey inside the band.
 
     Coefficients, temperatures and phase function come from the file; albedo, emissivity and (where given) the ground's
-    temperature from the scene, the response and the Sun's spectrum from the camera band. The file's radius does not
-    move the scene's Earth.
+    temperature from the scene; response and solar spectrum from the camera band. The file's radius does not change the
+    scene's Earth.
     """
     assert scene.atmosphere.file is not None
     path = (base_dir or Path()) / scene.atmosphere.file

@@ -1,4 +1,4 @@
-"""The shipped tables of :mod:`horizonval.earth.data`, read once and never changed."""
+"""Shipped tables of :mod:`horizonval.earth.data`, read once and write-protected."""
 
 from __future__ import annotations
 

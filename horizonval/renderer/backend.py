@@ -1,10 +1,8 @@
 """Which Dr.Jit back-end can render here, found out without risking this process.
 
 Some LLVM libraries abort the whole process when a kernel is compiled (15 and 16 on CPUs with certain vector units), so
-every candidate renders a small image in a subprocess first. The verdict is cached per interpreter, package versions and
-library, and the search ends at the first candidate that works: CUDA, then LLVM.
-
-How long kernels take to compile, which is done once for all frames that are alike, and kept on the disk.
+every candidate renders a small image in a subprocess first. The search ends at the first candidate that works: CUDA,
+then LLVM. The verdict is cached per interpreter, package versions and library.
 """
 
 from __future__ import annotations
@@ -99,17 +97,14 @@ def probe(refresh: bool = False) -> BackendReport:
 
 
 def activate(threads: int | None = None) -> str:
-    """Select the working variant in this process; return its name.
+    """Select the working variant in this process and return its name.
 
-    Parameters
-    ----------
-    threads : int, optional
-        Threads for the LLVM back-end; all cores by default.
+    ``threads`` of the LLVM back-end, all cores by default.
 
     Raises
     ------
     UserError
-        If no back-end works, with what to install.
+        No back-end works; the message says what to install.
     """
     chosen = probe().chosen
     if chosen is None:
@@ -135,10 +130,7 @@ def activate(threads: int | None = None) -> str:
 
 
 def _refuse_early_drjit(version: tuple[int, int, int], library: str) -> None:
-    """Raise ``UserError`` where Dr.Jit loaded a library of its own choice, before this package, that cannot compile.
-
-    Dr.Jit loads LLVM while it is imported and never again, so that nothing can be mended in this process.
-    """
+    """Raise ``UserError`` if Dr.Jit was imported before this package and loaded an LLVM library that cannot compile."""
     if not DRJIT_CAME_FIRST or USERS_LIBRARY or version[0] >= OLDEST_LLVM:
         return
     number = ".".join(map(str, version))
@@ -192,10 +184,7 @@ def _try(variant: str, library: str) -> Attempt:
 
 @contextmanager
 def compiling_counted() -> Iterator[None]:
-    """Count the compilation of the kernels inside (:mod:`horizonval.core.progress`).
-
-    Dr.Jit keeps a record of every kernel for it, some hundred for a frame, and is not slower.
-    """
+    """Count the kernels compiled inside (:mod:`horizonval.core.progress`), from Dr.Jit's own record of kernels."""
     drjit = sys.modules.get("drjit")
     if drjit is None:
         yield

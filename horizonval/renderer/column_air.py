@@ -1,21 +1,23 @@
-r"""Air that differs from place to place, for sunlight: what each place has more of than the column below the camera.
+r"""Air that differs from place to place, for sunlight.
 
-Extinction and scattering at a place are those of a batch's own column plus a difference, linear in height between even
-levels and bilinear (by latitude alone: linear in its sine) between columns around the place. So light meets the air of
-every place that it passes on its way to the camera.
+The difference between each place and the column below the camera.
+
+Extinction and scattering at a place are those of a batch's column plus a difference, linear in height between even
+levels and bilinear between the columns around the place (by latitude alone: linear in its sine). So light meets the air
+of every place that it passes on its way to the camera.
 
 On its way from the Sun it meets one column's air, that of the place where it is scattered. The optical depth towards
-the Sun, tabulated for the own column, is multiplied by a ratio between two: of the columns' depths straight up (V) and
-level (T) from the place, and for a Sun below the horizontal that of T from its ray's lowest height::
+the Sun, tabulated for the batch's column, is multiplied by a ratio of the columns' depths straight up (V) and
+level (T) from the place, and for a Sun below the horizontal by that of T from its ray's lowest height::
 
     tau(h, mu; column) = tau(h, mu; own) (q T_column / T_own + (1 - q) V_column / V_own)(h')
 
     mu >= 0:  h' = h,                              q = c / (c + mu^2)
     mu < 0:   h' = (R + h) sqrt(1 - mu^2) - R,     q = 1
 
-c is :data:`LEVEL_COSINE2`. Between the tropics and a subarctic winter tau is so within 1 % for mu above 0.1, within 2 %
-at most heights for a lower Sun, and within 5 % at 20 km, near the lower edge of an ozone layer.
-Light that was scattered before has the source per scattering coefficient of the own column.
+c is :data:`LEVEL_COSINE2`. Between the tropics and a subarctic winter the error of tau is within 1 % for mu above 0.1,
+within 2 % at most heights for a lower Sun, and within 5 % at 20 km, near the lower edge of an ozone layer.
+Light scattered more than once has the source per scattering coefficient of the batch's column.
 """
 
 from __future__ import annotations
@@ -113,20 +115,17 @@ class Lattice:
 
 @dataclass(frozen=True)
 class ColumnAir:
-    """How the air of a batch differs from its own column.
+    """How the air of a batch differs from the batch's column.
 
     Attributes
     ----------
     values : Float32, shape (m * levels * 4 * width,)
-        Of every column, level and node: extinction and scattering of molecules that it has more [1/m], and the ratios
+        For every column, level and node: differences of extinction and of molecular scattering [1/m], and the ratios
         of the optical depths straight up and level.
     places : ColumnsAround
-        Where the m columns stand.
-    levels, width : int
+        Positions of the m columns.
     per_m : Float64, size 1
         Levels per metre.
-    radius_m : float
-        Of the planet.
     """
 
     values: mi.Float32
@@ -206,10 +205,7 @@ def _depth_ratio(own: FloatArray, more: FloatArray, weights: FloatArray) -> Floa
 
 
 def _ways_out(level_m: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return what extinction at levels (k,) counts for the optical depth straight up and level from each, (k, k).
-
-    Extinction is linear in height between levels; along a level way the height grows with the square of its length.
-    """
+    """Return the weights (k, k) of extinction at levels (k,) in the optical depths straight up and level from each."""
     r = radius_m + level_m
     straight = np.maximum(level_m - level_m[:, None], 0.0)
     length = np.sqrt(np.maximum(r**2 - r[:, None] ** 2, 0.0))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.air import AS_IT_IS, AirChange
-from horizonval.earth.light import moonlight, sky
+from horizonval.earth.light import sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model
 from horizonval.frame import FrameTruth
@@ -33,9 +33,9 @@ FAINTEST_MOON = -6.0
 
 @dataclass(frozen=True)
 class Described:
-    """A scene ready to be rendered: its exact truth, its optical properties and what Mitsuba's plugins are told.
+    """A scene ready to be rendered: truth, optical properties and plugin settings.
 
-    ``itrs_from_cam`` is a rotation matrix, shape (3, 3).
+    ``itrs_from_cam`` is a (3, 3) matrix.
     """
 
     truth: FrameTruth
@@ -50,12 +50,7 @@ class Described:
 def describe(scene: SceneSpec, camera: CameraSpec, change: AirChange = AS_IT_IS) -> Described:
     """Return everything about a frame but its pixels and its infrared horizon, and select the back-end.
 
-    ``change``: how its air differs from the scene's.
-
-    Raises
-    ------
-    UserError
-        As :func:`horizonval.renderer.frame.render_frame`.
+    ``change``: how its air differs from the scene's. Errors as of :func:`horizonval.renderer.frame.render_frame`.
     """
     truth = truth_of(scene, camera, infrared=False)
     _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
@@ -115,8 +110,8 @@ def _with_sky(
         to_sun = sun * sun_distance_m - place
         sun_moon_au, sun_au = float(np.linalg.norm(to_sun)) / AU_M, sun_distance_m / AU_M
         light = sky.Moonlight(phase_angle(to_sun, -place), sun_moon_au, distance / AU_M, sun_au)
-        here = moonlight.magnitude(truth.moon_phase_angle_rad, sun_moon_au, float(np.linalg.norm(line)) / AU_M)
-        there = moonlight.magnitude(light.phase_rad, sun_moon_au, light.moon_au)
+        here = sky.moon_magnitude(truth.moon_phase_angle_rad, sun_moon_au, float(np.linalg.norm(line)) / AU_M)
+        there = sky.moon_magnitude(light.phase_rad, sun_moon_au, light.moon_au)
         assert truth.moon_itrs is not None
         moon = MoonSettings(
             truth.moon_itrs,
@@ -159,8 +154,8 @@ def _zenith_and_horizon(truth: FrameTruth, direction: ArrayLike) -> tuple[float,
 def _lights_nothing(truth: FrameTruth, direction: ArrayLike, top_m: float) -> bool:
     """Return whether every ray stays in the umbra of a light in this direction.
 
-    So it is if the light is lower than the air's top can see even from where the best lit rays leave the air. A degree
-    to spare takes the flattening in.
+    That is so if the light is lower than the air's top can see even from where the best lit rays leave the air; a
+    margin of one degree covers the flattening.
     """
     zenith, horizon = _zenith_and_horizon(truth, direction)
     air = math.acos(truth.ellipsoid_b_m / (truth.ellipsoid_b_m + top_m))

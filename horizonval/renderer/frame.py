@@ -23,31 +23,22 @@ _place: dict[str, str] = {}
 
 
 def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> RadianceFrame:
-    """Return the frame a scene's camera sees.
-
-    Deterministic: the same scene gives the same bytes for any number of threads.
-
-    Parameters
-    ----------
-    scene : SceneSpec
-    camera : CameraSpec
-    progress : Progress, optional
-        Told about tables of multiple scattering that must be solved first.
+    """Return the frame a scene's camera sees: the same bytes for any number of threads.
 
     Raises
     ------
     UserError
-        For anything in the scene or camera that cannot be rendered (bands outside the tables, a camera below the
-        ground), a frame that memory does not hold, or when no back-end works here.
+        Anything in the scene or camera that cannot be rendered (bands outside the tables, a camera below the
+        ground), a frame that does not fit into memory, or no back-end that works here.
     """
     return viewpoint_of(scene, camera, progress).frame(scene)
 
 
 def render_in_turn(scene: SceneSpec, camera: CameraSpec, *, maps: bool = True) -> RadianceFrame:
-    """Return the frame a scene's camera sees, and keep its place for the next one, which may be taken there too.
+    """Return the same bytes as :func:`render_frame`, and keep the viewpoint for the next frame.
 
-    The same bytes as :func:`render_frame`; for campaigns, whose files do not change under them. Errors as there.
-    Without ``maps`` the frame has no truth maps, which a detector does not need: quicker.
+    For campaigns, whose files do not change while they run. ``maps``: False leaves out the truth maps, which a detector
+    does not need.
     """
     refuse_too_large(scene, camera)
     key, place = viewpoint_key(scene, camera), shared_view(scene, camera)

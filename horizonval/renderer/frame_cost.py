@@ -1,11 +1,6 @@
-"""How much memory a frame takes, known before it is rendered.
+"""How much memory a frame takes, estimated before it is rendered, and which frames share their tables of light.
 
-**How far off.** The shipped scene ``limb-noon-vis`` with 256, 1024 and 2048 pixels a side peaks at 230, 495 and 1240
-MB, detector image included; 270, 630 and 1790 MB are predicted, because a field of 10 deg, all limb, takes 580 MB with
-1024 pixels. Marched, with 2048 pixels: 2070 MB, 2500 MB predicted; under clouds: 3070 MB, 3340 MB predicted.
-
-**Shared tables.** Frames of one position, one Sun and one air, seen through the same bands, share their tables of
-light.
+Frames of one position, one Sun and one air, seen through the same bands, share their tables.
 """
 
 from __future__ import annotations
@@ -28,14 +23,9 @@ BYTES_PER_MARCHED_CELL, BYTES_PER_CLOUDED_CELL = 130.0, 180.0
 
 
 def frame_bytes(scene: SceneSpec, camera: CameraSpec, thermal_points: int = 0) -> float:
-    """Return the memory that a process takes at its peak to make a frame and its images [bytes].
+    """Return the peak memory of a process that makes a frame and its images [bytes].
 
-    Parameters
-    ----------
-    scene, camera
-        Resolved specifications.
-    thermal_points : int
-        g points of all thermal bands, where the air changes with latitude.
+    ``thermal_points``: g points of all thermal bands, where the air changes with latitude.
     """
     return PROCESS_BYTES + BYTES_PER_POINT * thermal_points + _pixels_bytes(scene, camera)
 
@@ -70,14 +60,8 @@ def _pixels_bytes(scene: SceneSpec, camera: CameraSpec) -> float:
 def shared_view(scene: SceneSpec, camera: CameraSpec) -> str:
     """Return a digest that is equal for frames which share their tables.
 
-    It may differ for some that do all the same: it says what is best made one after another, and no result hangs on it.
-
-    No table hangs on where the camera looks, nor on clouds, which only end rays.
-
-    Parameters
-    ----------
-    scene, camera
-        Resolved specifications.
+    It may differ for some that share them: it decides only which frames are rendered one after another. Tables depend
+    neither on where the camera looks nor on clouds, which only end rays.
     """
     place = _place(scene)
     del place["clouds"]
@@ -85,9 +69,9 @@ def shared_view(scene: SceneSpec, camera: CameraSpec) -> str:
 
 
 def viewpoint_key(scene: SceneSpec, camera: CameraSpec) -> str:
-    """Return a digest that differs for frames which differ in more than attitude, mounting and head.
+    """Return a digest that is equal for frames of one :class:`Viewpoint`.
 
-    Equal ones can be had from one :class:`horizonval.renderer.viewpoint.Viewpoint`.
+    They differ in attitude, mounting or head only.
     """
     drawn_by_name = scene.clouds is not None and scene.clouds.seed is None
     name = scene.scene.model_dump(mode="json") if drawn_by_name else None

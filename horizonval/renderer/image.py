@@ -4,11 +4,9 @@ A cell is one ray, or on the hard edge two that are mixed by the covered share (
 
     L_cell = c L_ground + (1 - c) L_limb + discs
 
-What the discs of Sun and Moon add is in ``discs``. By night the sky behind shines through, where no cloud is before it.
-Solar bands are marched cell by cell; thermal ones come from tables (``emission_image``).
-
-The outline of clouds above the limb cuts cells as the hard edge does. Before the ground they have none: the ray of a
-cell decides whether it ends on a cloud.
+``discs`` adds Sun and Moon. By night the sky behind shines through, except behind clouds. Solar bands are marched cell
+by cell; thermal ones come from tables (``emission_image``). The outline of clouds above the limb cuts cells as the hard
+edge does; in front of the ground the ray of a cell decides whether it ends on a cloud.
 """
 
 from __future__ import annotations
@@ -80,9 +78,8 @@ def render_bands(
     """Return radiance per band, and energy radiance per solar band: Float64 arrays, one value per pixel in row order.
 
     The same spectral nodes serve both, with other weights (``SpectralNode.energy_ratio``). ``thermal``: the thermal
-    bands among ``bands``; they need to know what the ground emits. ``digest``: of air, planet and orders of scattering,
-    by which view tables of sunlight are found again; None to march every cell. ``cells``: those of the
-    view, where they are known.
+    bands among ``bands``. ``digest``: of air, planet and orders of scattering, the key of view tables of sunlight; None
+    to march every cell. ``cells``: the cells of the view, where they are known.
     """
     cells = cells or group_cells(view)
     emitted = {air.band.name for air in thermal}
@@ -134,10 +131,7 @@ class SurfaceLook:
 
 
 def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
-    """Look where rays end, under the Sun, and under the Moon where it lights the Earth; once for all spectral nodes.
-
-    Rays past the Earth end on clouds only.
-    """
+    """Return what rays end on, under the Sun, and under the Moon where it lights the Earth; once for all nodes."""
     lights = [view.sun]
     if view.moon is not None and view.moon.lights_earth:
         lights.append(view.moon.light)
@@ -163,8 +157,8 @@ def node_parts(
 ) -> Iterator[NodePart]:
     """Yield ``(cells, share of the cell, radiance per node)`` of all that shines; each cell once in each.
 
-    ``hits``: under the Sun, and under the Moon where it lights the Earth. ``tables``: None to march; ``number`` of the
-    batch among all.
+    ``hits``: under the Sun, and under the Moon where it lights the Earth. ``tables``: None to march; ``number``: index
+    of the batch.
     """
 
     def of_batch(hit: SurfaceHit | None) -> SurfaceHit | None:

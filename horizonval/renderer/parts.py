@@ -4,39 +4,34 @@ The share is that of the truth (:mod:`horizonval.geometry.part`) and not of the 
 
 **Surfaces by name.** Reflectance at a few wavelengths, linear between them and constant beyond. Each is read off
 typical published curves of its kind (Henninger, Solar absorptance and thermal emittance of some common spacecraft
-thermal-control coatings, NASA RP 1121, 1984) and right to 0.05 or so: coatings differ from maker to maker, and age.
-Roughness is chosen here.
-
-In thermal bands every surface is a grey Lambert one: what it does not emit it reflects, evenly into all directions.
+thermal-control coatings, NASA RP 1121, 1984) with an uncertainty of 0.05: coatings differ from maker to maker, and age.
+Roughness is an assumption. In thermal bands every surface is a grey Lambert one.
 
 **Light of parts**, by stock Mitsuba's ``path`` integrator. The scene is metres large, in camera axes with the camera at
-its origin, so that single precision serves. Rays are the camera's own, spread over each pixel (multi-jittered); a
+its origin, so that single precision serves. Rays are the camera's rays, spread over each pixel (multi-jittered); a
 pixel's light is the mean over those that meet a part. Pixels that a part covers by a sliver which no ray met take the
 light of the nearest pixel that has some.
 
-Sunlight and the light of the Earth are rendered apart, for neither is noisy then because of the other: under the Sun a
-Lambert panel is noisy by 2e-4 of its light, by an even Earth by 0.1 % (from above)
-to 1 % (edge-on) of a pixel's with 256 rays. Light that a metal
-throws onto another part (a caustic) is noisier: single pixels may stand out. In thermal bands::
+Sunlight and the light of the Earth are rendered separately, so that neither adds noise to the other: under the Sun a
+Lambert panel is noisy by 2e-4 of its light, by an even Earth by 0.1 % (from above) to 1 % (edge-on) of a pixel's with
+256 rays. Light that a metal throws onto another part (a caustic) is noisier. In thermal bands::
 
     L_part = e B(T) + what the part reflects, with a reflectance of 1 - e, of the Earth
 
-Light goes from part to part, at most :data:`MOST_BOUNCES` times; heat that one part emits and another reflects is left
-out. Seeds come from a hash of the frame's identity, so that equal frames are equal to the last bit.
+Light goes from part to part, at most :data:`MOST_BOUNCES` times; heat that one part emits and another reflects is
+neglected. Seeds come from a hash of the frame's identity, so that equal frames are equal to the last bit.
 
-**What shines on parts**: the Earth all round, and the Sun through the air before it. The Earth is our own picture of it
+**What shines on parts**: the Earth all round, and the Sun through the air before it. The Earth is our rendered picture
 from the same place: a map in longitude and latitude about the nadir, so that the limb runs along a row and is covered
-exactly, looked up in the same tables as the frame. It is a Mitsuba ``envmap``, which is linear between rows from pole
-to pole and between the middles of columns; the map's camera is laid so that its pixels are those points. Sun and Moon
-are left out of it: the Sun is a light of its own, moonlight on parts is nothing.
-
-The Sun's light is dimmed by the share of its disc that the Earth hides and by the air before it, mean over points of
-the disc along straight rays.
+exactly, from the same tables as the frame. It is a Mitsuba ``envmap``, which is linear between rows from pole
+to pole and between the middles of columns; the map's camera has its pixels at those points. The map excludes the Sun,
+which is a separate light, and the Moon; moonlight on parts is neglected. The Sun's light is dimmed by the share of its
+disc that the Earth hides and by the air before it, mean over points of the disc along straight rays.
 
 **The Sun** is a Mitsuba emitter: a disc at infinity of unit irradiance, which smooth surfaces mirror as a disc. Stock
 Mitsuba has no such emitter: ``directional`` is a point, which no mirror shows; a far sphere loses 0.2 % in single
-precision; a map of the sky cannot hold half a degree. Directions are drawn evenly over the disc, in ``1 - cos``, whose
-small values are worked out in double precision.
+precision; a map of the sky cannot hold half a degree. Directions are sampled evenly over the disc, in ``1 - cos``,
+whose small values are computed in double precision.
 """
 
 from __future__ import annotations
@@ -108,13 +103,7 @@ def emissivity_of(part: SpacecraftPart) -> float:
 
 
 def solar_bsdf(part: SpacecraftPart, wavelength_um: Sequence[float], weight: Sequence[float], where: str) -> mi.BSDF:
-    """Return how a part reflects sunlight of some wavelengths, weighted.
-
-    Raises
-    ------
-    UserError
-        For a BSDF that Mitsuba does not know, or that is none.
-    """
+    """Return how a part reflects sunlight of some wavelengths, weighted; ``UserError`` if Mitsuba refuses its BSDF."""
     if part.bsdf is not None:
         return _loaded(part.bsdf, f"{where}.bsdf")
     surface = SURFACES[part.material]
@@ -169,7 +158,7 @@ _SUN_NODES = 128
 
 @dataclass(frozen=True)
 class Sunlight:
-    """Of a solar band: the Sun's irradiance at the camera, as radiance and as energy count it [W m-2].
+    """The Sun's irradiance at the camera in a solar band, as radiance and as energy count it [W m-2].
 
     ``wavelength_um``, ``weight``: where the light is, for what reflects it.
     """
@@ -184,14 +173,8 @@ class Sunlight:
 class SkyLight:
     """All light that falls on parts at one place.
 
-    Attributes
-    ----------
-    earth, earth_energy : dict of ndarray, shape (ROWS, COLUMNS), float32
-        Radiance by band; energy radiance by solar band.
-    sun : dict of Sunlight
-        By solar band.
-    itrs_from_map : ndarray, shape (3, 3)
-        From the axes of Mitsuba's ``envmap``.
+    ``earth``, ``earth_energy``: radiance by band and energy radiance by solar band, (ROWS, COLUMNS) float32; ``sun``:
+    by solar band; ``itrs_from_map``: (3, 3), from the axes of Mitsuba's ``envmap``.
     """
 
     earth: dict[str, NDArray[np.float32]]
@@ -201,15 +184,7 @@ class SkyLight:
 
 
 def sky_light(integrator: Any, r_itrs: FloatArray, film: Any) -> SkyLight:
-    """Return what shines on parts at the place of a camera.
-
-    Parameters
-    ----------
-    integrator : horizon_limb
-    r_itrs : ndarray, shape (3,)
-    film : mi.Film
-        Any.
-    """
+    """Return what shines on parts at the place of a camera (``r_itrs``, shape (3,)); ``film`` may be any."""
     down = -r_itrs / np.linalg.norm(r_itrs)
     across = perpendicular(down)
     itrs_from_map = np.column_stack([across, down, np.cross(across, down)])
@@ -374,16 +349,10 @@ class PartScene:
 
     Attributes
     ----------
-    parts : sequence of SpacecraftPart
     triangles : sequence of ndarray, shape (n, 3, 3)
         Of each part, in camera axes [m].
-    camera : CameraModel
     covered : ndarray of bool, shape (H, W)
-        Pixels that want light.
-    sky : SkyLight
-    cam_from_itrs : ndarray, shape (3, 3)
-    sun_itrs : ndarray, shape (3,)
-    sun_angular_radius_rad : float
+        Pixels that need light.
     samples : int
         Rays per pixel for the light of the Earth.
     identity : str
@@ -402,13 +371,7 @@ class PartScene:
     identity: str
 
     def light(self, bands: Sequence[Band]) -> PartLight:
-        """Return the light of the parts in some bands.
-
-        Raises
-        ------
-        UserError
-            For a BSDF that Mitsuba refuses.
-        """
+        """Return the light of the parts in some bands; ``UserError`` for a BSDF that Mitsuba refuses."""
         radiance: dict[str, Image] = {}
         energy: dict[str, Image] = {}
         few = max(self.samples // SUN_SHARE, 1)
@@ -439,7 +402,7 @@ class PartScene:
     ) -> tuple[Image, Image]:
         """Return the light of the Earth, as radiance and as energy count it.
 
-        Energy is the radiance times their mean ratio, and by how much that is off along fewer rays, the same for both.
+        Energy is the radiance times their mean ratio, plus the deviation from it along fewer rays, the same for both.
         """
         if not radiance.any():
             return np.zeros(self.covered.shape), np.zeros(self.covered.shape)
@@ -589,13 +552,7 @@ def _mesh(triangles: FloatArray, bsdf: Any) -> Any:
 def with_parts(
     frame: RadianceFrame, scene: SceneSpec, camera: CameraSpec, model: CameraModel, sky: SkyLight
 ) -> RadianceFrame:
-    """Return a frame with its scene's parts in it.
-
-    Raises
-    ------
-    UserError
-        For a BSDF that Mitsuba refuses.
-    """
+    """Return a frame with its scene's parts in it; ``UserError`` for a BSDF that Mitsuba refuses."""
     truth = frame.truth
     assert truth.part_outline is not None
     share = coverage(truth.part_outline, model)

@@ -1,6 +1,6 @@
-"""The ellipsoid inside the renderer: Float64 Dr.Jit, written apart from ``geometry`` so that each can check the other.
+"""The ellipsoid inside the renderer: Float64 Dr.Jit, independent of ``geometry`` so that each can check the other.
 
-Everything rests on one trick: with ``z`` stretched by ``a/b`` the ellipsoid becomes a sphere of radius ``a`` and lines
+With ``z`` stretched by ``a/b`` the ellipsoid becomes a sphere of radius ``a`` and lines
 stay lines with the same parameter. With primed vectors in the stretched space a line ``o + t d`` meets the ellipsoid if
 ``m = |o' x d'| / |d'| <= a``, and it is nearest to it at ``t = -(o'.d') / |d'|^2``. The form ``a^2 - m^2`` is used
 instead of the textbook discriminant ``b^2 - ac``, which cancels at planetary distances.
@@ -10,12 +10,12 @@ instead of the textbook discriminant ``b^2 - ac``, which cancels at planetary di
 where the air is dense. One step holds two Gauss points.
 
 **Layers of thin cloud**: no step straddles a layer's edge. A ray is cut where it enters and leaves each layer's
-heights, on its way down and on its way up. Every piece has a number of steps of its own, so that neighbouring rays
+heights, on its way down and on its way up. Every piece has a fixed number of steps, so that neighbouring rays
 differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:func:`steps_among_gaps`), half the
 march's outside the highest and below the lowest one, a quarter between two. A piece without length, of a ray that
-passes above, has no steps: as a piece shrinks so does what its steps add up, and nothing jumps where they go. Within a
-piece steps are even in the ray parameter of :mod:`horizonval.renderer.planet`; where the umbra's edge crosses the ray,
-a third of them lies before, in and behind it.
+passes above, has no steps: as a piece shrinks so does its contribution, and nothing jumps. Within a
+piece steps are even in the ray parameter; where the umbra's edge crosses the ray, a third of them lies before, in and
+behind it.
 """
 
 from __future__ import annotations
@@ -57,17 +57,16 @@ def cross_squared(p: Vec, q: Vec) -> mi.Float64:
 
 @dataclass(frozen=True)
 class Planet:
-    """Reference ellipsoid with semi-axes in metres. JsonObject floats: they are constants of the compiled kernel."""
+    """Reference ellipsoid with semi-axes in metres. Plain floats, because they are constants of the compiled kernel."""
 
     a_m: float
     b_m: float
 
     @property
     def mean_radius_m(self) -> float:
-        """Radius of the sphere that stands in for the ellipsoid where only curvature counts.
+        """Radius of the sphere that replaces the ellipsoid where only curvature counts.
 
-        Tables see local height and solar zenith: optical depths near the horizon go with the square root of the radius,
-        0.17 % between equator and pole.
+        Optical depths near the horizon go with the square root of the radius: 0.17 % between equator and pole.
         """
         return (2.0 * self.a_m + self.b_m) / 3.0
 
@@ -260,10 +259,9 @@ def umbra(planet: Planet, path: AirPath, o: Vec, d: Vec, sun: Vec, c: float) -> 
 
 
 def lit_steps(path: AirPath, y1: mi.Float64, y2: mi.Float64, count: int, steady: bool = False) -> Steps:
-    """Share ``count`` steps out among the pieces before, in and behind the umbra, by their lengths in ``y``.
+    """Divide ``count`` steps among the pieces before, in and behind the umbra, by their lengths in ``y``.
 
-    ``steady``: a third to each piece, however short it is. Whole numbers of steps jump where lengths change gently, and
-    with them, by the error of the quadrature, the radiance; tables are to be smooth.
+    ``steady``: a third to each piece, however short: whole numbers of steps would make the radiance of tables jump.
     """
     if steady:
         crossed = (y1 > path.y0) | (y2 < path.y1)
@@ -395,16 +393,9 @@ def layered_steps(
 ) -> LayeredSteps:
     """Return the steps of rays through layers.
 
-    Parameters
-    ----------
-    bands : sequence of (float, float)
-        Heights between which layers lie; :data:`Bands`.
-    count : int
-        Steps of the march without layers.
-    umbra : tuple of Float64, optional
-        ``y`` where rays enter and leave the umbra; their ends where they do not.
-    spare : bool
-        Whether fewer steps do above the layers: :data:`SPARE_OUTER`.
+    ``bands``: heights between which layers lie; ``count``: steps of the march without layers; ``umbra``: ``y`` where
+    rays enter and leave the umbra, their ends where they do not; ``spare``: fewer steps above the layers
+    (:data:`SPARE_OUTER`).
     """
     begin, end = path.t_low - path.length_before, path.t_low + path.length_after
     down: list[mi.Float64] = []

@@ -6,10 +6,8 @@ every solar band, in W m-2 sr-1 (:mod:`horizonval.earth.spectral.bands`). It mak
 and seed, because nothing is random.
 
 ``horizon_camera`` is the camera as a sensor. The limb integrator takes the intrinsics from it;
-:meth:`HorizonCamera.sample_ray` serves stock integrators (single precision, same projection).
-
-In this process both get their settings as objects. In a scene file the integrator has the specification of the scene
-and camera, the sensor the camera and its pose, each as JSON.
+:meth:`HorizonCamera.sample_ray` serves stock integrators (single precision, same projection). In a scene file the
+integrator has the specification of the scene and camera, the sensor the camera and its pose, each as JSON.
 """
 
 from __future__ import annotations
@@ -78,24 +76,9 @@ class MoonSettings:
 class LimbSettings:
     """What the limb integrator renders.
 
-    Attributes
-    ----------
-    model : OpticalModel
-    planet : Planet
-    sun_itrs : tuple of float
-        Unit vector towards the Sun.
-    sun_angular_radius_rad : float
-    subsamples, nodes : int
-        Cells per pixel and axis; evaluations along each ray.
-    orders : "single" or "all"
-        Of scattering.
-    ground : GroundModel or None
-        None: the model's albedo is all there is.
-    moon : MoonSettings or None
-    sunless : bool
-        Whether all air and ground in view lie in the Earth's shadow.
-    method : "table" or "march"
-        Whether sunlight is interpolated between tabulated directions, or marched cell by cell.
+    ``subsamples``, ``nodes``: cells per pixel and axis, evaluations along each ray; ``ground``: None if the model's
+    albedo is all there is; ``sunless``: all air and ground in view lie in the Earth's shadow; ``method``: whether
+    sunlight is interpolated between tabulated directions ("table") or marched cell by cell ("march").
     """
 
     model: OpticalModel
@@ -112,9 +95,9 @@ class LimbSettings:
 
     @cached_property
     def tables_digest(self) -> str:
-        """The digest of everything that the kernel's tables depend on: air, planet and orders of scattering.
+        """The digest of everything that the kernel's tables depend on: air, planet and orders.
 
-        They do not depend on ``method``: what the march looks up serves the view tables, too.
+        The same for every ``method``.
         """
         return content_digest(self.model, self.planet, self.orders)
 
@@ -148,14 +131,7 @@ _prepared: OrderedDict[tuple[str, str | None], Prepared] = OrderedDict()
 
 
 def prepare(settings: LimbSettings, progress: Progress | None = None) -> Prepared:
-    """Return a model and its kernel tables; those of the last few models stay, suites repeat them.
-
-    Parameters
-    ----------
-    settings : LimbSettings
-    progress : Progress, optional
-        Told about tables that take long.
-    """
+    """Return a model and its kernel tables; those of the last few models are cached for suites that repeat them."""
     key = (settings.tables_digest, mi.variant())
     if key not in _prepared:
         _prepared[key] = _make_tables(settings, progress)
@@ -283,7 +259,7 @@ def make_plugin() -> type:
 def make_camera_plugin() -> type:
     """Return the sensor class for the active variant (its base class depends on the variant).
 
-    What Mitsuba calls takes its arguments as Mitsuba passes them, whichever type the stub of ``mi.Sensor`` gives them.
+    Its methods take arguments as Mitsuba passes them, whatever the stub of ``mi.Sensor`` says.
     """
 
     class HorizonCamera(mi.Sensor):

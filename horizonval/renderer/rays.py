@@ -52,15 +52,14 @@ def radiance_along_rays(
     direction, sun : ndarray, shape (n, 3)
         Need not be normalised.
     nodes : int
-        Evaluations along each ray. The default leaves less than 1e-5 of error beside that of the tables.
+        Evaluations along each ray. The default leaves an error below 1e-5, plus that of the tables.
     scattering : Quality, optional
         Of the tables of light scattered more than once; None for single scattering.
     progress : Progress, optional
-        Told about tables that must be solved first.
     polar_radius_m : float, optional
         Of an oblate planet; the columns then lie over geodetic height.
     table : TableSize
-        Resolution of the Sun's optical depths; that of images is made in a fraction of the time.
+        Resolution of the Sun's optical depths.
 
     Returns
     -------
@@ -149,9 +148,9 @@ def thermal_radiance(
     polar_radius_m : float, optional
         Of an oblate planet; heights and latitudes are then geodetic.
     nodes : int
-        Evaluations along each ray. The default is within 1e-4 of the limit where there is light to speak of.
+        Evaluations along each ray. The default is within 1e-4 of the limit, except in the faintest air.
     round_sky : bool
-        Whether the sky that the ground reflects is marched over a round planet, and not that of plane layers. Exact for
+        Whether the sky that the ground reflects is marched over a round planet instead of plane layers. Exact for
         a uniform ground below air that is the same everywhere.
 
     Returns
@@ -282,28 +281,8 @@ def cloud_top_radiance(
 ) -> dict[str, FloatArray]:
     """Return the radiance of every thermal band of a model along rays that end on opaque clouds inside the air.
 
-    Parameters
-    ----------
-    model : OpticalModel
-        Its ``thermal`` bands are used, and its ``refractivity`` if there is one.
-    radius_m, polar_radius_m : float
-        Of the planet, at the equator and at the poles.
-    observer_m, direction : ndarray, shape (n, 3)
-        As in :func:`thermal_radiance`.
-    distance_m : ndarray, shape (n,)
-        From the observer to the cloud; with refraction along the straight line of the apparent ray.
-    nodes : int
-        Evaluations along each ray.
-
-    Returns
-    -------
-    dict of ndarray, shape (n,)
-        W m-2 sr-1, by band name.
-
-    Raises
-    ------
-    UserError
-        An observer below the ground; a zero or non-finite vector.
+    Parameters, result and errors as of :func:`thermal_radiance`; ``distance_m``, shape (n,): from the observer to the
+    cloud, with refraction along the straight line of the apparent ray.
     """
     activate()
     direction = unit_directions(direction, "dir")

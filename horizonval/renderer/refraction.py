@@ -88,15 +88,13 @@ class ApparentRadiusAir:
     height_m : ndarray, shape (n,)
         True heights of the model's nodes.
     dr_dx : ndarray, shape (n,)
-        ``dr/dx``: metres of the bent ray per metre of the straight one, by which the coefficients are multiplied.
+        Metres of the bent ray per metre of the straight one, by which the coefficients are multiplied.
     altitude_m, rise_m : ndarray
-        True heights, and by how much the apparent radius is larger than the radius.
+        True heights, and the apparent radius less the radius.
     scale : float
         The s of the module text.
-    true_model : OpticalModel
-        The model as it was.
-    true_planet : Planet
-        The planet as it is.
+    true_model, true_planet
+        Without refraction.
     """
 
     model: OpticalModel
@@ -128,12 +126,9 @@ def apparent_planet(model: OpticalModel, planet: Planet) -> tuple[Planet, Appare
 
 
 def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir:
-    """Return a model over apparent heights, in which light goes straight.
+    """Return a model over apparent heights.
 
-    Raises
-    ------
-    UserError
-        The refractivity falls so fast somewhere that a level ray follows the ground.
+    ``UserError`` if refractivity falls so fast that a level ray follows the ground.
     """
     assert model.refractivity is not None
     z = model.altitude_m
@@ -275,17 +270,11 @@ def small_sincos(angle: Real) -> tuple[Real, Real]:
 
 @dataclass(frozen=True)
 class RefractionTables:
-    """What a node batch needs beside its columns over apparent height to know where the light comes from.
+    """What a node batch needs, besides its columns over apparent height, to know where the light comes from.
 
-    Attributes
-    ----------
-    bending_per_m, height : Float64, shape (n_altitude,)
-        g and the true height on the batch's grid.
-    sun : RefractedSunTable
-    depth : Float64, shape (n_height * n_mu * width,)
-        ``ln(tau + tau_0)`` towards the Sun on the nodes of ``sun``, layers of thin cloud left out.
-    shells : tuple of SunShell
-        These layers, over apparent heights.
+    ``bending_per_m``, ``height``: g and the true height on the batch's grid, (n_altitude,). ``depth``: ``ln(tau +
+    tau_0)`` towards the Sun on the nodes of ``sun``, (n_height * n_mu * width,), layers of thin cloud left out.
+    ``shells``: these layers, over apparent heights.
     """
 
     bending_per_m: mi.Float64
@@ -325,7 +314,7 @@ class RefractionTables:
 
 @dataclass(frozen=True)
 class BentRay:
-    """A straight ray in apparent-radius coordinates that knows how the bent one turns: the Sun as seen from it.
+    """A straight ray in apparent-radius coordinates with the Sun as seen from the bent ray.
 
     ``along_sun``, ``up_sun``: components of the Sun's direction along the ray and along ``up``.
     ``up``: unit vector across the ray in its vertical plane, 0 for vertical rays; they do not turn.
@@ -412,8 +401,8 @@ def refracted_umbra(
 ) -> tuple[mi.Float64, mi.Float64]:
     """Return ``y`` where a ray enters and leaves the umbra under refraction; its ends where it does not.
 
-    That shadow has no closed form: its edges are interpolated between ``count`` evaluations along the ray. Rays that
-    are known to be lit from end to end need 0.
+    That shadow has no closed form: its edges are interpolated between ``count`` evaluations along the ray, 0 for rays
+    that are lit from end to end.
     """
 
     def evaluate(y: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64, Vec]:
@@ -464,7 +453,7 @@ LEAST_RISE = 1e-9
 class BentPoint(Generic[Real]):
     """A point of rays among the apparent heights.
 
-    ``height_m``, ``normal``: there; ``true_m``: above the planet as it is; ``rate``: how fast rays turn [rad/m].
+    ``height_m``, ``normal``: there; ``true_m``: above the true planet; ``rate``: of bending [rad/m].
     """
 
     height_m: Real
@@ -475,7 +464,7 @@ class BentPoint(Generic[Real]):
 
 @dataclass(frozen=True)
 class BendingField:
-    """The apparent planet and how fast light bends above it.
+    """The apparent planet and the rate of bending above it.
 
     ``per_m`` [rad/m] and ``true_m``, the height above ``true_planet``, on ``grid``; ``apparent_m`` on ``true_grid``.
     ``single``: the three in single precision.
@@ -537,7 +526,7 @@ class BendingField:
         return d[0] * cosine - up[0] * sine, d[1] * cosine - up[1] * sine, d[2] * cosine - up[2] * sine
 
     def place(self, o: Vec, d: Vec, t: mi.Float64, angle: mi.Float64) -> tuple[mi.Float64, Vec]:
-        """Return height and vertical, on the planet as it is, where rays have turned by an angle at ``t``, in the air.
+        """Return height and vertical over the true planet where rays have turned by an angle at ``t``, in the air.
 
         By Bouguer's law a bent ray makes the angle with the vertical that the straight one makes at the same apparent
         height; as it has turned downwards, its vertical is turned forwards.
@@ -585,9 +574,9 @@ class BendingField:
 
 @dataclass(frozen=True)
 class EnteringAngles:
-    """By how much light from space has turned where it comes down to a height, by the cosine of its angle there.
+    """Bending angle [rad] of light from space where it comes down to a height, by the cosine of its angle there.
 
-    ``values``: [rad], at cosines ``(k / (n - 1))^2``.
+    ``values`` at cosines ``(k / (n - 1))^2``.
     """
 
     values: mi.Float32
@@ -634,10 +623,7 @@ def turn_between(before: Real, after: Real) -> Real:
 
 
 def true_direction(field: BendingField, o: Vec, d: Vec) -> Vec:
-    """Return the direction behind the air, at infinity, of what is seen in unit direction ``d`` from ``o``.
-
-    ``o`` stands among the straight rays: :meth:`ApparentRadiusAir.apparent_position`.
-    """
+    """Return the direction at infinity of what is seen in unit direction ``d`` from the apparent position ``o``."""
     return field.turned(o, d, field.angle(o, d))
 
 
@@ -687,16 +673,11 @@ END_BENDING_NODES = 32
 
 @dataclass(frozen=True)
 class RayEnd:
-    """The end of rays.
+    """The end of rays. ``height_m``: geodetic; ``vertical``, ``direction``: unit vectors; ``point``.
 
-    Attributes
-    ----------
-    height_m : Float64
-        Geodetic.
-    vertical, direction, point : Vec
-        Upwards and along the ray, unit vectors; the place, planet-centred [m].
-    bending : Float64 or None
-        By how much the ray has turned [rad]; None without refraction.
+    Planet-centred [m].
+
+    ``bending``: angle by which the ray has turned [rad]; None without refraction.
     """
 
     height_m: mi.Float64
@@ -709,20 +690,9 @@ class RayEnd:
 def ray_end(
     planet: Planet, bending: BendingField | None, o: Vec, d: Vec, t: mi.Float64, angle: mi.Float64 | None = None
 ) -> RayEnd:
-    """Return where rays end that are cut at parameters ``t``.
+    """Return where rays ``o + t d`` end, straight among those of ``planet``; ``bending`` None without refraction.
 
-    Parameters
-    ----------
-    planet : Planet
-        Among whose rays light goes straight.
-    bending : BendingField or None
-        None without refraction.
-    o, d : Vec
-        Origins and unit directions of the straight rays.
-    t : Float64
-        Inside the air.
-    angle : Float64, optional
-        By how much the rays have turned there [rad], where that is known.
+    ``t``: inside the air; ``angle``: bending angle there [rad], where it is known.
     """
     if bending is None:
         point = along(o, d, t)

@@ -1,7 +1,7 @@
-"""Tables of light in memory: made once, found again by the digest of everything that they depend on.
+"""Tables of light in memory, cached by the digest of everything that they depend on.
 
 A table's values depend on its key alone, so that a frame has the same bytes whether it made the table or found it, and
-in whatever order frames come. What was used longest ago is dropped first once all tables together exceed a bound.
+in whatever order frames come. The least recently used tables are dropped once all together exceed a bound.
 """
 
 from __future__ import annotations
@@ -39,14 +39,8 @@ class TableStore:
     def get_or_make(self, key: str, make: Callable[[], Table], size: Callable[[Table], int]) -> Table:
         """Return the table of a key; made now if it is not here.
 
-        Parameters
-        ----------
-        key : str
-            Digest of everything that the table depends on, its kind and the variant of the kernels among it.
-        make : callable
-            Returns the table.
-        size : callable
-            Returns the bytes that a table takes. Asked at every call, for tables that grow while they are used.
+        ``key``: digest of everything that the table depends on, its kind and the kernels' variant included; ``size``:
+        bytes of a table, evaluated at every call, for tables that grow.
         """
         with self._lock:
             kept = self._kept.get(key)

@@ -8,17 +8,17 @@ The optical depth towards the Sun from height ``h`` under solar zenith cosine ``
     h  = top x_r^2,          mu = mu_h + (1 - mu_h) x_mu^2,      mu_h = -sqrt(h (2 R + h)) / (R + h)
 
 ``mu_h`` is the cosine of the geometric horizon seen from ``h``, so the table never straddles the shadow edge, and the
-squares put nodes where the optical depth bends most: near the ground and near the horizon. What is stored is
+squares put nodes where the optical depth bends most: near the ground and near the horizon. Stored is
 ``ln(tau + tau_0)``, ``tau_0 = 1e-12``: nearly linear along both axes, so bilinear interpolation serves.
 
 **Tables over the rays of one camera position** are read by cubic interpolation (Catmull and Rom). Rows are places on an
-axis of rays (:mod:`horizonval.renderer.kernel.frame_geometry`), columns azimuths from 0 to :math:`\pi`, where what is
-tabulated is the same on both sides of the camera's meridian since it depends on height and latitude alone, or else all
-round. A node is made when a frame first looks near it, and what it holds depends on nothing that was looked at before.
+axis of rays (:mod:`horizonval.renderer.kernel.frame_geometry`), columns azimuths from 0 to :math:`\pi` for functions
+of height and latitude alone, which are symmetric about the camera's meridian, or else all
+round. A node is made when a frame first needs it; its values do not depend on earlier frames.
 
 Node values f are joined by cubics with the slopes ``(f[i + 1] - f[i - 1]) / 2``: smooth, and exact for parabolas.
 Beyond the ends of rows one more node lies on the parabola through the last three; beyond those of columns they are
-mirrored, or go on from the beginning.
+mirrored, or periodic.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def table_of(scalar: type[Real], values: NDArray[np.floating]) -> Real:
     """Return values as a flat array of the type ``scalar`` (Float32 or Float64), fit for :func:`gather_row`.
 
     Dr.Jit reads NumPy's memory in place, and gathers packets and loads vectors with one instruction only where they are
-    aligned. NumPy's arrays are by chance, and every combination of chances would be a kernel of its own to compile.
+    aligned. NumPy's alignment varies, and every combination would be another kernel to compile.
     """
     return table_of_parts(scalar, [values])
 
@@ -134,9 +134,9 @@ def interpolate(table: Real, i: mi.UInt32, w: Real, width: int, stride: int = 1)
 
 @dataclass(frozen=True)
 class SunShell:
-    """A layer of thin cloud that sunlight comes through: between two heights, with an extinction [1/m] per node.
+    """A layer of thin cloud in the way of sunlight.
 
-    Its edges are too sharp for tables over height; the length of a straight way through it is found exactly.
+    Extinction [1/m] per node between two heights, path lengths exact.
     """
 
     base_m: mi.Float64
@@ -162,8 +162,9 @@ class SunShell:
 class SunTable:
     """``ln(tau + tau_0)`` of a node batch, shape (n_height, n_mu, width) flattened.
 
-    ``shells``: layers of thin cloud, which the table leaves out. Values in Float32 are interpolated in it, which costs
-    half as much and 1e-6 of the optical depth.
+    Without ``shells``, layers of thin cloud.
+
+    Values in Float32 are interpolated in Float32, which costs half as much and 1e-6 of the optical depth.
     """
 
     values: mi.Float64 | mi.Float32
@@ -286,9 +287,9 @@ def cubic_weights(w: mi.Float64) -> Values:
 
 @dataclass(frozen=True)
 class NodeGrid:
-    """``rows`` nodes along an axis of rays, ``columns`` in azimuth from 0 to pi; both at least four.
+    """``rows`` nodes along an axis of rays, ``columns`` in azimuth from 0 to pi or ``all_round``.
 
-    ``all_round``: the columns go from 0 once round.
+    Both at least four.
     """
 
     rows: int
@@ -396,9 +397,9 @@ class SplineTable(NodeTable):
         return np.pad(values, ((0, 0), (0, self.width - self.quantities)))
 
     def look(self, row: mi.Float64, azimuth: mi.Float64) -> Values:
-        """Return all quantities at places ``row`` [steps] and azimuths [rad]; what is below 0 counts as 0.
+        """Return all quantities at ``row`` [steps] and azimuths [rad]; negative ones are set to 0.
 
-        Light is never negative, but the cubic through it dips below where the air ends.
+        Radiance is never negative, but the cubic through it dips below 0 where the air ends.
         """
         total = [mi.Float64(0.0)] * self.width
         for node, weight in self._nodes(row, azimuth):
@@ -410,7 +411,7 @@ class SplineTable(NodeTable):
 class StationTable(NodeTable):
     """Two quantities at stations along rays.
 
-    Of a node lie in memory both quantities of a station and of the next, for one station after the other, so that two
+    In memory a node holds both quantities of a station and of the next, station by station, so that two
     gathers fetch four stations.
     """
 

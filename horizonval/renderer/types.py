@@ -1,7 +1,6 @@
 """Types of kernel values, for signatures.
 
 Mitsuba's array types belong to the variant that is selected at run time; its stubs give each one name for all variants.
-So signatures say ``mi.Float64``, ``mi.UInt32`` or ``mi.Bool``, and here are the names made of them.
 """
 
 from __future__ import annotations
@@ -47,10 +46,7 @@ Array = TypeVar("Array", "mi.UInt32", "mi.Float64")
 
 
 def joined(arrays: Sequence[Array]) -> Array:
-    """Return arrays one behind the other; evaluated.
-
-    Dr.Jit's own way compiles a kernel anew for every length.
-    """
+    """Return arrays one behind the other, evaluated: Dr.Jit's concatenation compiles a kernel for every length."""
     filled = [a for a in arrays if dr.width(a)]
     if len(filled) < 2:
         return filled[0] if filled else arrays[0]
@@ -85,10 +81,10 @@ def constant(value: float) -> mi.Float64:
 
 
 def inverse_root(x: Real) -> Real:
-    """Return ``1 / sqrt(x)``, in double precision rounded alike everywhere.
+    """Return ``1 / sqrt(x)``, in double precision with the same rounding everywhere.
 
-    Dr.Jit's own inverse root is an instruction that reads the upper half of a double on a GPU: right to 1e-6, which
-    is six metres of the Earth's radius. So are its reciprocal, tangent and hyperbolic functions there; kernels use none
+    Dr.Jit's inverse root is an instruction that reads the upper half of a double on a GPU: right to 1e-6, which is six
+    metres of the Earth's radius. The same holds for its reciprocal, tangent and hyperbolic functions; kernels use none
     of them.
     """
     return 1.0 / dr.sqrt(x)

@@ -78,17 +78,7 @@ def truth_maps(view: FrameGeometry) -> dict[str, NDArray[np.float32]]:
 
 
 class Viewpoint:
-    """What the frames of a place share, made once: Mitsuba's integrator, its tables, the infrared horizon.
-
-    Parameters
-    ----------
-    scene, camera
-        Resolved specifications.
-    described : Described
-        What they describe.
-    progress : Progress, optional
-        Told about tables of multiple scattering that must be solved first.
-    """
+    """What the frames of a place share, made once: Mitsuba's integrator, its tables, the infrared horizon."""
 
     def __init__(
         self, scene: SceneSpec, camera: CameraSpec, described: Described, progress: Progress | None = None
@@ -110,14 +100,9 @@ class Viewpoint:
         }
 
     def frame(self, scene: SceneSpec, *, maps: bool = True) -> RadianceFrame:
-        """Return the frame of a scene; the same bytes whatever was rendered before.
+        """Return the frame of a scene, the viewpoint's own but for attitude and mounting; ``maps``.
 
-        Parameters
-        ----------
-        scene : SceneSpec
-            The viewpoint's own but for the attitude and the mounting.
-        maps : bool
-            Whether the frame has its truth maps.
+        With its truth maps.
         """
         described = turned(self._described, scene, self._camera)
         sensor, integrator = mitsuba_sensor(described.sensor, self._film), self._mi_scene.integrator()

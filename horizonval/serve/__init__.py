@@ -1,6 +1,6 @@
 """The image service: pose in, image out, blocking, with truth.
 
-One thread renders, in the order in which requests came; each client has a thread of its own that reads one request,
-waits for its answer and sends it. A client has thus at most one request under way, and the queue is never longer than
-the list of clients. No answer depends on who asked before: what a request leaves out is as the scene has it.
+One thread renders, in the order of the requests; each client has a thread that reads one request,
+waits for its answer and sends it. So a client has at most one request under way. No answer depends on earlier
+requests: missing keys come from the scene.
 """

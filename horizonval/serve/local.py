@@ -28,20 +28,10 @@ MOST_PLACES = 4
 
 
 class ImageSource:
-    """Makes the images of one scene at any place, instant and attitude.
+    """Makes the images of one scene, a file or the name of a shipped one, at any position, instant and attitude.
 
-    The same request gives the same reply, whatever was asked before: what it leaves out is the scene's, and a
-    session's frames have the bytes of a scene rendered alone.
-
-    Parameters
-    ----------
-    scene : str or Path
-        A scene file or the name of a shipped one. Of a camera with several heads all can be asked for.
-
-    Raises
-    ------
-    UserError
-        No such scene, or a mistake in it.
+    The same request gives the same reply: missing keys come from the scene, and a session's frames have the bytes of a
+    scene rendered alone. All heads of a camera are served.
     """
 
     def __init__(self, scene: str | Path) -> None:
@@ -54,13 +44,7 @@ class ImageSource:
         self._sessions: OrderedDict[tuple[Any, ...], Session] = OrderedDict()
 
     def first_image(self) -> None:
-        """Make an image of the scene as it is, so that what cannot be served is said at the start.
-
-        Raises
-        ------
-        UserError
-            As :meth:`answer`.
-        """
+        """Make an image of the scene as it is, so that a scene that cannot be served fails at the start."""
         self.answer(ImageRequest(head=next(iter(self._scenes)) if self._choice else None))
 
     def about(self) -> dict[str, Any]:
@@ -79,10 +63,7 @@ class ImageSource:
     def answer(self, request: ImageRequest) -> dict[str, Any]:
         """Return the reply to a request.
 
-        Raises
-        ------
-        UserError
-            A place or exposure that cannot be, or a band or head that the camera lacks.
+        ``UserError`` for an impossible pose or exposure, or an unknown band or head.
         """
         head, scene = self._scene(request.head)
         camera = _camera(scene.camera, request)
@@ -143,17 +124,8 @@ def _camera(camera: Camera, request: ImageRequest) -> Camera:
 class LocalClient(Client):
     """Answers as a :class:`horizonval.Client` of a server of a scene does, and renders in the calling thread.
 
-    Nothing is sent and nothing packed, so that it needs no extra. A mistake in a request is told in the same words.
-
-    Parameters
-    ----------
-    scene : str or Path
-        As of `horizonval serve --scene`.
-
-    Raises
-    ------
-    UserError
-        No such scene, or a mistake in it.
+    Nothing is sent or packed, so that it needs no extra. Errors have the same text. ``scene``: as of
+    `horizonval serve --scene`.
 
     Examples
     --------

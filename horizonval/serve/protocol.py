@@ -41,13 +41,7 @@ def identity_of(message: Mapping[str, Any]) -> int | str | None:
 
 
 def kind_of(message: Mapping[str, Any]) -> str:
-    """Return what a message asks for, after checking that it follows our schema.
-
-    Raises
-    ------
-    UserError
-        Another schema or version, no kind, or an ``id`` that is none.
-    """
+    """Return what a message asks for; ``UserError`` for another schema, no kind, or an invalid ``id``."""
     if message.get("schema") != SCHEMA:
         found = f"found {message['schema']!r}" if "schema" in message else "missing"
         raise UserError(found, where="request: schema", expected=repr(SCHEMA))
@@ -61,13 +55,7 @@ def kind_of(message: Mapping[str, Any]) -> str:
 
 
 def image_request(message: Mapping[str, Any]) -> ImageRequest:
-    """Return a checked request for an image of a message that asks for one.
-
-    Raises
-    ------
-    UserError
-        An unknown key, a value that cannot be, or two keys that say the same.
-    """
+    """Return a checked request for an image; ``UserError`` for unknown, invalid or contradicting keys."""
     head = ("schema", "kind", "id", "token")
     data = {key: value for key, value in message.items() if key not in head and value is not None}
     return validate(ImageRequest, data, "request")

@@ -46,18 +46,9 @@ class _Job:
 class Server:
     """Serves images until it is stopped.
 
-    Parameters
-    ----------
-    answer : callable
-        Returns the reply to a request for an image; called by the thread of :meth:`run` alone.
-    about : dict
-        What a status reply says of the service.
-    token : str, optional
-        What every request must hold.
-    time_limit_s : float
-        For a message to come in or to go out, each.
-    most_images : int, optional
-        Stop after so many images.
+    ``answer`` returns the reply to a request for an image and is called by the thread of :meth:`run` alone; ``about``:
+    part of a status reply; ``token``: required in every request; ``time_limit_s``: for a message to come in or to go
+    out, each; ``most_images``: stop after so many.
     """
 
     def __init__(
@@ -119,12 +110,9 @@ class Server:
             }
 
     def image(self, request: ImageRequest, wanted: Callable[[], bool]) -> Reply:
-        """Return the reply to a request for an image, when its turn has come; called by the clients' threads.
+        """Return the reply to a request for an image when its turn has come; called by the clients' threads.
 
-        Raises
-        ------
-        UserError
-            The image cannot be made, the server is stopping, or nobody wants the image any more.
+        ``UserError``: the image cannot be made, the server is stopping, or nobody wants the image any more.
         """
         job = _Job(request, wanted)
         self._jobs.put(job)

@@ -27,16 +27,12 @@ LEAST_TOKEN, MOST_TOKEN = 16, 256
 def listening(address: Address) -> Iterator[tuple[socket.socket, Address]]:
     """Listen at an address, and leave nothing there at the end.
 
-    Yields
-    ------
-    stream : socket
-    address : Address
-        With the port that the system chose, where 0 was asked for.
+    Yield the socket and the address with the port chosen for 0.
 
     Raises
     ------
     UserError
-        Somebody listens there already, or nobody can.
+        The address is in use or cannot be used.
     """
     stream = _tcp(address) if address.path is None else _unix(address.path)
     made = None if address.path is None else os.lstat(address.path)
@@ -132,13 +128,7 @@ def _remove_stale(path: Path) -> None:
 
 
 def read_token(path: Path) -> str:
-    """Return the token in a file, which nobody else may read.
-
-    Raises
-    ------
-    UserError
-        No such file, one that others can read, or a token that is too short to be one.
-    """
+    """Return the token in a file; ``UserError`` for no file, one that others can read, or too short a token."""
     try:
         about = path.stat()
         text = path.read_bytes()[: MOST_TOKEN + 2].decode("ascii").strip()
@@ -155,13 +145,7 @@ def read_token(path: Path) -> str:
 
 
 def check_reach(address: Address, token: str | None) -> None:
-    """Refuse to be reached from outside of this machine by those who know no token.
-
-    Raises
-    ------
-    UserError
-        Such an address, and no token.
-    """
+    """Raise ``UserError`` for an address that other machines can reach without a token."""
     if token is None and not address.is_local:
         raise UserError(
             "can be reached from other machines",
@@ -180,7 +164,7 @@ def serve(
     time_limit_s: float = 30.0,
     ready: Callable[[Address, dict[str, Any]], None],
 ) -> int:
-    """Serve images of a scene; return how many were made, after SIGINT, SIGTERM or the last one asked for.
+    """Serve images of a scene; return how many were made, after SIGINT, SIGTERM or the last one allowed.
 
     Parameters
     ----------
@@ -189,18 +173,18 @@ def serve(
     address : Address
         Unix socket or TCP; port 0 is any that is free.
     token_file : Path, optional
-        Holds a word that clients must know; needed where other machines can reach the address.
+        Holds a word that every request must have; required where other machines can reach the address.
     most_images : int, optional
         Stop after so many.
     time_limit_s : float
         For a message to come in or to go out, each.
     ready : callable
-        Told of the address and of what is served once the first image can be asked for.
+        Called with the address and the description of the service once the first image can be requested.
 
     Raises
     ------
     UserError
-        A scene that cannot be rendered or observed, an address that is taken or reaches too far, a missing package.
+        A scene that cannot be rendered or observed, an address that is in use or reaches too far, a missing package.
     """
     check_installed()
     token = None if token_file is None else read_token(token_file)

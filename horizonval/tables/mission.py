@@ -94,13 +94,7 @@ def _shipped(band: Band, target: str) -> LimbTemplates:
 
 
 def write_table(made: MissionTable, path: Path) -> None:
-    """Write a table as ``.npz`` or ``.h``.
-
-    Raises
-    ------
-    UserError
-        Another ending, or the file cannot be written.
-    """
+    """Write a table as ``.npz`` or ``.h``; ``UserError`` for another ending or a file that cannot be written."""
     if path.suffix == ".npz":
         made.cut.table.save(path)
         return

@@ -33,9 +33,9 @@ BESIDE = 0.5
 
 @dataclass(frozen=True)
 class Modes:
-    """``modes`` (A, B, K, H), ``left_variance`` (A, B, H), ``mean`` (A, B, H) of departures (A, B, N, H).
+    """Modes of departures (A, B, N, H): ``modes`` (A, B, K, H), ``left_variance`` and ``mean`` (A, B, H).
 
-    ``coefficients`` (A, B, N, K): those of the ensemble's own states.
+    ``coefficients`` (A, B, N, K): those of the ensemble's states.
     """
 
     mean: FloatArray
@@ -84,14 +84,8 @@ def scene_mode(
     With ``E`` the mean departure of states that have it and ``p`` its chance, a state's part is E or 0: of mean ``p E``
     and standard deviation ``sqrt(p (1 - p)) E``.
 
-    Parameters
-    ----------
-    departures : ndarray, shape (A, B, N, H)
-    has : ndarray, shape (1, B, N) or (A, B, N)
-        1 of states that have it, else 0.
-    chance : float or ndarray, shape (A, B, 1)
-    around, shares, beside
-        As of :func:`empirical_modes`.
+    ``departures``: (A, B, N, H); ``has``: (1, B, N) or (A, B, N), 1 of states that have it, else 0; ``chance``: a
+    number or (A, B, 1); other parameters as of :func:`empirical_modes`.
     """
     weight = has * (1.0 if shares is None else shares)
     total = smoothed(
@@ -166,8 +160,8 @@ _BELOW_KM = (
 _AROUND_GROUND_KM = (0.0, 0.5, 1.0, 1.4, 1.7, 2.0, 2.5)
 _ABOVE_KM = (*range(3, 71), 73.0, 76.0, 80.0, 85.0, 90.0, 95.0)
 HEIGHT_M = 1e3 * np.array([*_BELOW_KM, *_AROUND_GROUND_KM, *_ABOVE_KM])
-"""Of the lines' lowest points. The air bends light so much that the ground seems to stand 1.4 to 2 km higher:
-steps are fine there. Above the last is nothing."""
+"""Heights of the lines' lowest points. Refraction raises the apparent ground by 1.4 to 2 km: steps are fine there. No
+radiance above the last."""
 
 LATITUDE_DEG = np.linspace(-90.0, 90.0, 19)
 MONTHS = np.arange(1.0, 13.0)
@@ -177,13 +171,12 @@ _KNOWN_HIGH = (0.0, 25.0, 45.0, 60.0, 69.0, 75.0, 79.0, 82.0, 84.5, 86.5)
 _KNOWN_LOW = (*range(88, 94), 94.5, 96.0, 98.0, 100.0, 103.0)
 KNOWN_ZENITH_DEG = np.array([*_KNOWN_HIGH, *_KNOWN_LOW])
 KNOWN_AZIMUTH_DEG = np.array([0.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 145.0, 180.0])
-"""Places of sunlit tables of one air that is known, whose errors no spread of airs hides: splines through them leave
-0.1 % of a profile's shape up to 88 deg, 0.6 % (rms) from 88 to 95 deg, where those of the ensemble's tables leave 0.3
-and 1.5 %."""
+"""Nodes of sunlit tables of one known air: splines through them leave 0.1 % of a profile's shape up to 88 deg, 0.6 %
+(rms) from 88 to 95 deg; the ensemble's tables, whose spread of airs hides the error, leave 0.3 and 1.5 %."""
 
 
 def edge_weights(height_m: FloatArray) -> FloatArray:
-    """Return what heights count for when modes are chosen: kilometres of height from 30 km below the ground upwards.
+    """Return weights of heights for the choice of modes: kilometres of height from 30 km below the ground upwards.
 
     Deeper a profile is smooth, and a fit leaves its brightness free.
     """

@@ -1,11 +1,10 @@
 """A table cut down to what one mission's limbs need, and its C99 header for a flight computer.
 
-From a table of the whole Earth stays what lies around the places that are met: of its two axes the nodes on either side
-of them, of the heights those from the lowest that is looked at upwards. Then heights are left out, one after the other,
-each time that which a straight line between its neighbours replaces best, as long as nothing is off by more than an
-error that is asked for: the largest difference from the whole table of the mean and of any mode, at any node that
-stays, as a share of the largest mean at that node. Modes that are smaller than that error everywhere are left out with
-their variance added to what is left over.
+A table of the whole Earth is reduced to the mission: along its two axes to the nodes on either side of the mission's
+limbs, in height to those from the lowest needed upwards. Then heights are dropped one after the other, each time the
+one that a straight line between its neighbours replaces best, as long as the largest difference from the whole table of
+the mean and of any mode, at any remaining node, as a share of the largest mean at that node, stays below a given error.
+Modes that are smaller than that error everywhere are dropped, and their variance is added to the residual variance.
 
 The header holds constants, whole numbers and their scales.
 """
@@ -26,21 +25,15 @@ FEWEST_HEIGHTS = 8
 FAINT = 1e-3
 """Of the brightest light of a table: where a limb has less it is dark, and no share of it counts."""
 BESIDE = 2
-"""Nodes of a sunlit table on either side of those between which limbs are met: a spline's end bends it there, and a
-quarter as much from node to node."""
+"""Extra nodes of a sunlit table on either side of the mission's limbs.
+
+A spline's end effect falls fourfold per node.
+"""
 
 
 @dataclass(frozen=True)
 class LimbPlaces:
-    """Where limbs are met.
-
-    Attributes
-    ----------
-    first, second : ndarray, shape (n,)
-        On the axes of a table.
-    lowest_m : float
-        Of the heights that are looked at, over all of them.
-    """
+    """Limbs of a mission: ``first``, ``second`` (n,) on the axes of a table; ``lowest_m``: lowest height needed."""
 
     first: FloatArray
     second: FloatArray
@@ -49,7 +42,7 @@ class LimbPlaces:
 
 @dataclass(frozen=True)
 class CutTable:
-    """A table that was cut down; ``error`` and ``rms`` against the whole one at the places, share of the largest mean.
+    """A reduced table; ``error`` and ``rms`` against the whole one at the places, share of the largest mean.
 
     ``bytes`` in memory: whole numbers of profiles, and axes and scales of 4 bytes.
     """
@@ -61,13 +54,7 @@ class CutTable:
 
 
 def cut_down(whole: LimbTemplates, places: LimbPlaces, error: float) -> CutTable:
-    """Return the table that the places need.
-
-    Raises
-    ------
-    UserError
-        No places, or an error that no table can keep.
-    """
+    """Return the table that the places need; ``UserError`` for no places, or an error that no table can meet."""
     if not len(places.first):
         raise UserError("no limb is in view in any frame", expected="a camera that looks at the limb")
     if not 1e-4 <= error <= 0.1:

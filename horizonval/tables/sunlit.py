@@ -84,8 +84,8 @@ EVERY = 24
 class SunlitState:
     """One state; ``share``: its probability among those of its kind.
 
-    ``top_m``: height of the opaque ground, that of clouds if it is above 0; ``albedo`` its own. ``cirrus``: optical
-    depth and top [km].
+    ``top_m``: height of the opaque ground, that of clouds if it is above 0; ``albedo``: the ground's. ``cirrus``:
+    optical depth and top [km].
     """
 
     profile: str = "us_standard"
@@ -260,11 +260,7 @@ class SunlitKind:
 
 
 def sunlit_kinds() -> tuple[SunlitKind, ...]:
-    """Return the kinds of states.
-
-    One haze serves a scene; air stays alike over 0.25 rad, as that of thermal bands; the ground over seas and
-    continents.
-    """
+    """Return the kinds of states: one haze per scene, air correlated over 0.25 rad, ground over seas and continents."""
     return (
         SunlitKind("haze", haze_states(), 2, np.pi),
         SunlitKind("air", air_states(), 2, 0.25),

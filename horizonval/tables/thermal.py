@@ -48,7 +48,7 @@ from horizonval.earth.limb_heights import CLOUD_RELIEF_THERMAL
 from horizonval.earth.spectral import bands
 from horizonval.earth.surface import surface_temperature
 from horizonval.earth.surface.ground_emission import uniform_ground
-from horizonval.earth.weather import warming
+from horizonval.earth.weather import field
 from horizonval.earth.weather.field import WeatherField
 from horizonval.estimation.likelihood.height import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
@@ -69,8 +69,10 @@ from horizonval.tables.modes import (
 WEATHERS, COVERS = 12, 6
 CIRRUS = ("cirrus", "subvisible_cirrus")
 ASIDE_DEG = 15.0
-"""Along the parallel, as an angle at the Earth's centre: between a tenth and a half of the arcs of limb that low orbits
-see."""
+"""Distance along the parallel, as an angle at the Earth's centre.
+
+0.1 to 0.5 of the arcs of limb that low orbits see.
+"""
 LEAST_COSINE = math.cos(math.radians(80.0))
 """Of the latitude; nearer to a pole a step along the parallel is a turn of 86 deg, and at the pole it leads nowhere."""
 CLOUDS, VOLCANIC = 0.75, 0.1
@@ -96,7 +98,7 @@ def seed_of(what: str, month: float, number: int) -> int:
 
 @dataclass(frozen=True)
 class Cover:
-    """What lies below and in the air beside its gases.
+    """What lies below the air and in it, gases apart.
 
     ``top_m``: of opaque cloud, 0 for none. ``layers``: of cirrus. ``haze``: name and depth below 10 km.
     ``ground_warmer_k``: than sea or land (``land``) of the climate.
@@ -182,7 +184,7 @@ def air_of_state(
 ) -> GasState:
     """Return the gases of one of the states of air; the last is the blend of the AFGL climates.
 
-    All latitudes of a state have one longitude, or stand :data:`ASIDE_DEG` east of it (``aside``).
+    All latitudes of a state have one longitude, or one :data:`ASIDE_DEG` east of it (``aside``).
     """
     if number == WEATHERS:
         return afgl.blended([climate_weights(latitude_deg, month)], altitude_m)
@@ -203,23 +205,16 @@ def _warming_k(month: float, number: int) -> float:
     """Return the amplitude of a state's warming, 0 for none; of all states of a month warmings have their own share."""
     happens, _ = draws("warming", month, 0).random(2)
     _, size = draws("warming", month, number).random(2)
-    low, high = warming.DRAWN_K
-    return low + (high - low) * float(size) if (number + happens) / WEATHERS < warming.chance(month) else 0.0
+    low, high = field.DRAWN_K
+    return low + (high - low) * float(size) if (number + happens) / WEATHERS < field.chance(month) else 0.0
 
 
 def thermal_model(
     air: GasState, some_bands: list[Band], latitude_deg: float, month: float, cover: Cover = CLEAR
 ) -> OpticalModel:
-    """Return what the renderer needs of one column of air, the same everywhere, with its ground.
+    """Return what the renderer needs of one uniform column of air with its ground.
 
-    Parameters
-    ----------
-    air : GasState
-        Arrays of shape (1, k), on any levels from 0 to 100 km.
-    some_bands : list of Band
-    latitude_deg, month : float
-        Of the ground.
-    cover : Cover
+    ``air``: arrays of shape (1, k), on any levels from 0 to 100 km; ``latitude_deg``, ``month``: of the ground.
     """
     levels = air.altitude_m
     haze = aerosol(cover.haze[0], levels, depth_below_10_km=cover.haze[1])
@@ -268,10 +263,9 @@ VERSION = 3
 
 
 def thermal_month(some_bands: list[Band], month: float, progress: Progress) -> dict[str, FloatArray]:
-    """Return the profiles of every band in one month.
+    """Return the profiles of one month by band and kind.
 
-    ``calm`` (A, H) of the climate, ``air`` (A, N, H), ``aside`` (A, N - 1, H) and ``below`` (A, M, H) of the states, by
-    band name and these.
+    ``calm`` (A, H), ``air`` (A, N, H), ``aside`` (A, N - 1, H), ``below``.
     """
     levels = afgl.levels_m()
     found: dict[str, list[FloatArray]] = {f"{band.name} {what}": [] for band in some_bands for what in KEPT}
@@ -317,15 +311,9 @@ class CoverModes:
 
 
 def cover_modes(departures: FloatArray, months: FloatArray, *, around: bool) -> CoverModes:
-    """Return what the states of what lies below come to: modes of scenes with clouds, with thin ones, and the rest.
+    """Return the modes of scenes with clouds, with thin ones, and the rest.
 
-    Parameters
-    ----------
-    departures : ndarray, shape (A, B, COVERS, H)
-        From the same air without clouds.
-    months : ndarray, shape (B,)
-    around : bool
-        Whether they are the whole year.
+    ``departures``: (A, B, COVERS, H) from the same air without clouds; ``around``: the months are the whole year.
     """
     cloudy = np.array([[is_cloudy(float(m), k) for k in range(COVERS)] for m in months], dtype=float)
     whole = scene_mode(departures, cloudy[None], CLOUDS, around=around)
@@ -374,12 +362,8 @@ def lengths_of_air(coefficients: FloatArray) -> FloatArray:
 
     From the correlation r of places apart by the chord d, ``l = d / sqrt(2 ln 1/r)``, all months together: with the
     latitudes on both sides along the meridian, and as many along the parallel. At the poles, where there is no
-    parallel, both are that of the meridian.
-
-    Parameters
-    ----------
-    coefficients : ndarray, shape (A, B, 2 WEATHERS + 2, K)
-        Of states at one longitude, the climate of all, the same states aside, the climate again.
+    parallel, both are that of the meridian. ``coefficients``: (A, B, 2 WEATHERS + 2, K), of states at one longitude,
+    the climate of all, the same states aside, the climate again.
     """
     at, aside = (coefficients[:, :, k : k + WEATHERS] for k in (0, WEATHERS + 1))
     latitude = np.radians(LATITUDE_DEG)

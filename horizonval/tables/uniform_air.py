@@ -1,15 +1,15 @@
-"""Tables of the limb in one air that is known, the same everywhere, in place of a climate's ensemble.
+"""Tables of the limb in one known air, the same everywhere, instead of a climate's ensemble.
 
-Thermal: that column is marched at every latitude of the table, over the ground of the place and month, and below it the
-same states of cloud, haze and ground as in the shipped tables, so that their modes alone are left.
+Thermal: that column is marched at every latitude of the table, over the ground of the place and month, with the
+same states of cloud, haze and ground as in the shipped tables, so that only their modes remain.
 
-Sunlit: profiles of the air ``P`` and of the shipped tables' base ``P_0``, clear, are marched in the band's own nodes,
-under more Suns than the shipped tables have, and all of the shipped table is multiplied with ``P / P_0``, its modes of
-air left out: what haze, ground and cloud make of light is taken to be the same share of it in any air.
+Sunlit: profiles of the air ``P`` and of the shipped tables' base ``P_0``, clear, are marched in the band's nodes,
+under more Suns than the shipped tables have, and the whole shipped table is multiplied with ``P / P_0``, without its
+modes of air: this assumes that haze, ground and cloud change radiance by the same ratio in any air.
 
-``clear``: the mean is that of the air with the mean haze; of modes those of haze and ground are left where the Sun
-shines, and in thermal bands a ground that is as warm as the climate's mean round the circle of latitude, and warmer or
-colder by what places and hours of that circle scatter by, and by 5 K (rms) of the day as in the shipped ones.
+``clear``: the mean is that of the air with the mean haze; the remaining modes are haze and ground in sunlight, and in
+thermal bands a ground at the climate's mean along the circle of latitude, with the standard deviation over places and
+hours of that circle, and 5 K (rms) from day to day as in the shipped ones.
 """
 
 from __future__ import annotations
@@ -61,10 +61,7 @@ class UniformAir:
     def named(cls, name: str, clear: bool = False) -> UniformAir:
         """Return the air of a name (`horizonval list atmospheres`) or of a profile file.
 
-        Raises
-        ------
-        UserError
-            No such air, a file that is refused, or an air that is not the same everywhere.
+        ``UserError``: no such air, an invalid file, or an air that varies over the Earth.
         """
         asked = cls({"profile_file" if is_climate_file(name) else "profile": name}, clear)
         scene = asked._scene()
@@ -91,16 +88,7 @@ class UniformAir:
 
 
 def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progress) -> LimbTemplates:
-    """Return the table of a thermal band.
-
-    Parameters
-    ----------
-    air : UniformAir
-    band : Band
-    months : ndarray, shape (B,)
-        Rising; the ground's.
-    progress : Progress
-    """
+    """Return the table of a thermal band; ``months`` (B,) of the ground, rising."""
     gases = air.gases()
     calm = np.zeros((len(LATITUDE_DEG), len(months), len(HEIGHT_M)))
     covered = np.zeros((*calm.shape[:2], 1 if air.clear else thermal.COVERS, len(HEIGHT_M)))

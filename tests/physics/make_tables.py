@@ -420,12 +420,12 @@ def ozone(directions: str = "302") -> None:
     Rayleigh scattering without depolarisation and ozone's absorption, US standard atmosphere, given to SASKTRAN2 as
     plain coefficients; 5 Sun angles, the file's 500 m shells.
     """
+    sys.path.insert(0, str(DATA.parent))
+    from earth_forms import rayleigh_air
     from sasktran import sasktran_limb
 
-    from horizonval.earth.atmosphere_file import atmosphere_from_profile
-
     points = int(directions)
-    data = atmosphere_from_profile("us_standard", [450, 550, 600], use_ozone=True)
+    data = rayleigh_air("us_standard", [450, 550, 600])
     for band in data["bands"]:
         for key in ("scattering_per_m", "absorption_per_m"):
             band[key] = [float(f"{x:.7g}") for x in band[key]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.profiles import profile
-from horizonval.earth.atmosphere_file import file_model, read_atmosphere, write_atmosphere
+from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.gases import rayleigh
 from horizonval.renderer.backend import activate
@@ -249,7 +250,7 @@ def _frame(tmp_path: Path, scene: dict[str, Any], camera: dict[str, Any], refrac
         "bands": [band],
         "surface": {"albedo": 0.0, "temperature_K": 280.0, "emissivity": 1.0},
     }
-    write_atmosphere(air, tmp_path / "air.json")
+    (tmp_path / "air.json").write_text(json.dumps(air))
     atmosphere = {"file": str(tmp_path / "air.json"), "refraction": refraction}
     earth = {"shape": "sphere", "radius_km": RADIUS_M / 1e3}
     spec = SceneSpec.model_validate({"earth": earth, "atmosphere": atmosphere, "surface": {"albedo": 0.0}, **scene})

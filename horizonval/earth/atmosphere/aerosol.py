@@ -1,11 +1,11 @@
 """Particles of LOWTRAN7: models of the whole column, by their extinction at 550 nm and by spectra of six kinds.
 
-Every model gives the extinction at 550 nm on levels from 0 to 100 km and says which kind of particle fills which
-altitudes: in the first three rural air of 70 % humidity below 2 km, tropospheric background to 10 km, stratospheric
-(background, or aged volcanic) to 30 km, meteoric dust above.
+Every model gives the extinction at 550 nm on levels from 0 to 100 km and the kind of particle at each altitude. In the
+first three: rural air of 70 % humidity below 2 km, tropospheric background to 10 km, stratospheric (background, or aged
+volcanic) to 30 km, meteoric dust above.
 
 ===================== ============= =========== ==================================================================
-model                 depth, 550 nm above 11 km what it stands for
+model                 depth, 550 nm above 11 km represents
 ===================== ============= =========== ==================================================================
 ``none``              0             0           molecules alone
 ``background``        0.148         0.0069      the Earth's mean haze below a quiet stratosphere
@@ -15,32 +15,25 @@ model                 depth, 550 nm above 11 km what it stands for
 ``dust``              0.454         0.0069      desert dust, well mixed up to 5 km, below the quiet stratosphere
 ===================== ============= =========== ==================================================================
 
-LOWTRAN7 fills the first three below 10 km with haze of 23 km visibility, whose optical depth there is 0.316: an
-ordinary day over inhabited land, more than twice the Earth's mean. Here that part is thinned by one factor to 0.14
-(:data:`MEAN_DEPTH_BELOW_10_KM`): MODIS on Aqua has 0.13 over the sea and 0.19 over land (Remer et al. 2008, J. Geophys.
-Res. 113, D14S07), by their areas 0.147 for the whole column, 0.007 of which the stratosphere holds. The shape in height
-stays: 65 % of it lies below 2 km; CALIOP has 62 to 69 % in the boundary layer (Gui et al. 2021, Atmos. Chem. Phys. 21,
-15309; Bourgeois et al. 2018, Atmos. Chem. Phys. 18, 7709). Other amounts are for the scene to say: open ocean far from
-any land has 0.05 to 0.1, industry and smoke 0.3 to 1.
+LOWTRAN7's haze of 23 km visibility below 10 km has an optical depth of 0.316, more than twice the Earth's mean. It is
+scaled by one factor to 0.14 (:data:`MEAN_DEPTH_BELOW_10_KM`), after the means of MODIS on Aqua (Remer et al. 2008, J.
+Geophys. Res. 113, D14S07: 0.13 over the sea, 0.19 over land). The shape in height stays: 65 % lies below 2 km, where
+CALIOP has 62 to 69 % in the boundary layer (Gui et al. 2021, Atmos. Chem. Phys. 21, 15309; Bourgeois et al. 2018,
+Atmos. Chem. Phys. 18, 7709). A scene may set another depth: open ocean has 0.05 to 0.1, industry and smoke 0.3 to 1.
 
 ``polar`` is LOWTRAN7's tropospheric haze of 50 km visibility with the fall and winter set, whose stratospheric
-particles lie lower (0.0006 per km from 12 to 17 km); chosen here is that they begin above 8 km, the tropopause of high
-latitudes. ``dust`` takes its spectrum from LOWTRAN7's desert model (Longtin et al. 1988, AFGL-TR-88-0112) at the wind
-of 10 m/s that LOWTRAN7 takes where none is given. Its height is that of the Saharan air layer (Carlson and Prospero
-1972, J. Appl. Meteorol. 11, 283: up to 500 to 550 hPa); chosen here are an even 0.08 per km, that is 0.4 in 5 km, an
-ordinary summer's, and the fall to the background at 6 km.
+particles lie lower; here they begin above 8 km, the tropopause of high latitudes. ``dust`` takes its spectrum from
+LOWTRAN7's desert model (Longtin et al. 1988, AFGL-TR-88-0112) at 10 m/s and its height from the Saharan air layer
+(Carlson and Prospero 1972, J. Appl. Meteorol. 11, 283): 0.08 per km to 5 km, falling to the background at 6 km.
 
-Between the levels the extinction is log-linear in altitude (LOWTRAN7's rule; straight lines would give optical depths
-2 % larger). Where one kind of particle gives way to the next, its share falls linearly from 1 at the last level of its
-region to 0 at the next level, 1 km higher (5 km above 30 km): extinction, scattering and asymmetry have no steps.
+Between levels the extinction is log-linear in altitude (LOWTRAN7's rule). Where one kind of particle replaces another,
+its share falls linearly to 0 over one level, so that extinction, scattering and asymmetry have no steps. Between the 36
+tabulated wavelengths the extinction is linear in logarithms; single-scattering albedo and asymmetry are linear in the
+logarithm of the wavelength.
 
-In wavelength, between the 36 entries of the table, the extinction is linear in logarithms, single-scattering albedo and
-asymmetry are linear in the logarithm of the wavelength.
-
-Neglected: humidity, season and place (one model serves the whole frame, and nothing chooses it by the latitude; over
-the sea nature's particles are coarser, less blue and absorb less than the rural ones that stand for all here), and
-phase functions other than Henyey and Greenstein's: single scattering towards the Sun and straight back from it may be
-wrong by tens of per cent, more for dust, whose grains are no spheres.
+Neglected: variation with humidity, season and place (particles over the sea are coarser, less blue and absorb less),
+and phase functions other than Henyey and Greenstein's: single scattering towards the Sun and straight back may be wrong
+by tens of per cent, more for dust, whose grains are not spheres.
 """
 
 from __future__ import annotations
@@ -63,7 +56,7 @@ MIN_UM, MAX_UM = 0.2, 18.5
 MEAN_DEPTH_BELOW_10_KM = 0.14
 """Optical depth of the Earth's mean haze at 550 nm."""
 _HAZY = ("background", "volcanic_moderate", "volcanic_high")
-"""Models that have LOWTRAN7's haze of 23 km visibility."""
+"""Models with LOWTRAN7's haze of 23 km visibility."""
 _TROPOSPHERE_KM = 10.0
 
 
@@ -71,12 +64,7 @@ _TROPOSPHERE_KM = 10.0
 class AerosolOptics:
     """Optical properties relative to the extinction at 550 nm, one entry per wavelength.
 
-    Attributes
-    ----------
-    extinction, scattering : ndarray
-        Per unit of extinction at 550 nm.
-    asymmetry : ndarray
-        The g of Henyey and Greenstein.
+    ``extinction``, ``scattering``: per unit of extinction at 550 nm. ``asymmetry``: the g of Henyey and Greenstein.
     """
 
     extinction: FloatArray
@@ -93,7 +81,6 @@ class Aerosol:
     kinds : tuple of str
         Kinds of particles, from the ground upwards; see :func:`optics`.
     extinction_550_per_m : ndarray, shape (len(kinds), n)
-        Extinction at 550 nm of each kind.
     """
 
     kinds: tuple[str, ...]
@@ -102,7 +89,7 @@ class Aerosol:
     def at(self, wavelength_um: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return extinction [1/m], scattering [1/m] and asymmetry at every altitude, each of shape (n,).
 
-        The asymmetry is the mean over the kinds weighted with what they scatter, 0 where nothing scatters.
+        The asymmetry is the mean over the kinds weighted with their scattering, 0 where nothing scatters.
 
         Raises
         ------
@@ -135,17 +122,16 @@ def aerosol(name: str, altitude_m: ArrayLike, *, depth_below_10_km: float | None
     name : str
         One of :func:`names`.
     altitude_m : array_like, shape (n,)
-        Nothing is left above 100 km (1e-11 of the ground's extinction); below 0 counts as 0.
+        There is nothing above 100 km (1e-11 of the ground's extinction); below 0 counts as 0.
     depth_below_10_km : float, optional
-        Optical depth at 550 nm of what lies below 10 km, in place of the model's own; what lies above 11 km
-        stays.
+        Optical depth at 550 nm below 10 km, instead of the model's; above 11 km nothing changes.
     where : str, optional
         File and key that gave the name, for the error message.
 
     Raises
     ------
     UserError
-        Unknown name; lists the known ones, the most similar first.
+        Unknown name; lists the most similar names first.
     """
     if name not in names():
         raise UserError(
@@ -171,7 +157,7 @@ def aerosol(name: str, altitude_m: ArrayLike, *, depth_below_10_km: float | None
 
 
 def _depth(levels_km: FloatArray, extinction_per_m: FloatArray) -> float:
-    """Return the optical depth below 10 km of what is exponential between levels."""
+    """Return the optical depth below 10 km of an extinction that is exponential between levels."""
     below = extinction_per_m[levels_km <= _TROPOSPHERE_KM]
     lower, upper = below[:-1], below[1:]
     changes = lower != upper
@@ -181,19 +167,8 @@ def _depth(levels_km: FloatArray, extinction_per_m: FloatArray) -> float:
     return float(np.sum(mean * np.diff(levels_km[levels_km <= _TROPOSPHERE_KM]) * 1e3))
 
 
-def kinds() -> list[str]:
-    """Return the names of the kinds of particles."""
-    return list(json_object(_TABLE)["spectra"])
-
-
 def optics(kind: str, wavelength_um: ArrayLike) -> AerosolOptics:
-    """Return the spectra of one kind of particle.
-
-    Parameters
-    ----------
-    kind : str
-        One of :func:`kinds`, or a particle of thin cloud (:mod:`horizonval.earth.clouds.layers`).
-    wavelength_um : array_like
+    """Return the spectra of one kind of particle of the table or of thin cloud (:mod:`horizonval.earth.clouds.layers`).
 
     Raises
     ------

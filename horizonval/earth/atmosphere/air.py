@@ -1,30 +1,28 @@
-"""What a scene's atmosphere is made of, on the grid that the optical properties are made on.
+"""Air of a scene: its column on the grid of the optical properties, its columns at any place, and perturbed air.
 
-Air that is a little different: warmer, denser, dustier, or raised over the ground.
+**Perturbed air** (:class:`AirChange`), used for derivatives of frames:
 
-Derivatives of frames are made of such air. What each change means:
-
-- warmer: every temperature T becomes T + e at its height. The pressure at the ground stays, that above follows from
-  hydrostatic balance, so that with the ideal gas's law the density changes by::
+- warmer: every temperature T becomes T + e. The pressure at the ground stays; above it follows from hydrostatic
+  balance, so that by the ideal gas law the density changes by::
 
       d ln n(z) = -ln(1 + e / T) + int_0^z (M g / R) (1 / T - 1 / (T + e)) dz'
 
-  The profiles themselves are hydrostatic to a few per cent only, so the change alone is balanced. Mixing ratios stay.
-  Ozone's cross section for sunlight follows the temperature; in thermal bands absorption per molecule stays as it was;
-- denser: all gases by the same factor, temperature as it was;
-- dustier: all particles by the same factor;
-- raised: what was at height z is at z + e; below e the air is as it was at the ground; light is bent as it was.
-  The ground stays, its temperature too.
+  Only the change is balanced, since the profiles are hydrostatic to a few per cent. Mixing ratios stay. Ozone's cross
+  section in sunlight follows the temperature; in thermal bands absorption per molecule does not change;
+- denser: all gases by one factor, temperature unchanged;
+- dustier: all particles by one factor;
+- raised: the air at height z moves to z + e; below e it is as at the ground. Refraction, the ground and its temperature
+  do not change.
 
-Columns of a scene's air at any places, where that varies over latitude and longitude.
+**Columns at any place**, where the air varies over latitude and longitude:
 
-- ``by_latitude_month``: the blend of the AFGL climates of the latitude and month;
-- ``weather``: the zonal climate of :mod:`horizonval.earth.weather.zonal_climate` and the weather that is drawn over it
-  (:mod:`horizonval.earth.weather.field`). Pressure follows from hydrostatic balance with the temperature drawn, up from
-  the pressure at sea level. Ozone and water vapour are the AFGL blend's at equal **pressure**, times what is drawn;
-  below 25 km there is no more water vapour than saturates the air. N2O, CH4, HNO3 and CO2 are the blend's.
+- ``by_latitude_month``: the blend of the AFGL climates for latitude and month;
+- ``weather``: the zonal climate of :mod:`horizonval.earth.weather.zonal_climate` plus random deviations
+  (:mod:`horizonval.earth.weather.field`). Pressure follows from hydrostatic balance, upward from sea level. Ozone and
+  water vapour are the AFGL blend's at equal **pressure** times a random factor; below 25 km water vapour is at most
+  saturated. N2O, CH4, HNO3 and CO2 are the blend's.
 
-Deviations are drawn to 65 km and fade above; temperatures stay within 130 to 340 K, which one in some 10 000 levels of
+Deviations extend to 65 km and fade above. Temperatures are clipped to 130 to 340 K, which about one in 10 000 levels of
 a polar winter would leave.
 """
 
@@ -46,7 +44,7 @@ from horizonval.core.errors import UserError, nearest
 from horizonval.earth.atmosphere import climate, profile_file
 from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
 from horizonval.earth.atmosphere.placed_profiles import PlacedProfiles
-from horizonval.earth.atmosphere.profiles import AtmosphereProfile, names, profile, us76
+from horizonval.earth.atmosphere.profiles import GASES, AtmosphereProfile, names, profile, us76
 from horizonval.earth.clouds.layers import ThinLayer, layers_of
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
@@ -67,12 +65,10 @@ class AirChange:
     ----------
     warmer_k : float
         Added to every temperature, pressure in hydrostatic balance.
-    denser : float
-        Relative, of all gases.
-    dustier : float
-        Relative, of all particles.
+    denser, dustier : float
+        Relative change of all gases, of all particles.
     raised_m : float
-        The whole air over the ground.
+        Height by which the whole air is raised over the ground.
     """
 
     warmer_k: float = 0.0
@@ -83,12 +79,7 @@ class AirChange:
     def ln_density(self, altitude_m: FloatArray, temperature_k: FloatArray) -> FloatArray:
         """Return the change of the logarithm of every gas's density.
 
-        Parameters
-        ----------
-        altitude_m : ndarray, shape (n,)
-            Rising from the ground.
-        temperature_k : ndarray, shape (..., n)
-            Before the change.
+        ``altitude_m`` (n,) rises from the ground; ``temperature_k`` (..., n) is that before the change.
         """
         gas = np.full_like(temperature_k, np.log1p(self.denser))
         if not self.warmer_k:
@@ -99,22 +90,18 @@ class AirChange:
         return np.asarray(gas + swollen - np.log1p(self.warmer_k / temperature_k))
 
     def state(self, state: AtmosphereProfile) -> AtmosphereProfile:
-        """Return warmer and denser gases; what is raised is for the caller to read from lower heights."""
+        """Return warmer and denser gases; the caller evaluates raised air at lower heights."""
         if not (self.warmer_k or self.denser):
             return state
         factor = np.exp(self.ln_density(state.altitude_m, state.temperature_k))
         temperature = state.temperature_k + self.warmer_k
-        return replace(
-            state,
+        return AtmosphereProfile.of(
+            name=state.name,
+            altitude_m=state.altitude_m,
             pressure_pa=state.pressure_pa * factor * temperature / state.temperature_k,
             temperature_k=temperature,
             number_density_air=state.number_density_air * factor,
-            number_density_o3=state.number_density_o3 * factor,
-            number_density_h2o=state.number_density_h2o * factor,
-            number_density_co2=state.number_density_co2 * factor,
-            number_density_n2o=state.number_density_n2o * factor,
-            number_density_ch4=state.number_density_ch4 * factor,
-            number_density_hno3=state.number_density_hno3 * factor,
+            gases={gas: density * factor for gas, density in state.gas_densities().items()},
         )
 
     def particles(self, particles: Aerosol) -> Aerosol:
@@ -133,7 +120,7 @@ _MODEL_TOP_M = 86_000.0
 
 
 def weather_of(scene: SceneSpec) -> WeatherField | None:
-    """Return the weather of a scene, None where its air has none."""
+    """Return the weather of a scene, or None."""
     a = scene.atmosphere
     if a.profile != WEATHER or a.profile_file is not None or a.file is not None:
         return None
@@ -145,7 +132,7 @@ def weather_of(scene: SceneSpec) -> WeatherField | None:
 
 
 def log_pressure_height_m(altitude_m: FloatArray) -> FloatArray:
-    """Return ``7 km ln(p_0 / p)`` of US76 at heights; above 86 km it goes on as below."""
+    """Return ``7 km ln(p_0 / p)`` of US76 at heights, extrapolated linearly above 86 km."""
     z = np.asarray(altitude_m, dtype=np.float64)
     low = np.minimum(z, _MODEL_TOP_M)
     fall = np.log(us76(np.array([0.0])).pressure_pa / us76(low).pressure_pa)
@@ -162,23 +149,18 @@ def weather_columns(
     *,
     calm: bool = False,
 ) -> GasState:
-    """Return columns of weather, arrays of shape (c, k).
+    """Return columns of weather, arrays of shape (c, k). The last few results are cached.
 
     Parameters
     ----------
-    field : WeatherField
-    latitude_deg, longitude_deg : ndarray, shape (c,)
+    field : WeatherField latitude_deg, longitude_deg : ndarray, shape (c,)
         Geodetic.
     altitude_m : ndarray, shape (k,)
         Geodetic, rising from 0 to at most 100 km.
     co2_ppm : float
-        Of the lower atmosphere.
+        In the lower atmosphere.
     calm : bool
-        The climate alone.
-
-    Notes
-    -----
-    The last few are remembered: frames of one place share theirs.
+        The climate without deviations.
     """
     latitude, longitude, z = (np.asarray(v, dtype=np.float64) for v in (latitude_deg, longitude_deg, altitude_m))
     places = tuple(tuple(v.tolist()) for v in (latitude, longitude, z))
@@ -188,7 +170,7 @@ def weather_columns(
 
 @lru_cache(maxsize=8)
 def _weather(field: WeatherField, places: tuple[tuple[float, ...], ...], co2_ppm: float, calm: bool) -> GasState:
-    """Return :func:`weather_columns` for latitudes, longitudes and heights; nobody may write to it."""
+    """Return :func:`weather_columns` for latitudes, longitudes and heights, write-protected."""
     latitude, longitude, z = (np.array(v) for v in places)
     weights = [climate.climate_weights(float(row), field.month) for row in latitude]
     blend = afgl.blended(weights, z, co2_ppm)
@@ -221,30 +203,15 @@ def as_profile(state: GasState, name: str) -> AtmosphereProfile:
     """Return one column, arrays of shape (n,) or (1, n), as a profile."""
     pressure, kelvin = state.pressure_pa.reshape(-1), state.temperature_k.reshape(-1)
     air = pressure / (_BOLTZMANN * kelvin)
-
-    def density(gas: str) -> FloatArray:
-        return np.asarray(air * state.vmr[gas].reshape(-1))
-
-    return AtmosphereProfile(
-        name=name,
-        altitude_m=state.altitude_m,
-        pressure_pa=pressure,
-        temperature_k=kelvin,
-        number_density_air=air,
-        number_density_o3=density("o3"),
-        number_density_h2o=density("h2o"),
-        number_density_co2=density("co2"),
-        number_density_n2o=density("n2o"),
-        number_density_ch4=density("ch4"),
-        number_density_hno3=density("hno3"),
-    )
+    gases = {gas: air * state.vmr[gas].reshape(-1) for gas in GASES}
+    return AtmosphereProfile.of(name, state.altitude_m, pressure, kelvin, air, gases)
 
 
 def real_profile(name: str, where: str = "") -> AtmosphereProfile:
-    """Return a real state on levels from 0 to 120 km, with what it lacks from the climate of its place and month.
+    """Return a real state on levels from 0 to 120 km, completed from the climate of its latitude and month.
 
-    Above its last level the temperature stays as it is there. CO2, N2O, CH4 and HNO3 are the climate's, at equal
-    pressure; so are water vapour and ozone above the levels that know them.
+    Above its last level the temperature is constant. CO2, N2O, CH4 and HNO3 are the climate's at equal pressure; so are
+    water vapour and ozone above the levels where they are known.
 
     Raises
     ------
@@ -284,22 +251,21 @@ Columns = Callable[[FloatArray, FloatArray, FloatArray], GasState]
 
 @dataclass(frozen=True)
 class Air:
-    """Gases and particles of a scene: one column, where they vary that of one place.
+    """Gases and particles of a scene in one column; where they vary, that of one place.
 
     Attributes
     ----------
     state : AtmosphereProfile
         On 0 to 100 km by 100 m.
     climates : mapping of str to float
-        The AFGL climates that it is a blend of, with weights; empty for ``us76`` and a profile from a file.
+        Weights of the AFGL climates in it; empty for ``us76`` and a profile from a file.
     aerosol : Aerosol
-        On the same altitudes, thin cloud among it; without kinds for none.
+        On the same altitudes, thin cloud included.
     with_ozone : bool
         Whether ozone absorbs sunlight.
     columns : callable or None
         Of weather, and of profiles of many places from a file.
     layers : tuple of ThinLayer
-        Of thin cloud.
     """
 
     state: AtmosphereProfile
@@ -321,26 +287,20 @@ def air_of(
     change: AirChange = AS_IT_IS,
     place_deg: tuple[float, float] | None = None,
 ) -> Air:
-    """Return the gases and particles of a scene with an atmosphere of its own (neither ``none`` nor ``file``).
+    """Return the gases and particles of a scene whose atmosphere is neither ``none`` nor ``file``.
 
-    This is the one way to a column of a scene's air: where that varies over the Earth, the column of any place.
+      Parameters
+      ----------
+      scene : SceneSpec base_dir : Path, optional
+          Folder against which ``atmosphere.profile_file`` is resolved; default the current one.
+      change : AirChange place_deg : tuple of two floats, optional
+    Geodetic latitude and longitude of the column; default the sub-satellite point. Ignored where the air is the same
+          everywhere.
 
-    Parameters
-    ----------
-    scene : SceneSpec
-        Its atmosphere; for ``by_latitude_month`` also latitude and epoch of the platform.
-    base_dir : Path, optional
-        Folder against which ``atmosphere.profile_file`` is resolved; default the current one.
-    change : AirChange
-        How the air differs from the scene's.
-    place_deg : tuple of two floats, optional
-        Geodetic latitude and longitude of the column; default that of the point below the satellite. Of no account
-        where the air is the same everywhere.
-
-    Raises
-    ------
-    UserError
-        Unknown profile, or a profile's file refused.
+      Raises
+      ------
+      UserError
+          Unknown profile, or an invalid profile file.
     """
     atmosphere = scene.atmosphere
     place = (scene.platform.latitude_deg, scene.platform.longitude_deg) if place_deg is None else place_deg
@@ -392,7 +352,7 @@ def air_of(
 
 
 def _with_layers(particles: Aerosol, layers: tuple[ThinLayer, ...], altitude_m: FloatArray, raised_m: float) -> Aerosol:
-    """Return particles with those of thin cloud among them."""
+    """Return particles including those of thin cloud."""
     columns = [layer.column(altitude_m, raised_m) for layer in layers]
     kinds = (*particles.kinds, *(layer.particle for layer in layers))
     return Aerosol(kinds, np.concatenate([particles.extinction_550_per_m, *(c[None, :] for c in columns)]))

@@ -1,28 +1,20 @@
-"""Climate by latitude and month: a smooth blend of the AFGL climates.
+"""Climate by latitude and month: a smooth blend of the AFGL climates, and the rows of latitude that a camera sees.
 
-Each climate stands at its own latitude (Anderson et al. 1986: tropical 15, midlatitude 45, subarctic 60 deg) and at the
-middle of July or January. Between two latitudes the weights follow a smoothstep, towards the equator and the pole the
-last climate holds; summer and winter share a year as ``(1 +- cos(2 pi (month - 7) / 12)) / 2``, six months later in the
-south. In the tropics there is no season.
+Each climate applies at one latitude (Anderson et al. 1986: tropical 15, midlatitude 45, subarctic 60 deg) in the middle
+of July or January. Between two latitudes the weights follow a smoothstep; equatorward and poleward the last climate
+holds. Summer and winter share a year as ``(1 +- cos(2 pi (month - 7) / 12)) / 2``, six months later in the south. The
+tropics have no season.
 
-Temperatures are blended linearly, number densities in their logarithms. Every blend keeps the ideal gas law; it is
-hydrostatic to 3 %, as the climates themselves are.
+Temperatures are blended linearly, number densities in their logarithms. Every blend obeys the ideal gas law and is
+hydrostatic to 3 %, like the climates themselves. A blend of six climates has no longitude, no weather, no ozone hole,
+no cold Antarctic stratosphere in winter and no stratospheric warmings. Thermal bands replace the troposphere over the
+poles (:mod:`horizonval.earth.weather.zonal_climate`).
 
-What no blend of six climates has: longitude, weather, the ozone hole, the cold stratosphere of the Antarctic winter,
-sudden stratospheric warmings. The cold troposphere over the poles is put in place for thermal bands
-(:mod:`horizonval.earth.weather.zonal_climate`).
-
-Which latitudes a satellite's infrared rays pass over, and the climate there.
-
-Seen from a height a the ground reaches ``acos(R / (R + a))`` from the point below; a ray that grazes it goes on through
-the air for another ``acos(R / (R + 100 km)) = 10.1 deg``. Rows of climate stand on one grid of sin(latitude) that is
-the same for all scenes, so that frames taken one after the other see the same air. Between two rows extinction and
-source are linear in sin(latitude). Half way between two rows, where that is worst, the temperature is within 0.05 K of
-the blend of that latitude, and the radiance within 0.05 % of its own in 14.0 to 16.3 um, 0.15 % in the windows; along a
-ray that crosses many rows within 0.06 % of air that varies smoothly, windows included, but for 0.12 % of these across
-the edge of the polar air, from 55 to 68 deg.
-
-Latitudes are geodetic; taking geocentric ones for them (0.19 deg at most) shifts the climate by a third of a row.
+**Rows of latitude.** From an altitude a the ground reaches ``acos(R / (R + a))`` from the nadir; a ray that grazes it
+crosses the air for another ``acos(R / (R + 100 km)) = 10.1 deg``. Rows lie on one grid of sin(latitude) for all scenes,
+so that successive frames see the same air. Extinction and source are linear in sin(latitude) between rows. That leaves
+at most 0.05 K of temperature, 0.05 % of the radiance in 14.0 to 16.3 um and 0.15 % in the windows. Latitudes are
+geodetic; treating geocentric ones as such shifts the climate by a third of a row at most.
 """
 
 from __future__ import annotations
@@ -36,7 +28,7 @@ from itertools import pairwise
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
+from horizonval.earth.atmosphere.profiles import GASES, AtmosphereProfile, profile
 from horizonval.spec.scene import SceneSpec
 
 BY_LATITUDE_MONTH = "by_latitude_month"
@@ -45,9 +37,10 @@ _BOLTZMANN = 1.380649e-23
 
 
 def month_of(epoch: datetime) -> float:
-    """Return the month as a number that passes through 7.0 in the middle of July and never jumps but at New Year.
+    """Return the month as a real number: 7.0 in the middle of July, 12 to 12.5 after mid-December, 0.5 to 1 in early
+    January.
 
-    December's second half goes on from 12 to 12.5, January's first from 0.5 to 1; a year is a circle of 12.
+    It jumps at New Year only; a year is a circle of 12.
     """
     days = calendar.monthrange(epoch.year, epoch.month)[1]
     day = epoch.day - 1 + (epoch.hour + epoch.minute / 60) / 24
@@ -55,15 +48,7 @@ def month_of(epoch: datetime) -> float:
 
 
 def climate_weights(latitude_deg: float, month: float) -> dict[str, float]:
-    """Return the weights of the climates that make up a place and a month; all above 0, sum 1.
-
-    Parameters
-    ----------
-    latitude_deg : float
-        -90 to 90, north positive.
-    month : float
-        1 to 12, the middle of each; fractions between, see :func:`month_of`.
-    """
+    """Return the positive weights, of sum 1, of the climates at a latitude (-90 to 90, north positive) and a month."""
     zones = _zone_weights(abs(latitude_deg))
     northern = month if latitude_deg >= 0 else month + 6
     summer = (1 + math.cos(2 * math.pi * (northern - 7) / 12)) / 2
@@ -87,8 +72,8 @@ def _zone_weights(latitude: float) -> dict[str, float]:
     return {_ANCHORS[-1][1]: 1.0}
 
 
-def blended(weights: Mapping[str, float], name: str = BY_LATITUDE_MONTH) -> AtmosphereProfile:
-    """Return the blend of climates by their weights, on the climates' own levels."""
+def blended(weights: Mapping[str, float]) -> AtmosphereProfile:
+    """Return the blend of climates by their weights, on the climates' levels."""
     parts = [(profile(climate), weight) for climate, weight in weights.items()]
 
     def logarithmic(key: str) -> FloatArray:
@@ -96,23 +81,18 @@ def blended(weights: Mapping[str, float], name: str = BY_LATITUDE_MONTH) -> Atmo
 
     temperature = np.asarray(sum(weight * part.temperature_k for part, weight in parts))
     air = logarithmic("number_density_air")
-    return AtmosphereProfile(
-        name=name,
+    return AtmosphereProfile.of(
+        name=BY_LATITUDE_MONTH,
         altitude_m=parts[0][0].altitude_m,
         pressure_pa=air * _BOLTZMANN * temperature,
         temperature_k=temperature,
         number_density_air=air,
-        number_density_o3=logarithmic("number_density_o3"),
-        number_density_h2o=logarithmic("number_density_h2o"),
-        number_density_co2=logarithmic("number_density_co2"),
-        number_density_n2o=logarithmic("number_density_n2o"),
-        number_density_ch4=logarithmic("number_density_ch4"),
-        number_density_hno3=logarithmic("number_density_hno3"),
+        gases={gas: logarithmic(f"number_density_{gas}") for gas in GASES},
     )
 
 
 STEPS = 100
-"""From the equator to the pole: 0.01 of the sine, 0.6 deg at the equator."""
+"""Rows from the equator to the pole: 0.01 of the sine, 0.6 deg at the equator."""
 _RADIUS_M, _TOP_M = 6.371e6, 1e5
 _MARGIN = math.radians(1.0)
 
@@ -123,19 +103,9 @@ def all_rows() -> FloatArray:
 
 
 def rows_in_sight(latitude_deg: float, height_m: float) -> FloatArray:
-    """Return the sines of the latitudes that rays from a place above the Earth can meet air or ground at, and beyond.
+    """Return the sines of the latitudes where rays from a point ``height_m`` above the Earth can meet air or ground.
 
-    Parameters
-    ----------
-    latitude_deg : float
-        Of the satellite, -90 to 90.
-    height_m : float
-        Above 0.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Part of :func:`all_rows`, at least two.
+    They are part of :func:`all_rows`, at least two.
     """
     reach = reach_rad(height_m)
     latitude = math.radians(latitude_deg)
@@ -146,12 +116,12 @@ def rows_in_sight(latitude_deg: float, height_m: float) -> FloatArray:
 
 
 def reach_rad(height_m: float) -> float:
-    """Return how far from the point below rays from a height can meet air or ground, as an angle at the centre."""
+    """Return the angle at the Earth's centre from the nadir to the farthest air that rays from a height can meet."""
     return math.acos(_RADIUS_M / (_RADIUS_M + height_m)) + math.acos(_RADIUS_M / (_RADIUS_M + _TOP_M)) + _MARGIN
 
 
 def month_of_rows(scene: SceneSpec) -> float:
-    """Return the month of a scene's climate: what the atmosphere asks for, or that of the epoch."""
+    """Return the month of a scene's climate: ``atmosphere.month``, or that of the epoch."""
     fixed = scene.atmosphere.month
     return month_of(scene.platform.epoch_utc) if fixed is None else float(fixed)
 
@@ -164,5 +134,5 @@ def varies(scene: SceneSpec) -> bool:
 
 
 def row_weights(sin_latitude: FloatArray, month_of_rows: float) -> tuple[dict[str, float], ...]:
-    """Return the climates of rows and their shares, see :func:`horizonval.earth.atmosphere.climate.climate_weights`."""
+    """Return the weights of the climates in each row, see :func:`climate_weights`."""
     return tuple(climate_weights(float(row), month_of_rows) for row in np.degrees(np.arcsin(sin_latitude)))

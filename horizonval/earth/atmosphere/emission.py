@@ -1,4 +1,4 @@
-"""Thermal bands as the renderer and the truth see them: absorption and temperature over height and latitude.
+"""Thermal bands for renderer and truth: absorption and temperature of a scene's air over height and latitude.
 
 A band is a set of g points (:mod:`horizonval.earth.spectral.thermal_absorption`), each solved as if monochromatic and
 summed::
@@ -6,37 +6,28 @@ summed::
     L = sum over g of [ integral of S_g(T) exp(-tau_g) dtau_g  +  (ground, cloud or Sun behind) exp(-tau_g) ]
 
 The air is given at levels of height for every row of latitude. Between levels the absorption is linear in its logarithm
-and the temperature linear, as the tables' authors mean them; between rows the renderer takes both ``extinction`` and
-``source`` of :meth:`EmittingBand.columns` as linear in the sine of latitude, beyond the last row as on it. Air that
-varies with longitude too stands in columns on a map (:mod:`horizonval.earth.weather.field`), bilinear between.
+and the temperature is linear. Between rows the renderer takes ``extinction`` and ``source`` of
+:meth:`EmittingBand.columns` as linear in the sine of latitude, beyond the last row as constant. Air that varies with
+longitude too has columns on a map (:mod:`horizonval.earth.weather.field`), bilinear between.
 
-Columns over high ground begin there: below it nothing absorbs or emits, though the ground itself lies on the ellipsoid.
+The absorption follows from pressure, temperature and gases (:mod:`horizonval.earth.gases.rrtmg`). The levels depend on
+the air:
 
-Thermal bands of a scene: from its atmosphere to :class:`horizonval.earth.atmosphere.emission.EmittingBand`.
-
-What the air absorbs is looked up for its own pressure, temperature and gases (:mod:`horizonval.earth.gases.rrtmg`).
-What the air is decides where its levels are:
-
-- the AFGL climates and their blends by latitude and month: those of :func:`horizonval.earth.gases.afgl.levels_m`. A
-  blend by latitude has a row for every latitude in sight, see :mod:`horizonval.earth.atmosphere.climate`; its
-  state is blended, not its absorption. Over the poles its troposphere is colder than any climate's
-  (:mod:`horizonval.earth.weather.zonal_climate`);
-- weather and profiles of many places: columns on a map of what is in sight
-  (:mod:`horizonval.earth.weather.field`), on fewer levels and marched on 250 m to 1 km. All else is the same
-  everywhere;
+- AFGL climates and their blends by latitude and month: :func:`horizonval.earth.gases.afgl.levels_m`. A blend by
+  latitude has a row for every latitude in sight (:mod:`horizonval.earth.atmosphere.climate`); its state is blended, not
+  its absorption, and its troposphere over the poles is colder (:mod:`horizonval.earth.weather.zonal_climate`);
+- weather and profiles of many places: columns on a map, on fewer levels, integrated on 250 m to 1 km;
 - any other profile: 100 m;
-- an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
+- an atmosphere file: its own grey absorption on its own nodes;
 - none: nothing absorbs.
 
-Over the ground of an ``earth`` columns on a map begin at the height of the land poleward of 62 deg, and rows of
-latitude at the mean height of the Antarctic around their circle (sea counts as 0): air that is not there does not
-shine. Elsewhere they begin at 0: over plateaus, and with rows over Greenland, there is too much warm air.
+Columns over high ground begin there: below it nothing absorbs or emits, although the ground itself lies on the
+ellipsoid. Over an ``earth`` columns on a map begin at the height of the land poleward of 62 deg, and rows of latitude
+at the mean height of the Antarctic around their circle (sea counts as 0). Elsewhere they begin at 0: over plateaus, and
+with rows over Greenland, there is too much warm air.
 
-Halocarbons of today's amounts come with all gases unless ``atmosphere.halocarbons`` is off.
-
-Particles absorb at the middle of the g point's band; what they scatter there is left out (at 10 um one part in eight of
-a stratospheric particle's extinction, half of rural air's, which lies below the water vapour). Beyond 18.5 um they
-absorb as at 18.5 um.
+Particles absorb at the middle of the g point's band, beyond 18.5 um as at 18.5 um. Their scattering is neglected (at 10
+um one part in eight of a stratospheric particle's extinction, half of rural air's, which lies below the water vapour).
 """
 
 from __future__ import annotations
@@ -69,12 +60,12 @@ COLDEST_K, WARMEST_K, STEP_K = 80.0, 400.0, 1.0
 """Range and step of the spline through S(T); its error is below 1e-8 of S."""
 _OPAQUE, _THIN = 300.0, 1e-3
 GROUND_STEP_M = 250.0
-"""Over which a column over high ground begins: the step of the grid of maps, so that its depth is right."""
+"""Height over which a column over high ground begins: the step of the map's grid, so that its depth is right."""
 
 
 @dataclass(frozen=True)
 class SourceSpline:
-    """S_g(T) by a spline between COLDEST_K and WARMEST_K; beyond them exactly, which takes longer.
+    """S_g(T) by a spline between COLDEST_K and WARMEST_K; beyond them by the slower exact formula.
 
     ``wavenumber_per_cm`` (q,) and ``weight_per_cm`` (g, q) are those of an :class:`EmittingBand`.
     """
@@ -84,7 +75,7 @@ class SourceSpline:
     spline: CubicSpline
 
     def __call__(self, temperature_k: ArrayLike) -> FloatArray:
-        """Return S [W m-2 sr-1]; shape of the temperature and (g,) behind it."""
+        """Return S [W m-2 sr-1]; shape of the temperature followed by (g,)."""
         temperature = np.asarray(temperature_k, dtype=np.float64)
         value = np.asarray(self.spline(np.clip(temperature, COLDEST_K, WARMEST_K)))
         outside = (temperature < COLDEST_K) | (temperature > WARMEST_K)
@@ -94,44 +85,39 @@ class SourceSpline:
         return value
 
     def of(self, part: slice) -> SourceSpline:
-        """Return that of some of the g points."""
+        """Return the spline of some of the g points."""
         spline = CubicSpline.construct_fast(self.spline.c[:, :, part], self.spline.x)
         return SourceSpline(self.wavenumber_per_cm, self.weight_per_cm[part], spline)
 
 
 @dataclass(frozen=True)
 class EmittingBand:
-    """One thermal band of a camera with the air it looks through.
+    """One thermal band of a camera with the air in front of it.
 
     Attributes
     ----------
-    name : str
-        Of the band.
-    wavelength_um : ndarray, shape (g,)
+    name : str wavelength_um : ndarray, shape (g,)
         Nominal, per g point.
     altitude_m : ndarray, shape (n,)
-        The grid the renderer marches on: between its nodes extinction and source are linear. 0 to the top.
+        Grid of the renderer from 0 to the top; extinction and source are linear between its nodes.
     sin_latitude : ndarray, shape (m,)
-        Of geodetic latitude, rising in equal steps; one value alone means the same air everywhere. With a map: one
-        value of no meaning, and m below is the number of the map's columns.
-    level_m : ndarray, shape (k,)
-    ln_extinction : ndarray, shape (g, m, k)
+        Of geodetic latitude, rising in equal steps; a single value means the same air everywhere. With a map: one value
+        without meaning, and m below is the number of the map's columns.
+    level_m : ndarray, shape (k,) ln_extinction : ndarray, shape (g, m, k)
         Logarithm of the extinction [1/m] at the levels.
-    temperature_k : ndarray, shape (m, k)
-        At the levels.
-    source_wavenumber_per_cm : ndarray, shape (q,)
-    source_weight_per_cm : ndarray, shape (g, q)
+    temperature_k : ndarray, shape (m, k) source_wavenumber_per_cm : ndarray, shape (q,) source_weight_per_cm : ndarray,
+    shape (g, q)
         ``S_g(T) = sum_q weight[g, q] B_nu(wavenumber[q], T)``, W m-2 sr-1.
     sun_radiance : ndarray, shape (g,)
         Mean radiance of the Sun's disc outside the atmosphere [W m-2 sr-1].
+    column_map : ColumnMap or None
+        Positions of the columns of air that varies with longitude.
     layer_per_m : ndarray, shape (g, n)
-        What thin cloud adds to the extinction, on ``altitude_m``; of shape (0, 0) for none.
+        Extinction of thin cloud on ``altitude_m``; shape (0, 0) for none.
     layers : ndarray, shape (k, 2)
         Base and top of its layers [m].
     each_layer_per_m : ndarray, shape (k, g, n)
-        ``layer_per_m`` layer by layer, where one has gaps; else of shape (0, 0, 0).
-    column_map : ColumnMap or None
-        Where the columns of air stand that varies with longitude.
+        ``layer_per_m`` of each layer, where one has gaps; else of shape (0, 0, 0).
     ground_m : ndarray, shape (m,)
         Height at which each column begins; of shape (0,) where all begin at 0.
     """
@@ -158,14 +144,14 @@ class EmittingBand:
         return self.column_map is None and len(self.sin_latitude) == 1
 
     def coarser(self) -> EmittingBand:
-        """Return the band with fewer columns where it has a map: for what varies little, such as the sky's mean."""
+        """Return the band with fewer columns of its map, for slowly varying quantities such as the sky's mean."""
         if self.column_map is None:
             return self
         place, kept = self.column_map.coarser()
         return replace(self.of_columns(kept), column_map=place)
 
     def of_columns(self, kept: NDArray[np.intp]) -> EmittingBand:
-        """Return the band with some of its columns; where they stand is left as it is."""
+        """Return the band with some of its columns; their positions are unchanged."""
         return replace(
             self,
             ln_extinction=self.ln_extinction[:, kept],
@@ -174,7 +160,7 @@ class EmittingBand:
         )
 
     def between(self, values: FloatArray, normal: FloatArray) -> FloatArray:
-        """Return what is given at the columns, shape (g, m), at places with unit normals (n, 3), shape (g, n)."""
+        """Return values of the columns, shape (g, m), interpolated to unit normals (n, 3), shape (g, n)."""
         if self.column_map is None:
             return np.stack([np.interp(normal[:, 2], self.sin_latitude, row) for row in values])
         x, y = self.column_map.plane(normal)
@@ -186,12 +172,12 @@ class EmittingBand:
         return len(self.wavelength_um)
 
     def source(self, temperature_k: ArrayLike) -> FloatArray:
-        """Return S_g(T) [W m-2 sr-1]; shape of the temperature and (g,) behind it."""
+        """Return S_g(T) [W m-2 sr-1]; shape of the temperature followed by (g,)."""
         temperature = np.asarray(temperature_k, dtype=np.float64)[..., None]
         return radiance_per_wavenumber(self.source_wavenumber_per_cm, temperature) @ self.source_weight_per_cm.T
 
     def source_spline(self) -> SourceSpline:
-        """Return a quick S_g(T) for many temperatures."""
+        """Return a fast S_g(T) for many temperatures."""
         nodes = np.arange(COLDEST_K, WARMEST_K + STEP_K, STEP_K)
         spline = CubicSpline(nodes, self.source(nodes))
         return SourceSpline(self.source_wavenumber_per_cm, self.source_weight_per_cm, spline)
@@ -203,13 +189,13 @@ class EmittingBand:
     def sky_irradiance(self) -> FloatArray:
         """Return the mean radiance of the sky over the ground [W m-2 sr-1], shape (g, m): irradiance over pi.
 
-        A Lambert ground of emissivity e sends up ``e S`` and ``1 - e`` times this. The air is taken as plane layers
-        whose source is linear in optical depth, for which this is exact (space behind is dark)::
+        A Lambert ground of emissivity e sends up ``e S`` and ``1 - e`` times this. The formula is exact for plane
+        layers whose source is linear in optical depth, with dark space behind::
 
             sky = integral of S 2 E_2(tau) dtau,    E_2 = -dE_3/dtau,    E_3 = -dE_4/dtau
 
-        On a round Earth low rays meet less air: its sky is less by at most 0.13 % of the ground's own S in any g point,
-        0.05 % in a band (which may be 0.6 % of the sky where that is nearly dark).
+        On a round Earth low rays meet less air: the sky is darker by at most 0.13 % of the ground's S in any g point,
+        0.05 % in a band.
         """
         extinction, source = self.columns()
         layer = 0.5 * (extinction[..., 1:] + extinction[..., :-1]) * np.diff(self.altitude_m)
@@ -240,7 +226,7 @@ class EmittingBand:
         return gas + np.stack([np.interp(z, self.altitude_m, row) for row in self.layer_per_m])[:, None, :]
 
     def _above_ground(self, z: FloatArray) -> FloatArray:
-        """Return how much of the air around heights (n,) lies above the ground of each column, shape (m, n)."""
+        """Return the share of the air around heights (n,) above the ground of each column, shape (m, n)."""
         low, high = np.maximum(z - 0.5 * GROUND_STEP_M, 0.0), z + 0.5 * GROUND_STEP_M
         return np.clip((high - self.ground_m[:, None]) / (high - low), 0.0, 1.0)
 
@@ -256,12 +242,10 @@ class EmittingBand:
 
 
 MAP_STEP_DEG = 3.0
-"""Between columns of weather. In the middle of four, where that is worst, the error against the weather drawn there is
-0.14 K rms (1.2 K at most) of temperature, 0.2 % rms (1.1 %) of radiance in 14.0 to 16.3 um and 30 m rms (210 m) of the
-height of half of it (three winter days from 20 and 65 N). With 2.5 deg it is 0.09 K, 0.15 % and 20 m rms, with 3.5 deg
-0.2 K, 0.3 % and 40 m, with 5 deg 0.3 K, 0.6 % and 60 m."""
+"""Distance between columns of weather. In the middle of four columns temperatures are off by 0.14 K rms."""
 MOST_ALONG_A_SIDE = 37
-"""Columns; from far away they stand farther apart: 6.5 deg below a geostationary camera, 3.8 deg at its limb."""
+"""Largest number of columns along a side; from far away they are farther apart (6.5 deg below a geostationary camera).
+"""
 MAP_LEVEL_M = np.concatenate(
     [
         np.arange(0.0, 14e3, 1e3),
@@ -270,24 +254,24 @@ MAP_LEVEL_M = np.concatenate(
         np.arange(50e3, 1e5 + 1.0, 2e3),
     ]
 )
-"""Levels of columns on a map: fine where the absorption jumps, see :func:`horizonval.earth.gases.afgl.levels_m`."""
+"""Levels of columns on a map, fine where the absorption jumps (:func:`horizonval.earth.gases.afgl.levels_m`)."""
 MAP_GRID_M = np.concatenate(
     [np.arange(0.0, 20e3, 250.0), np.arange(20e3, 60e3, 500.0), np.arange(60e3, TOP_M + 1.0, 1e3)]
 )
 GroundHeights = Callable[[FloatArray, FloatArray | None], FloatArray]
 """Heights [m] at which columns begin, from latitudes and longitudes (m,) [deg]; None for rows of latitude."""
 LEAST_PER_M = 1e-300
-"""Extinction that stands for none where a logarithm is needed."""
+"""Extinction that replaces zero where a logarithm is needed."""
 
 
 @dataclass(frozen=True)
 class EmittingAir:
-    """The air of a scene as its thermal bands see it, before a band is chosen.
+    """The air of a scene for its thermal bands, before a band is chosen.
 
     Attributes
     ----------
     altitude_m : ndarray, shape (n,)
-        The grid to march on.
+        Grid of the renderer.
     sin_latitude : ndarray, shape (m,)
         One value where there is a ``column_map``.
     state : GasState
@@ -297,10 +281,8 @@ class EmittingAir:
     change : AirChange
         How the bands' air differs; absorption per molecule stays that of ``state``.
     column_map : ColumnMap or None
-        Where the columns of ``state`` stand if they vary with longitude.
-    layers : tuple of ThinLayer
-        Of thin cloud.
-    ground_m : ndarray, shape (m,) or (0,)
+        Positions of the columns of ``state`` if they vary with longitude.
+    layers : tuple of ThinLayer ground_m : ndarray, shape (m,) or (0,)
         Height at which each column begins.
     """
 
@@ -335,7 +317,7 @@ class EmittingAir:
         )
 
     def _layers(self, wavelength_um: FloatArray) -> dict[str, Any]:
-        """Return what a band keeps of thin cloud."""
+        """Return the fields of a band about thin cloud."""
         if not self.layers:
             return {}
         raised = self.change.raised_m
@@ -359,20 +341,17 @@ class EmittingAir:
 def emitting_air(
     air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS, ground: GroundHeights | None = None
 ) -> EmittingAir:
-    """Return the air of a scene that has gases of its own (neither ``none`` nor an atmosphere file).
+    """Return the air of a scene whose atmosphere is neither ``none`` nor a file.
 
-    For ``by_latitude_month`` without a latitude of its own there is a row of air for every latitude in sight, for
-    weather and profiles of many places columns on a map; else one row serves the whole frame.
+    ``by_latitude_month`` without a fixed latitude has a row of air for every latitude in sight; weather and profiles of
+    many places have columns on a map; otherwise one row serves the whole frame.
 
     Parameters
     ----------
     air : Air
-        Of the scene, as it is: the column below the satellite.
-    scene : SceneSpec
-    change : AirChange
-        How the bands' air differs from it.
-    ground : callable, optional
-        Where columns begin; without it all do at 0.
+        Unchanged column below the satellite.
+    scene : SceneSpec change : AirChange ground : callable, optional
+        Heights at which columns begin; default 0.
     """
     rows, grid = np.zeros(1), air.altitude_m
     place, ground_m = None, np.zeros(0)
@@ -414,7 +393,7 @@ def emitting_air(
 
 
 def map_in_sight(scene: SceneSpec, step_deg: float = MAP_STEP_DEG) -> ColumnMap:
-    """Return where columns stand that a satellite's rays can meet, a step apart or more from far."""
+    """Return positions of the columns that a satellite's rays can meet, ``step_deg`` apart, or more from far."""
     latitude, longitude = math.radians(scene.platform.latitude_deg), math.radians(scene.platform.longitude_deg)
     below = math.cos(latitude) * np.array([math.cos(longitude), math.sin(longitude), math.tan(latitude)])
     reach = climate.reach_rad(scene.platform.altitude_km * 1e3)
@@ -434,13 +413,12 @@ def grey_band(
 
     Parameters
     ----------
-    band : Band
-    altitude_m, temperature_k, absorption_per_m : ndarray, shape (n,)
-        Levels and grid to march on in one: absorption and source are linear between.
+    band : Band altitude_m, temperature_k, absorption_per_m : ndarray, shape (n,)
+        Levels, which are also the grid: absorption and source are linear between.
     where : str
         File and key of the band, for the error message.
     pieces : int
-        Into how many g points the band is cut, for the sake of a ground with a spectrum.
+        Number of g points into which the band is divided, for a ground with a spectrum.
 
     Raises
     ------
@@ -471,6 +449,6 @@ def grey_band(
 
 
 def no_air_band(band: Band, ground_k: float, where: str, pieces: int = 1) -> EmittingBand:
-    """Return a thermal band over a planet without air; its columns hold nothing up to 100 km."""
+    """Return a thermal band over a planet without air."""
     z = np.array([0.0, TOP_M])
     return grey_band(band, z, np.full(2, ground_k), np.zeros(2), where, pieces)

@@ -1,17 +1,16 @@
-"""How many spectral nodes a solar band needs for a stated error.
+"""Number of spectral nodes that a solar band needs for a stated error.
 
-The rule of n nodes is exact for polynomials in wavelength; how much of the true spectrum of radiance that leaves is
-found by trying it. For a few rays the radiance of the atmosphere, scattered once, is computed at every sampled
-wavelength of the band and at the nodes of the rule; the smallest n whose band radiance is within the error on every ray
-is taken.
+The rule of n nodes is exact for polynomials in wavelength; the remaining error is found by trial. For a few rays the
+radiance of the atmosphere, scattered once, is computed at every sampled wavelength of the band and at the nodes of the
+rule. The smallest n whose band radiance is within the error on every ray is taken.
 
-The rays: tangent heights 0 to 60 km, the ground straight below and at 70 deg from the vertical, each with the Sun at
-30, 70 and 88 deg from the zenith and at right angles to the line of sight. Shells 2 to 10 km thick with constant
-coefficients stand for the atmosphere, which is a crude radiance (a few per cent) but the same on both sides of the
-comparison. The air is the scene's own: gases, ozone, aerosol and albedo.
+The rays have tangent heights of 0 to 60 km or meet the ground straight below and at 70 deg from the vertical, each with
+the Sun at 30, 70 and 88 deg from the zenith and at right angles to the line of sight. The atmosphere is made of shells
+2 to 10 km thick with constant coefficients: a crude radiance (a few per cent), but the same on both sides of the
+comparison. Gases, ozone, aerosol and albedo are the scene's.
 
-What this leaves open: other rays can be worse than the worst of these by a little (tests hold it to 1.5 times the
-error asked for), and light scattered more than once, which depends on wavelength more gently at the limb.
+Other rays can be slightly worse than the worst of these (tests allow 1.5 times the error). Multiple scattering, which
+depends on wavelength more gently at the limb, is not included.
 """
 
 from __future__ import annotations
@@ -39,23 +38,10 @@ _VIEW_ZENITH_DEG = (0.0, 70.0)
 def choose_rule(measure: Measure, air: Air, albedo: float, error: float, where: str) -> SolarRule:
     """Return the smallest rule whose band radiance is within a relative error on every ray of the module text.
 
-    Parameters
-    ----------
-    measure : Measure
-        The band.
-    air : Air
-        What the rays pass through.
-    albedo : float
-        Of the ground.
-    error : float
-        Above 0.
-    where : str
-        File and key of the band, for the error message.
-
     Raises
     ------
     UserError
-        No rule of up to 64 nodes is good enough.
+        No rule of up to 64 nodes is good enough; names ``where``, file and key of the band.
     """
     fine, energy = _thinned(measure)
     spectra = _Spectra.of(fine, *_ozone(fine, air), air)
@@ -68,7 +54,7 @@ def choose_rule(measure: Measure, air: Air, albedo: float, error: float, where: 
         for i, (ray, expected) in enumerate(rays):
             approximate = float(ray.radiance(spectra) @ energy)
             if abs(approximate - expected) > error * expected:
-                # The ray that refused this rule will probably refuse the next one as well.
+                # The ray that fails this rule will probably fail the next one as well.
                 rays.insert(0, rays.pop(i))
                 break
         else:
@@ -81,7 +67,7 @@ def choose_rule(measure: Measure, air: Air, albedo: float, error: float, where: 
 
 
 def _thinned(measure: Measure) -> tuple[FloatArray, FloatArray]:
-    """Return the measure with groups of four samples (the points of one interval of the Sun's table) drawn together."""
+    """Return the measure with the four samples of each interval of the Sun's table combined."""
     energy = measure.energy.reshape(-1, 4)
     total = energy.sum(axis=1)
     used = total > 0
@@ -98,7 +84,7 @@ def _ozone(wavelength_um: FloatArray, air: Air) -> tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class _Spectra:
-    """What the constituents do per unit of theirs: air, ozone at 220 K, ozone at 280 K, kinds of particles.
+    """Effect of a unit of each constituent: air, ozone at 220 K, ozone at 280 K, kinds of particles.
 
     ``extinction`` and ``particles`` have shape (constituents, wavelengths); ``particles`` is scattering, ``asymmetry``
     its g. ``air`` is the scattering cross section of a molecule, ``cos2`` its phase function.
@@ -146,14 +132,13 @@ def _shell_means(air: Air) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Ray:
-    """A ray cut into segments of one shell each, ordered from the observer.
+    """A ray divided into segments of one shell each, ordered from the observer.
 
     Attributes
     ----------
     amounts : ndarray, shape (segments, constituents)
         Per metre.
-    length_m : ndarray, shape (segments,)
-    to_sun : ndarray, shape (segments, constituents)
+    length_m : ndarray, shape (segments,) to_sun : ndarray, shape (segments, constituents)
         Columns from the middle of each segment towards the Sun.
     cosine : float
         Of the angle of scattering.
@@ -193,7 +178,7 @@ def _rays(shells: FloatArray, albedo: float) -> Iterator[_Ray]:
             r = np.hypot(tangent, middle)
             used = shells[len(shells) - len(middle) :]
             to_sun = _columns_to_sun(shells, r, mu * tangent / r)
-            # The far half is the mirror image of the near one: the Sun stands at right angles.
+            # The far half is the mirror image of the near one: the Sun is at right angles.
             yield _Ray(
                 np.concatenate([used[::-1], used]),
                 np.concatenate([np.diff(reach)[::-1], np.diff(reach)]),

@@ -9,21 +9,20 @@ CSV with one line of column names, or a JSON object of lists with the same names
 ``ozone_per_m3``         or ``ozone_ppmv`` (parts per million of the air's molecules): exactly one; 0 or more
 ``water_vapour_ppmv``    and ``carbon_dioxide_ppmv``, ``nitrous_oxide_ppmv``, ``methane_ppmv``: any of them or none; 0
                          or more, of the air's molecules
-``latitude_deg``         -90 to 90, geodetic: of the place that the line belongs to; for profiles of many places
-``longitude_deg``        -180 to 360, beside latitudes; without it a profile holds all around its circle of latitude
+``latitude_deg``         -90 to 90, geodetic: place of the line, for profiles of many places
+``longitude_deg``        -180 to 360, together with latitudes; without it a profile holds all around its latitude
 ======================== ===========================================================================================
 
-Lines of equal latitude and longitude are one profile; each has levels of its own, and all that is said here holds for
-each. What the air is between places: :mod:`horizonval.earth.atmosphere.placed_profiles`.
+Lines of equal latitude and longitude are one profile. Each has separate levels, and every rule applies to each.
+:mod:`horizonval.earth.atmosphere.placed_profiles` interpolates between places.
 
-Between levels as the shipped profiles: temperature linear, logarithms of pressure and of the gases' shares of the air
-linear (a share itself linear where one of the levels has none). Above the last level temperature and shares stay as
-they are there, and the pressure goes on falling as it does between the last two levels. Pressure and density need not
-be hydrostatic.
+Between levels temperature is linear, and so are the logarithms of pressure and of the mixing ratios (a mixing ratio
+itself next to a zero). Above the last level temperature and mixing ratios stay constant, and the pressure falls as
+between the last two levels. Pressure and density need not be hydrostatic.
 
-Gases that have no column, and nitric acid, are those of the nearest AFGL climate at equal pressure: nearest in
-temperature, see :func:`horizonval.earth.gases.afgl.nearest_climate`; carbon dioxide then is the scene's. Leaving out
-water vapour costs most: in the windows the lowest 10 km of the limb are its.
+Gases without a column, and nitric acid, come at equal pressure from the AFGL climate that is nearest in temperature
+(:func:`horizonval.earth.gases.afgl.nearest_climate`); carbon dioxide is then the scene's. Missing water vapour costs
+most: it dominates the lowest 10 km of the limb in the windows.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ MIN_TOP_KM = 60.0
 MAX_STEP_KM = 10.0
 TEMPERATURE_K = (100.0, 400.0)
 GROUND_PRESSURE_PA = (30_000.0, 120_000.0)
-"""Catches pressures in the wrong unit; the ground of every place on Earth lies well inside."""
+"""Catches pressures in the wrong unit; every place on Earth lies well inside."""
 
 _BOLTZMANN = 1.380649e-23
 _AIR = ("pressure_Pa", "pressure_hPa", "number_density_per_m3")
@@ -68,7 +67,7 @@ _KEYS = ("altitude_km", "temperature_K", *_AIR, *_OZONE, *_OTHER_GASES, *_PLACE)
 _TOP_M = 120_000.0
 _STEP_M = 1000.0
 _LEAST = 1e-30
-"""Share of a gas that stands for none where a logarithm is needed."""
+"""Mixing ratio that replaces zero where a logarithm is needed."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +81,8 @@ class PlacedProfile:
 
 @dataclass(frozen=True)
 class _Table:
-    """Columns of a file and where each of their values stands in it: on a line (CSV), or in a list, from 1 on (JSON).
-
-    ``of_place``: what to say after the file where the table is that of one place of many.
+    """Columns of a file with the line (CSV) or list position (JSON, from 1) of each value; ``of_place`` names the
+    place.
     """
 
     file: str
@@ -106,23 +104,18 @@ class _Table:
 
 
 def read_profiles(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> tuple[PlacedProfile, ...]:
-    """Return the profiles of a file on levels from 0 to 120 km, in the order in which their places come.
+    """Return the profiles of a file on levels from 0 to 120 km, in the order of their places.
 
-    Parameters
-    ----------
-    path : Path or str
-    co2_ppm : float
-        Carbon dioxide of the lower atmosphere where the file has none of its own.
+    ``co2_ppm``: carbon dioxide of the lower atmosphere where the file has no column of it.
 
     Raises
     ------
     UserError
-        Naming file, key and line of the first mistake, and what is allowed there; a file with carbon dioxide for a
-        scene that asks for another amount.
+        Naming file, key and line of the first mistake and the allowed range; also where the file has carbon dioxide and
+        the scene asks for another amount.
     """
     path = Path(path)
-    text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a profile (CSV or JSON)")
-    table = _read_json(text, str(path)) if path.suffix.lower() == ".json" else _read_csv(text, str(path))
+    table = _read(path)
     if co2_ppm != afgl.CO2_PPM and "carbon_dioxide_ppmv" in table.columns:
         raise UserError(
             f"the file has carbon dioxide of its own, and the scene asks for {co2_ppm:g} ppm",
@@ -134,14 +127,16 @@ def read_profiles(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> tuple[Plac
 
 
 def has_places(path: Path | str) -> bool:
-    """Return whether a file has a column of latitudes; one that can not be read has none."""
-    path = Path(path)
+    """Return whether a file has a column of latitudes; False where it cannot be read."""
     try:
-        text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a profile (CSV or JSON)")
-        table = _read_json(text, str(path)) if path.suffix.lower() == ".json" else _read_csv(text, str(path))
+        return "latitude_deg" in _read(Path(path)).columns
     except UserError:
         return False
-    return "latitude_deg" in table.columns
+
+
+def _read(path: Path) -> _Table:
+    text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a profile (CSV or JSON)")
+    return _read_json(text, str(path)) if path.suffix.lower() == ".json" else _read_csv(text, str(path))
 
 
 def _placed(table: _Table, name: str, co2_ppm: float) -> PlacedProfile:
@@ -359,18 +354,13 @@ def _profile(table: _Table, name: str, co2_ppm: float) -> AtmosphereProfile:
     lent = afgl.gases_at_pressure(afgl.nearest_climate(pressure, temperature), pressure, co2_ppm)
     lent.update({gas: _share(altitude, z, share) for gas, share in shares.items()})
     air = pressure / (_BOLTZMANN * temperature)
-    return AtmosphereProfile(
+    return AtmosphereProfile.of(
         name=name,
         altitude_m=altitude,
         pressure_pa=pressure,
         temperature_k=temperature,
         number_density_air=air,
-        number_density_o3=air * lent["o3"],
-        number_density_h2o=air * lent["h2o"],
-        number_density_co2=air * lent["co2"],
-        number_density_n2o=air * lent["n2o"],
-        number_density_ch4=air * lent["ch4"],
-        number_density_hno3=air * lent["hno3"],
+        gases={gas: air * share for gas, share in lent.items()},
     )
 
 

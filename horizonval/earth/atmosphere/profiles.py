@@ -15,6 +15,7 @@ temperature gradient L (eqs. 18, 23, 33a, 33b, 42)::
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,9 +27,10 @@ from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.tables import npz
 
+GASES = ("o3", "h2o", "co2", "n2o", "ch4", "hno3")
 _TABLE = "atmosphere_profiles.npz"
 _LENDER = "us_standard"
-"""Whose trace gases a profile has that is none of the AFGL climates."""
+"""Climate that lends its trace gases to profiles which are not AFGL climates."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +39,13 @@ class AtmosphereProfile:
 
     Attributes
     ----------
-    name : str
-    altitude_m, pressure_pa, temperature_k : ndarray, shape (n,)
-    number_density_air, number_density_o3, number_density_h2o, number_density_co2 : ndarray, shape (n,)
-    number_density_n2o, number_density_ch4, number_density_hno3 : ndarray, shape (n,)
-        Molecules per m3.
+    name : str altitude_m, pressure_pa, temperature_k : ndarray, shape (n,) number_density_air, number_density_o3, ... :
+    ndarray, shape (n,)
+        Molecules per m3. CO2 is 420 ppm below 80 km.
 
     Notes
     -----
-    The AFGL climates are hydrostatic to 2 to 3 % only. CO2 is 420 ppm below 80 km.
+    The AFGL climates are hydrostatic to 2 to 3 % only.
     """
 
     name: str
@@ -60,11 +60,28 @@ class AtmosphereProfile:
     number_density_ch4: FloatArray
     number_density_hno3: FloatArray
 
-    def at(self, altitude_m: ArrayLike) -> AtmosphereProfile:
-        """Return the profile on other altitudes inside the tabulated range.
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        altitude_m: FloatArray,
+        pressure_pa: FloatArray,
+        temperature_k: FloatArray,
+        number_density_air: FloatArray,
+        gases: Mapping[str, FloatArray],
+    ) -> AtmosphereProfile:
+        """Return a profile from the densities of all :data:`GASES` by name."""
+        densities = {f"number_density_{gas}": density for gas, density in gases.items()}
+        return cls(name, altitude_m, pressure_pa, temperature_k, number_density_air, **densities)
 
-        Against the closed form of US76 the density is off by at most 2.4e-3 between the levels (47.35 km, where the
-        temperature gradient breaks between two levels; 5e-4 below 10 km), and by 1e-5 at them.
+    def gas_densities(self) -> dict[str, FloatArray]:
+        """Return the number density of every gas of :data:`GASES`."""
+        return {gas: getattr(self, f"number_density_{gas}") for gas in GASES}
+
+    def at(self, altitude_m: ArrayLike) -> AtmosphereProfile:
+        """Return the profile on other altitudes.
+
+        Against the closed form of US76 the density is within 2.4e-3 between levels and 1e-5 at them.
 
         Raises
         ------
@@ -86,31 +103,18 @@ class AtmosphereProfile:
 
         temperature = np.interp(z, self.altitude_m, self.temperature_k)
         air = ln_linear(self.number_density_air * self.temperature_k) / temperature
-        return AtmosphereProfile(
+        return AtmosphereProfile.of(
             name=self.name,
             altitude_m=z,
             pressure_pa=ln_linear(self.pressure_pa),
             temperature_k=temperature,
             number_density_air=air,
-            number_density_o3=air * share(self.number_density_o3),
-            number_density_h2o=air * share(self.number_density_h2o),
-            number_density_co2=air * share(self.number_density_co2),
-            number_density_n2o=air * share(self.number_density_n2o),
-            number_density_ch4=air * share(self.number_density_ch4),
-            number_density_hno3=air * share(self.number_density_hno3),
+            gases={gas: air * share(density) for gas, density in self.gas_densities().items()},
         )
 
     def gas_state(self) -> GasState:
         """Return the air as thermal bands need it, without halocarbons."""
-        density = {
-            "h2o": self.number_density_h2o,
-            "co2": self.number_density_co2,
-            "o3": self.number_density_o3,
-            "n2o": self.number_density_n2o,
-            "ch4": self.number_density_ch4,
-            "hno3": self.number_density_hno3,
-        }
-        vmr = {gas: n / self.number_density_air for gas, n in density.items()}
+        vmr = {gas: density / self.number_density_air for gas, density in self.gas_densities().items()}
         return GasState(self.altitude_m, self.pressure_pa, self.temperature_k, vmr)
 
 
@@ -122,17 +126,12 @@ def names() -> list[str]:
 def profile(name: str, *, where: str = "") -> AtmosphereProfile:
     """Return a shipped profile on its own levels, 0 to 120 km by 1 km.
 
-    Parameters
-    ----------
-    name : str
-        One of :func:`names`.
-    where : str, optional
-        File and key that gave the name, for the error message.
+    ``where``: file and key that gave the name, for the error message.
 
     Raises
     ------
     UserError
-        Unknown name; lists the known ones, the most similar first.
+        Unknown name; lists the most similar names first.
     """
     known = names()
     if name not in known:
@@ -149,24 +148,21 @@ def profile(name: str, *, where: str = "") -> AtmosphereProfile:
 
     pressure, air = row("pressure_pa"), row("number_density_air_per_m3")
     lent = afgl.gases_at_pressure(name if name in afgl.names() else _LENDER, pressure)
-    return AtmosphereProfile(
+    gases = {gas: row(f"number_density_{gas}_per_m3") for gas in ("o3", "h2o", "co2")}
+    gases |= {gas: air * lent[gas] for gas in ("n2o", "ch4", "hno3")}
+    return AtmosphereProfile.of(
         name=name,
         altitude_m=np.asarray(table["altitude_m"], dtype=np.float64),
         pressure_pa=pressure,
         temperature_k=row("temperature_k"),
         number_density_air=air,
-        number_density_o3=row("number_density_o3_per_m3"),
-        number_density_h2o=row("number_density_h2o_per_m3"),
-        number_density_co2=row("number_density_co2_per_m3"),
-        number_density_n2o=air * lent["n2o"],
-        number_density_ch4=air * lent["ch4"],
-        number_density_hno3=air * lent["hno3"],
+        gases=gases,
     )
 
 
 @dataclass(frozen=True)
 class Us76:
-    """State by :func:`us76`; arrays of the shape of the altitude. Density in kg m-3, number density in m-3."""
+    """State by :func:`us76`; arrays with the shape of the altitude. Density in kg m-3, number density in m-3."""
 
     pressure_pa: FloatArray
     temperature_k: FloatArray
@@ -210,8 +206,7 @@ _BASE_T, _BASE_P = _bases()
 def us76(altitude_m: ArrayLike) -> Us76:
     """Return the US Standard Atmosphere 1976 at geometric altitudes between 0 and 86 km.
 
-    The molecular weight is held at its value at the ground: the standard itself lets it fall above 80 km, by 0.04 % at
-    86 km, where all but 4e-6 of the atmosphere lies below.
+    The molecular weight is that at the ground. The standard lets it fall above 80 km, by 0.04 % at 86 km.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Gauss's rule of a solar band: which wavelengths stand for it, and with which weights."""
+"""Gauss's rule of a solar band: its wavelengths and weights."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ class Measure:
 
     Attributes
     ----------
-    wavelength_um : ndarray, shape (m,)
-    energy : ndarray, shape (m,)
+    wavelength_um : ndarray, shape (m,) energy : ndarray, shape (m,)
         W m-2 at 1 au; the sum is the band's irradiance.
     width_um : float
         Effective width: integral of the response.
@@ -52,12 +51,12 @@ class SolarRule:
     wavelength_um, weight_um : ndarray, shape (n,)
         Nodes, and their weights, which add up to the band's effective width.
     mean_irradiance : float
-        W m-2 um-1 at 1 au; what every node carries, times the inverse square of the Sun's distance.
+        Irradiance of every node at 1 au, W m-2 um-1.
     energy_ratio : ndarray, shape (n,)
-        What stands for ``lambda_ref / lambda`` at the nodes: times the weights, it makes them those of the plain
-        integral over wavelength, exact for reflectances that are polynomials of degree n - 1 in wavelength.
+        Smoothed ``lambda_ref / lambda`` at the nodes. It turns the weights into those of the plain integral over
+        wavelength, exact for reflectances that are polynomials of degree n - 1 in wavelength.
     ozone_cold_m2, ozone_warm_m2 : ndarray, shape (n,)
-        The cross sections of ozone at 220 and 280 K that the nodes shall use, smoothed; 0 without ozone.
+        Smoothed cross sections of ozone at 220 and 280 K; 0 without ozone.
     mixed_gases, water_vapour : ndarray, shape (n,)
         Absorption per air mass and per cm of precipitable water; 0 without gases in sunlight.
     """
@@ -75,13 +74,8 @@ class SolarRule:
 class RuleFamily:
     """Gauss's rules of 1 to ``n_max`` nodes for one measure.
 
-    Parameters
-    ----------
-    measure : Measure
-    n_max : int
-        Well below the number of the measure's samples.
-    with_ozone : bool
-        False: the nodes' cross sections of ozone are 0, and the measure may reach below 280 nm.
+    ``n_max`` must be well below the number of samples. Without ``with_ozone`` the nodes' cross sections of ozone are 0,
+    and the measure may reach below 280 nm.
     """
 
     def __init__(self, measure: Measure, n_max: int, *, with_ozone: bool = False) -> None:
@@ -115,7 +109,7 @@ def check_sunlight(band: Band, where: str) -> None:
 def solar_measure(band: Band, where: str) -> Measure:
     """Return a band's measure, with the Sun at 1 au.
 
-    The Sun's distance changes no node, and must not by rounding either: tables of the air are found again by content.
+    The Sun's distance must not change any node, not even by rounding: tables of the air are cached by content.
 
     Raises
     ------
@@ -140,16 +134,9 @@ def rule_with_gases(
 ) -> SolarRule:
     """Return the rule of a band in which oxygen and water vapour absorb, or the plain one where they hardly do.
 
-    What they leave alone has a rule for its own measure; every absorbing part of
-    :func:`horizonval.earth.gases.sunlight_absorption.parts` is one node at its mean wavelength. All nodes carry the
-    band's mean irradiance.
-
-    Parameters
-    ----------
-    measure : Measure
-    clear_rule : callable
-        Finds the rule of a measure.
-    with_ozone : bool
+    ``clear_rule`` finds the rule of a measure. The part of the band without absorption has a rule for its own measure;
+    every absorbing part of :func:`horizonval.earth.gases.sunlight_absorption.parts` is one node at its mean wavelength.
+    All nodes have the band's mean irradiance.
     """
     parts = sunlight_absorption.parts(measure.wavelength_um, measure.energy)
     if not parts:

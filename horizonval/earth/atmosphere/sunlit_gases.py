@@ -1,17 +1,15 @@
-r"""Gases as solar bands see them, in one column and in all that stand around it.
+"""Gases in solar bands, in one column and in the columns around it.
 
 At a wavelength, with number densities n, cross sections s, and absorption per air mass and per cm of water::
 
     k_molecules  = n_air s_Rayleigh
     k_absorption = n_ozone s_ozone(T) + n_NO2 s_NO2 + a_mixed (air mass per metre) + a_water (water per metre)
 
-Where the air varies, its columns stand as those of the thermal bands do
-(:mod:`horizonval.earth.atmosphere.emission`): on rows of equal latitude, or on a map of what is in sight. They are
-kept as what they have more of than the column below the camera, on levels of :data:`STEP_M`: the difference of two
-columns is smooth where a layer of thin cloud, the same in both, is not. Linear between levels it is off by 6e-4 of
-itself at most (a scale height of 7 km).
-
-Particles are the same everywhere.
+Where the air varies, columns have the same positions as those of thermal bands
+(:mod:`horizonval.earth.atmosphere.emission`): rows of equal latitude, or a map of the area in sight. They are stored as
+differences from the column below the camera, on levels of :data:`STEP_M`: the difference of two columns is smooth even
+where a layer of thin cloud, the same in both, is not. Linear interpolation between levels has a relative error of at
+most 6e-4 (a scale height of 7 km). Particles are the same everywhere.
 """
 
 from __future__ import annotations
@@ -35,9 +33,9 @@ from horizonval.spec.scene import SceneSpec
 
 STEP_M = 500.0
 MAP_STEP_DEG = 6.0
-"""Between columns on a map, twice that of thermal bands: sunlight feels densities, not temperatures."""
+"""Distance between columns on a map, twice that of thermal bands: sunlight depends on densities, not temperatures."""
 ALIKE = 1e-4
-"""Columns whose densities of air and ozone differ by less, relative, at all heights count as one."""
+"""Largest relative difference of the densities of air and ozone at which columns count as equal."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ class SunlitGases:
 
     @classmethod
     def of(cls, state: AtmosphereProfile, raised_m: float, *, with_gases: bool) -> SunlitGases:
-        """Return those of one column, raised over the ground; without nitrogen dioxide unless ``with_gases``."""
+        """Return the gases of one column, raised over the ground; without nitrogen dioxide unless ``with_gases``."""
         air = state.number_density_air
         no2 = nitrogen_dioxide.number_density_per_m3(state.altitude_m - raised_m, air)
         return cls(
@@ -86,14 +84,14 @@ class SunlitGases:
 
 @dataclass(frozen=True)
 class GasesInSight:
-    """Columns over what a camera sees: ``gases`` of shape (m, k), and ``below`` the camera (k,) on the same levels."""
+    """Columns over the area in sight: ``gases`` of shape (m, k), and ``below`` the camera (k,) on the same levels."""
 
     places: ColumnPlaces
     gases: SunlitGases
     below: SunlitGases
 
     def more_per_m(self, rule: SolarRule, index: int) -> tuple[FloatArray, FloatArray]:
-        """Return what the columns have more of than that below: extinction and scattering of a node, (m, k) each."""
+        """Return how much the columns exceed that below in extinction and scattering of a node, (m, k) each."""
         wavelength = float(rule.wavelength_um[index])
         scattering = self.gases.molecular_per_m(wavelength) - self.below.molecular_per_m(wavelength)
         absorption = self.gases.absorption_per_m(rule, index) - self.below.absorption_per_m(rule, index)
@@ -101,15 +99,9 @@ class GasesInSight:
 
 
 def gases_in_sight(air: Air, scene: SceneSpec, change: AirChange) -> GasesInSight | None:
-    """Return the columns that a scene's camera sees; None where they are all alike (:data:`ALIKE`).
+    """Return the columns that a scene's camera sees, with ``change``; None where all are equal (:data:`ALIKE`).
 
-    Parameters
-    ----------
-    air : Air
-        Of the scene, as it is.
-    scene : SceneSpec
-    change : AirChange
-        How the columns' air differs from the scene's.
+    ``air`` is the scene's unchanged air.
     """
     z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
     rows, place = np.zeros(0), None

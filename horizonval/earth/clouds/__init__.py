@@ -1,1 +1,1 @@
-"""Clouds: where they are and what they do to light."""
+"""Clouds: positions and optical properties."""

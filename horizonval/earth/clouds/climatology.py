@@ -1,15 +1,15 @@
-r"""How much of the sky is cloudy, where and when, and with clouds of which kind.
+"""Cloud fraction by place and month, and the kinds of cloud in it.
 
-The fraction is that of imagers in orbit, with everything they call cloud, thin or thick: by latitude over sea and over
-land, with the tropical belt that follows the Sun, dry deserts and the decks of stratocumulus west of the continents::
+The fraction is that of imagers in orbit, including thin cloud: by latitude over sea and over land, with the tropical
+belt that follows the Sun, dry deserts and the decks of stratocumulus west of the continents::
 
-    F(lat, lon, month) = sea + share of land (land - sea) + belt,       drawn towards deserts and decks
+    F(lat, lon, month) = sea + share of land (land - sea) + belt,       adjusted in deserts and decks
 
-What holds it are the published means, which the tests ask for: 0.67 of the globe, 0.72 of the sea and 0.55 of the
-land (M. D. King et al., IEEE Trans. Geosci. Remote Sens. 51, 3826 (2013)), more than 0.8 along 60 S. The numbers by
-latitude are round ones in the shape of the zonal means there and in C. J. Stubenrauch et al., Bull. Am. Meteorol. Soc.
-94, 1031 (2013), set by hand and good to 0.05 or 0.1 in a belt of ten degrees. Places and months of the decks' maxima
-are those of S. A. Klein and D. L. Hartmann, J. Climate 6, 1587 (1993). Years and hours of the day do not differ.
+The result has the published means: 0.67 of the globe, 0.72 of the sea and 0.55 of the land (M. D. King et al., IEEE
+Trans. Geosci. Remote Sens. 51, 3826 (2013)), more than 0.8 along 60 S. Values by latitude are rounded after the zonal
+means there and in C. J. Stubenrauch et al., Bull. Am. Meteorol. Soc. 94, 1031 (2013), good to 0.05 or 0.1 in a belt of
+ten degrees. Places and months of the decks' maxima are those of S. A. Klein and D. L. Hartmann, J. Climate 6, 1587
+(1993). Differences between years and between hours of the day are neglected.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ LAND = (
 # fmt: on
 """Fraction without the tropical belt at the latitudes above."""
 BELT, BELT_DEG = 0.20, 5.0
-"""What the tropical belt adds in its middle, and its width (standard deviation)."""
+"""Increase in the middle of the tropical belt, and the belt's width (standard deviation)."""
 BELT_SEA_DEG, BELT_LAND_DEG = (6.5, 2.5), (1.0, 11.0)
-"""Mean latitude of the belt and how far it swings, over the open sea and over land; northernmost in August."""
+"""Mean latitude of the belt and its amplitude, over the open sea and over land; northernmost in August."""
 BELT_NORTH_MONTH = 8.0
 COAST_DEG = 3.0
-"""Over which the fraction goes from that of land to that of the sea (standard deviation)."""
+"""Distance over which the fraction changes from land to sea (standard deviation)."""
 LARGEST, LEAST = 0.97, 0.04
 
 
 @dataclass(frozen=True)
 class Region:
-    """An ellipse of latitude and longitude [deg], widths as standard deviations, with a fraction of its own.
+    """An ellipse of latitude and longitude [deg] with its cloud fraction; widths are standard deviations.
 
-    ``swing`` and ``month``: what its fraction gains in the month of its maximum.
+    ``swing`` and ``month``: increase of the fraction in the month of its maximum.
     """
 
     latitude: float
@@ -81,29 +81,21 @@ DECKS = (
 
 @dataclass(frozen=True)
 class CloudKinds:
-    """How cloudy places are, and the shares of four kinds of cloud among their clouds; the shares add up to one."""
+    """Cloud fraction at places, and the shares, of sum 1, of four kinds of cloud in it.
+
+    ``deep``: tropical convection. ``fronts``: of middle and high latitudes. ``deck``: stratocumulus. ``cumulus``: of
+    the trade winds, and the rest.
+    """
 
     fraction: FloatArray
     deep: FloatArray
-    """Tropical convection."""
     fronts: FloatArray
-    """Of middle and high latitudes."""
     deck: FloatArray
-    """Stratocumulus."""
     cumulus: FloatArray
-    """Of the trade winds, and all the rest."""
 
 
 def cloud_kinds(latitude_deg: ArrayLike, longitude_deg: ArrayLike, month: int) -> CloudKinds:
-    """Return what is to be expected at places in a month.
-
-    Parameters
-    ----------
-    latitude_deg, longitude_deg : array_like
-        Of the same shape.
-    month : int
-        1 for January.
-    """
+    """Return the mean cloudiness at places (arrays of one shape) in a month, 1 for January."""
     latitude = np.asarray(latitude_deg, dtype=np.float64)
     longitude = np.asarray(longitude_deg, dtype=np.float64)
     land = land_share(latitude, longitude)
@@ -119,14 +111,10 @@ def cloud_kinds(latitude_deg: ArrayLike, longitude_deg: ArrayLike, month: int) -
         season = math.cos(2.0 * math.pi * (month - region.month) / 12.0)
         fraction = fraction + weight * (region.fraction + region.swing * season - fraction)
         deck = np.maximum(deck, weight)
-    deep = (1.0 - deck) * np.minimum(_wider(belt), 1.0)
+    # deep clouds extend beyond the belt
+    deep = (1.0 - deck) * np.minimum(np.sqrt(np.maximum(belt, 0.0)), 1.0)
     fronts = (1.0 - deck - deep) * _smooth((np.abs(latitude) - 24.0) / 16.0)
     return CloudKinds(np.clip(fraction, LEAST, LARGEST), deep, fronts, deck, 1.0 - deck - deep - fronts)
-
-
-def _wider(belt: FloatArray) -> FloatArray:
-    """Return the share of deep clouds from the belt's: they reach beyond it."""
-    return np.sqrt(np.maximum(belt, 0.0))
 
 
 def _smooth(x: FloatArray) -> FloatArray:
@@ -142,7 +130,7 @@ def _inside(region: Region, latitude: FloatArray, longitude: FloatArray) -> Floa
 
 
 def _belt(latitude: FloatArray, longitude: FloatArray, land: FloatArray, month: int) -> FloatArray:
-    """Return how much of the tropical belt is at places, its branch in the South Pacific included."""
+    """Return the share of the tropical belt at places, including its branch in the South Pacific."""
     season = math.cos(2.0 * math.pi * (month - BELT_NORTH_MONTH) / 12.0)
     # the monsoon's sea swings with the land around
     monsoon = np.exp(-0.5 * ((np.remainder(longitude - 85.0 + 180.0, 360.0) - 180.0) / 25.0) ** 2)
@@ -162,8 +150,8 @@ def _belt(latitude: FloatArray, longitude: FloatArray, land: FloatArray, month: 
 def _land_map() -> FloatArray:
     """Return the share of land around the centres of cells of one degree, from 90 S and 180 W on.
 
-    From the cells of :mod:`horizonval.earth.surface.ground_map`, 20 x 20 to a degree, two a byte, 0 for the sea. That
-    room stands above this one.
+    The cells are those of :mod:`horizonval.earth.surface.ground_map`, 20 x 20 to a degree, two per byte, 0 for the sea;
+    they are read from the file because that room imports this one.
     """
     packed = np.ascontiguousarray(tables.npz("ground_map.npz")["kinds"], dtype=np.uint8)
     pairs = ((packed & 15) > 0).astype(np.float32) + (packed > 15)

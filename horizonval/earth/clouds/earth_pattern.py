@@ -1,45 +1,34 @@
-"""Clouds as the Earth has them: where, of which kind, how high and how bright, from a seed and a month.
+"""Clouds as the Earth has them: position, kind, height and brightness from a seed and a month.
 
-**Where.** Gradient noise of ten octaves n, looked up where whirls brought the air from (:mod:`.whirls`), plus what
-fronts add. u is its rank among its values over the globe, F the fraction of :mod:`.climatology`. A place is cloudy
-where u exceeds ``1 - F'`` with ``logit F' = logit F + d``; d makes the global share exact, that of the climatology or
-the one that is asked for. Octaves count by the kind of cloud: fronts have all sizes, with amplitudes falling as the
-cube root, the tropics most at 300 to 600 km, decks cells of some 40 km (closed ones: the noise's absolute value).
+**Position.** Gradient noise of ten octaves n, evaluated where vortices have brought the air from, plus the contribution
+of fronts. u is its rank among its values over the globe, F the fraction of :mod:`.climatology`. A place is cloudy where
+u exceeds ``1 - F'`` with ``logit F' = logit F + d``; d makes the global share exactly that of the climatology or the
+requested one. The weights of the octaves depend on the kind of cloud: fronts have all sizes, with amplitudes falling as
+the cube root, the tropics mostly 300 to 600 km, decks closed cells of some 40 km (the noise's absolute value).
 
-**How high.** With ``s = (u - (1 - F')) / F'``, uniform from 0 to 1 over the clouds of a place, every kind has
-``top = base + span s^p`` (:data:`SPAN_M`, :data:`POWER`), mixed by the kinds' shares: deep clouds reach the
-tropopause, fronts most of it, decks end at 1.5 km, cumulus at 3.5.
+**Height.** With ``s = (u - (1 - F')) / F'``, uniform from 0 to 1 over the clouds of a place, every kind has ``top =
+base + span s^p`` (:data:`SPAN_M`, :data:`POWER`), mixed by the kinds' shares: deep clouds reach the tropopause, fronts
+most of it, decks end at 1.5 km, cumulus at 3.5.
 
-**How bright.** Optical thickness is distributed log-logistically, ``tau = tau_0 (s / (1 - s))^k``, and albedo follows
-in the two-stream approximation, ``A = g tau / (1 + g tau)``, ``g = (1 - 0.85) sqrt(3) / 2``, without absorption. tau_0
-and k were chosen for the whole globe to have the shares of ISCCP: 0.53 of all clouds thinner than 3.6, 0.38 from there
-to 23, 0.09 thicker (W. B. Rossow and R. A. Schiffer, Bull. Am. Meteorol. Soc. 80, 2261 (1999), of all heights). It has
-0.54, 0.37 and 0.08. What a cloud does not reflect it hands on to the ground; see
-:mod:`horizonval.renderer.kernel.surface`.
+**Brightness.** Optical thickness has a log-logistic distribution, ``tau = tau_0 (s / (1 - s))^k``, and albedo follows
+in the two-stream approximation without absorption, ``A = g tau / (1 + g tau)``, ``g = (1 - 0.85) sqrt(3) / 2``. tau_0
+and k give the whole globe the shares of ISCCP within 0.01: 0.53 of all clouds thinner than 3.6, 0.38 from there to 23,
+0.09 thicker (W. B. Rossow and R. A. Schiffer, Bull. Am. Meteorol. Soc. 80, 2261 (1999)). Light that a cloud does not
+reflect reaches the ground (:mod:`horizonval.renderer.kernel.surface`).
 
-The coarse part (origin of the air, fronts, fraction, kinds) is a map of one degree, bilinear between its nodes, so
-that only noise is left to do where a place is looked up. The arithmetic is written once, for numpy and Dr.Jit.
+The coarse part (origin of the air, fronts, fraction, kinds) is a map of one degree, bilinear between its nodes, so that
+only noise remains to be evaluated per place. Such maps are cached on disk by a digest of everything they depend on. The
+arithmetic is written once, for numpy and Dr.Jit. The noise lattice is hashed, not stored.
 
-Gradient noise on a cubic lattice, one octave at a time, and its rank over the globe.
-
-The lattice is hashed, not stored. The arithmetic is written once and runs on numpy and on Dr.Jit arrays alike.
-
-The stirring of clouds: whirls that wind bands up to fronts, and the fronts themselves.
-
-Every whirl turns the sphere about its own axis c by an angle that falls off with distance r from it::
+**Vortices** wind bands up to fronts. Each turns the sphere about an axis c by an angle that decreases with the distance
+r from it::
 
     alpha(r) = alpha_0 exp(-(r / R)^2)
 
-A turn keeps areas, and so does a chain of turns: a random field that is looked up at the turned places keeps its
-distribution and gets filaments, hooks and spirals, as air does in two dimensions. There are two sorts: cyclones in the
-storm tracks, which turn with the Earth (counterclockwise in the north), and lesser whirls of either sense everywhere.
-
-Through each cyclone runs a front: a ridge of cloud, wound up with everything else to a comma, with a clear slot behind.
-
-Coarse maps of clouds on disk: made once for a seed, a month and a cover, found again by their content.
-
-A map takes a second to make and 2 MB to keep, so that the last :data:`KEPT` of them stay. The key is a hash of all that
-a map depends on, its own code included; a damaged file is made again.
+A rotation preserves areas, and so does a chain of them: a random field evaluated at the rotated places keeps its
+distribution and gets filaments, hooks and spirals, as in two-dimensional flow. Cyclones in the storm tracks rotate
+counterclockwise in the north; weaker vortices of either sense are everywhere. Through each cyclone runs a front: a
+ridge of cloud, wound up to a comma, with a clear slot behind.
 """
 
 from __future__ import annotations
@@ -62,7 +51,7 @@ from horizonval.geometry.rotation import GOLDEN_ANGLE_RAD
 
 EARTH_RADIUS_M = 6.371e6
 FALLOFF = 0.5 ** (1.0 / 3.0)
-"""Of amplitudes from one octave to the next: the -5/3 law of cloud fields (R. F. Cahalan and J. B. Snider, Remote Sens.
+"""Ratio of amplitudes of successive octaves: the -5/3 law of cloud fields (R. F. Cahalan and J. B. Snider, Remote Sens.
 Environ. 28, 95 (1989))."""
 _LATTICE_OFFSET = 8192.0
 _FACTORS = (0x8DA6B343, 0xD8163841, 0xCB1AB31F)
@@ -75,19 +64,16 @@ def lattice_noise(
     split: Callable[[Any], tuple[Any, Any]],
     real: Callable[[Any], Any],
 ) -> Any:
-    """Return one octave of noise at positions in lattice cells, in no particular unit.
+    """Return one octave of noise at positions in lattice cells (three arrays above -8192), in arbitrary units.
 
     Parameters
     ----------
-    position : three arrays
-        Above minus 8192.
-    octave : int
-        Octaves have lattices of their own.
-    seed : int or unsigned 32-bit array
-    split : callable
+    position : three arrays octave : int
+        Each octave has a separate lattice.
+    seed : int or unsigned 32-bit array split : callable
         Splits an array of positive floats into whole part (unsigned 32-bit) and fraction.
     real : callable
-        Turns unsigned 32-bit arrays into floats.
+        Converts unsigned 32-bit arrays to floats.
     """
     offset = _LATTICE_OFFSET + 0.37 * octave
     cells, parts = zip(*(split(v + offset) for v in position), strict=True)
@@ -144,7 +130,7 @@ def ranked(noise: FloatArray, steps: int) -> tuple[float, float, FloatArray]:
 
 
 CYCLONES = 11
-"""In each hemisphere, as a map of the weather shows."""
+"""Number in each hemisphere."""
 CYCLONE_RADIUS_KM, CYCLONE_TURN_RAD = (450.0, 950.0), (1.0, 3.3)
 CYCLONE_LATITUDE_DEG, CYCLONE_SPREAD_DEG = 51.0, 7.0
 LESSER, LESSER_RADIUS_KM, LESSER_TURN_RAD = 120, (250.0, 1100.0), 0.8
@@ -152,12 +138,12 @@ FRONT_LENGTH_KM, FRONT_WIDTH_KM, FRONT_HEIGHT, SLOT_DEPTH = 1500.0, 170.0, 1.5, 
 """Half length and half width (standard deviations), and heights in standard deviations of the noise."""
 EARTH_RADIUS_KM = 6371.0
 REACH = 3.0
-"""Radii beyond which a whirl turns nothing."""
+"""Radii beyond which a vortex has no effect."""
 
 
 @dataclass(frozen=True)
 class Whirl:
-    """One whirl: its axis, and the R and alpha_0 of the module text; positive turns are counterclockwise."""
+    """A vortex: its axis, and the R and alpha_0 of the module text; positive turns are counterclockwise."""
 
     axis: FloatArray
     radius_rad: float
@@ -166,7 +152,7 @@ class Whirl:
 
 
 def whirls(seed: int) -> list[Whirl]:
-    """Draw the whirls of a seed: cyclones last."""
+    """Return the vortices of a seed, cyclones last."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0x57484952]))
     found = []
     for _ in range(LESSER):
@@ -185,20 +171,9 @@ def whirls(seed: int) -> list[Whirl]:
 
 
 def stirred(position: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Return where the air of places came from, and what fronts add to the noise.
+    """Return the origin (n, 3) of the air at unit vectors (n, 3), and the contribution (n,) of fronts to the noise.
 
-    Parameters
-    ----------
-    position : ndarray, shape (n, 3)
-        Unit vectors.
-    seed : int
-
-    Returns
-    -------
-    origin : ndarray, shape (n, 3)
-        Unit vectors.
-    lift : ndarray, shape (n,)
-        In standard deviations of the noise.
+    The contribution is in standard deviations of the noise.
     """
     origin, lift = np.array(position), np.zeros(len(position))
     for whirl in reversed(whirls(seed)):
@@ -248,23 +223,23 @@ def _unit(latitude_rad: float, longitude_rad: float) -> FloatArray:
 BASE_M = 500.0
 LARGEST_M, OCTAVES = 2_400_000.0, 10
 STRETCHED_OCTAVES, STRETCH = 5, 2.0
-"""The largest octaves are compressed along the Earth's axis: weather is longer from west to east."""
+"""Octaves compressed along the Earth's axis: large weather systems are longer from west to east."""
 STIRRED_OCTAVES = 7
-"""Smaller ones lie where they are: billows and cells form anew, and are not drawn out to threads."""
+"""Octaves that vortices move; smaller billows and cells form anew and are not drawn out to threads."""
 CELL_OCTAVES = (5, 6)
-"""Of 75 and 37 km, where decks have closed cells."""
+"""Octaves of 75 and 37 km, where decks have closed cells."""
 PER_DEGREE = 1
 MAP_ROWS, MAP_COLUMNS, CHANNELS = 180 * PER_DEGREE + 1, 360 * PER_DEGREE + 1, 8
 CALIBRATION_POINTS = 400_000
 CALIBRATION_PARTS = 25
-"""16 000 points at a time stay in a processor's cache: two thirds of the time of all at once."""
+"""16 000 points at a time fit into a processor's cache."""
 MEAN_POINTS = 20_000
 RANK_STEPS = 512
 TWO_STREAM = 0.15 * math.sqrt(3.0) / 2.0
 LARGEST_LOGIT = 40.0
 
 NOISE_SIGMA, CELL_MEAN, CELL_SIGMA = 0.1909, 0.1534, 0.1136
-"""Of one octave, and of its absolute value."""
+"""Standard deviation of one octave; mean and standard deviation of its absolute value."""
 
 KINDS = ("deep", "fronts", "deck", "cumulus")
 WEIGHTS = {
@@ -275,7 +250,7 @@ WEIGHTS = {
 }
 SPAN_M = {"deck": 1000.0, "cumulus": 3000.0}
 FRONT_SHARE = 0.85
-"""Of the way to the tropopause that fronts reach; deep clouds reach all of it."""
+"""Part of the height of the tropopause that fronts reach."""
 POWER = {"deep": 2.2, "fronts": 1.2, "deck": 0.5, "cumulus": 1.5}
 THICKNESS = {"deep": 3.2, "fronts": 4.2, "deck": 6.0, "cumulus": 1.7}
 SPREAD = {"deep": 0.95, "fronts": 0.8, "deck": 0.55, "cumulus": 0.7}
@@ -284,7 +259,7 @@ SPREAD = {"deep": 0.95, "fronts": 0.8, "deck": 0.55, "cumulus": 0.7}
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """What numpy and Dr.Jit spell differently. ``split``, ``real``: as for the lattice noise."""
+    """Operations that numpy and Dr.Jit spell differently; ``split`` and ``real`` as in :func:`lattice_noise`."""
 
     module: Any
     where: Callable[[Any, Any, Any], Any]
@@ -295,13 +270,13 @@ class Arithmetic:
 
 @dataclass(frozen=True, eq=False)
 class Coarse:
-    """What a seed and a month fix for the whole globe.
+    """The global part of the pattern, from seed and month.
 
     Attributes
     ----------
     values : ndarray, shape (MAP_ROWS * MAP_COLUMNS * CHANNELS,)
         Float32: shift of the place (3), fronts, logit of the fraction, shares of deep clouds, fronts, decks. Rows from
-        90 S, columns from 180 W to 180 E, both ends the same.
+        90 S, columns from 180 W to 180 E, both ends equal.
     lowest, highest : float
         Noise at the ends of ``rank``.
     rank : ndarray, shape (RANK_STEPS + 1,)
@@ -332,15 +307,15 @@ def local(channels: list[Any], a: Arithmetic) -> Local:
 
 
 def noise(position: tuple[Any, Any, Any], at: Local, seed: Any, a: Arithmetic) -> Any:
-    """Return the noise at unit vectors, of variance one but for what fronts add.
+    """Return the noise at unit vectors, of variance one plus the contribution of fronts.
 
-    ``seed``: unsigned 32-bit, of whatever kind is multiplied with arrays of such.
+    ``seed``: unsigned 32-bit, of a type that can be multiplied with arrays of such.
     """
     return octaves(position, at, seed, a, range(OCTAVES)) / sigma(at, a) + at.lift
 
 
 def octaves(position: tuple[Any, Any, Any], at: Local, seed: Any, a: Arithmetic, which: range) -> Any:
-    """Return the sum of some octaves of the noise at unit vectors, each weighted; ``seed`` as of :func:`noise`."""
+    """Return the weighted sum of some octaves of the noise at unit vectors; ``seed`` as of :func:`noise`."""
     stirred_place = [p + d for p, d in zip(position, at.shift, strict=True)]
     total: Any = 0.0
     for octave in which:
@@ -358,7 +333,7 @@ def octaves(position: tuple[Any, Any, Any], at: Local, seed: Any, a: Arithmetic,
 
 
 def sigma(at: Local, a: Arithmetic) -> Any:
-    """Return the standard deviation of the weighted octaves together."""
+    """Return the standard deviation of the weighted sum of all octaves."""
     variance: Any = 0.0
     for octave in range(OCTAVES):
         weight = _weight(octave, at)
@@ -376,10 +351,10 @@ def depth(rank: Any, at: Local, a: Arithmetic) -> Any:
 
 
 def top_m(s: Any, at: Local, ceiling_m: Any, highest_m: Any, a: Arithmetic) -> Any:
-    """Return the tops: below BASE_M where there is no cloud, and as far below as the same s inside would be above.
+    """Return cloud tops. Without cloud they are below BASE_M, by as much as the same s inside would be above.
 
-    So the zero of a relief that is bilinear between nodes lies where that of s does. ``ceiling_m``: the tropopause;
-    ``highest_m``: no top is higher.
+    The zero of a relief that is bilinear between nodes is therefore that of s. ``ceiling_m``: the tropopause;
+    ``highest_m``: upper bound of all tops.
     """
     depth_of = a.module.log(a.module.maximum(a.module.abs(s), 1e-9))
     span = {"deep": ceiling_m - BASE_M, "fronts": FRONT_SHARE * (ceiling_m - BASE_M), **SPAN_M}
@@ -408,7 +383,7 @@ def climatological_cover(month: int) -> float:
 
 
 def numpy_arithmetic() -> Arithmetic:
-    """Return numpy's spelling."""
+    """Return numpy's operations."""
     return Arithmetic(np, np.where, numpy_split, lambda h: h.astype(np.float64), float)
 
 
@@ -450,7 +425,7 @@ def coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
     position = np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)], axis=-1)
     origin, lift = stirred(position.reshape(-1, 3), seed)
     lift = lift.reshape(north.shape)
-    # fronts move the clouds of a latitude about, and make no more of them
+    # fronts redistribute the clouds of a latitude without adding any
     lift = lift - lift[:, :-1].mean(axis=1)[:, None]
     kinds = cloud_kinds(np.degrees(north), np.degrees(east), month)
     fraction = np.log(kinds.fraction / (1.0 - kinds.fraction))
@@ -480,7 +455,7 @@ def coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
 
 
 def _shift(u: FloatArray, fraction: FloatArray, wanted: float) -> float:
-    """Return by what the logit of the fraction is shifted for the wanted share of places to be cloudy."""
+    """Return the shift of the fraction's logit for which the wanted share of places is cloudy."""
     threshold = np.log(np.maximum(1.0 - u, 1e-12) / np.maximum(u, 1e-12)) - np.log(fraction / (1.0 - fraction))
     if wanted >= 1.0:
         return LARGEST_LOGIT
@@ -492,7 +467,7 @@ KEPT = 64
 
 @lru_cache(maxsize=4)
 def kept_coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
-    """Return :func:`horizonval.earth.clouds.earth_pattern.coarse_map` from memory, from disk, or made now."""
+    """Return :func:`coarse_map`, cached in memory and on disk."""
     method = code_digest(rooms=FRAME_ROOMS)
     path = cache_folder() / "clouds" / f"{content_digest(method, seed, month, cover)[:32]}.npz"
     kept = cached_arrays(path)

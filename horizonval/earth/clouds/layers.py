@@ -1,14 +1,14 @@
-"""Layers of thin cloud as the air's columns have them.
+"""Layers of thin cloud: their columns, kinds, occurrence, optical properties and gaps.
 
 A layer is a shell of constant extinction between its base and its top. On the columns' grid, between whose nodes
-extinction is linear, node i has the mean of the shell's extinction weighted with the node's own hat function; with
-even steps D::
+extinction is linear, node i has the mean of the shell's extinction weighted with the node's hat function; with even
+steps D::
 
     k_i = k [ F(z_i + D) - 2 F(z_i) + F(z_i - D) ] / D^2,        F'' = 1 between base and top, 0 elsewhere
 
-which keeps the optical depth exactly, wherever base and top lie, and softens the edges over 2 D (200 m).
+This preserves the optical depth exactly for any base and top, and softens the edges over 2 D (200 m).
 
-Thin cloud by kind: its heights, optical depth and particles where a scene does not say, and how often it is seen.
+**Kinds**, with the values that apply where a scene gives none:
 
 ===================== ============== ====== ========== =====================================================
 kind                  heights, km    depth  radius, um from
@@ -26,51 +26,42 @@ thin_water            1.0 to 1.4     0.5    8, water   Leahy et al. 2012 (half o
 
 The tropopause is that of opaque clouds: 17 km in the tropics, 13 at 40 deg, 9 at the poles.
 
-**Occurrence** follows the published maps and zonal means in shape; figures are rounded to what separate instruments
-agree on, about a fifth of the largest value of a kind:
+**Occurrence** follows the published maps and zonal means, rounded to what separate instruments agree on (a fifth of the
+largest value of a kind):
 
-- cirrus (Sassen, Wang and Liu 2008, CloudSat and CALIPSO): 35 % at the equator, 10 % in the subtropics, 18 % around
-  45 deg, less towards the poles; 17 % over the globe;
+- cirrus (Sassen, Wang and Liu 2008, CloudSat and CALIPSO): 35 % at the equator, 10 % in the subtropics, 18 % around 45
+  deg, less towards the poles; 17 % over the globe;
 - subvisible cirrus (Wang et al. 1996): 45 % at the equator, falling to a tenth of that beyond 40 deg;
 - both move by 8 deg of latitude with the season, north in August;
 - polar stratospheric clouds (Pitts et al. 2018): poleward of 60 deg, 50 % at 80 deg in the south from June to September
-  and 10 % in the north from December to February, half as much in the months beside;
+  and 10 % in the north from December to February, half as much in the adjacent months;
 - noctilucent clouds (Thomas 1991; Russell et al. 2009): poleward of 55 deg, 80 % at 80 deg in the months of the summer
-  solstice and the one after, a fourth of that in the months beside; the south has two thirds of the north.
+  solstice and the one after, a fourth of that in the adjacent months; the south has two thirds of the north.
 
-Optical properties of the particles of thin cloud, relative to their extinction at 550 nm.
+**Optical properties**, relative to the extinction at 550 nm, come from three tables by effective radius
+(``cloud_optics.json``; sources in its README): water droplets (4 to 30 um) and ice crystals (10 to 60 um, severely
+rough habits) at six wavelengths from 0.45 to 0.9 um, and in the infrared their absorption in the bands of RRTMG, 500 to
+1390 cm-1; ice spheres of 0.02 to 0.2 um (noctilucent clouds), 0.2 to 1.05 um. Interpolation is linear in the logarithms
+of radius and wavelength. Droplets and crystals below 0.45 um are as at 0.45 um, and from 0.9 to 1.05 um as at 0.9 um. A
+kind of particle is named by phase and effective radius [um]: ``ice 30``, ``water 8``.
 
-Three tables by effective radius (``cloud_optics.json``; its README says where from): water droplets (4 to 30 um) and
-ice crystals (10 to 60 um, severely rough habits) at six wavelengths from 0.45 to 0.9 um, and for the infrared their
-absorption in the bands of RRTMG, 500 to 1390 cm-1; ice spheres of 0.02 to 0.2 um (noctilucent clouds), 0.2 to 1.05 um.
-Between the entries everything is linear in the logarithm of radius and wavelength. Droplets and crystals are as at
-0.45 um below it, and as at 0.9 um up to 1.05 um; beyond, ice and water absorb and nothing is known here.
+The phase function is that of Henyey and Greenstein with the tables' asymmetry. It has no halo, rainbow or glory (two to
+four times the surroundings, within 5 deg of the antisolar direction), and within 2 deg of the Sun single scattering is
+too dark by an order of magnitude. Between 20 and 150 deg it is within some 30 per cent of the phase function of rough
+crystals.
 
-A kind of particle is named ``ice 30`` or ``water 8``: phase and effective radius [um].
+In the infrared scattering is neglected: a layer absorbs, emits, and transmits the rest. That takes some 5 % off the
+opacity of ice in windows. Ice of 0.2 um and less has no infrared absorption: at the mesopause an optical depth of 1e-4
+would add 1e-4 of the radiance of the ground.
 
-**Henyey and Greenstein's phase function** with the tables' asymmetry stands for the true one. It has no halo (the
-22 deg one of smooth crystals is 1.5 to 3 times the light around it in a ring 2 deg wide; the tables are for rough
-crystals, which have none), no rainbow or glory (two to four times it, within 5 deg of the direction away from the Sun),
-and too weak a forward peak: within 2 deg of the Sun light scattered once is too dark by an order. Between 20 and
-150 deg it is within some 30 per cent of the phase function of rough crystals, so that a layer's radiance is uncertain
-by as much in a single direction, by far less in the mean over directions.
-
-In the infrared what a layer scatters is left out (the emissivity rule): it absorbs and emits, and lets through the
-rest. That takes some 5 % off the opacity of ice in windows. Ice of 0.2 um and less has no infrared here: at the
-mesopause (130 to 150 K) an optical depth of 1e-4 would add 1e-4 of the radiance of the ground.
-
-Gaps in layers of thin cloud: where a layer is cloudy, drawn from a seed.
-
-Gradient noise of two octaves, cells of the given scale and of half of it, amplitudes as those of cloud tops
-(:mod:`.lattice_noise`). u is its rank among its values over the globe, uniform from 0 to 1. With cover c the cloud's
-share of its full optical depth is::
+**Gaps** come from gradient noise of two octaves, cells of the given scale and of half of it. u is its rank among its
+values over the globe, uniform from 0 to 1. With cover c the cloud's share of its full optical depth is::
 
     f = min(1, max(0, (u - (1 - c)) / w + 1/2)),        w = min(0.3, c, 1 - c)
 
-whose mean over the globe is c exactly. From 0 to 1 it takes a sixth of the scale or so: cloud thins out towards its
-edges. The layer's mean column times ``f / c`` is its column at a place; base and top are the same everywhere.
-
-The mean is that of the globe. Within one horizon, 2600 km from 500 km, the covered share differs from it by chance.
+whose mean over the globe is exactly c; within one horizon the covered share differs by chance. From 0 to 1 it takes
+about a sixth of the scale. The layer's column at a place is its mean column times ``f / c``; base and top are the same
+everywhere.
 """
 
 from __future__ import annotations
@@ -108,7 +99,7 @@ SUBVISIBLE, SUBVISIBLE_DEG, SUBVISIBLE_ELSEWHERE = 0.45, 18.0, 0.03
 
 @dataclass(frozen=True)
 class LayerKind:
-    """What a kind of layer is where a scene does not say; heights in metres, from the tropopause if ``below``."""
+    """Default properties of a kind of layer; heights in metres, from the tropopause if ``below_tropopause``."""
 
     base_m: float
     top_m: float
@@ -143,12 +134,12 @@ def heights_m(layer: CloudLayer, latitude_deg: float) -> tuple[float, float]:
 
 
 def occurrence(kind: str, latitude_deg: float, month: float) -> float:
-    """Return how often a kind of cloud is seen at a latitude in a month (1 to 12), 0 to 1; the module text has sources.
+    """Return how often a kind of cloud occurs at a latitude in a month (1 to 12), 0 to 1.
 
     Raises
     ------
     KeyError
-        The kind has no climate.
+        The kind has no climatology.
     """
     north = SHIFT_DEG * np.cos((month - NORTHMOST_MONTH) * np.pi / 6.0)
     latitude, south = abs(latitude_deg), latitude_deg < 0.0
@@ -167,7 +158,7 @@ def occurrence(kind: str, latitude_deg: float, month: float) -> float:
 
 
 def _season(month: float, middle: float, half: float, beside: float) -> float:
-    """Return 1 within ``half`` months of the middle of a season, ``beside`` one month from there, 0 beyond."""
+    """Return 1 within ``half`` months of the middle of a season, ``beside`` in the adjacent months, 0 beyond."""
     away = abs((month - middle + 6.0) % 12.0 - 6.0)
     return 1.0 if away <= half + 1e-9 else beside if away <= half + 1.0 + 1e-9 else 0.0
 
@@ -258,13 +249,13 @@ def _by_radius(table: dict[str, Any], values: FloatArray, radius_um: float) -> F
 
 OCTAVES = 2
 SOFT = 0.3
-"""w of the module text, where cover leaves room for it."""
+"""Largest w of the module text."""
 RANK_POINTS, RANK_STEPS = 100_000, 512
 
 
 @dataclass(frozen=True)
 class LayerGaps:
-    """The pattern of a layer: covered share between 0 and 1, size of the noise's largest cells, and what draws it."""
+    """The pattern of a layer: covered share between 0 and 1, size of the noise's largest cells, and seed."""
 
     cover: float
     scale_m: float
@@ -272,12 +263,12 @@ class LayerGaps:
 
     @property
     def softness(self) -> float:
-        """Ranks over which cloud thins out."""
+        """Range of ranks over which cloud thins out."""
         return min(SOFT, self.cover, 1.0 - self.cover)
 
 
 def gap_seed_of(scene: SceneSpec, index: int) -> int:
-    """Return the seed of a scene's layer that has none of its own."""
+    """Return the seed of a scene's layer without an explicit seed."""
     identity = json.dumps(["layer", index, scene.scene.draw or scene.scene.name, scene.scene.seed])
     return int.from_bytes(hashlib.sha256(identity.encode()).digest()[:4], "little")
 
@@ -289,9 +280,9 @@ def gap_noise(
     split: Callable[[Any], tuple[Any, Any]],
     real: Callable[[Any], Any],
 ) -> Any:
-    """Return the noise at unit vectors, in no particular unit; ``split`` and ``real`` as in :mod:`.lattice_noise`.
+    """Return the noise at unit vectors, in arbitrary units; ``split`` and ``real`` as in :func:`lattice_noise`.
 
-    ``seed``: that of the gaps, in whatever kind is added to hashes.
+    ``seed``: that of the gaps, in a type that can be added to hashes.
     """
     total: Any = 0.0
     for octave in range(OCTAVES):
@@ -309,15 +300,6 @@ def rank_table(gaps: LayerGaps) -> tuple[float, float, FloatArray]:
     return ranked(gap_noise(gaps, place, gaps.seed, numpy_split, lambda h: h.astype(np.float64)), RANK_STEPS)
 
 
-def cloudiness(gaps: LayerGaps, position: FloatArray) -> FloatArray:
-    """Return f of the module text at unit vectors, shape (n, 3)."""
-    place = position[:, 0], position[:, 1], position[:, 2]
-    n = gap_noise(gaps, place, gaps.seed, numpy_split, lambda h: h.astype(np.float64))
-    lowest, highest, rank = rank_table(gaps)
-    u = np.interp(n, np.linspace(lowest, highest, RANK_STEPS + 1), rank)
-    return np.clip((u - (1.0 - gaps.cover)) / gaps.softness + 0.5, 0.0, 1.0)
-
-
 THINNEST_M = 200.0
 
 
@@ -327,13 +309,12 @@ class ThinLayer:
 
     Attributes
     ----------
-    base_m, top_m : float
-    extinction_550_per_m : float
-        At 550 nm, with gaps and cloud spread out evenly.
+    base_m, top_m : float extinction_550_per_m : float
+        At 550 nm, averaged over gaps and cloud.
     particle : str
-        Kind of its particles, see :mod:`horizonval.earth.clouds.layers`.
+        Kind of its particles, see the module text.
     gaps : LayerGaps or None
-        Where it is cloudy; None for an even layer.
+        Cloudy part; None for an even layer.
     """
 
     base_m: float
@@ -353,7 +334,7 @@ class ThinLayer:
             return np.asarray(0.5 * above)
 
         slope = np.diff(twice_integrated(z)) / step
-        # Beyond the layer the second difference is rounding, and whoever asks where the layer is would find it there.
+        # Beyond the layer the second difference is rounding error, which must not look like cloud.
         met = (z[2:] > self.base_m) & (z[:-2] < self.top_m)
         changes = np.where(met, np.maximum(np.diff(slope), 0.0), 0.0)
         return changes * self.extinction_550_per_m / (0.5 * (step[1:] + step[:-1]))
@@ -370,7 +351,7 @@ def layers_of(scene: SceneSpec) -> tuple[ThinLayer, ...]:
     Raises
     ------
     UserError
-        A base that is given without a top, or a top without a base, and that leaves no layer.
+        Base and top leave no layer.
     """
     found = []
     for i, layer in enumerate(scene.layer):
@@ -402,11 +383,11 @@ def layers_of(scene: SceneSpec) -> tuple[ThinLayer, ...]:
 
 
 _USUAL_UM = {"ice": 30.0, "water": 8.0}
-"""Where a layer's phase is not that of its kind."""
+"""Effective radius where a layer's phase differs from that of its kind."""
 
 
 def merged_bands(layers: Sequence[tuple[float, float]], margin_m: float) -> list[tuple[float, float]]:
-    """Return the heights that layers (base, top) take up, wider by a margin on both sides, without overlaps, rising."""
+    """Return the heights that layers (base, top) occupy with a margin on both sides, merged and rising."""
     merged: list[tuple[float, float]] = []
     for base, top in sorted((max(base - margin_m, 0.0), top + margin_m) for base, top in layers):
         if merged and base <= merged[-1][1]:

@@ -1,16 +1,15 @@
-r"""Cloud tops: a seeded random relief over the globe, the same for every frame of a scene.
+"""Cloud tops: a random relief over the globe from a seed, the same for every frame of a scene.
 
-Gradient noise on a cubic lattice, taken on the unit sphere, summed over octaves from the field's scale down to 3 km,
-amplitudes falling as the cube root of the size (the -5/3 law of cloud fields, R. F. Cahalan and J. B. Snider, Remote
-Sens. Environ. 28, 95 (1989)). The rank u of the noise among its values over this very globe, uniform from 0 to 1,
+Gradient noise on a cubic lattice, evaluated on the unit sphere and summed over octaves from the field's scale down to 3
+km, amplitudes falling as the cube root of the size (the -5/3 law of cloud fields, R. F. Cahalan and J. B. Snider,
+Remote Sens. Environ. 28, 95 (1989)). The rank u of the noise among its values over the globe, uniform from 0 to 1,
 makes cover and heights exact: with cover c and ``s = (u - (1 - c)) / c``::
 
     cloudless where s <= 0,      top = base + (highest - base) s^p,     highest = min(top_m, tropopause)
 
-p sets the mean. Edges thin out to the base. Clouds are opaque, without gaps down to the ground. The highest tops have
-the field's albedo, those at the base 0.6 of it, linear in height between: thin clouds are greyer.
-
-The arithmetic of :func:`noise` is written once and runs on numpy and on Dr.Jit arrays alike.
+p follows from the mean height. Clouds are opaque down to the ground. The highest tops have the field's albedo, those at
+the base 0.6 of it, linear in height between: thin clouds are greyer. The arithmetic of :func:`noise` is written once,
+for numpy and Dr.Jit.
 """
 
 from __future__ import annotations
@@ -60,11 +59,9 @@ class CloudField:
         Highest tops.
     mean_top_m, scale_m : float
         Of the uniform pattern.
-    seed : int
-    albedo : float
+    seed : int albedo : float
         Of the brightest clouds.
-    pattern : "earth" or "uniform"
-    month : int
+    pattern : "earth" or "uniform" month : int
         Of the pattern of the Earth, 1 for January.
     """
 
@@ -128,16 +125,8 @@ def noise(
     split: Callable[[Any], tuple[Any, Any]],
     real: Callable[[Any], Any],
 ) -> Any:
-    """Return the noise at unit vectors, in no particular unit.
-
-    Parameters
-    ----------
-    position : three arrays
-    field : CloudField
-    split : callable
-        Splits an array of positive floats into whole part (unsigned 32-bit) and fraction.
-    real : callable
-        Turns unsigned 32-bit arrays into floats.
+    """Return the noise at unit vectors (three arrays), in arbitrary units; ``split``, ``real`` as in
+    :func:`lattice_noise`.
     """
     total: Any = 0.0
     for octave in range(field.octaves):

@@ -1,8 +1,8 @@
-"""The six AFGL climates with all their gases, their blends, and what they lend to air of which less is known.
+"""The six AFGL climates with all their gases, their blends, and default gases for incomplete profiles.
 
-Anderson et al. 1986 (AFGL-TR-86-0110) at the report's own 50 levels, 0 to 120 km: temperature linear between them,
-pressure and mixing ratios linear in their logarithms. Carbon dioxide and nitric acid have one profile for all climates;
-carbon dioxide is the same up to 80 km and in proportion to what the scene asks for.
+Anderson et al. 1986 (AFGL-TR-86-0110) at the report's 50 levels, 0 to 120 km: temperature linear between them, pressure
+and mixing ratios linear in their logarithms. All climates share one profile of carbon dioxide, constant up to 80 km and
+scaled to the scene's amount, and one of nitric acid.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.tables import npz
 
 CO2_PPM = 420.0
-"""Carbon dioxide of the lower atmosphere unless a scene says otherwise."""
+"""Default carbon dioxide of the lower atmosphere."""
 SEAM_FROM_M, SEAM_TO_M = 14_000.0, 18_000.0
-"""Where 95.58 hPa lies: 15.9 to 17.0 km in the climates, 14.6 to 17.7 km in 96 real states chosen to be diverse."""
+"""Range of the height of 95.58 hPa: 15.9 to 17.0 km in the climates, 14.6 to 17.7 km in 96 real states."""
 _FILE = "rrtmg_lw.npz"
 _OWN = ("h2o", "o3", "n2o", "ch4")
 _TABLE_CO2_PPM = 330.0
@@ -28,13 +28,11 @@ _COMPARED_PA = 100.0
 
 @cache
 def levels_m() -> FloatArray:
-    """Return the altitudes at which thermal absorption is looked up; shape (148,).
+    """Return the altitudes at which thermal absorption is evaluated; shape (148,).
 
-    0.5 km apart up to 30 km, 1 km to 70 km, 2 km to 100 km, and 100 m from 14 to 18 km: at 95.58 hPa the absorption
-    jumps (:mod:`horizonval.earth.gases.rrtmg`), at another height in every climate, and columns march on 100 m anyway.
-    Against the published tables of the climates, carried on to the step from either side, the limb is within 0.07 % in
-    8 to 14 and 10.5 to 12.5 um and 0.005 % in 14.0 to 16.3 um, 0.35 % in single bands right below the step; with 0.5 km
-    there it was off by up to 2.4 %, and 9 % in band 8.
+    0.5 km apart up to 30 km, 1 km to 70 km, 2 km to 100 km, and 100 m from 14 to 18 km, where the absorption jumps at
+    95.58 hPa (:mod:`horizonval.earth.gases.rrtmg`). The error of the limb's radiance is within 0.07 % in 8 to 14 um and
+    0.005 % in 14.0 to 16.3 um, 0.35 % in single bands right below the jump.
     """
     coarse = (np.arange(0.0, 30e3, 500.0), np.arange(30e3, 70e3, 1e3), np.arange(70e3, 100_001.0, 2e3))
     levels = np.unique(np.concatenate([*coarse, np.arange(SEAM_FROM_M, SEAM_TO_M + 1.0, 100.0)]))
@@ -47,11 +45,6 @@ def names() -> list[str]:
     return [str(name) for name in npz(_FILE)["afgl_atmosphere"]]
 
 
-def temperature_k(weights: Mapping[str, float], altitude_m: FloatArray) -> FloatArray:
-    """Return the temperature of a blend of climates, shape of the altitudes."""
-    return blended([weights], np.atleast_1d(np.asarray(altitude_m, dtype=np.float64))).temperature_k[0]
-
-
 def state(climate: str, altitude_m: FloatArray, co2_ppm: float = CO2_PPM) -> GasState:
     """Return a climate on altitudes (n,) from 0 to 120 km, arrays of shape (n,); without halocarbons."""
     rows = blended([{climate: 1.0}], altitude_m, co2_ppm)
@@ -60,24 +53,19 @@ def state(climate: str, altitude_m: FloatArray, co2_ppm: float = CO2_PPM) -> Gas
 
 
 def blended(weights: Sequence[Mapping[str, float]], altitude_m: FloatArray, co2_ppm: float = CO2_PPM) -> GasState:
-    """Return blends of climates, without halocarbons.
+    """Return blends of climates, arrays of shape (m, n), without halocarbons.
 
-    Temperatures are blended linearly, mixing ratios and the air's density in their logarithms, as
-    :func:`horizonval.earth.atmosphere.climate.blended` does for sunlight; the pressure follows from the ideal gas law.
+    Temperatures are blended linearly, mixing ratios and the air's density in their logarithms, as in
+    :func:`horizonval.earth.atmosphere.climate.blended`; the pressure follows from the ideal gas law.
 
     Parameters
     ----------
     weights : sequence of mapping, length m
-        Climates and their shares, of sum 1.
+        Climates and their weights, of sum 1.
     altitude_m : ndarray, shape (n,)
         0 to 120 km.
     co2_ppm : float
         Of the lower atmosphere.
-
-    Returns
-    -------
-    GasState
-        Arrays of shape (m, n).
     """
     z = np.asarray(altitude_m, dtype=np.float64)
     known = names()
@@ -114,7 +102,7 @@ def _rows(gas: str) -> FloatArray:
 
 
 def gases_at_pressure(climate: str, pressure_pa: FloatArray, co2_ppm: float = CO2_PPM) -> dict[str, FloatArray]:
-    """Return a climate's mixing ratios at pressures of any shape: what stands in for gases that nobody gave."""
+    """Return a climate's mixing ratios at pressures of any shape: the default for gases that are not given."""
     row = names().index(climate)
     # Pressure falls with altitude; np.interp wants rising abscissae.
     own, at = -np.log(npz(_FILE)["afgl_pressure_pa"][row]), -np.log(pressure_pa)
@@ -126,10 +114,7 @@ def gases_at_pressure(climate: str, pressure_pa: FloatArray, co2_ppm: float = CO
 def nearest_climate(pressure_pa: FloatArray, temperature_k: FloatArray) -> str:
     """Return the climate of the smallest rms difference in temperature at equal pressure, from the ground to 1 hPa.
 
-    Parameters
-    ----------
-    pressure_pa, temperature_k : ndarray, shape (n,)
-        One column; every level counts by the logarithm of pressure it stands for.
+    Each level of the column (n,) is weighted by its interval in the logarithm of pressure.
     """
     ln_p = np.log(pressure_pa)
     weight = np.abs(np.gradient(ln_p)) * (pressure_pa >= _COMPARED_PA)

@@ -1,20 +1,10 @@
-"""Clear air as thermal bands see it: pressure, temperature and all gases of one column or many.
+"""Clear air for thermal bands: pressure, temperature and all gases of one column or many.
 
-Halocarbons of today's air: CFC-11, CFC-12, HCFC-22 and carbon tetrachloride, the same amounts for any year.
-
-Well mixed to 16 km; above, broken up by sunlight: a scale height of 5 km less than the air's. In the windows they are
-what the limb shines with. Of the US standard limb, with them over without:
-
-============= ======== ======== ========
-tangent at    10 km    16 km    20 km
-============= ======== ======== ========
-8-14 um       +10 %    +3 %     +1 %
-10.5-12.5 um  +80 %    +40 %    +11 %
-14.0-16.3 um  < 0.02 % < 0.02 % < 0.02 %
-============= ======== ======== ========
-
-CFC-11, CFC-12 and CCl4 fall by 1 % a year and less, HCFC-22 has stopped rising: within 10 % from 2010 to 2035, too much
-before 1980. RRTMG has their cross sections at one temperature, in bands 5, 6 and 8 only.
+**Halocarbons** are CFC-11, CFC-12, HCFC-22 and carbon tetrachloride, the same amounts for any year: well mixed to 16
+km; above, photolysis reduces their scale height to 5 km relative to the air. They raise the radiance of the US standard
+limb at a tangent height of 10 km by 10 % in 8 to 14 um and 80 % in 10.5 to 12.5 um, and by less than 0.02 % in 14.0 to
+16.3 um. The amounts are within 10 % from 2010 to 2035, too large before 1980. RRTMG has their cross sections at one
+temperature, in bands 5, 6 and 8 only.
 """
 
 from __future__ import annotations
@@ -56,25 +46,25 @@ class GasState:
     vmr: Mapping[str, FloatArray]
 
     def contents(self) -> tuple[FloatArray | str, ...]:
-        """Return all that the columns are: heights, pressure, temperature, and names and mixing ratios of gases."""
+        """Return heights, pressure, temperature, and names and mixing ratios of gases, which define the columns."""
         gases = [entry for gas, vmr in sorted(self.vmr.items()) for entry in (gas, vmr)]
         return self.altitude_m, self.pressure_pa, self.temperature_k, *gases
 
     def absorption_per_m(self, bands: Sequence[int] = tuple(range(len(rrtmg.BANDS)))) -> FloatArray:
         """Return the absorption [1/m], shape (len(bands), 16, ..., n).
 
-        ``bands`` are places in :data:`horizonval.earth.gases.rrtmg.BANDS`. Where the tables change, at 95.58 hPa,
-        levels mix both so that the column stays what it is, see :meth:`upper_share`.
+        ``bands`` are indices into :data:`horizonval.earth.gases.rrtmg.BANDS`. Where the tables change, at 95.58 hPa,
+        levels mix both so that the column is preserved, see :meth:`upper_share`.
         """
         return rrtmg.absorption_per_m(self.pressure_pa, self.temperature_k, self.vmr, bands, self.upper_share())
 
     def upper_share(self) -> FloatArray:
         """Return the weight of the upper atmosphere's tables at the levels, shape (..., n).
 
-        Values at levels, joined by straight lines, stand for the air around them: each counts what lies above 95.58 hPa
-        of the triangle from its lower to its upper neighbour. A step of the absorption is so smeared over two steps of
-        height and keeps its place in each column; taken at the levels themselves it would stand up to half a step too
-        high or too low.
+        Values at levels, joined by straight lines, represent the air around them. The weight of a level is the part
+        above 95.58 hPa of the triangle from its lower to its upper neighbour. A step of the absorption is thus smoothed
+        over two steps of height and keeps its height in each column; evaluated at the levels alone it would be up to
+        half a step too high or too low.
         """
         z = self.altitude_m
         ln_p = np.log(self.pressure_pa)
@@ -91,11 +81,11 @@ class GasState:
         return np.where(seam >= z, over * up**2, total - below * down**2) / total
 
     def with_halocarbons(self) -> GasState:
-        """Return the air with today's halocarbons, see :mod:`horizonval.earth.gases.gas_state`."""
+        """Return the air with today's halocarbons."""
         added = {gas: np.broadcast_to(x, self.pressure_pa.shape) for gas, x in halocarbons(self.altitude_m).items()}
         return replace(self, vmr={**self.vmr, **added})
 
     def columns(self) -> GasState:
-        """Return a single column as one of many, arrays of shape (1, n)."""
+        """Return a single column with shape (1, n)."""
         gases = {gas: x[None, :] for gas, x in self.vmr.items()}
         return GasState(self.altitude_m, self.pressure_pa[None, :], self.temperature_k[None, :], gases)

@@ -1,16 +1,13 @@
 """Absorption of sunlight by nitrogen dioxide: ``k(z, lambda) = x(z) n_air(z) sigma(lambda)``.
 
 The cross section sigma is that of Vandaele et al. 1998 (J. Quant. Spectrosc. Radiat. Transfer 59, 171) at 220 K,
-averaged over 20 nm (full width of a triangle): the absorption is weak enough for means, and a node that fell into one
-of the bands, 5 to 10 nm wide, would not be one. Between 430 and 560 nm those bands are 20 to 30 % about the mean; at
-294 K the means are 2 % larger at 400 to 480 nm.
+averaged over 20 nm (full width of a triangle) so that single nodes do not sample the bands of 5 to 10 nm. Between 430
+and 560 nm those bands deviate by 20 to 30 % from the mean; at 294 K the means are 2 % larger at 400 to 480 nm.
 
-The mixing ratio x is that of the AFGL reference atmosphere (Anderson et al. 1986, AFGL-TR-86-0110, as LOWTRAN7 has it),
-the same everywhere: a vertical column of 5.5e15 per cm2, 0.4e15 of which lies below 10 km. In nature the stratosphere's
-column is 2e15 to 6e15 by latitude, season and hour (least in the polar night and in the morning), so that the model is
-on the high side, by two in the tropics; over industry the lowest 2 km hold 10e15 more. What is taken out of the light,
-0.3 % on the way straight down and as much on the way up at 440 nm, and a depth of 0.1 along a ray through the limb at
-20 to 25 km, is uncertain by half.
+The mixing ratio x is that of the AFGL reference atmosphere (Anderson et al. 1986, AFGL-TR-86-0110, as in LOWTRAN7), the
+same everywhere: a vertical column of 5.5e15 per cm2, 0.4e15 of it below 10 km. In nature the stratosphere's column is
+2e15 to 6e15 by latitude, season and hour; over industry the lowest 2 km hold 10e15 more. The absorption (0.3 % on a
+vertical path at 440 nm, a depth of 0.1 through the limb at 20 to 25 km) is therefore uncertain by half.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ from horizonval.earth.tables import csv
 
 
 def cross_section_m2(wavelength_um: float) -> float:
-    """Return the mean cross section of one molecule over 20 nm about a wavelength; 0 beyond 700 nm."""
+    """Return the cross section of one molecule, averaged over 20 nm; 0 beyond 700 nm."""
     wavelength_nm, cross_section_cm2 = csv("nitrogen_dioxide_cross_section.csv")
     return 1e-4 * float(np.interp(1e3 * wavelength_um, wavelength_nm, cross_section_cm2))
 

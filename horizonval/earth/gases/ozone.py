@@ -1,16 +1,13 @@
 """Absorption cross section of ozone, 280 to 1000 nm (Hartley-Huggins edge, Chappuis and Wulf bands).
 
 Up to 820 nm: 1 nm means at 220 K and 280 K of the measurements of Daumont et al. 1992, Malicet et al. 1995 and Brion et
-al. 1998, linear in temperature between the two. Accuracy against the Bremen measurements: 1 % in the Chappuis band (500
-to 700 nm), 4 to 6 % at 320 to 340 and 420 to 460 nm.
+al. 1998, linear in temperature between. They agree with the Bremen measurements to 1 % in the Chappuis band (500 to 700
+nm), 4 to 6 % at 320 to 340 and 420 to 460 nm.
 
-From 820 to 1000 nm no measurement is shipped. The Wulf bands die out there, and what stands in for them is the straight
-line that fits the logarithm of the table from 680 to 820 nm, e-folding 67 nm. It has none of their structure: against
-the Bremen measurements means over 20 nm are within 25 % up to 900 nm (60 % beyond, a factor 4 at 970 nm where next to
-nothing is left), and the whole from 820 to 1000 nm is right to 2 %. The slant optical depth right through the limb at
-20 km is 0.05 beyond 820, 0.03 at 850 and 0.015 at 900 nm, so that scattered sunlight there is within 1 % in bands of
-20 nm and 0.2 % in wide ones; if ozone ended at 820 nm the limb would be 2 to 4 % too bright. Beyond 1000 nm there is
-none, which leaves less than 0.3 %.
+From 820 to 1000 nm, where the Wulf bands decrease, the cross section is the straight line that fits the logarithm of
+the table from 680 to 820 nm, e-folding 67 nm. It has no structure: against the Bremen measurements means over 20 nm are
+within 25 % up to 900 nm (60 % beyond, a factor 4 at 970 nm), the whole range within 2 %. Scattered sunlight there is
+then within 1 % in bands of 20 nm and 0.2 % in wide ones. Beyond 1000 nm ozone is neglected (less than 0.3 %).
 """
 
 from __future__ import annotations
@@ -65,8 +62,7 @@ def cold_and_warm_m2(wavelength_um: ArrayLike) -> tuple[FloatArray, FloatArray]:
 def at_temperature_m2(cold: ArrayLike, warm: ArrayLike, temperature_k: ArrayLike) -> FloatArray:
     """Return the cross section at a temperature from those at 220 and 280 K; everything broadcasts.
 
-    Held at 220 K below and at 280 K above: a straight line would fall below zero at 358 nm in the cold (from
-    206 K), and there is next to no ozone outside this range of temperatures.
+    It is constant below 220 K and above 280 K: extrapolation would become negative at 358 nm below 206 K.
     """
     low = np.asarray(cold, dtype=np.float64)
     return low + warm_share(temperature_k) * (np.asarray(warm, dtype=np.float64) - low)
@@ -78,11 +74,5 @@ def warm_share(temperature_k: ArrayLike) -> FloatArray:
 
 
 def cross_section_m2(wavelength_um: ArrayLike, temperature_k: ArrayLike) -> FloatArray:
-    """Return the absorption cross section of one molecule [m2]; wavelength (280 to 1000 nm) and temperature broadcast.
-
-    Raises
-    ------
-    UserError
-        Wavelength outside 280 to 1000 nm.
-    """
+    """Return the absorption cross section of one molecule [m2]; errors as of :func:`cold_and_warm_m2`."""
     return at_temperature_m2(*cold_and_warm_m2(wavelength_um), temperature_k)

@@ -1,49 +1,44 @@
-"""Thermal absorption of any clear air: RRTMG-LW's look-up, bands 3 to 9 (500 to 1390 cm-1), 16 g points each.
+"""Thermal absorption of any clear air: RRTMG-LW's tables, bands 3 to 9 (500 to 1390 cm-1), 16 g points each.
 
-Inside a band the spectrum is sorted by absorption into 16 classes ("g points"), from weak to strong. What each absorbs
-follows from pressure p, temperature T and the gases' volume mixing ratios x. With the air's number density
-``n = p / (k T)`` and columns ``c = x n`` of a metre in 1e20 molecules per cm2,
+Inside a band the spectrum is sorted by absorption into 16 classes ("g points"), from weak to strong. The absorption of
+each follows from pressure p, temperature T and the gases' volume mixing ratios x. With the air's number density ``n = p
+/ (k T)`` and columns ``c = x n`` of a metre in 1e20 molecules per cm2,
 
     k = sum over the key gases' table + water vapour's continuum + minor gases + halocarbons and nitric acid
 
-Key gases (two of them in most bands) are tabulated at 59 levels 0.2 apart in ln p, five temperatures 15 K apart around
-that of the midlatitude summer, and up to nine mixtures ``eta = c_a / (c_a + r c_b)`` (:mod:`.rrtmg_interpolation`); all
-the rest depends on temperature alone, see :mod:`.rrtmg_rest`. One set of tables serves pressures above 95.58 hPa
-(ln p/hPa > 4.56), another those below: gases and their order change there, and k jumps, by a factor of 6 (median over
-the classes) in band 8, 1.5 in band 9 and 4 % and less elsewhere.
+One set of tables applies above 95.58 hPa (ln p/hPa > 4.56), another below: gases and their order change there, and k
+jumps, by a factor of 6 (median over the classes) in band 8, 1.5 in band 9 and 4 % and less elsewhere.
 
-Added to RRTMG: nitric acid in bands 6 and 9 (LOWTRAN7's coefficients on the g points); band 6 above 95.58 hPa, where
-RRTMG has nothing (its lower tables at 95.58 hPa, their key part in proportion to the pressure); air above 0.00966 hPa
-(absorption per molecule goes on as between 0.0263 and 0.00966 hPa, with an exponent of the pressure from 0 to 1).
-
-The look-up equals the compiled original (ecRad's setcoef and gas optical depths, 4000 random states) to 2e-8 in the
-median, 3e-6 in 99.9 % and 9e-4 at worst, next to a change of sign. It is exact with respect to RRTMG, not to nature:
-see :mod:`horizonval.earth.spectral.thermal_absorption`. Temperatures beyond the nodes go on linearly, as in RRTMG (an
-eighth of real levels below 60 km are colder, by up to 43 K: continuing ln k instead would move the height of half the
-14.0 to 16.3 um plateau by up to 0.18 km in the polar winter, 0.12 km elsewhere); where that turns k negative it is 0
-(0.01 % of a band in real states). Local thermodynamic equilibrium; no scattering.
-
-Source: Mlawer et al. 1997, J. Geophys. Res. 102, 16663; tables of RRTMG-LW v4.85 as distributed with ecRad.
-
-RRTMG-LW's interpolation of a band's key gases in pressure, temperature and mixture.
-
-Level m = 1 ... 59 stands at ln(p/hPa) = 6.96, 6.76 ... -4.64. Between levels j and j + 1 the weights are 1 - f and f,
-``f = 5 (ln p_j - ln p)``; between the temperature nodes of each level u, ``u = (T - T_m) / 15 K`` less the node, not
-limited. With one key gas its column is multiplied by the mean of the four nodes. With two, a and b, for each level
+**Key gases** (two in most bands) are tabulated at 59 levels ln(p/hPa) = 6.96, 6.76 ... -4.64, five temperatures 15 K
+apart around that of the midlatitude summer, and up to nine mixtures eta. Between levels j and j + 1 the weights are 1 -
+f and f, ``f = 5 (ln p_j - ln p)``; between the temperature nodes of each level u, ``u = (T - T_m) / 15 K`` less the
+node, not limited. A single key gas's column is multiplied by the mean of the four nodes. With two, a and b, for each
+level
 
     C = c_a + r c_b,    r = chi_a / chi_b of the level's reference air,    eta = c_a / C
 
 and C is multiplied by the mean over eta as well: linear, but in the lower atmosphere by a quartic over three nodes next
-to eta = 0 and 1, where a gas comes in or goes out.
+to eta = 0 and 1, where a gas appears or disappears.
 
-What RRTMG-LW adds to the key gases of a band: water vapour's continuum, minor gases, nitric acid, halocarbons.
+**Continuum**, with w = c_H2O / dry air and the factor ``F = c_H2O (p / 1013 hPa) (296 K / T) / (1 + w)``: foreign ``F
+foreign(T)`` and self ``F w self(T)``.
 
-Continuum, with w = c_H2O / dry air and the factor ``F = c_H2O (p / 1013 hPa) (296 K / T) / (1 + w)``: foreign
-``F foreign(T)`` and self ``F w self(T)``. Minor gases: their column times a table over temperature, in some bands also
-over the mixture of the key gases. Where a minor gas is so strong that it saturates within the classes, its column grows
-more slowly beyond R0 times the reference air's, ``R = (c / dry) / chi``::
+**Minor gases**: their column times a table over temperature, in some bands also over the mixture of the key gases. The
+column of a gas that saturates within the classes grows more slowly beyond R0 times the reference air's, ``R = (c / dry)
+/ chi``::
 
     column = (d + (R - d)^h) chi dry,    R > R0
+
+**Added to RRTMG**: nitric acid in bands 6 and 9 (LOWTRAN7's coefficients on the g points); band 6 below 95.58 hPa,
+where RRTMG has nothing (its lower tables at 95.58 hPa, their key part in proportion to the pressure); air below 0.00966
+hPa (absorption per molecule continues as between 0.0263 and 0.00966 hPa, with an exponent of the pressure from 0 to 1).
+
+The result equals the compiled original (ecRad's setcoef and gas optical depths, 4000 random states) to 2e-8 in the
+median, 3e-6 in 99.9 % and 9e-4 at worst, next to a change of sign. :mod:`horizonval.earth.spectral.thermal_absorption`
+states the accuracy with respect to nature. Temperatures beyond the nodes are extrapolated linearly, as in RRTMG;
+negative k becomes 0 (0.01 % of a band in real states). Local thermodynamic equilibrium; no scattering.
+
+Source: Mlawer et al. 1997, J. Geophys. Res. 102, 16663; tables of RRTMG-LW v4.85 as distributed with ecRad.
 """
 
 from __future__ import annotations
@@ -62,11 +57,12 @@ FILE = "rrtmg_lw.npz"
 _PER_CM2 = 1e-24
 """From molecules per m3 to 1e20 molecules per cm2 in a metre."""
 _LEAST = 1e-30
-"""Mixing ratio that stands for none: eta needs both key gases."""
+"""Mixing ratio that replaces zero: eta needs both key gases."""
 _NODES_K, _LEVELS_PER_LN = 15.0, 5.0
 _LOWER_LEVELS = 13
 _STRETCHED = 0.125
-_SEAM_LN_HPA = 4.56
+SEAM_LN_HPA = 4.56
+"""Above this pressure the lower atmosphere's tables apply, below it the upper ones."""
 
 LOWER_KEY: dict[int, tuple[str, ...]] = {
     3: ("h2o", "co2"), 4: ("h2o", "co2"), 5: ("h2o", "co2"), 6: ("h2o",), 7: ("h2o", "o3"), 8: ("h2o",),
@@ -91,17 +87,10 @@ def reference_vmr(gas: str) -> FloatArray:
 
 @dataclass(frozen=True)
 class Columns:
-    """What a metre of air holds; arrays of shape (n,), columns in 1e20 molecules per cm2.
+    """Contents of a metre of air; arrays of shape (n,), columns in 1e20 molecules per cm2.
 
-    Attributes
-    ----------
-    gas : mapping of str to ndarray
-    air, dry : ndarray
-        All molecules, and those that are not water vapour.
-    vmr : mapping of str to ndarray
-    ln_p : ndarray
-        Of the pressure in hPa.
-    temperature_k : ndarray
+    ``gas``: columns by name. ``air``, ``dry``: all molecules, and those that are not water vapour. ``vmr``: mixing
+    ratios by name. ``ln_p``: of the pressure in hPa.
     """
 
     gas: Mapping[str, FloatArray]
@@ -121,12 +110,11 @@ class Columns:
 
 @dataclass(frozen=True)
 class TablePlace:
-    """Where air lies in the tables of the key gases; arrays of shape (n,).
+    """Position of air in the tables of the key gases; arrays of shape (n,).
 
     Attributes
     ----------
-    upper : bool
-    level : ndarray of int
+    upper : bool level : ndarray of int
         j, counted from 1.
     fraction : ndarray
         f, weight of level j + 1.
@@ -144,18 +132,18 @@ class TablePlace:
 
     @classmethod
     def below(cls, ln_p: FloatArray, temperature_k: FloatArray) -> TablePlace:
-        """Return the place of air above 95.58 hPa; f runs below 0 at more than 1054 hPa."""
+        """Return the position for pressures above 95.58 hPa; f is negative at more than 1054 hPa."""
         return cls._of(ln_p, temperature_k, 1, _LOWER_LEVELS - 1, upper=False)
 
     @classmethod
     def above(cls, ln_p: FloatArray, temperature_k: FloatArray) -> TablePlace:
-        """Return the place of air below 95.58 hPa."""
+        """Return the position for pressures below 95.58 hPa."""
         return cls._of(ln_p, temperature_k, _LOWER_LEVELS, 58, upper=True)
 
     @classmethod
     def at_seam(cls, temperature_k: FloatArray) -> TablePlace:
-        """Return the lower atmosphere's place at 95.58 hPa."""
-        return cls.below(np.full_like(temperature_k, _SEAM_LN_HPA), temperature_k)
+        """Return the lower atmosphere's position at 95.58 hPa."""
+        return cls.below(np.full_like(temperature_k, SEAM_LN_HPA), temperature_k)
 
     @classmethod
     def _of(cls, ln_p: FloatArray, temperature_k: FloatArray, first: int, last: int, *, upper: bool) -> TablePlace:
@@ -205,7 +193,7 @@ def mixture_weights(
 def _mixture(
     gases: tuple[str, ...], level: np.ndarray, columns: Columns, mixtures: int, *, stretched: bool
 ) -> tuple[FloatArray, list[tuple[np.ndarray, FloatArray]]]:
-    """Return the amount to multiply by, and nodes on the axis of eta with their weights."""
+    """Return the factor C, and nodes on the axis of eta with their weights."""
     if len(gases) == 1:
         return columns.gas[gases[0]], [(np.zeros_like(level), np.ones(len(level)))]
     ratio = reference_vmr(gases[0])[level - 1] / reference_vmr(gases[1])[level - 1]
@@ -225,7 +213,7 @@ def _mixture(
 
 @dataclass(frozen=True)
 class _Minor:
-    """A minor gas of a band: ``level`` of the reference air whose ratio of key gases makes its eta (0: no eta)."""
+    """A minor gas of a band: ``level`` of the reference air for the ratio of key gases in its eta (0: no eta)."""
 
     gas: str
     level: int = 0
@@ -256,7 +244,7 @@ _NITRIC_ACID = (6, 9)
 
 
 def continuum(band: int, columns: Columns, *, upper: bool) -> FloatArray:
-    """Return the part of water vapour's continuum [1/m], shape (n, 16); above 95.58 hPa in band 3 only."""
+    """Return the part of water vapour's continuum [1/m], shape (n, 16); in the upper atmosphere in band 3 only."""
     t, water = columns.temperature_k, columns.gas["h2o"]
     share = water / columns.dry
     factor = water * np.exp(columns.ln_p) * (296.0 / 1013.0) / t / (1.0 + share)
@@ -329,20 +317,17 @@ def halocarbons(band: int, columns: Columns) -> FloatArray | float:
 
 
 BANDS = (3, 4, 5, 6, 7, 8, 9)
-"""RRTMG-LW's numbers; the first axis of what :func:`absorption_per_m` returns."""
+"""RRTMG-LW's numbers; the first axis of the result of :func:`absorption_per_m`."""
 CLASSES = 16
 KEY_GASES = ("h2o", "co2", "o3", "n2o", "ch4")
-"""Must be given; the rest may be left out."""
+"""Required gases; all others are optional."""
 OTHER_GASES = ("hno3", "cfc11", "cfc12", "hcfc22", "ccl4")
-SEAM_LN_HPA = 4.56
 SEAM_LN_PA = SEAM_LN_HPA + float(np.log(100.0))
-SEAM_PA = 100.0 * float(np.exp(SEAM_LN_HPA))
-"""Where the lower atmosphere's tables end and the upper ones begin."""
 FLOOR_PER_M = 1e-16
 _TOP_LN_HPA = -4.64
 _UPPER_FACTOR = (4, 7)
 _BLOCK = 4096
-"""Levels looked up at a time: what they need stays in the processor's cache."""
+"""Number of levels evaluated at a time, for the processor's cache."""
 
 
 def absorption_per_m(
@@ -356,13 +341,11 @@ def absorption_per_m(
 
     Parameters
     ----------
-    pressure_pa, temperature_k : ndarray, shape (...)
-    vmr : mapping of str to ndarray
-        Volume mixing ratios, broadcast to that shape: ``h2o``, ``co2``, ``o3``, ``n2o``, ``ch4`` (parts of the moist
-        air; at least 1e-30 is taken) and, where there are any, ``hno3`` (likewise), ``cfc11``, ``cfc12``, ``hcfc22``,
-        ``ccl4`` (of the dry air).
+    pressure_pa, temperature_k : ndarray, shape (...) vmr : mapping of str to ndarray
+        Volume mixing ratios, broadcast to that shape: ``h2o``, ``co2``, ``o3``, ``n2o``, ``ch4`` (in moist air, at
+        least 1e-30) and optionally ``hno3`` (likewise), ``cfc11``, ``cfc12``, ``hcfc22``, ``ccl4`` (in dry air).
     bands : sequence of int
-        Places in :data:`BANDS`; default all seven.
+        Indices into :data:`BANDS`; default all seven.
     upper_share : ndarray, shape (...), optional
         Weights, 0 to 1, of the upper atmosphere's tables; default 0 above 95.58 hPa and 1 below.
 
@@ -374,7 +357,7 @@ def absorption_per_m(
     Raises
     ------
     ValueError
-        A key gas missing, or a gas that is not known.
+        A key gas missing, or an unknown gas.
     """
     unknown = sorted(set(vmr) - {*KEY_GASES, *OTHER_GASES})
     missing = [gas for gas in KEY_GASES if gas not in vmr]
@@ -403,7 +386,7 @@ def absorption_per_m(
 
 
 def _lower(columns: Columns, bands: Sequence[int]) -> FloatArray:
-    """Return k above 95.58 hPa, shape (bands, n, 16)."""
+    """Return k at more than 95.58 hPa, shape (bands, n, 16)."""
     place = TablePlace.below(columns.ln_p, columns.temperature_k)
     total = []
     for b in bands:
@@ -432,7 +415,7 @@ def _upper(columns: Columns, bands: Sequence[int]) -> FloatArray:
 
 
 def _top(columns: Columns, bands: Sequence[int]) -> FloatArray:
-    """Return k above 0.00966 hPa, shape (bands, n, 16): per molecule a power of the pressure."""
+    """Return k at less than 0.00966 hPa, shape (bands, n, 16): per molecule a power of the pressure."""
     per_molecule = []
     for ln_there in (_TOP_LN_HPA, _TOP_LN_HPA + 1.0):
         there = Columns.of(np.full_like(columns.ln_p, ln_there), columns.temperature_k, columns.vmr)
@@ -442,7 +425,7 @@ def _top(columns: Columns, bands: Sequence[int]) -> FloatArray:
 
 
 def _additions(columns: Columns, bands: Sequence[int]) -> FloatArray:
-    """Return what nitric acid and halocarbons absorb at any height, shape (bands, n, 16)."""
+    """Return the absorption of nitric acid and halocarbons at any height, shape (bands, n, 16)."""
     k = np.zeros((len(bands), len(columns.ln_p), CLASSES))
     for row, b in enumerate(bands):
         k[row] += nitric_acid(BANDS[b], columns) + halocarbons(BANDS[b], columns)

@@ -1,25 +1,22 @@
-"""Oxygen and water vapour in sunlight: a band's energy split into what they leave alone and a few absorbing parts.
+"""Oxygen and water vapour in sunlight: a band's energy divided into an unabsorbed part and a few absorbing parts.
 
-No line list is at hand. SPCTRAL2 (Bird and Riordan 1986, J. Climate Appl. Meteor. 25, 87) gives the transmission of
-sunlight through the air after Leckner (1978), with coefficients every few nanometres: for a relative air mass M and
-precipitable water W [cm]
+SPCTRAL2 (Bird and Riordan 1986, J. Climate Appl. Meteor. 25, 87) gives the transmission of sunlight through the air
+after Leckner (1978), with coefficients every few nanometres: for a relative air mass M and precipitable water W [cm]
 
     T_mixed = exp(-1.41 a_u M / (1 + 118.3 a_u M)^0.45),    T_water = exp(-0.2385 a_w W M / (1 + 20.07 a_w W M)^0.45)
 
-Both are one function of ``x = a M`` each, and that is a sum of exponentials of x (non-negative least squares): every
+Each is one function of ``x = a M``, which is fitted by a sum of exponentials of x (non-negative least squares): every
 wavelength is a mixture of classes with coefficients proportional to a. The classes of all wavelengths of a band are
-drawn together into at most four: oxygen's and water's, each of depths below and above 1 along :data:`REFERENCE`, or
-fewer where that leaves less than 0.6 % of the band's light. They become nodes of their own, each with the coefficient
-that keeps its transmission along that path; the rest, of depths below 0.05, stays with the band's other nodes. A band
-that loses less than 3 % along that path keeps its nodes as they are, without gases: what is left out of visible cameras
-(445 to 755 nm 2 %, red channels 1.5 %).
+combined into at most four: oxygen's and water's, each of depths below and above 1 along :data:`REFERENCE`, or fewer
+where that leaves less than 0.6 % of the band's energy. They become separate nodes with the coefficient that preserves
+their transmission along that path; the rest, of depths below 0.05, stays with the band's other nodes. A band that loses
+less than 3 % along that path keeps its nodes without gases (445 to 755 nm: 2 %).
 
-Along slanted paths and at the limb lines are broader where the pressure is higher (Curtis and Godson in the limit of
-strong lines): columns are weighted with p / p0, for water with p / (0.79 p0), where it lies in the mean. A vertical
-path is SPCTRAL2's. How far off: from air mass 1 to 5 the parts keep SPCTRAL2's transmission of 700 to 800 and 750 to
-950 nm to 1.3 %, and SPCTRAL2 that of the direct spectrum of ASTM G173 (by SMARTS, air mass 1.5) to 0.5 %: -7.3 and
--13.6 %. A third of the loss is uncertain in single features (755 to 770 nm -18 % against -27 %). At the limb nothing
-has been compared: above 30 km, where lines are as narrow as heat makes them, the true absorption is larger.
+Along slant paths and at the limb lines are broader where the pressure is higher (Curtis and Godson in the limit of
+strong lines): columns are weighted with p / p0, for water with p / (0.79 p0), its mean. A vertical path is SPCTRAL2's.
+From air mass 1 to 5 the parts reproduce SPCTRAL2's transmission of 700 to 800 and 750 to 950 nm to 1.3 %, and SPCTRAL2
+that of the direct spectrum of ASTM G173 to 0.5 %. Single features are uncertain by a third of the loss. The limb has
+not been compared: above 30 km the true absorption is larger.
 """
 
 from __future__ import annotations
@@ -35,16 +32,16 @@ from horizonval.earth.tables import csv
 
 MIN_UM, MAX_UM = 0.57, 1.65
 REFERENCE = (2.0, 3.0)
-"""Air mass and precipitable water [cm] along the path that every part's transmission is exact for: down and up."""
+"""Air mass and precipitable water [cm] of the path on which every part's transmission is exact: down and up."""
 _MIXED, _WATER = (1.41, 118.3), (0.2385, 20.07)
 _POWER = 0.45
 _WEAK, _STRONG = 0.05, 1.0
 _LEAST_SHARE = 0.004
 _PATHS, _ERROR = ((1.0, 1.5), (2.0, 3.0), (4.0, 6.0), (10.0, 1.0)), 0.006
-"""Paths along which a band's transmission must be right, and how well, for fewer parts than four to do."""
+"""Paths along which a band's transmission must be right, and how well, for fewer parts than four to suffice."""
 _LEAST_LOSS = 0.03
-"""Of a band's energy along the reference path: less counts as none. Chosen so that cameras of 445 to 755 nm (2.3 %)
-keep their four nodes: one launch of the renderer's kernel holds four, and a fifth would double the time of a frame."""
+"""Loss of a band's energy along the reference path that is neglected. Cameras of 445 to 755 nm (2.3 %) thus keep four
+nodes, as many as one launch of the renderer's kernel takes."""
 _STANDARD_PA, _GRAVITY, _AVOGADRO = 101_325.0, 9.80665, 6.02214076e23
 _AIR_KG, _WATER_KG = 28.9644e-3 / _AVOGADRO, 18.0153e-3 / _AVOGADRO
 _WATER_PRESSURE = 0.79
@@ -54,14 +51,8 @@ _WATER_PRESSURE = 0.79
 class AbsorbingPart:
     """A part of a band's energy whose absorption is exponential.
 
-    Attributes
-    ----------
-    energy : ndarray, shape (m,)
-        Of the band's samples; the parts of a band add up to all of it.
-    mixed : float
-        Coefficient per air mass.
-    water : float
-        Per cm of precipitable water.
+    ``energy`` (m,): of the band's samples; the parts of a band add up to all of it. ``mixed``: coefficient per air
+    mass. ``water``: per cm of precipitable water.
     """
 
     energy: FloatArray
@@ -70,12 +61,9 @@ class AbsorbingPart:
 
 
 def parts(wavelength_um: FloatArray, energy: FloatArray) -> tuple[AbsorbingPart, ...]:
-    """Return the parts of a band, the one that hardly absorbs first; no parts where the band as a whole hardly does.
+    """Return the parts of a band, the unabsorbed one first; no parts where the band as a whole hardly absorbs.
 
-    Parameters
-    ----------
-    wavelength_um, energy : ndarray, shape (m,)
-        The band's measure.
+    ``wavelength_um``, ``energy`` (m,): the band's measure.
     """
     table_um, water, mixed = csv("gases_in_sunlight.csv")
     inside = (wavelength_um >= MIN_UM) & (wavelength_um <= MAX_UM)
@@ -135,18 +123,11 @@ def _exponentials(linear: float, saturation: float) -> tuple[FloatArray, FloatAr
     return weight[used] / weight.sum(), each[used]
 
 
-def transmission(coefficient: float | FloatArray, amount: float | FloatArray, *, water: bool) -> FloatArray:
-    """Return Leckner's transmission for a coefficient a and an amount M or W M."""
-    linear, saturation = _WATER if water else _MIXED
-    x = np.asarray(coefficient) * np.asarray(amount)
-    return np.asarray(np.exp(-linear * x / (1.0 + saturation * x) ** _POWER))
-
-
 def air_mass_per_m(pressure_pa: FloatArray, number_density_air: FloatArray) -> FloatArray:
     """Return the relative air mass in a metre, weighted with the pressure: 1 for a column of 1013.25 hPa."""
     return np.asarray(2.0 * _AIR_KG * _GRAVITY * number_density_air * pressure_pa / _STANDARD_PA**2)
 
 
 def water_cm_per_m(pressure_pa: FloatArray, number_density_h2o: FloatArray) -> FloatArray:
-    """Return precipitable water [cm] in a metre, weighted with the pressure over that of usual water."""
+    """Return precipitable water [cm] in a metre, weighted with the pressure relative to its mean for water."""
     return np.asarray(0.1 * _WATER_KG * number_density_h2o * pressure_pa / (_WATER_PRESSURE * _STANDARD_PA))

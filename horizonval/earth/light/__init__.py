@@ -1,1 +1,1 @@
-"""Lights beside sunlight on the air: Moon, airglow, the Sun's own disc."""
+"""Sources other than sunlight on the air: Moon, airglow, the Sun's disc."""

@@ -2,22 +2,21 @@
 
 A response is a top hat or a piecewise linear table, zero outside, scaled to a peak of 1.
 
-Solar bands hold a *quantum efficiency* R (electrons per photon, relative). A band radiance counts photons as energy
-at one reference wavelength, the response's mean::
+Solar bands have a *quantum efficiency* R (electrons per photon, relative). A band radiance counts photons as energy at
+one reference wavelength, the response's mean::
 
     lambda_ref = integral R lambda dlambda / integral R dlambda
     L_band = integral L R (lambda / lambda_ref) dlambda                       [W m-2 sr-1]
     electrons = L_band * A Omega t * QE_peak * lambda_ref / (h c)             exactly
 
-It is the energy of light of one wavelength only. A frame therefore has the *energy radiance* beside it, the plain
-integral over wavelength::
+Only monochromatic light has this energy. A frame therefore also has the *energy radiance*, the plain integral over
+wavelength::
 
     L_energy = integral L R dlambda                                           [W m-2 sr-1]
 
-Of sunlight from a white ground in 450 to 750 nm, L_band is 2 % below it; of a limb as blue as wavelength^-4, 10 %; of
-that from 400 to 1000 nm, 26 %.
+In 450 to 750 nm L_band is 2 % below it for sunlight from a white ground, 10 % for a limb as blue as wavelength^-4.
 
-Thermal bands hold a response per unit power: ``L_band = integral L R dlambda``.
+Thermal bands have a response per unit power: ``L_band = integral L R dlambda``.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from horizonval.spec.camera import Band
 
 
 def knots_um(band: Band) -> FloatArray:
-    """Return the wavelengths between which the response is linear, trimmed to where it is above zero [um]."""
+    """Return the wavelengths between which the response is linear, trimmed to the range above zero [um]."""
     if band.lo_um is not None and band.hi_um is not None:
         return np.array([band.lo_um, band.hi_um])
     wavelength = np.array(band.wavelength_um, dtype=np.float64)
@@ -55,20 +54,10 @@ def response(band: Band, wavelength_um: ArrayLike) -> FloatArray:
 
 
 def sampled(band: Band, breaks_um: ArrayLike = (), order: int = 8) -> tuple[FloatArray, FloatArray]:
-    """Return a fine quadrature over the band with the plain response in its weights.
+    """Return a fine quadrature over the band: wavelengths [um] and weights that include the response, shape (m,) each.
 
-    Parameters
-    ----------
-    band : Band
-    breaks_um : array_like
-        Further wavelengths where the integrand is not smooth [um].
-    order : int
-        Points between neighbouring breaks.
-
-    Returns
-    -------
-    wavelength_um, weight_um : ndarray, shape (m,)
-        ``sum(weight_um * f(wavelength_um))`` is the integral of ``R f`` over the wavelength.
+    ``sum(weight_um * f(wavelength_um))`` is the integral of ``R f`` over the wavelength. ``breaks_um``: further
+    wavelengths where the integrand is not smooth. ``order``: points between neighbouring breaks.
     """
     knots = knots_um(band)
     extra = np.asarray(breaks_um, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Quadrature over spectral responses: exact weights for lumpy responses, few nodes for smooth integrands.
+"""Quadrature over spectral responses: exact weights for jagged responses, few nodes for smooth integrands.
 
 A band integral has the form ``integral w(x) f(x) dx`` with a jagged known weight ``w`` (response times solar spectrum)
 and a smooth costly ``f`` (radiance per unit of sunlight). Gauss's rule *for the weight* w uses n values of f and is
@@ -19,11 +19,8 @@ from horizonval.core.arrays import FloatArray
 
 
 def composite_gauss(edges: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
-    """Return points and weights of Gauss-Legendre rules of ``order`` points on every interval between ``edges``.
-
-    Returns
-    -------
-    points, weights : ndarray, shape (len(edges) - 1, order)
+    """Return points and weights, shape (len(edges) - 1, order), of Gauss-Legendre rules on every interval between
+    edges.
     """
     x, w = _legendre(order)
     half = np.diff(edges)[:, None] / 2
@@ -41,9 +38,7 @@ def _legendre(order: int) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class Orthonormal:
-    """The orthonormal polynomials of a measure given as many weighted points, of degrees 0 to n - 1.
-
-    Gauss's rules of 1 to n nodes all come from them.
+    """The orthonormal polynomials, of degrees 0 to n - 1, of a measure given as many weighted points.
 
     Attributes
     ----------
@@ -56,7 +51,7 @@ class Orthonormal:
     share : ndarray, shape (m,)
         The measure's weights, scaled to a sum of 1.
     total : float
-        Their sum as given.
+        Sum of the weights.
     """
 
     middle: float
@@ -71,12 +66,8 @@ class Orthonormal:
     def of(cls, points: FloatArray, weights: FloatArray, n: int) -> Orthonormal:
         """Return the polynomials of a measure by Stieltjes' procedure.
 
-        Parameters
-        ----------
-        points, weights : ndarray, shape (m,)
-            The measure; weights >= 0 with at least ``n`` above zero, m well above n (Stieltjes' procedure loses
-            orthogonality as n nears m).
-        n : int
+        ``points``, ``weights`` (m,): the measure; weights >= 0 with at least ``n`` above zero, m well above n (the
+        procedure loses orthogonality as n nears m).
         """
         share = weights / weights.sum()
         inside = points[weights > 0]
@@ -94,15 +85,7 @@ class Orthonormal:
         return cls(middle, half, diagonal, beside, basis, share, float(weights.sum()))
 
     def rule(self, n: int) -> tuple[FloatArray, FloatArray]:
-        """Return Gauss's rule of n nodes.
-
-        Returns
-        -------
-        nodes : ndarray, shape (n,)
-            Rising, inside the range of the points.
-        node_weights : ndarray, shape (n,)
-            Sum of the measure's weights in all.
-        """
+        """Return the rising nodes, inside the range of the points, and the weights of Gauss's rule of n nodes."""
         nodes, vectors = eigh_tridiagonal(self.diagonal[:n], self.beside[1:n])
         return self.middle + self.half * nodes, self.total * vectors[0] ** 2
 
@@ -111,18 +94,12 @@ class Orthonormal:
         return self.basis @ (self.share * values)
 
     def smoothed(self, moments: FloatArray, nodes: FloatArray) -> FloatArray:
-        """Return values at the nodes of a rule that stand for a jagged function the integrand depends smoothly on.
+        """Return smoothed values (n,), >= 0, of a jagged function at the nodes of a rule; the integrand is smooth in
+        it.
 
-        The value of the least squares polynomial of degree n - 1 through the function, not the function itself: sums
-        over the rule then have the right integrals of the function times any polynomial of that degree, where the bare
-        values at n points would hit or miss the peaks by chance. Never below zero.
-
-        Parameters
-        ----------
-        moments : ndarray
-            Of the function, >= 0, by :meth:`moments`.
-        nodes : ndarray, shape (n,)
-            Of :meth:`rule`.
+        The values are those of the least-squares polynomial of degree n - 1 through the function, given by its
+        :meth:`moments`. Sums over the rule then have the right integrals of the function times any polynomial of that
+        degree, whereas bare values would hit or miss its peaks by chance.
         """
         t = (nodes - self.middle) / self.half
         total = np.zeros_like(t)

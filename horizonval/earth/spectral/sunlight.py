@@ -1,7 +1,7 @@
 """Spectral irradiance of the Sun: NRL2, mean of three solar cycles, total 1361 W m-2 at 1 au.
 
-Bin means (1 nm wide to 1 um, 2 nm to 2.5 um, 5 nm to 4 um, 50 nm to 10 um, 200 nm to 20 um), taken as linear between
-the bins' centres. Against ASTM E490 the mean over 400 to 900 nm is 0.6 % lower, single nanometres differ by 2 % rms.
+Bin means (1 nm wide to 1 um, 2 nm to 2.5 um, 5 nm to 4 um, 50 nm to 10 um, 200 nm to 20 um), linear between the bins'
+centres. Against ASTM E490 the mean over 400 to 900 nm is 0.6 % lower, single nanometres differ by 2 % rms.
 """
 
 from __future__ import annotations
@@ -29,17 +29,10 @@ def table_um() -> FloatArray:
 def irradiance(wavelength_um: ArrayLike, distance_au: float = 1.0) -> FloatArray:
     """Return the spectral irradiance [W m-2 um-1] across the rays, outside the atmosphere.
 
-    Parameters
-    ----------
-    wavelength_um : array_like
-        0.25 to 20 um.
-    distance_au : float
-        Scales with its inverse square.
-
     Raises
     ------
     UserError
-        Wavelength outside the table.
+        Wavelength outside the table, 0.25 to 20 um.
     """
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     tolerance = 1e-12

@@ -1,50 +1,41 @@
-"""Classes of thermal absorption by correlated k, and their sources: 16 g points in 7 bands, 500 to 1390 cm-1.
+"""Thermal absorption by correlated k: 16 g points in 7 bands of 500 to 1390 cm-1, their sources and their accuracy.
 
-Inside a band the spectrum is sorted by absorption into 16 classes ("g points"), each with one profile k_g(z) and a
-share w_g of the band; radiance is solved per class as if monochromatic and summed. The classes' Planck sources follow
-a sensor's response R through a map F[i, g]: the share of class g that lies in the 10 cm-1 bin i::
+**Classes.** Inside a band the spectrum is sorted by absorption into 16 classes ("g points"), each with one profile
+k_g(z) and a share w_g of the band; radiance is solved per class as if monochromatic and summed. The absorption follows
+from the air (:mod:`horizonval.earth.gases.rrtmg`). The classes' Planck sources follow a sensor's response R through a
+map F[i, g]: the share of class g in the 10 cm-1 bin i::
 
     S[b, g](T) = w_g * width_b * sum over bins i of b of F[i, g] / 10 cm-1 * integral over bin i of R(nu) B_nu(T) dnu
 
 so that L = sum over b, g of the integral of S dTransmission, W m-2 sr-1. The integral is done by Gauss's rule between
-the knots of the response. Every row of the published map is scaled so that the classes fill their bin exactly
-(``sum over g of w_g width_b F[i, g] = 10 cm-1``; 5e-8 as published, 0.45 % in one bin of 820 to 980 cm-1): the sources
-of all classes add up to the band's Planck radiance. What is left open, the sum of a class over its band, is then right
-to 5e-3 there and 1e-7 elsewhere.
+the knots of the response. Every row of the published map is scaled so that the classes fill their bin exactly (``sum
+over g of w_g width_b F[i, g] = 10 cm-1``): the sources of all classes add up to the band's Planck radiance. The sum of
+a class over its band is then right to 5e-3 in one band and 1e-7 elsewhere.
 
-What a class absorbs follows from the air: :mod:`horizonval.earth.gases.rrtmg`. The map was fitted to LOWTRAN7's spectra
-of the six AFGL climates at 330 ppm of carbon dioxide; it does not know how the classes shift with other air.
+The map was fitted to LOWTRAN7's spectra of the six AFGL climates at 330 ppm of carbon dioxide and does not depend on
+the air. Features of the response narrower than 20 cm-1 are not resolved. Neglected: scattering, non-LTE (above 75 km).
 
-Accuracy on the limb in LTE: see :mod:`horizonval.earth.spectral.thermal_absorption`. Features of the response narrower
-than 20 cm-1 are not resolved. Left out: scattering, non-LTE (above 75 km).
-
-How far the radiance of a thermal band can be trusted, given the profile: figures for any band from 7.2 to 20 um.
-
-Four intervals have been compared as they are with LOWTRAN7 (six climates) and, where it applies, REPTRAN; for them the
-stated figures are :data:`NAMED`. Any other response is composed. Let s_b be the share of RRTMG band b in what the
-sensor sees of the US standard limb (:mod:`horizonval.earth.spectral.thermal_absorption`), e_b the band's
-own error, and c the error of splitting a band that the response covers in part::
+**Accuracy** of the radiance of a band from 7.2 to 20 um for a given profile. Four intervals have been compared with
+LOWTRAN7 (six climates) and, where it applies, REPTRAN (:data:`NAMED`). The accuracy of any other response is composed.
+Let s_b be the share of RRTMG band b in the radiance of the US standard limb, e_b the error of the band, and c the error
+of dividing a band that the response covers in part::
 
     relative error = square root of the sum over b of (s_b (e_b + c_b))^2,    c_b = 0 for whole bands
 
-(the bands have other lines and other gases: their errors are independent and differ in sign). e_b is the largest
-difference from LOWTRAN7 over the climates, or from REPTRAN where that is larger. It is taken as 1 where nobody can
-tell: LOWTRAN7 lacks strength at low pressure and says nothing about the weak bands above 33 to 42 km, and nothing at
-all above 55 km. c is 6 % for rays that meet the ground or pass below 7 km, 20 % up to 33 km and 35 % above, as the cut
-parts of 14.0 to 16.3 um differ from REPTRAN's and those of 10.5 to 12.5 um from LOWTRAN7's. A sum of half or more is no
-statement and becomes None.
+(the bands' errors are independent, since lines and gases differ). e_b is the largest difference from LOWTRAN7 over the
+climates, or from REPTRAN where that is larger; it is 1 where it is unknown: LOWTRAN7 lacks strength at low pressure and
+cannot judge the weak bands above 33 to 42 km, nor any band above 55 km. c is 6 % for rays that meet the ground or pass
+below 7 km, 20 % up to 33 km and 35 % above, after the parts of 14.0 to 16.3 um and 10.5 to 12.5 um. A sum of half or
+more becomes None.
 
-The height of half the plateau moves by as much as the errors of plateau and half, taken together, move the level on the
-US standard limb; the plateau is the largest radiance from 10 to 24 km, or, where that is below 0.6 of it, that of the
-ray 10 km below the hard horizon. Straight down the composed error is that of the bands' brightness temperatures, and
-1 K for each cut band, added in the same way.
+The uncertainty of the height of half the plateau is the shift of that level on the US standard limb under the combined
+errors of plateau and half. The plateau is the largest radiance from 10 to 24 km, or, where that is below 0.6 of it,
+that of the ray 10 km below the hard horizon. For nadir the composed error is that of the bands' brightness
+temperatures, and 1 K for each divided band, added in the same way.
 
-How much each RRTMG band adds to what a sensor band sees of the limb: a quick estimate, good to a few per cent.
-
-Rays through the US standard atmosphere, straight and over a round Earth, in shells between the levels of its
-absorption;
-tau of a shell from the mean of the absorption at its faces, its source that of its mean temperature. A ray with a
-negative height meets a black ground.
+The shares come from straight rays through the US standard atmosphere over a round Earth, in shells between the levels
+of its absorption, good to a few per cent. A shell has the mean absorption of its faces and the source of its mean
+temperature.
 """
 
 from __future__ import annotations
@@ -70,17 +61,17 @@ _TABLE = "gpoint_map.npz"
 MIN_PER_CM, MAX_PER_CM = 500.0, 1390.0
 MIN_UM, MAX_UM = 1e4 / MAX_PER_CM, 1e4 / MIN_PER_CM
 _POINTS = 4
-"""Of Gauss's rule between two edges at most 10 cm-1 apart: 1e-12 of the integral of R B."""
+"""Order of Gauss's rule between two edges at most 10 cm-1 apart: 1e-12 of the integral of R B."""
 
 
 def g_weights() -> FloatArray:
-    """Return the share of a band that each of its classes holds, from the weakest to the strongest; shape (16,)."""
+    """Return the share of a band of each of its classes, from the weakest to the strongest; shape (16,)."""
     return np.asarray(npz(_TABLE)["g_weight"], dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class GPoints:
-    """The classes of absorption that a sensor band needs: 16 for every RRTMG band it touches.
+    """The classes of absorption of a sensor band: 16 for every RRTMG band it touches.
 
     Attributes
     ----------
@@ -89,9 +80,8 @@ class GPoints:
     wavelength_um : ndarray, shape (g,)
         Centroid of the response inside the RRTMG band.
     table_band, table_g : ndarray of int, shape (g,)
-        Where the tables hold a class: places in :data:`horizonval.earth.gases.rrtmg.BANDS` and among the 16.
-    wavenumber_per_cm : ndarray, shape (q,)
-    weight_per_cm : ndarray, shape (g, q)
+        Indices into :data:`horizonval.earth.gases.rrtmg.BANDS` and the 16 classes.
+    wavenumber_per_cm : ndarray, shape (q,) weight_per_cm : ndarray, shape (g, q)
         ``S_g(T) = sum_q weight[g, q] B_nu(wavenumber[q], T)``.
     """
 
@@ -103,19 +93,19 @@ class GPoints:
     weight_per_cm: FloatArray
 
     def ln_absorption(self, state: GasState) -> FloatArray:
-        """Return the logarithm of the absorption [1/m] of air, shape (g, ...) with the shape of its columns behind."""
-        return _ln_absorption(_Asked(content_digest(self.table_band, self.table_g, *state.contents()), self, state))
+        """Return the logarithm of the absorption [1/m] of air, shape (g, ...) followed by the shape of its columns."""
+        return _ln_absorption(_Lookup(content_digest(self.table_band, self.table_g, *state.contents()), self, state))
 
     def sun_radiance(self) -> FloatArray:
-        """Return the mean radiance of the Sun's disc in every class [W m-2 sr-1], shape (g,); the same on all days."""
+        """Return the mean radiance of the Sun's disc in every class [W m-2 sr-1], shape (g,), at 1 au."""
         nu = self.wavenumber_per_cm
         per_cm = sunlight.irradiance(1e4 / nu) * 1e4 / nu**2
         return self.weight_per_cm @ per_cm / sunlight.disc_projected_solid_angle()
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """The absorption of some classes in some air, which are compared by their digest."""
+class _Lookup:
+    """Classes and air, compared by their digest: the key of a cache."""
 
     digest: str
     points: GPoints = field(compare=False)
@@ -123,11 +113,11 @@ class _Asked:
 
 
 @lru_cache(maxsize=4)
-def _ln_absorption(asked: _Asked) -> FloatArray:
-    """Return :meth:`GPoints.ln_absorption`; that of the last few stays, as frames of one place have the same air."""
-    bands, g = asked.points.table_band, asked.points.table_g
+def _ln_absorption(lookup: _Lookup) -> FloatArray:
+    """Return :meth:`GPoints.ln_absorption`, cached because frames of one place have the same air."""
+    bands, g = lookup.points.table_band, lookup.points.table_g
     touched, place = np.unique(bands, return_inverse=True)
-    found = np.log(asked.state.absorption_per_m([int(band) for band in touched])[place, g])
+    found = np.log(lookup.state.absorption_per_m([int(band) for band in touched])[place, g])
     found.flags.writeable = False
     return found
 
@@ -144,7 +134,7 @@ def _share() -> FloatArray:
 
 
 def _sampled(band: Band) -> tuple[FloatArray, FloatArray, np.ndarray]:
-    """Return wavenumbers [cm-1], quadrature weights with the response in them [cm-1], and the bin each lies in."""
+    """Return wavenumbers [cm-1], quadrature weights including the response [cm-1], and the bin of each."""
     bins = np.asarray(npz(_TABLE)["bin_edges_per_cm"], dtype=np.float64)
     knots = 1e4 / bands.knots_um(band)
     edges = np.unique(np.concatenate([bins[:, 0], bins[-1:, 1], knots]))
@@ -155,14 +145,9 @@ def _sampled(band: Band) -> tuple[FloatArray, FloatArray, np.ndarray]:
 
 
 def g_points(band: Band, *, where: str = "") -> GPoints:
-    """Return the classes that a sensor band needs.
+    """Return the classes of a sensor band, whose response is per unit power.
 
-    Parameters
-    ----------
-    band : Band
-        Response per unit power.
-    where : str, optional
-        File and key of the band, for the error message.
+    ``where``: file and key of the band, for the error message.
 
     Raises
     ------
@@ -207,20 +192,15 @@ _CLIMATE = "us_standard"
 
 
 def limb_radiances(points: GPoints, height_m: FloatArray, air: GasState | None = None) -> FloatArray:
-    """Return the radiance of every g point [W m-2 sr-1] along rays.
+    """Return the radiance of every g point [W m-2 sr-1] along rays, shape (n, g).
 
     Parameters
     ----------
-    points : GPoints
-    height_m : ndarray, shape (n,)
-        Tangent heights below 100 km, or below 0 (down to minus the Earth's radius, straight down) impact parameter less
-        radius.
+    points : GPoints height_m : ndarray, shape (n,)
+        Tangent heights below 100 km; for rays to a black ground, negative: impact parameter minus radius, down to minus
+        the Earth's radius at nadir.
     air : GasState, optional
         One column; default the US standard atmosphere with today's halocarbons.
-
-    Returns
-    -------
-    ndarray, shape (n, g)
     """
     if air is None:
         air = afgl.state(_CLIMATE, afgl.levels_m()).with_halocarbons()
@@ -253,13 +233,13 @@ RANGES_KM = (
     (-math.inf, 0.0), (0.0, 7.0), (7.0, 26.0), (26.0, 33.0), (33.0, 42.0), (42.0, 52.0), (52.0, 60.0),
     (60.0, math.inf),
 )  # fmt: skip
-"""Tangent heights that figures are given for; the first are rays that meet the ground."""
+"""Ranges of tangent heights of the stated accuracy; the first are rays that meet the ground."""
 _MIDDLES_KM = (-10.0, 3.0, 18.0, 30.0, 38.0, 47.0, 56.0, 70.0)
 _SPLIT = (0.06, 0.06, 0.20, 0.20, 0.35, 0.35, 0.35, 0.35)
 _SPLIT_K = 1.0
 _NO_STATEMENT = 0.5
 _CUT = 0.02
-"""By how much the classes of a band may differ in what the response leaves of them; one whole band has 0.5 %."""
+"""Largest variation of the response between the classes of a whole band; a flat response gives 0.5 %."""
 _OPAQUE = 0.6
 _FARTHEST_KM = 5.0
 _EDGE_UM = 0.01
@@ -291,17 +271,17 @@ class ThermalAccuracy:
     Attributes
     ----------
     interval : str
-        The compared interval that the figures belong to, for example ``"14.0-16.3 um"``; "" for composed figures.
+        The compared interval, for example ``"14.0-16.3 um"``; "" for composed values.
     ranges_km : tuple of (float, float)
-        Tangent heights, the first for rays that meet the ground; see :data:`RANGES_KM`.
+        Tangent heights; see :data:`RANGES_KM`.
     relative : tuple of (float or None)
-        Relative accuracy of the radiance in each range; None where there is no statement.
+        Relative accuracy of the radiance in each range; None where it is unknown.
     half_height_km : float or None
-        Uncertainty of the height at which the radiance falls to half its plateau; None where there is no statement.
+        Uncertainty of the height at which the radiance falls to half its plateau; None where it is unknown.
     nadir_k : float
         Of the brightness temperature straight down.
     sentences : tuple of str
-        What a reader must know, one statement each.
+        Explanations for the reader.
     """
 
     interval: str
@@ -327,7 +307,7 @@ NAMED = {
     "8-14 um": _Named(8.0, 14.0, (0.04, 0.06, 0.11, 0.13, 0.13, None, None, None), 0.2, 0.6),
     "10.5-12.5 um": _Named(10.5, 12.5, (0.02, 0.06, 0.35, 0.30, None, None, None, None), 0.2, 0.6),
 }
-"""The four compared intervals. 0.5 from 52 to 60 km stands for a factor 1.5."""
+"""The four compared intervals. 0.5 from 52 to 60 km represents a factor 1.5."""
 
 _SPECTROSCOPY_KM = (
     "The height of half the plateau is uncertain by 1.5 to 2 km from the spectroscopy alone: it lies 1.5 to 2.0 km "
@@ -351,15 +331,10 @@ _NAMED_SENTENCES = {
 def thermal_accuracy(band: Band) -> ThermalAccuracy:
     """Return the stated accuracy of a thermal band.
 
-    Parameters
-    ----------
-    band : Band
-        A response within 7.2 to 20 um.
-
     Raises
     ------
     UserError
-        Response outside the tables.
+        Response outside 7.2 to 20 um.
     """
     for name, named in NAMED.items():
         if band.lo_um is None or band.hi_um is None:
@@ -408,7 +383,7 @@ def _composed(band: Band) -> ThermalAccuracy:
 
 @dataclass(frozen=True)
 class _Piece:
-    """One RRTMG band as a sensor sees it: its number, its g points, and whether the response varies within it."""
+    """An RRTMG band as part of a sensor band: number, g points, and whether the response varies within it."""
 
     number: str
     points: slice
@@ -454,7 +429,7 @@ def _range(height_km: float) -> int:
 
 
 def _outermost(height: FloatArray, radiance: FloatArray, level: float) -> float:
-    """Return the largest height at which the radiance is a level, 0 where it is nowhere as bright."""
+    """Return the largest height at which the radiance reaches a level, 0 where it never does."""
     above = np.flatnonzero(radiance >= level)
     if not above.size:
         return 0.0

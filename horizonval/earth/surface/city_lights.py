@@ -1,22 +1,20 @@
-r"""Cities at night: how much light goes up from where people live.
+"""Cities at night: upward radiance from the number of inhabitants.
 
-Each of the thousand largest agglomerations is a round Gaussian of inhabitants, of standard deviation
-``max(7 km, 4.5 km (inhabitants / 10^6)^0.4)`` (built-up areas of 700 km2 for 3 million and 1600 for 10 million people;
-below 7 km is what the table of :data:`PER_DEGREE` cells to a degree holds). Each inhabitant has L lumens of outdoor
-lamps, of which the share F goes above the level and the rest falls on ground of reflectance G. At an angle z
-from the vertical a head sends
+Each of the thousand largest agglomerations is a round Gaussian of inhabitants, of standard deviation ``max(7 km, 4.5 km
+(inhabitants / 10^6)^0.4)`` (built-up areas of 700 km2 for 3 million and 1600 for 10 million people; 7 km is the
+resolution of the table of :data:`PER_DEGREE` cells to a degree). Each inhabitant has L lumens of outdoor lamps, of
+which the share F goes above the horizontal and the rest falls on ground of reflectance G. At an angle z from the
+vertical an inhabitant sends
 
     I(z) = L / (2 pi) [2 G (1 - F) cos z + 0.554 F z^4]    lm/sr,    L = 1000 lm, F = G = 0.15
 
 (R. H. Garstang, Publ. Astron. Soc. Pacific 98, 364 (1986)). The radiance is inhabitants per area times ``I / cos z``,
-cos z held at :data:`LEAST_COSINE` (a tenth of the light, within 6 deg of the level, is
-lost by that, as behind houses). The spectrum is that of sodium lamps and white diodes half and half, a round one, 320
-lm/W; light beyond 0.4 to 0.8 um is left out. Lamps come on as the Sun sets and all burn when it is 6 deg down, all
-night.
+cos z at least :data:`LEAST_COSINE` (which removes the tenth of the flux within 6 deg of the horizontal, as buildings
+do). The spectrum is that of sodium lamps and white diodes in equal parts, rounded, 320 lm/W, from 0.4 to 0.8 um. Lamps
+switch on from sunset until the Sun is 6 deg down, and burn all night.
 
-This is right to a factor of two or three at best: lamps per head differ so much between countries. Left out are towns
-and roads, fires, gas flares and fishing fleets, and what the air scatters of this light (a glow of a tenth of it around
-cities).
+This is right to a factor of two or three at best, as lamps per inhabitant differ between countries. Neglected: towns
+and roads, fires, gas flares and fishing fleets, and scattering of this light by the air.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ LUMENS_PER_HEAD = 1000.0
 UPWARD_SHARE, GROUND_REFLECTANCE = 0.15, 0.15
 LEAST_COSINE = 0.1
 ALL_ON_SINE = math.sin(math.radians(6.0))
-"""Of the Sun's depth below the horizon at which all lamps burn."""
+"""Sine of the Sun's depth below the horizon at which all lamps burn."""
 PER_DEGREE = 10
 LEAST_SIGMA_KM, SIGMA_KM, SIGMA_POWER = 7.0, 4.5, 0.4
 EARTH_RADIUS_KM = 6371.0
@@ -50,7 +48,7 @@ _LUMENS_PER_WATT = 683.0
 
 @cache
 def inhabitants_per_m2() -> FloatArray:
-    """Return how densely people live, shape (1800, 3600): rows from 90 S, columns eastward from 180 W."""
+    """Return the density of inhabitants, shape (1800, 3600): rows from 90 S, columns eastward from 180 W."""
     latitude = (np.arange(180 * PER_DEGREE) + 0.5) / PER_DEGREE - 90.0
     longitude = (np.arange(360 * PER_DEGREE) + 0.5) / PER_DEGREE - 180.0
     km = math.radians(1.0) * EARTH_RADIUS_KM
@@ -71,13 +69,6 @@ def inhabitants_per_m2() -> FloatArray:
     return density
 
 
-def luminance_per_density(cosine: ArrayLike) -> FloatArray:
-    """Return the luminance [lm m-2 sr-1] of one inhabitant to a square metre, at cosines of the view's zenith angle."""
-    c = np.clip(np.asarray(cosine, dtype=np.float64), LEAST_COSINE, 1.0)
-    down = 2.0 * GROUND_REFLECTANCE * (1.0 - UPWARD_SHARE) * c
-    return np.asarray(LUMENS_PER_HEAD / (2.0 * math.pi) * (down + 0.554 * UPWARD_SHARE * np.arccos(c) ** 4) / c)
-
-
 def burning(mu_sun: ArrayLike) -> FloatArray:
     """Return the share of lamps that burn, at cosines of the Sun's zenith angle."""
     return np.clip(-np.asarray(mu_sun, dtype=np.float64) / ALL_ON_SINE, 0.0, 1.0)
@@ -90,7 +81,7 @@ def radiance_per_luminance(wavelength_um: float) -> float:
 
 @cache
 def _lumens() -> float:
-    """Return the lumens of the spectrum as it stands."""
+    """Return the luminous flux of the spectrum as tabulated."""
     um = np.linspace(0.4, 0.8, 4001)
     seen = np.interp(um, _SPECTRUM_UM, _SPECTRUM) * np.interp(um, _EYE_UM, _EYE, right=0.0)
     return _LUMENS_PER_WATT * float(np.sum(seen) * (um[1] - um[0]))

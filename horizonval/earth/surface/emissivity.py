@@ -1,25 +1,23 @@
-r"""Emissivity of land, desert, snow and sea from 7 to 20 um.
+"""Emissivity of land, desert, snow and sea from 7 to 20 um.
 
-**Land and snow** emit alike in all directions. Their spectra are round numbers after published measurements, not the
-measurement of one place. Land is 60 % green vegetation (0.97
-to 0.985) and 40 % dry soil with the quartz band at 8 to 9.5 um (shapes after J. W. Salisbury and D. M. D'Aria, Remote
-Sens. Environ. 42, 83 (1992), and the ASTER spectral library, A. M. Baldridge et al., ibid. 113, 711 (2009)). Snow of
-medium grains: 0.985 to 0.995 (M. Hori et al., ibid. 100, 486 (2006)). Desert is quartz sand with two bands of
-lattice vibrations (reststrahlen) at 8 to 9.5 um, where bright deserts emit 0.7 to 0.8 (S. W. Seemann et al., J. Appl.
-Meteor. Climatol. 47, 108 (2008); G. C. Hulley et al., Geophys. Res. Lett. 42, 7966 (2015)). Real snow falls to 0.96 at
-60 deg from the vertical.
+**Land and snow** emit equally in all directions. Their spectra are rounded after published measurements. Land is 60 %
+green vegetation (0.97 to 0.985) and 40 % dry soil with the quartz band at 8 to 9.5 um (shapes after J. W. Salisbury and
+D. M. D'Aria, Remote Sens. Environ. 42, 83 (1992), and the ASTER spectral library, A. M. Baldridge et al., ibid. 113,
+711 (2009)). Snow has medium grains: 0.985 to 0.995 (M. Hori et al., ibid. 100, 486 (2006)); real snow falls to 0.96 at
+60 deg from the vertical. Desert is quartz sand with two bands of lattice vibrations (reststrahlen) at 8 to 9.5 um,
+where bright deserts emit 0.7 to 0.8 (S. W. Seemann et al., J. Appl. Meteor. Climatol. 47, 108 (2008); G. C. Hulley et
+al., Geophys. Res. Lett. 42, 7966 (2015)).
 
-**Water** is flat and opaque: what it does not reflect it emits, ``e = 1 - (|r_s|^2 + |r_p|^2) / 2`` with Fresnel's
+**Water** is flat and opaque: it emits what it does not reflect, ``e = 1 - (|r_s|^2 + |r_p|^2) / 2`` with Fresnel's
 amplitudes for the complex index N = n + i k of G. M. Hale and M. R. Querry, Appl. Opt. 12, 555 (1973), 25 C,
 
     r_s = (c - w) / (c + w),   r_p = (N^2 c - w) / (N^2 c + w),   w = sqrt(N^2 - 1 + c^2)
 
 c the cosine of the angle from the vertical: 0.993 at 11 um straight down, 0 towards grazing. Salt changes N by less
-than 0.01 (D. Friedman, Appl. Opt. 8, 2073 (1969)); foam emits like water. Waves turn facets towards a low view: under
-a wind of 7 m/s (slopes of Cox and Munk, each facet weighted by how much of it is seen) the emissivity at 8 to 15 um is
-0.006 lower at 60 deg, 0.02 to 0.04 higher at 75 deg, 0.1 higher at 80 deg, and 0.5 to 0.65 instead of nothing at the
-horizon. That is neglected: what a flat sea lacks there it makes up from the sky, and beyond 80 deg the air in between
-hides most of the difference, all of it but in 10 to 12.5 um and 8 to 9 um over a cold, dry place.
+than 0.01 (D. Friedman, Appl. Opt. 8, 2073 (1969)); foam emits like water. Waves are neglected: under a wind of 7 m/s
+(slopes of Cox and Munk) the emissivity at 8 to 15 um is 0.006 lower at 60 deg, 0.02 to 0.04 higher at 75 deg, 0.1
+higher at 80 deg, and 0.5 to 0.65 at the horizon. Reflected sky replaces what a flat sea does not emit, and beyond 80
+deg the air hides most of the difference, except in 10 to 12.5 um and 8 to 9 um over a cold, dry place.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ from horizonval.core.errors import UserError
 
 KINDS = ("land", "desert", "snow", "water", "foam")
 VEGETATION_SHARE = 0.6
-"""Of land; the rest is dry soil."""
+"""Share of vegetation in land; the rest is dry soil."""
 
 _SPECTRA = {
     "vegetation": (
@@ -68,15 +66,7 @@ MIN_UM, MAX_UM = 7.0, 20.0
 
 
 def emissivity(kind: str, wavelength_um: ArrayLike) -> FloatArray:
-    """Return the emissivity of a kind of ground; of water and foam straight down.
-
-    Parameters
-    ----------
-    kind : str
-        One of :data:`KINDS`.
-    wavelength_um : array_like
-        Held at its values at 7 and 20 um outside.
-    """
+    """Return the emissivity of a kind of :data:`KINDS`, constant beyond 7 and 20 um; of water and foam at nadir."""
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     if kind in ("water", "foam"):
         return water_emissivity(wavelength, 1.0)
@@ -95,15 +85,7 @@ def water_index(wavelength_um: ArrayLike) -> np.ndarray:
 
 
 def water_emissivity(wavelength_um: ArrayLike, cosine: ArrayLike) -> FloatArray:
-    """Return the emissivity of flat water.
-
-    Parameters
-    ----------
-    wavelength_um : array_like
-        7 to 20 um, held outside.
-    cosine : array_like
-        Of the angle between the view and the vertical, 0 to 1; broadcasts against the wavelength.
-    """
+    """Return the emissivity of flat water at cosines of the angle between view and vertical, which broadcast."""
     square = water_index(wavelength_um) ** 2
     c = np.clip(np.asarray(cosine, dtype=np.float64), 0.0, 1.0)
     w = np.sqrt(square - 1.0 + c * c)

@@ -1,23 +1,20 @@
-"""What the ground and the clouds emit: temperature and emissivity, plain data that survives JSON bit by bit.
+"""Temperature and emissivity of ground and clouds, from a scene's specification to plain data that JSON preserves
+exactly.
 
 The temperature of land follows the Sun through the day: ``T = land_k + diurnal_k cos(H - lag)`` with H the hour angle
-of the Sun at the place (0 at noon, positive in the afternoon) and ``lag`` :data:`LAG_RAD`, deserts with a swing of
-their own; sea, snow and ice keep theirs. A true skin rises faster after sunrise than it falls by night; the cosine has
-the right swing and phase only.
+of the Sun at the place (0 at noon, positive in the afternoon) and ``lag`` :data:`LAG_RAD`. Deserts have a larger
+amplitude; sea, snow and ice have none. A true skin rises faster after sunrise than it falls by night; the cosine has
+the right amplitude and phase only. Higher ground is colder, by separate lapse rates of land and of ice sheets. The
+ground itself lies on the ellipsoid; over ice sheets air that varies begins at their height
+(:mod:`horizonval.earth.atmosphere.emission`).
 
-Higher ground is colder, by a lapse rate of land and one of ice sheets. The ground itself lies on the ellipsoid; over
-ice sheets the air that varies begins at their height (:mod:`horizonval.earth.atmosphere.emission`), elsewhere at 0.
-
-What the ground of a scene emits: from its specification to
-:class:`horizonval.earth.surface.ground_emission.GroundEmission`.
-
-A ``uniform`` ground is as warm as ``surface.temperature_k`` says, or else as the lowest air: one temperature, that of
-every latitude with ``by_latitude_month``, that of the AFGL climates there with ``weather``, and with profiles of many
-places that of their lowest air, its mean around each circle of latitude. An ``earth`` has the climate of
+A ``uniform`` ground has the temperature ``surface.temperature_k``, or that of the lowest air: one temperature, that of
+every latitude with ``by_latitude_month``, that of the AFGL climates there with ``weather``, or its mean around each
+circle of latitude with profiles of many places. An ``earth`` has the climate of
 :mod:`horizonval.earth.surface.surface_temperature` for the month of the air (or of the epoch), whatever the profile of
-the air above it, unless ``surface.temperature_k`` puts one temperature in place of everything.
+the air, unless ``surface.temperature_k`` replaces every temperature.
 
-Clouds are as warm as the air at their tops; how much of it they emit is ``clouds.emissivity``.
+Clouds are as warm as the air at their tops and have the emissivity ``clouds.emissivity``.
 """
 
 from __future__ import annotations
@@ -40,37 +37,34 @@ from horizonval.spec.scene import SceneSpec
 LAG_RAD = math.radians(22.5)
 """The ground is warmest an hour and a half after noon."""
 KINDS = ("land", "desert", "snow", "water")
-"""Kinds of ground that emit each in its own way. Foam counts as water, sand as desert, ice sheets and the white of sea
-ice as snow, all else as land."""
+"""Kinds of ground with different emissivity. Foam counts as water, sand as desert, ice sheets and white sea ice as
+snow, everything else as land."""
 ICE_POINT_K = 273.15
 
 
 @dataclass(frozen=True)
 class GroundEmission:
-    """Temperature and emissivity of everything a ray can end on.
+    """Temperature and emissivity of everything that a ray can end on.
 
     Attributes
     ----------
-    kind : "uniform" or "earth"
-    month : float
-        0.5 to 12.5, 7.0 the middle of July: of snow and sea ice on an "earth".
+    kind : "uniform" or "earth" month : float
+        0.5 to 12.5, 7.0 the middle of July: for snow and sea ice of an "earth".
     sin_latitude : tuple of float, length k
         Rising in equal steps from -1 to 1, of geodetic latitude. All temperatures below are linear between.
     land_k, snow_k, ice_sheet_k, sea_ice_k, water_k : tuple of float, length k
-        Daily mean temperature at sea level of land, of land under snow, of an ice sheet, of the white of sea ice, of
-        the sea. Equal for a uniform ground. Snow and ice are never above 273.15 K, unless all is given one temperature.
+        Daily mean temperature at sea level of land, of land under snow, of an ice sheet, of white sea ice, of the sea.
+        Equal for a uniform ground. Snow and ice are never above 273.15 K, unless one temperature replaces all.
     desert_warmer_k : tuple of float, length k
-        How much warmer than land a desert is.
+        Difference of a desert from land.
     diurnal_k, desert_diurnal_k : tuple of float, length k
-        Amplitude of the daily swing of land and desert.
-    land_lapse_k_m : float
-        How much colder land is higher up [K/m].
-    ice_lapse_k_m : tuple of float, length k
-        The same of an ice sheet.
+        Amplitude of the daily variation of land and desert.
+    land_lapse_k_m : float ice_lapse_k_m : tuple of float, length k
+        Lapse rates of land and of an ice sheet [K/m].
     emissivity : float
         Of a uniform ground; that of an "earth" is :func:`horizonval.earth.surface.emissivity.emissivity`.
     cloud_emissivity : float
-        Of cloud tops, which are as warm as the air there; what they do not emit they let through from below.
+        Of cloud tops; they transmit the rest from below.
     """
 
     kind: str
@@ -92,19 +86,18 @@ class GroundEmission:
 
 @dataclass(frozen=True)
 class EmittingPlaces:
-    """What emits at places; arrays of one shape.
+    """Emitting ground at places; arrays of one shape.
 
     Attributes
     ----------
     sin_latitude, hour_angle : ndarray
         Of the geodetic latitude; of the Sun [rad]: 0 at noon, positive in the afternoon.
     shares : dict of ndarray
-        Of every kind of :data:`KINDS` that there is.
-    land : bool ndarray
-    height_m : ndarray
+        Of the kinds of :data:`KINDS` that are present.
+    land : bool ndarray height_m : ndarray
         Of the land.
     ice_sheet : ndarray
-        Share of what is white on land that is an ice sheet.
+        Share of ice sheet in white land.
     """
 
     sin_latitude: FloatArray
@@ -138,7 +131,7 @@ def uniform_ground(
 def emitting_places(
     ground: GroundEmission, latitude_rad: FloatArray, longitude_rad: FloatArray, sun_longitude_rad: float
 ) -> EmittingPlaces:
-    """Return what emits at geodetic places, shape (n,), with the Sun over a longitude."""
+    """Return the emitting ground at geodetic places, shape (n,), with the Sun over a longitude."""
     sine, hour = np.sin(latitude_rad), longitude_rad - sun_longitude_rad
     zero = np.zeros_like(sine)
     if ground.kind == "uniform":
@@ -176,17 +169,7 @@ def ground_k(ground: GroundEmission, kind: str, at: EmittingPlaces) -> FloatArra
 def ground_emissivity(
     ground: GroundEmission, kind: str, wavelength_um: ArrayLike, cosine: ArrayLike = 1.0
 ) -> FloatArray:
-    """Return the emissivity of a kind of ground.
-
-    Parameters
-    ----------
-    ground : GroundEmission
-    kind : str
-        Of :data:`KINDS`.
-    wavelength_um : array_like
-    cosine : array_like
-        Of the angle between the view and the vertical; broadcasts against the wavelength. Matters to water only.
-    """
+    """Return the emissivity of a kind of ground; the cosine of the view's zenith angle matters to water only."""
     wavelength, c = np.broadcast_arrays(np.asarray(wavelength_um, dtype=np.float64), np.asarray(cosine))
     if ground.kind == "uniform":
         return np.full(wavelength.shape, ground.emissivity)
@@ -199,13 +182,9 @@ _AROUND_DEG = 15.0
 
 
 def emitting_ground(scene: SceneSpec, lowest_air_k: float | FloatArray) -> GroundEmission:
-    """Return what the ground of a scene emits.
+    """Return the emission of a scene's ground.
 
-    Parameters
-    ----------
-    scene : SceneSpec
-    lowest_air_k : float or ndarray, shape (m,)
-        Temperature of the lowest level of the air: one for everywhere, or at :func:`climate_rows.all_rows`.
+    ``lowest_air_k``: temperature of the lowest level of the air, one value or at :func:`climate.all_rows`.
     """
     surface = scene.surface
     cloud = 1.0 if scene.clouds is None else scene.clouds.emissivity
@@ -225,7 +204,7 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float | FloatArray) -> Groun
 
 
 def lowest_air_k(columns: Columns) -> FloatArray:
-    """Return the temperature of the lowest air at :func:`climate_rows.all_rows`, its mean around each."""
+    """Return the zonal mean temperature of the lowest air at :func:`climate.all_rows`."""
     rows = np.degrees(np.arcsin(climate.all_rows()))
     around = np.arange(0.0, 360.0, _AROUND_DEG)
     latitude, longitude = (v.ravel() for v in np.meshgrid(rows, around, indexing="ij"))
@@ -234,7 +213,7 @@ def lowest_air_k(columns: Columns) -> FloatArray:
 
 
 def climate_ground(month: float, cloud_emissivity: float = 1.0) -> GroundEmission:
-    """Return the ground of an "earth" in a month. What is published is the mean of the land as high as it lies."""
+    """Return the ground of an "earth" in a month. Published temperatures are means of the land at its height."""
     rows = climate.all_rows()
     latitude = np.degrees(np.arcsin(rows))
     sea_level = surface_temperature.LAND_LAPSE_K_M * ground_map.mean_height_m(latitude)

@@ -1,23 +1,35 @@
-r"""How the Earth's surface reflects sunlight: land, snow, a wind-roughened ocean, and white cloud tops.
+"""Reflection of sunlight by the Earth's surface: land, snow, a wind-roughened ocean, and white cloud tops.
 
-**Land, clouds and foam** are Lambert reflectors, each material with a spectrum. **Snow** shines forward in the Sun's
-beam (:mod:`horizonval.earth.surface.snow_reflectance`). **Water** has a Lambert part (light that has been scattered
-below the surface) and the Sun's glint off its facets::
+**Land, clouds and foam** are Lambert reflectors, each material with a spectrum. **Snow** is anisotropic in the Sun's
+beam. **Water** has a Lambert part (scattering below the surface) and the Sun's glint off its facets::
 
     f_glint = F(omega) p(theta_n) S / (4 mu_sun mu_view cos^4 theta_n),   p = exp(-tan^2 theta_n / s2) / (pi s2)
 
 with Fresnel's reflectance F of unpolarised light at the angle of incidence omega on a facet, theta_n the facet's tilt,
 and s2 = 0.003 + 0.00512 W the mean square slope under a wind of W m/s (C. Cox and W. Munk, J. Opt. Soc. Am. 44, 838
-(1954): the same for all wind directions, Gaussian). Facets hide and shade each other near the horizon; S is Smith's
-factor in the form for a joint view and light path, ``1 / (1 + L(mu_sun) + L(mu_view))`` (L. Tsang, J. A. Kong, R. T.
-Shin, *Theory of Microwave Remote Sensing*, Wiley 1985), which keeps f finite at the horizon and the reflected share of
-a beam below one. Light reflected twice is lost. The index of sea water is taken as 1.34 at all wavelengths.
+(1954): isotropic, Gaussian). Facets hide and shade each other near the horizon; S is Smith's factor in the form for a
+joint view and sunlight path, ``1 / (1 + L(mu_sun) + L(mu_view))`` (L. Tsang, J. A. Kong, R. T. Shin, *Theory of
+Microwave Remote Sensing*, Wiley 1985), which keeps f finite at the horizon and the reflected share of a beam below one.
+Double reflection is neglected. The index of sea water is 1.34 at all wavelengths. Water reflects skylight like a flat
+surface under a uniform sky (6.7 %; roughness lowers it by about a sixth).
 
-Of skylight water reflects what a flat surface reflects of a uniform sky (6.7 %; roughness lowers it by about a sixth).
+Materials, their spectra, snow cover and sea ice: :mod:`horizonval.earth.surface.ground_map`. Foam: cover of E. C.
+Monahan and I. O'Muircheartaigh (J. Phys. Oceanogr. 10, 2094 (1980)).
 
-What land is made of, where snow lies and the sea is frozen: :mod:`horizonval.earth.surface.ground_map`; the spectra:
-:mod:`horizonval.earth.surface.materials`. Foam: cover of E. C. Monahan and I. O'Muircheartaigh (J. Phys. Oceanogr. 10,
-2094 (1980)).
+**Snow** reflects the Sun's beam anisotropically. For weakly absorbing snow, with cosines mu_sun and mu_view to the
+vertical and the scattering angle theta in degrees,
+
+    R_0 = (A + B (mu_sun + mu_view) + C mu_sun mu_view + p(theta)) / (4 (mu_sun + mu_view)),
+    p = 11.1 exp(-0.087 theta) + 1.1 exp(-0.014 theta),    A = 1.247, B = 1.186, C = 5.157
+
+(A. A. Kokhanovsky and E. P. Zege, Appl. Opt. 43, 1589 (2004); A. A. Kokhanovsky, J. Geophys. Res. 118, 9325 (2013)).
+The factor relative to a Lambert surface is ``R_0 / N(mu_sun)`` with N the mean of R_0 over the upper hemisphere,
+weighted by mu_view, so that snow reflects the share of the beam given by its albedo at any Sun. N is 0.99 to 1.02 for
+the Sun more than 9 deg high; the factor violates reciprocity by as much.
+
+Neglected: in the near infrared absorbing snow is more anisotropic than white snow and reflects more of a low Sun;
+sastrugi reduce the forward peak under a low Sun (S. G. Warren, R. E. Brandt, P. O'Rawe Hinton, J. Geophys. Res. 103,
+25789 (1998)). The form is valid to zenith angles of 75 deg or so; cosines are at least :data:`LEAST_SNOW_COSINE`.
 """
 
 from __future__ import annotations
@@ -33,7 +45,7 @@ from scipy.special import erfc
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import climate
 from horizonval.earth.clouds.relief import CloudField, cloud_field
-from horizonval.earth.surface.materials import DRY, FOAM_ALBEDO, spectrum
+from horizonval.earth.surface.ground_map import DRY, FOAM_ALBEDO, spectrum
 from horizonval.spec.scene import SceneSpec
 
 WATER_INDEX = 1.34
@@ -42,22 +54,18 @@ WIND_SPEED_M_S = 7.0
 
 @dataclass(frozen=True)
 class GroundModel:
-    """What lies at the end of a ray, as plain data that survives JSON bit by bit.
+    """Everything that a ray can end on, as plain data that JSON preserves exactly.
 
     Attributes
     ----------
-    kind : "uniform", "earth" or "chequered"
-    albedo : float
+    kind : "uniform", "earth" or "chequered" albedo : float
         Of a uniform ground, or of every other square.
     wind_speed_m_s : float
         Over the ocean of an "earth".
     month : float
-        0.5 to 12.5, 7.0 the middle of July: of snow and sea ice on an "earth".
-    city_lights : bool
-        Whether its cities shine by night.
-    clouds : CloudField or None
-    albedo_other, square_km : float
-        Of the squares between, and the side of all, on a "chequered" ground.
+        0.5 to 12.5, 7.0 the middle of July: for snow and sea ice of an "earth".
+    city_lights : bool clouds : CloudField or None albedo_other, square_km : float
+        Of the other squares, and the side of all, on a "chequered" ground.
     """
 
     kind: str
@@ -71,7 +79,7 @@ class GroundModel:
 
     @property
     def plain(self) -> bool:
-        """Whether this is nothing but a Lambert ground."""
+        """Whether this is only a Lambert ground."""
         return self.kind == "uniform" and self.clouds is None
 
 
@@ -79,7 +87,7 @@ class GroundModel:
 class Albedos:
     """Albedo of everything at one wavelength.
 
-    ``ground``, ``other``: of a uniform ground, or of the squares of a chequered one. ``sky``: what water reflects of
+    ``ground``, ``other``: of a uniform ground, or of the squares of a chequered one. ``sky``: reflectance of water for
     skylight. ``cloud``: of the highest tops.
     """
 
@@ -97,7 +105,7 @@ class Albedos:
 
 
 def ground_model(scene: SceneSpec) -> GroundModel:
-    """Return what a scene says of ground and clouds."""
+    """Return the ground and clouds of a scene."""
     surface = scene.surface
     wind = WIND_SPEED_M_S if surface.wind_speed_m_s is None else surface.wind_speed_m_s
     squares = surface.albedo_other or 0.0, surface.square_km or 0.0
@@ -137,7 +145,7 @@ def slope_density(tan2: ArrayLike, variance: float) -> FloatArray:
 
 
 def fresnel(cosine: ArrayLike, index: float = WATER_INDEX) -> FloatArray:
-    """Return the reflectance of unpolarised light that comes from air at an angle of incidence."""
+    """Return the reflectance for unpolarised light from air at cosines of the angle of incidence."""
     c = np.asarray(cosine, dtype=np.float64)
     g = np.sqrt(index * index - 1.0 + c * c)
     across = (g - c) / (g + c)
@@ -147,7 +155,7 @@ def fresnel(cosine: ArrayLike, index: float = WATER_INDEX) -> FloatArray:
 
 @cache
 def water_sky_albedo() -> float:
-    """Return what a flat sea reflects of a uniform sky: 2 int F mu dmu."""
+    """Return the reflectance of a flat sea for a uniform sky: 2 int F mu dmu."""
     x, w = np.polynomial.legendre.leggauss(64)
     mu = 0.5 * (x + 1.0)
     return float(np.sum(w * mu * fresnel(mu)))
@@ -161,16 +169,10 @@ def hidden(mu: ArrayLike, variance: float) -> FloatArray:
 
 
 def glint_brdf(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike, variance: float) -> FloatArray:
-    """Return the sea's facet reflectance [1/sr].
+    """Return the reflectance of the sea's facets [1/sr]; 0 where Sun or observer is below the horizon.
 
-    Parameters
-    ----------
-    mu_sun, mu_view : array_like
-        Cosines of the angles between the vertical and Sun and observer; 0 where either is below the horizon.
-    cosine : array_like
-        Cosine of the angle between the directions to Sun and observer.
-    variance : float
-        See :func:`slope_variance`.
+    ``mu_sun``, ``mu_view``: cosines of the angles between the vertical and Sun and observer. ``cosine``: that of the
+    angle between the directions to Sun and observer. ``variance``: see :func:`slope_variance`.
     """
     sun, view = np.asarray(mu_sun, dtype=np.float64), np.asarray(mu_view, dtype=np.float64)
     up = (sun > 0.0) & (view > 0.0)
@@ -180,3 +182,36 @@ def glint_brdf(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike, varianc
     seen = 1.0 / (1.0 + hidden(sun, variance) + hidden(view, variance))
     density = slope_density(1.0 / tilt2 - 1.0, variance)
     return np.where(up, fresnel(incidence) * density * seen / (4.0 * sun * view * tilt2**2), 0.0)
+
+
+SNOW_A, SNOW_B, SNOW_C = 1.247, 1.186, 5.157
+LEAST_SNOW_COSINE = 0.15
+SNOW_NODES = 65
+"""Size of the table of N, even in the cosine of the Sun's zenith angle."""
+
+
+def snow_reflection(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> FloatArray:
+    """Return R_0.
+
+    ``mu_sun``, ``mu_view``: cosines of the angles between the vertical and Sun and observer. ``cosine``: that of the
+    angle between the directions to Sun and observer.
+    """
+    sun, view = (np.maximum(np.asarray(mu, dtype=np.float64), LEAST_SNOW_COSINE) for mu in (mu_sun, mu_view))
+    theta = np.degrees(np.arccos(np.clip(-np.asarray(cosine, dtype=np.float64), -1.0, 1.0)))
+    p = 11.1 * np.exp(-0.087 * theta) + 1.1 * np.exp(-0.014 * theta)
+    return np.asarray((SNOW_A + SNOW_B * (sun + view) + SNOW_C * sun * view + p) / (4.0 * (sun + view)))
+
+
+@cache
+def mean_snow_reflection() -> FloatArray:
+    """Return N at :data:`SNOW_NODES` cosines of the Sun's zenith angle."""
+    x, w = np.polynomial.legendre.leggauss(48)
+    mu = 0.5 * (x + 1.0)
+    azimuth = (np.arange(128) + 0.5) * np.pi / 128
+    sun = np.linspace(0.0, 1.0, SNOW_NODES)[:, None, None]
+    view = mu[None, :, None]
+    sines = np.sqrt((1.0 - sun**2) * (1.0 - view**2))
+    found = snow_reflection(sun, view, sun * view + sines * np.cos(azimuth))
+    mean = np.asarray(np.sum(w * mu * found.mean(axis=-1), axis=-1))
+    mean.setflags(write=False)
+    return mean

@@ -1,33 +1,32 @@
-r"""Temperature of sea, land, snow and ice by latitude, height and month: zonal means of a climate, not of a day.
+"""Temperature of sea, land, snow and ice by latitude, height and month: zonal means of a climate.
 
-Each is ``mean + swing cos(2 pi (month - warmest) / 12)``, with mean and swing linear in latitude between the figures
-below; the swing is negative where the seasons are those of the south. The sea is warmest at the end of August (in the
-south of February), land at the end of the third week of July. The figures are round numbers after published
-climatologies: the sea after R. W. Reynolds et al., J. Climate 15, 1609 (2002), land after P. D. Jones et al., Rev.
-Geophys. 37, 173 (1999), air near the ground standing for the ground's daily mean (over dry land by day and night
-together the two differ by 1 to 3 K). Over the globe, land is 1 to 2.2 K warmer in every month than NOAA's mean of the
-20th century (as it is today), the sea between 60 S and 60 N within 0.5 K of ERA5's 20.3 C (1991 to 2020).
+Each is ``mean + swing cos(2 pi (month - warmest) / 12)``, with mean and swing linear in latitude between the tabulated
+values; the swing is negative in the southern seasons. The sea is warmest at the end of August (in the south of
+February), land at the end of the third week of July. The values are rounded after published climatologies: the sea
+after R. W. Reynolds et al., J. Climate 15, 1609 (2002), land after P. D. Jones et al., Rev. Geophys. 37, 173 (1999),
+with air near the ground representing the ground's daily mean (over dry land they differ by 1 to 3 K). Globally, land is
+1 to 2.2 K warmer in every month than NOAA's mean of the 20th century (as it is today), the sea between 60 S and 60 N
+within 0.5 K of ERA5's 20.3 C (1991 to 2020).
 
-The daily swing of land is that of its skin, from 15 K in the dry belts to nothing at the poles, the same all year; snow
-and sea have none. Deserts are 3 K warmer than other land of their latitude and swing by a third more
-(:func:`desert_warmer_k`; A. Sharifnezhadazizi et al., J. Appl. Meteor. Climatol. 58, 1279 (2019): daily ranges of MODIS
-skin temperature of 25 to 35 K in deserts). Land under snow is land, but never above 273.15 K. Higher land is colder, by
-:data:`LAND_LAPSE_K_M`: less than free air, as high plateaus are warm (La Paz, Addis Ababa, Lhasa: 4 to 4.7 K/km below
-the zonal mean).
+The daily amplitude of land is that of its skin, from 15 K in the dry belts to 0 at the poles, the same all year; snow
+and sea have none. Deserts are 3 K warmer than other land of their latitude and have a third more amplitude (A.
+Sharifnezhadazizi et al., J. Appl. Meteor. Climatol. 58, 1279 (2019): daily ranges of MODIS skin temperature of 25 to 35
+K in deserts). Land under snow is land, but never above 273.15 K. Higher land is colder, by :data:`LAND_LAPSE_K_M`: less
+than free air, as high plateaus are warm (La Paz, Addis Ababa, Lhasa: 4 to 4.7 K/km below the zonal mean).
 
-**Ice sheets**: ``T = a(month) - b(month) h + c(month) (1 - sin |latitude|)``, h the height of the surface. For the
-south a, b and c are least-squares fits made here to monthly mean air temperatures of six stations (READER, J. Turner et
-al., J. Climate 17, 2890 (2004)): Amundsen-Scott, Vostok, Byrd, Halley, McMurdo, Dumont d'Urville. They leave 3 K (at
-Halley 5 K), but West Antarctica (Byrd) is 5 to 8 K warmer than they say from March to October. For the north they are
-round numbers after Summit's monthly means and the lapse rates of K. Steffen and J. Box, J. Geophys. Res. 106, 33951
-(2001). In winter the snow is 1 to 2 K colder than the air 2 m above it; that is left out.
+**Ice sheets**: ``T = a(month) - b(month) h + c(month) (1 - sin |latitude|)``, h the height of the surface. In the south
+a, b and c are least-squares fits to monthly mean air temperatures of six stations (READER, J. Turner et al., J. Climate
+17, 2890 (2004): Amundsen-Scott, Vostok, Byrd, Halley, McMurdo, Dumont d'Urville), with residuals of 3 K (Halley 5 K;
+Byrd 5 to 8 K from March to October). In the north they are rounded after Summit's monthly means and the lapse rates of
+K. Steffen and J. Box, J. Geophys. Res. 106, 33951 (2001). That snow is 1 to 2 K colder than the air 2 m above it in
+winter is neglected.
 
-**Sea ice** goes from its edge to the pack: in the north between ice near the open sea and the Arctic Ocean at 85 deg
-(I. G. Rigor, R. L. Colony, S. Martin, J. Climate 13, 896 (2000)), in the south between 58 and 77 deg (at the latter
-McMurdo's monthly means). Leads in it are water of -1.8 C.
+**Sea ice** is interpolated from its edge to the pack: in the north between ice near the open sea and the Arctic Ocean
+at 85 deg (I. G. Rigor, R. L. Colony, S. Martin, J. Climate 13, 896 (2000)), in the south between 58 and 77 deg
+(McMurdo's monthly means). Leads in it are water of -1.8 C.
 
-Mountains finer than a degree, currents and weather are left out: one place and day differ from what is here by 5 to 15
-K on land, 2 to 4 K at sea.
+Mountains finer than a degree, currents and weather are neglected: single places and days differ by 5 to 15 K on land, 2
+to 4 K at sea.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ from horizonval.core.arrays import FloatArray
 ICE_POINT_K = 273.15
 FREEZING_SEA_K = 271.35
 SEA_WARMEST_MONTH, LAND_WARMEST_MONTH = 8.5, 7.2
-"""As :func:`horizonval.earth.atmosphere.climate.month_of` counts: 7.0 is the middle of July."""
+"""As by :func:`horizonval.earth.atmosphere.climate.month_of`: 7.0 is the middle of July."""
 
 _LATITUDE_DEG = (-90, -80, -70, -60, -50, -40, -30, -20, -10, 0, 10, 20, 30, 40, 50, 60, 70, 80, 90)
 _SEA_C = (-1.8, -1.8, -1.5, 0.5, 7, 14, 20.5, 25, 27, 27.5, 28, 26, 22, 15.5, 9, 5.5, 1, -1.7, -1.8)
@@ -75,42 +74,34 @@ _SOUTH_SEA_ICE_C = (
 
 
 def sea_k(latitude_deg: ArrayLike, month: float) -> FloatArray:
-    """Return the temperature of the sea [K].
-
-    Parameters
-    ----------
-    latitude_deg : array_like
-        -90 to 90, north positive.
-    month : float
-        0.5 to 12.5, 7.0 the middle of July.
-    """
+    """Return the temperature of the sea [K]; ``month`` is 7.0 in the middle of July."""
     return np.maximum(_yearly(latitude_deg, month, _SEA_C, _SEA_SWING_K, SEA_WARMEST_MONTH), FREEZING_SEA_K)
 
 
 def land_k(latitude_deg: ArrayLike, month: float) -> FloatArray:
-    """Return the daily mean temperature of land without snow [K]; parameters as :func:`sea_k`."""
+    """Return the daily mean temperature of land without snow [K]."""
     return _yearly(latitude_deg, month, _LAND_C, _LAND_SWING_K, LAND_WARMEST_MONTH)
 
 
 def snow_k(latitude_deg: ArrayLike, month: float) -> FloatArray:
-    """Return the temperature of land under snow [K]; parameters as :func:`sea_k`."""
+    """Return the temperature of land under snow [K]."""
     return np.minimum(land_k(latitude_deg, month), ICE_POINT_K)
 
 
 def land_daily_swing_k(latitude_deg: ArrayLike) -> FloatArray:
-    """Return how far the skin of land is above its daily mean at its warmest [K]."""
+    """Return the amplitude of the daily variation of land's skin temperature [K]."""
     return np.interp(np.asarray(latitude_deg, dtype=np.float64), _LATITUDE_DEG, _LAND_DAY_K)
 
 
 def desert_warmer_k(latitude_deg: ArrayLike) -> FloatArray:
-    """Return how much warmer a desert is than other land, in the daily mean [K]: none beyond 45 deg."""
+    """Return the difference of a desert from other land in the daily mean [K]: none beyond 45 deg."""
     return DESERT_WARMER_K * np.clip((45.0 - np.abs(np.asarray(latitude_deg, dtype=np.float64))) / 10.0, 0.0, 1.0)
 
 
 def ice_sheet(latitude_deg: ArrayLike, month: float) -> tuple[FloatArray, FloatArray]:
-    """Return the temperature of an ice sheet at sea level [K], and how much colder it is higher up [K/m].
+    """Return the temperature of an ice sheet at sea level [K], and its lapse rate [K/m].
 
-    Parameters as :func:`sea_k`. Glaciers of lower latitudes (:data:`ICE_SHEET_DEG`) are land under snow.
+    Glaciers of lower latitudes (:data:`ICE_SHEET_DEG`) are land under snow.
     """
     latitude = np.asarray(latitude_deg, dtype=np.float64)
     poleward = 1.0 - np.sin(np.radians(np.abs(latitude)))
@@ -127,7 +118,7 @@ def ice_sheet(latitude_deg: ArrayLike, month: float) -> tuple[FloatArray, FloatA
 
 
 def sea_ice_k(latitude_deg: ArrayLike, month: float) -> FloatArray:
-    """Return the temperature of the white surface of sea ice [K]; parameters as :func:`sea_k`."""
+    """Return the temperature of the white surface of sea ice [K]."""
     latitude = np.asarray(latitude_deg, dtype=np.float64)
     at = []
     for name, (edge, pack) in (("north", _NORTH_SEA_ICE_C), ("south", _SOUTH_SEA_ICE_C)):
@@ -137,7 +128,7 @@ def sea_ice_k(latitude_deg: ArrayLike, month: float) -> FloatArray:
 
 
 def _of_month(values: tuple[float, ...], month: float) -> float:
-    """Return what is between the values of the middles of the months, January first."""
+    """Return the interpolation between values at the middles of the months, January first."""
     return float(np.interp(month, np.arange(1, 13), values, period=12.0))
 
 

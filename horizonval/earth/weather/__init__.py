@@ -1,1 +1,1 @@
-"""Air as it is on one day: climates with Antarctic winters, random weather over the globe, real states."""
+"""Air of single days: climates with Antarctic winters, random weather over the globe, real states."""

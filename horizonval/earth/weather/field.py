@@ -1,49 +1,51 @@
-"""Weather: fields of temperature, ozone, water vapour and surface pressure over the globe, drawn from a seed.
+"""Weather: random fields of temperature, ozone, water vapour and surface pressure over the globe, from a seed.
 
-Every vertical mode of :mod:`horizonval.earth.weather.field` has a random number at each place. It is a sum over zonal
-wave numbers m = 0 to 7 of Gaussian processes A, B over latitude, turned westward with height z::
+**Horizontal structure.** Every vertical mode has a random coefficient at each place. It is a sum over zonal wave
+numbers m = 0 to 7 of Gaussian processes A, B over latitude, turned westward with height z::
 
     a(z) = sum_m sqrt(w_m) c_m(phi) [A_m(phi) cos(m lambda + t_m z) + B_m(phi) sin(m lambda + t_m z)]
 
-c_m is ``cos(phi)^min(m, 4)``, so that the field has one value at a pole, and the shares w_m are divided by
-``sum w_m c_m^2``: the variance is 1 at every place and height, whatever the shares. In the stratosphere of winter the
-zonal mean and waves 1 to 3 have nearly all of it, since shorter waves do not get there (J. G. Charney and P. G. Drazin,
-J. Geophys. Res. 66, 83 (1961)); in the troposphere waves 4 to 7 have half. Shares are round numbers.
+c_m is ``cos(phi)^min(m, 4)``, so that the field has one value at a pole, and the shares w_m are divided by ``sum w_m
+c_m^2``: the variance is 1 at every place and height. In the winter stratosphere the zonal mean and waves 1 to 3 have
+nearly all of it, since shorter waves do not propagate there (J. G. Charney and P. G. Drazin, J. Geophys. Res. 66, 83
+(1961)); in the troposphere waves 4 to 7 have half. Shares are rounded.
 
 A and B have the covariance ``sum_j v_j cos(j pi (s - s') / 2)`` in s = sin(phi), v_j normal in j with a length of 0.35:
-25 deg in middle latitudes, while a polar cap moves as one. Phases fall back to the west by 0.45 rad in 7 km, 26 deg of
-longitude for wave 1: the tilt of waves that carry heat poleward. Waves are drawn without a preferred longitude.
+25 deg in middle latitudes, while a polar cap moves as one. Phases lag to the west by 0.45 rad in 7 km, 26 deg of
+longitude for wave 1: the tilt of waves that carry heat poleward. No longitude is preferred. The pressure at sea level
+has a separate field with the shares of the troposphere, and 2 to 10 hPa.
 
-The pressure at sea level has a field of its own with the shares of the troposphere, and 2 to 10 hPa.
-
-How the air of one column varies: vertical modes and standard deviations by class of latitude and season.
-
-The deviation of temperature, ln ozone and ln water vapour (q = 0, 1, 2) from the climate is a sum over classes c and
-modes k with random numbers a of unit variance::
+**Vertical structure.** The deviation of temperature, ln ozone and ln water vapour (q = 0, 1, 2) from the climate is a
+sum over classes c (latitude and season) and modes k with random numbers a of unit variance::
 
     d_q(z) = sum_c sqrt(W_c) sigma_cq(z) sum_k e_ckq(z) a_ck,         sum_k e_ckq^2 = 1,    sum_c W_c = 1
 
-so that its standard deviation is ``sqrt(sum_c W_c sigma_cq^2)`` exactly. z is the log-pressure height of the climate,
-``7 km ln(p_0 / p)``. The modes (``data/weather_modes.npz``) are singular vectors of the 96 real states' deviations
-from the climate, all three quantities together, so that warm layers are dry or rich in ozone as they really are.
+so that its standard deviation is exactly ``sqrt(sum_c W_c sigma_cq^2)``. z is the log-pressure height of the climate,
+``7 km ln(p_0 / p)``. The modes (``data/weather_modes.npz``) are joint singular vectors of the three quantities'
+deviations in the 96 real states, so that warm layers are realistically dry or rich in ozone. These states were selected
+to be diverse; sigma is therefore :data:`DAYS` of their spread, which gives the day-to-day variability of polar winters
+(A. E. Cole and A. J. Kantor, Air Force Reference Atmospheres, 1978). Beyond 65 km, where half of the states end,
+deviations fade (:data:`FADING_M`).
 
-The states were chosen to be diverse, and so their spread is that of extremes: sigma is :data:`DAYS` of it. The figure
-was set before any horizon was looked at: at 10 and 30 hPa the states of polar winters spread by 14 and 12 K, where days
-of a winter at 60 to 80 deg spread by some 11 and 9 K (round numbers of the size that reference atmospheres give; A. E.
-Cole and A. J. Kantor, Air Force Reference Atmospheres, 1978).
+**Sudden stratospheric warmings.** The polar stratosphere warms by some tens of kelvin within days, while the mesosphere
+above it cools; the warm air is off the pole at first. With the share of latitude c (0 at 45 deg, 1 from 70 deg on) and
+the profile v over log-pressure height::
 
-Beyond 65 km, where half of the states end, deviations fade as :data:`FADING_M` says; nothing is known there.
+    dT = W v(z) [c + 0.35 sin(c pi / 2) (cos(phi) / cos(65 deg)) cos(lambda - lambda_0 + tilt z)],
+    v(z) = exp(-((z - 33 km) / 9 km)^2 / 2) - 0.5 exp(-((z - 68 km) / 9 km)^2 / 2)
 
-Where columns of air stand over a part of the globe that a camera sees: a square lattice on a map.
+W is the mean over the polar cap at its warmest, near 8 hPa. Shape and rounded values follow the composites of V.
+Limpasuvan et al., J. Climate 17, 2584 (2004). In the north six winters of ten have a major warming (A. J. Charlton and
+L. M. Polvani, J. Climate 20, 449 (2007)), which lasts some 20 of 120 days: one winter day in ten. In the south it is
+one spring in twenty. Random warmings have W uniform from 25 to 55 K.
 
-The map is the stereographic projection about the place c below the camera: a place with the ellipsoid's unit normal n,
-and axes e, f across c, lies at::
+**Map of columns** (:class:`ColumnMap`): a square lattice on the stereographic projection about the place c below the
+camera. A place with the ellipsoid's unit normal n, and axes e, f across c, has the coordinates::
 
     x = n . e / (1 + n . c),    y = n . f / (1 + n . c),        sqrt(x^2 + y^2) = tan(theta / 2)
 
-with theta the angle from c. It is smooth everywhere but opposite of c: neither poles nor the date line are in its way,
-which a lattice of latitudes and longitudes would have. What is given at the columns is taken as bilinear in (x, y)
-between them, and beyond the outermost ones as on them.
+with theta the angle from c. The projection is smooth everywhere except opposite of c, at the poles and the date line
+too. Values are bilinear in (x, y) between columns, and constant beyond the outermost.
 """
 
 from __future__ import annotations
@@ -57,8 +59,50 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.tables import npz
-from horizonval.earth.weather import warming
 from horizonval.geometry.rotation import perpendicular
+
+WARM_M, COLD_M, DEEP_M = 33e3, 68e3, 9e3
+COLD_SHARE, WAVE_SHARE = 0.5, 0.35
+TILT_PER_M = 0.45 / 7000.0
+"""Phase of the planetary waves per height."""
+NORTH_DAYS, SOUTH_DAYS = 0.1, 0.003
+DRAWN_K = (25.0, 55.0)
+
+
+def winter_pole(month: float) -> int:
+    """Return 1 from November to April (north), -1 from May to October."""
+    return 1 if math.cos(2.0 * math.pi * (month - 1.5) / 12.0) > 0.0 else -1
+
+
+def chance(month: float) -> float:
+    """Return the probability of a warming on a day of a month; 0 outside the inner months of winter."""
+    pole = winter_pole(month)
+    middle = 1.5 if pole > 0 else 8.5
+    inner = abs((month - middle + 6.0) % 12.0 - 6.0) <= 2.0
+    return (NORTH_DAYS if pole > 0 else SOUTH_DAYS) if inner else 0.0
+
+
+def warmer_k(
+    amplitude_k: float,
+    pole: int,
+    origin_rad: float,
+    latitude_deg: FloatArray,
+    longitude_deg: FloatArray,
+    height_m: FloatArray,
+) -> FloatArray:
+    """Return dT of the module text, shape (c, k), at places (c,) and log-pressure heights (k,).
+
+    ``pole``: 1 north, -1 south. ``origin_rad``: longitude of the warm side at the ground.
+    """
+    x = np.clip((pole * latitude_deg - 45.0) / 25.0, 0.0, 1.0)
+    cap = x * x * (3.0 - 2.0 * x)
+    vertical = np.exp(-0.5 * ((height_m - WARM_M) / DEEP_M) ** 2)
+    vertical = vertical - COLD_SHARE * np.exp(-0.5 * ((height_m - COLD_M) / DEEP_M) ** 2)
+    # none at the pole itself, where longitudes meet
+    ring = np.sin(0.5 * math.pi * cap) * np.cos(np.radians(latitude_deg)) / math.cos(math.radians(65.0))
+    phase = np.radians(longitude_deg)[:, None] - origin_rad + TILT_PER_M * height_m
+    return np.asarray(amplitude_k * vertical * (cap[:, None] + WAVE_SHARE * ring[:, None] * np.cos(phase)))
+
 
 TABLE = "weather_modes.npz"
 CLASSES = ("tropics", "midlatitudes", "polar winter", "polar summer")
@@ -67,8 +111,8 @@ DAYS = 0.8
 SCALE_M = 7000.0
 FADING_M = 15_000.0
 QUIET_NORTH, QUIET_SOUTH = 7.5, 2.0
-"""Month at which a hemisphere's stratosphere is quietest; half a year later its waves are strongest: at the end of
-January, in the south in late winter (W. J. Randel, J. Atmos. Sci. 45, 1988)."""
+"""Month at which a hemisphere's stratosphere is quietest; its waves are strongest half a year later (W. J. Randel, J.
+Atmos. Sci. 45, 1988)."""
 _TROPICS_DEG, _POLAR_DEG = (20.0, 32.0), (45.0, 57.0)
 
 
@@ -93,7 +137,7 @@ class VerticalModes:
 
 @cache
 def vertical_modes() -> VerticalModes:
-    """Return the shipped modes with the deviations of days."""
+    """Return the shipped modes with the daily standard deviations."""
     table = npz(TABLE)
     level, spread, modes = (
         np.asarray(table[key], dtype=np.float64) for key in ("log_pressure_altitude_m", "spread", "modes")
@@ -104,7 +148,7 @@ def vertical_modes() -> VerticalModes:
 
 
 def winter_share(latitude_deg: ArrayLike, month: float) -> FloatArray:
-    """Return how far a hemisphere is in the season of waves, 0 to 1."""
+    """Return the strength of a hemisphere's wave season, 0 to 1."""
     north, south = (
         0.5 * (1.0 - math.cos(2.0 * math.pi * (month - quiet) / 12.0)) for quiet in (QUIET_NORTH, QUIET_SOUTH)
     )
@@ -124,11 +168,6 @@ def class_weights(latitude_deg: ArrayLike, month: float) -> FloatArray:
     return np.stack([1.0 - away, away * (1.0 - polar), away * polar * winter, away * polar * (1.0 - winter)])
 
 
-def class_of(latitude_deg: float, month: float) -> int:
-    """Return the class that a place and month belong to most."""
-    return int(np.argmax(class_weights(np.array([latitude_deg]), month)[:, 0]))
-
-
 WAVES = 8
 SHARES_HIGH = {
     "tropics": (0.50, 0.15, 0.10, 0.07, 0.06, 0.05, 0.04, 0.03),
@@ -138,7 +177,7 @@ SHARES_HIGH = {
 }
 SHARES_LOW = (0.15, 0.12, 0.13, 0.12, 0.12, 0.13, 0.12, 0.11)
 LOW_M, HIGH_M = 10e3, 20e3
-TILT_PER_M = 0.45 / 7000.0
+
 LENGTH, ORDERS = 0.35, 8
 STEEPEST_EDGE = 4
 _SURFACE_DEG, _SURFACE_HPA = (0.0, 15.0, 30.0, 55.0, 90.0), (2.0, 2.5, 5.0, 10.0, 9.0)
@@ -148,7 +187,7 @@ _SURFACE_DEG, _SURFACE_HPA = (0.0, 15.0, 30.0, 55.0, 90.0), (2.0, 2.5, 5.0, 10.0
 class Deviations:
     """From the climate, at places (c,) and log-pressure heights (k,): arrays (c, k), the pressure's (c,).
 
-    Logarithms have half their variance taken off, so that the mean amount of a gas is the climate's.
+    Half the variance is subtracted from logarithms, so that the mean amount of a gas is the climate's.
     """
 
     temperature_k: FloatArray
@@ -159,11 +198,11 @@ class Deviations:
 
 @dataclass(frozen=True)
 class WeatherField:
-    """The weather of one day: what is drawn follows from the seed alone.
+    """The weather of one day, fixed by the seed.
 
-    ``month``: of the climate that it is the weather of. ``warming_k``: of a warming in the winter hemisphere; None
-    draws whether there is one. ``opposite``: waves and surface pressure with the other sign, the warming as it is. A
-    day and its opposite have the climate for their mean, so that an ensemble of such pairs has it however few they are.
+    ``month``: of the underlying climate. ``warming_k``: of a stratospheric warming in the winter hemisphere; None for a
+    random one. ``opposite``: waves and surface pressure with the opposite sign, the warming unchanged. The mean of a
+    day and its opposite is the climate, which makes ensembles of such pairs unbiased.
     """
 
     seed: int
@@ -176,9 +215,9 @@ class WeatherField:
         happens, size, origin = _random(self.seed, "warming").random(3)
         amplitude = self.warming_k
         if amplitude is None:
-            low, high = warming.DRAWN_K
-            amplitude = low + (high - low) * size if happens < warming.chance(self.month) else 0.0
-        return float(amplitude), warming.winter_pole(self.month), float(origin) * math.tau
+            low, high = DRAWN_K
+            amplitude = low + (high - low) * size if happens < chance(self.month) else 0.0
+        return float(amplitude), winter_pole(self.month), float(origin) * math.tau
 
     @property
     def _sign(self) -> float:
@@ -201,7 +240,7 @@ class WeatherField:
         ozone, water = ozone - half[0], water - half[1]
         amplitude, pole, origin = self.warming()
         if amplitude:
-            kelvin = kelvin + warming.warmer_k(amplitude, pole, origin, latitude, longitude, height)
+            kelvin = kelvin + warmer_k(amplitude, pole, origin, latitude, longitude, height)
         return Deviations(kelvin, ozone, water, self._sea_level_pa(latitude, longitude))
 
     @staticmethod
@@ -213,7 +252,7 @@ class WeatherField:
         longitude_deg: FloatArray,
         height_m: FloatArray,
     ) -> FloatArray:
-        """Return what one class of modes adds up to, of unit variance, shape (c, 3 k).
+        """Return the sum of one class of modes, of unit variance, shape (c, 3 k).
 
         ``coefficients`` (modes, waves, 2, orders); ``share`` (waves, k); ``modes`` (modes, 3, k).
         """
@@ -270,18 +309,18 @@ def _coefficients(seed: int) -> FloatArray:
 
 
 def _random(seed: int, what: str) -> np.random.Generator:
-    """Return a stream of its own for each thing that is drawn."""
+    """Return a separate random stream for each quantity."""
     key = int.from_bytes(what.encode(), "big")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, key])))
 
 
 COARSER = 4
-"""What varies little needs a column in so many each way; maps have a whole number of them along a side."""
+"""Thinning of columns each way for slowly varying quantities; the number of columns along a side fits it."""
 
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """``axes`` (3, 3): e, f and c as rows. ``half``: largest x and y, and smallest. ``count``: columns along a side."""
+    """``axes`` (3, 3): e, f and c as rows. ``half``: largest x and y. ``count``: columns along a side."""
 
     axes: FloatArray
     half: float
@@ -289,7 +328,7 @@ class ColumnMap:
 
     @classmethod
     def around(cls, centre: FloatArray, reach_rad: float, step_rad: float) -> ColumnMap:
-        """Return the map of all places within ``reach_rad`` of a unit normal, columns ``step_rad`` apart at most."""
+        """Return the map of all places within ``reach_rad`` of a unit normal, columns at most ``step_rad`` apart."""
         half = math.tan(0.5 * min(reach_rad, 0.95 * math.pi))
         # a step of the map is widest at its centre: 2 dx
         count = 1 + COARSER * math.ceil(2.0 * half / (COARSER * math.tan(0.5 * step_rad)) - 1e-9)
@@ -299,11 +338,11 @@ class ColumnMap:
 
     @property
     def columns(self) -> int:
-        """How many columns there are; those of a row of equal y lie side by side."""
+        """Number of columns; those of a row of equal y are contiguous."""
         return self.count**2
 
     def coarser(self) -> tuple[ColumnMap, np.ndarray]:
-        """Return the map of every :data:`COARSER` th column each way, and which columns those are."""
+        """Return the map of every :data:`COARSER` th column each way, and the indices of those columns."""
         side = np.arange(0, self.count, COARSER)
         return ColumnMap(self.axes, self.half, len(side)), (side[:, None] * self.count + side).ravel()
 

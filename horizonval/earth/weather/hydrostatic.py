@@ -1,17 +1,15 @@
-"""Pressure over geodetic height from temperature, in hydrostatic balance.
+"""Pressure over geodetic height from temperature, in hydrostatic balance, and saturation of water vapour.
 
 With the virtual temperature ``T_v = T (1 + 0.378 x)`` of moist air (x: mole fraction of water vapour)::
 
     ln p(z) = ln p_0 - int_0^z  M g(phi, z') / (R T_v) dz'
 
-Between levels T_v is taken as linear in height, for which the integral of 1 / T_v is exact. Gravity falls with height
-as ``g(phi, 0) (r / (r + z))^2``; its value at sea level and the radius r that gives its decrease belong to the latitude
-(R. J. List, Smithsonian Meteorological Tables, 1951, eqs. 1 and 2 of table 168)::
+T_v is linear in height between levels, for which the integral of 1 / T_v is exact. Gravity falls with height as
+``g(phi, 0) (r / (r + z))^2`` with a radius r that depends on latitude (R. J. List, Smithsonian Meteorological Tables,
+1951, eqs. 1 and 2 of table 168)::
 
     g = 9.80616 (1 - 0.0026373 cos 2 phi + 0.0000059 cos^2 2 phi),
     r = 2 g / (3.085462e-6 + 2.27e-9 cos 2 phi)
-
-How much water vapour air can hold.
 """
 
 from __future__ import annotations
@@ -45,11 +43,9 @@ def pressure_pa(
 
     Parameters
     ----------
-    latitude_deg : ndarray, shape (c,)
-    altitude_m : ndarray, shape (k,)
-        Rising; the first is where the pressure is known.
-    temperature_k : ndarray, shape (c, k)
-    water_share : ndarray, shape (c, k), or float
+    latitude_deg : ndarray, shape (c,) altitude_m : ndarray, shape (k,)
+        Rising.
+    temperature_k : ndarray, shape (c, k) water_share : ndarray, shape (c, k), or float
         Mole fraction of water vapour.
     ground_pa : ndarray, shape (c,), or float
         At the first altitude.

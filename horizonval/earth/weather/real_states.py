@@ -1,14 +1,13 @@
-"""96 real states of the atmosphere, each a column by name: what air was like at one place on one day.
+"""96 real states of the atmosphere, each a column by name: the air at one place on one day.
 
-From ECMWF's analyses, as the Community Radiative Transfer Model distributes them (CC0): ``ec2008-nn`` of 2006 and 2007
-(M. Matricardi, ECMWF Technical Memorandum 564, 2008), ``ec1999-nn`` of 1992 and 1993. Both sets were chosen to be
+They are ECMWF analyses as distributed with the Community Radiative Transfer Model (CC0): ``ec2008-nn`` of 2006 and 2007
+(M. Matricardi, ECMWF Technical Memorandum 564, 2008), ``ec1999-nn`` of 1992 and 1993. Both sets were selected to be
 diverse: their spread is that of extremes.
 
-Pressures become heights by hydrostatic balance with virtual temperature. Height 0 is where the pressure is 1013.25 hPa:
-below the surface, which may be a mountain's, the air goes on with 6.5 K/km and the water vapour of the lowest level.
-Above the last level, 0.005 hPa at some 83 km, temperature and shares of gases stay as they are there: there nothing is
-known. The older set has no water vapour above the tropopause (a floor of 1e-6 kg/kg stands in its place): there the
-climate's is taken, and so is ozone's where there is none.
+Heights follow from pressure by hydrostatic balance with virtual temperature. Height 0 is at 1013.25 hPa: below the
+surface, which may be a mountain's, the air continues with 6.5 K/km and the water vapour of the lowest level. Above the
+last level, 0.005 hPa at some 83 km, temperature and mixing ratios are constant. The older set has no water vapour above
+the tropopause (only a floor of 1e-6 kg/kg): the climate's is used there, and so is ozone's where it is missing.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ from horizonval.earth.weather.hydrostatic import GAS_CONSTANT, LIGHTER_WATER, MO
 
 TABLE = "weather_profiles.npz"
 PREFIX = "weather:"
-"""Of the names by which scenes ask for a state."""
+"""Prefix of the names by which scenes refer to a state."""
 SEA_LEVEL_HPA = 1013.25
 _LAPSE_K_M = 6.5e-3
 WATER_FLOOR_PPMV = 1.7
-"""At or below this the older set says nothing: its floor is 1e-6 kg/kg, 1.6 ppm of the molecules."""
+"""Floor of the older set's water vapour (1e-6 kg/kg, 1.6 ppm of the molecules), which means unknown."""
 
 
 @dataclass(frozen=True)
 class RealState:
     """One state on its own levels, from height 0 up; ``known_water``: bool, shape (n,).
 
-    ``surface_m``: height of its surface. ``water_share`` and ``ozone_share``: of the molecules of moist air.
+    ``surface_m``: height of its surface. ``water_share`` and ``ozone_share``: mole fractions in moist air.
     """
 
     name: str
@@ -112,7 +111,7 @@ def real_state(name: str, where: str = "") -> RealState:
 
 
 def description(name: str) -> str:
-    """Return a line that says when and where a state was."""
+    """Return a line with the place and date of a state."""
     s = real_state(name)
     north, east = "N" if s.latitude_deg >= 0.0 else "S", "E" if s.longitude_deg >= 0.0 else "W"
     place = f"{abs(s.latitude_deg):.0f} {north}, {abs(s.longitude_deg):.0f} {east}"

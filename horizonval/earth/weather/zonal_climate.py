@@ -1,32 +1,23 @@
 """Zonal mean temperature by latitude, month and height, with the winters of both poles.
 
-The six AFGL climates know no southern winter: their blend is 17 K too warm in the lower stratosphere of the Antarctic
-from April to September, set beside the real states of :mod:`horizonval.earth.weather.real_states`. Here the temperature
-is that of NRLMSISE-00 (J. M. Picone et al., J. Geophys. Res. 107, 1468 (2002)), whose lower and middle atmosphere are
-the zonal means of the Middle Atmosphere Program (J. J. Barnett and M. Corney, 1985, the source of CIRA-86 too) and,
-below 20 km, of the National Meteorological Center; averaged over the hours of the day, by 10 deg, month and 2 km. The
-difference from those states is 2 to 3 K there.
+The blend of the AFGL climates is 17 K too warm in the lower stratosphere of the Antarctic from April to September,
+compared with the real states of :mod:`horizonval.earth.weather.real_states`. Here the temperature is that of
+NRLMSISE-00 (J. M. Picone et al., J. Geophys. Res. 107, 1468 (2002)), whose lower and middle atmosphere are the zonal
+means of the Middle Atmosphere Program (J. J. Barnett and M. Corney, 1985, the source of CIRA-86 too) and, below 20 km,
+of the National Meteorological Center; averaged over the hours of the day, by 10 deg, month and 2 km. It differs from
+those states by 2 to 3 K.
 
-Its tropical tropopause is too warm by 6 K and its humid air is not its own, so that the AFGL blend holds below a height
-that falls from 14 km over the equator to the ground at the poles; over the next 8 km the one passes into the other.
+The tropical tropopause of NRLMSISE-00 is 6 K too warm and it has no humidity. The AFGL blend therefore applies below a
+height that falls from 14 km over the equator to the ground at the poles, with a transition over 8 km. Poleward of 68
+deg in the south, and in the north in winter, the table applies down to the ground (from 55 deg on in part): there the
+AFGL blend is 10 to 18 K too warm at 500 to 800 hPa, the table within 2 to 6 K. In northern summer the blend is the
+better one. The inversion over the ice, 10 to 20 K in the lowest few hundred metres, is in neither. The mean pressure at
+sea level is rounded: 1013 hPa with subtropical highs and the trough around the Antarctic.
 
-Poleward of 68 deg in the south, and in the north in winter, the table holds down to the ground (from 55 deg on in
-part): the subarctic climates are no Antarctic. Beside the real states poleward of 68 S from April to October (15 of
-them) the blend is 10 to 13 K too warm at 500 to 800 hPa, the table from 2 K too cold to 6 K too warm; in summer (5) 14
-to 18 K and 2 K; poleward of 68 N in winter (6) 10 to 12 K and 2 K, but in summer 1 to 2 K and 8 K the other way. That
-choice was made after looking at those states. The inversion over the ice, 10 to 20 K in the lowest few hundred metres,
-is in neither.
-
-The pressure at sea level is a round 1013 hPa with subtropical highs and the trough around the Antarctic.
-
-The troposphere over the poles, for air that is a blend of climates by latitude and month.
-
-The coldest of the six AFGL climates is that of 60 N in January: over the Antarctic, and over the Arctic in winter, its
-troposphere is 10 to 13 K too warm. There the temperature below :data:`FULL_TO_M` is that of
-:mod:`horizonval.earth.weather.zonal_climate`, by the share that it has down to the ground; over the next 4 km the one
-passes into the other. Densities of the air stay what they are, and with them light and all that is above; the pressure
-follows from the ideal gas law, and columns are hydrostatic to 6 % where the climates' own are to 3 %. The relative
-humidity stays, too: colder air is drier.
+**Cold poles** (:func:`with_cold_poles`): air that is a blend of climates by latitude and month takes the table's
+temperature over the poles below :data:`FULL_TO_M`, with a transition over 4 km. Densities of the air do not change, and
+with them sunlight and everything above; the pressure follows from the ideal gas law, and columns are hydrostatic to 6
+%. The relative humidity does not change either: colder air is drier.
 """
 
 from __future__ import annotations
@@ -47,14 +38,11 @@ BLEND_FROM_M, BLEND_OVER_M = 14_000.0, 8_000.0
 POLAR_DEG = (55.0, 68.0)
 _SEA_LEVEL_DEG = (-90, -75, -65, -50, -30, 0, 30, 50, 60, 75, 90)
 _SEA_LEVEL_HPA = (995, 990, 986, 1002, 1017, 1010, 1016, 1013, 1009, 1012, 1013)
-"""Round numbers after the zonal means of any climatology; 1 hPa is 8 m of every height above."""
+"""Rounded zonal means; 1 hPa is 8 m of every height above."""
 
 
 def table_temperature_k(latitude_deg: ArrayLike, month: float, altitude_m: FloatArray) -> FloatArray:
-    """Return the table's temperature, shape (c, k), at latitudes (c,) and heights (k,) up to 100 km.
-
-    Linear between latitudes, months and heights; the table has the middle of every month.
-    """
+    """Return the table's temperature, shape (c, k), at latitudes (c,) and heights (k,) up to 100 km; trilinear."""
     table = npz(TABLE)
     values = np.asarray(table["temperature_k"], dtype=np.float64)
     place = (month - 1.0) % 12.0
@@ -72,9 +60,9 @@ def table_temperature_k(latitude_deg: ArrayLike, month: float, altitude_m: Float
 def temperature_k(
     latitude_deg: FloatArray, month: float, altitude_m: FloatArray, afgl_blend_k: FloatArray
 ) -> FloatArray:
-    """Return the zonal mean temperature, shape (c, k), of latitudes (c,) at heights (k,).
+    """Return the zonal mean temperature, shape (c, k), at latitudes (c,) and heights (k,).
 
-    ``afgl_blend_k``: that of the AFGL climates there, shape (c, k).
+    ``afgl_blend_k``: temperature of the AFGL climates there, shape (c, k).
     """
     start = BLEND_FROM_M * np.cos(np.radians(latitude_deg))[:, None] ** 2
     x = np.clip((altitude_m - start) / BLEND_OVER_M, 0.0, 1.0)
@@ -84,7 +72,7 @@ def temperature_k(
 
 
 def polar_share(latitude_deg: FloatArray, month: float) -> FloatArray:
-    """Return how far the table holds down to the ground: all year in the south, by the winter's share in the north."""
+    """Return the table's share at the ground: all year in the south, by the winter's share in the north."""
     first, last = POLAR_DEG
     x = np.clip((np.abs(latitude_deg) - first) / (last - first), 0.0, 1.0)
     winter = 0.5 * (1.0 + math.cos(2.0 * math.pi * (month - 1.0) / 12.0))
@@ -97,19 +85,14 @@ def sea_level_pa(latitude_deg: ArrayLike) -> FloatArray:
 
 
 FULL_TO_M, NONE_FROM_M = 8e3, 12e3
-"""The tropopause over both poles lies between: windows see what is below, bands of carbon dioxide what is above."""
+"""Range around the tropopause over both poles: windows see the air below, bands of carbon dioxide that above."""
 
 
 def with_cold_poles(state: GasState, latitude_deg: FloatArray, month: float) -> GasState:
-    """Return columns with the troposphere of the poles.
+    """Return columns with the cold troposphere of the poles.
 
-    Parameters
-    ----------
-    state : GasState
-        Blends of climates, arrays of shape (m, n).
-    latitude_deg : ndarray, shape (m,)
-    month : float
-        As :func:`horizonval.earth.atmosphere.climate.month_of` counts.
+    ``state``: blends of climates, arrays of shape (m, n). ``latitude_deg`` (m,). ``month`` as by
+    :func:`horizonval.earth.atmosphere.climate.month_of`.
     """
     z, warm = state.altitude_m, state.temperature_k
     height = np.clip((NONE_FROM_M - z) / (NONE_FROM_M - FULL_TO_M), 0.0, 1.0)

@@ -83,15 +83,9 @@ def make_batches(
 ) -> Iterator[tuple[list[SpectralNode], SolarNodes]]:
     """Yield ``(nodes, batch)`` until every spectral node of the model has been served.
 
-    Parameters
-    ----------
-    scattering : Quality, optional
-        Of the tables of light scattered more than once; None for single scattering.
-    progress : Progress, optional
-        Told about tables that must be solved first.
-    air : ApparentRadiusAir, optional
-        Refraction: model and planet are those over apparent heights. Light scattered more than once is that of the
-        model as it was, without refraction.
+    ``scattering``: resolution of the tables of light scattered more than once; None for single scattering. ``air``:
+    refraction; model and planet are then over apparent heights, and light scattered more than once is that of the true
+    model, without refraction.
     """
     if scattering is not None:
         model = without_peaks(model, scattering.particle_degree)
@@ -272,10 +266,7 @@ def _gapped(
 
 
 def _nearest(values: FloatArray, scattering: FloatArray) -> FloatArray:
-    """Return a column of what scatters, where nothing does as at the nearest height at which something does.
-
-    Sources at the edges of layers are looked up there and interpolated to places within.
-    """
+    """Return a column whose heights without scattering take the value of the nearest height that scatters."""
     where = np.nonzero(scattering > 0.0)[0]
     if not len(where):
         return values

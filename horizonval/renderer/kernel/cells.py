@@ -1,28 +1,27 @@
 """Which cells of a frame see ground, limb or Sun, and the rays through them.
 
-Pixels with an edge in them are cut into k x k cells. A cell whose outline test is clear
-is one ray through its centre. A cell on the hard edge is two: one through the middle of its covered part, ending at the
-ground, one through the middle of the rest, passing it. Where the outline of clouds cuts what lies
-above the limb, that is two as well, one below the outline and one above (``cloud_outline``). A whole pixel is one ray.
-Rays above the atmosphere are not marched at all.
+Pixels that contain an edge are cut into k x k cells. A cell whose outline test is clear is one ray through its centre.
+A cell on the hard edge is two: one through the middle of its covered part, ending at the ground, one through the
+middle of the rest, passing it. Where the outline of clouds cuts what lies above the limb, that is two as well, one
+below the outline and one above (``cloud_outline``). A whole pixel is one ray. Rays above the atmosphere are not
+marched.
 
-Cells and whole pixels are grouped by what they see before any light is looked up, so no lane idles and every sum has a
-fixed order: the same bytes for any number of threads. Both have slots in one array: first the cells, those of a pixel
+Cells and whole pixels are grouped by what they see before any radiance is computed, so no lane idles and every sum has
+a fixed order: the same bytes for any number of threads. Both have slots in one array: first the cells, those of a pixel
 side by side, then the whole pixels.
 
-**Whole pixels.** A pixel is cut where anything in it has an edge or bends: near the limb and in the air above it, where
-the light changes over the scale height of the air, at the discs of Sun and Moon. A pixel of space needs no ray at all.
-A pixel of even ground is one ray through its centre: where the light changes over an angle s, the mean of 2 x 2 cells
-differs from the value at the centre by :math:`(p/s)^2/32` for pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS`
-pixels to s. The scales are
+**Whole pixels.** A pixel is cut where anything in it has an edge or bends: near the limb, in the air above it, and at
+the discs of Sun and Moon. A pixel of space needs no ray. A pixel of even ground is one ray through its centre: where
+radiance changes over an angle s, the mean of 2 x 2 cells differs from the value at the centre by :math:`(p/s)^2/32` for
+pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS` pixels to s. The scales are
 
-- the angle from the limb, in powers of which a grazing ray's way through the air changes,
+- the angle from the limb, in powers of which a grazing ray's path through the air changes,
 - the width of the particles' phase function (:data:`PHASE_RAD`) and of the glint (:data:`GLINT_RAD`),
 - on the ground a sixth of the cosine of the light's zenith angle, and in twilight the angle over which the Earth's
   shadow rises by a scale height (:data:`TWILIGHT_RAD`); beyond twilight there is no light (:data:`NIGHT`).
 
-Where the ground's own terminator, a coast, the edge of snow or ice or a border between kinds of ground runs through a
-pixel, it is cut, too, and so is all that lies under clouds.
+A pixel with the terminator, a coast, the edge of snow or ice or a border between kinds of ground is cut, too, and so
+is everything under clouds.
 """
 
 from __future__ import annotations
@@ -56,9 +55,10 @@ NIGHT = -0.33
 
 @dataclass(frozen=True)
 class PixelKinds:
-    """Pixels of a frame by what is to be done with them, each rising. Pixels that see nothing are in none.
+    """Pixels of a frame by treatment, each rising; pixels that see nothing are in none.
 
-    ``cut``: into cells; ``ground``: whole; ``space``: whole, above the air. ``all_cut``: nothing else is in the frame.
+    ``cut``: into cells; ``ground``: whole; ``space``: whole, above the air. ``all_cut``: the frame holds only the
+    first.
     """
 
     cut: mi.UInt32
@@ -143,9 +143,7 @@ def _even_ground(view: FrameGeometry, centre: Vec, reach: mi.Float64) -> mi.Bool
 
 
 def _coast(view: FrameGeometry, table: GroundTable, pixel: mi.UInt32) -> mi.Bool:
-    """Return whether the rays through pixels' centres and through those of their cells end on several kinds of ground,
-    or where kinds of ground meet.
-    """
+    """Return whether rays through pixels' and cells' centres end on several kinds of ground or near a border."""
     k = view.subsamples
     column, row = mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)
 
@@ -186,7 +184,7 @@ class Cells:
     """All slots of a frame, grouped. ``space``: slots that see neither Earth nor air.
 
     The last rays of ``ground`` are those of whole pixels. ``second``: the cells with two rays in ``limb``, one that
-    ends on a cloud and one above it. The second one has a slot of its own, behind all others.
+    ends on a cloud and one above it; the second ray has a separate slot behind all others.
     """
 
     view: FrameGeometry
@@ -269,9 +267,9 @@ _NOTHING, _SPACE, _LIMB, _GROUND, _EDGE = range(5)
 
 
 def group_cells(view: FrameGeometry, outlines: bool = True) -> Cells:
-    """Find out what every pixel sees, and every cell of those that are cut.
+    """Return what every pixel and cell sees.
 
-    ``outlines``: of clouds; without, one ray decides for all of a cell above the limb.
+    Without ``outlines`` of clouds one ray decides for a cell above the limb.
     """
     kinds = sort_pixels(view)
     count, cut = _cell_count(view, kinds), CutPixels(view, kinds)
@@ -333,7 +331,7 @@ class _SecondRays:
     ) -> list[Rays]:
         """Return the rays of cells above the limb, or of the parts above it of cells on the hard edge.
 
-        ``whole``: the rays of these parts if no cloud cuts them; the cells' centres without it.
+        ``whole``: the rays of these parts if no cloud cuts them; by default the cells' centres.
         """
         if not dr.width(cell):
             return []
@@ -440,7 +438,7 @@ def _joined(groups: list[Rays]) -> Rays:
 def _disc_cells(view: FrameGeometry, cut: CutPixels, disc: Disc, near: mi.UInt32) -> DiscCells | None:
     """Return the cells near a disc, split as it needs; None where it is outside the frame.
 
-    With refraction the disc stands where the rays point that have left the air behind.
+    Refraction moves the disc.
     """
 
     def refracted(x: mi.Float64, y: mi.Float64) -> Vec:

@@ -1,23 +1,21 @@
 r"""The outline of cloud tops against the air above the horizon: what share of a cell lies below it.
 
 Seen from one place the outline is a height above the hard limb for every azimuth, whatever the camera looks at. It is
-found once, at as many azimuths as cells need (:class:`OutlineTable`), where frames first look, and is linear between.
-Each of its values is found from one ray, without a search: the ray passes ground points i at distances t_i in heights
+computed at a set of azimuths (:class:`OutlineTable`), where frames first need it, and is linear between.
+Each value comes from one ray, without a search: the ray passes ground points i at distances t_i in heights
 h_i, under tops z_i. Turned upwards by delta it gains ``t_i delta cos(e_i)`` there, e_i its elevation, so that it just
 clears all clouds when::
 
     delta = max over i of (z_i - h_i) / (t_i cos e_i)
 
-A first ray passes :data:`FIRST_M` above the limb and looks at some points only; a second one, turned by what the first
-has found, looks at all, so that it is turned by little. With refraction heights are the apparent ones, in which the
-turned ray is as straight as the first; the points are those below the bent ray, which turned bends by more or less and
-passes the same clouds earlier or later, so that a third ray looks at all again. Points lie as densely as those of the
-search for clouds (:mod:`.clouds`); those over squares whose highest top would stay below what is found already are
-skipped.
+A first ray passes :data:`FIRST_M` above the limb and samples some points; a second one, turned by the first delta,
+samples all of them, so that its own turn is small. With refraction heights are the apparent ones, in which the
+turned ray is as straight as the first; the points are those below the bent ray, which bends by more or less when turned
+and passes the same clouds earlier or later, so that a third ray samples all points again. Points lie as densely as
+those of the search for clouds (:mod:`.clouds`); squares whose highest top stays below the current outline are skipped.
 
-Across a cell run a few lines along the image axis in which the limb is steeper, and the outline crosses each as far
-from its middle as the height there is worth. Clouds have no gaps below, so a line is covered from the outline inwards,
-down to the hard edge if that cuts it. The share of a cell is the mean of its lines.
+Across a cell run a few lines along the image axis in which the limb is steeper. Clouds have no gaps below, so a line is
+covered from the outline inwards, down to the hard edge if that cuts it. The share of a cell is the mean of its lines.
 """
 
 from __future__ import annotations
@@ -150,9 +148,9 @@ def outline_cells(
 
 
 class OutlineTable:
-    """The outline from one camera position: the limb function of what just clears the clouds, by azimuth.
+    """The limb function of what just clears the clouds, at ``count`` azimuths all round.
 
-    ``count`` values all round, 0 where nothing stands above the hard limb. They are found where cells first look.
+    0 without clouds above the limb.
     """
 
     def __init__(self, count: int) -> None:
@@ -260,9 +258,9 @@ def _turned(view: FrameGeometry, d: Vec, turn: mi.Float64) -> Vec:
 
 
 def _turn(view: FrameGeometry, table: CloudTable, d: Vec, lowest: mi.Float64, *, everywhere: bool) -> mi.Float64:
-    """Return the delta of the module text [rad], far below zero where no cloud stands.
+    """Return the delta of the module text [rad], far below zero without clouds.
 
-    ``lowest``: height [m] at the limb down to which clouds count; ``everywhere``: look at more than some points.
+    ``lowest``: height [m] at the limb down to which clouds count; ``everywhere``: sample all points.
     """
     planet, o = view.planet, view.origin
     nearest, _, _ = planet.chord(o, d)

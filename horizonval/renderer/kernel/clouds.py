@@ -2,23 +2,22 @@
 
 The table is an equal-area map (Lambert) of everything in sight around the point below the camera, made by the same
 arithmetic as :mod:`horizonval.earth.clouds.relief`; between its nodes the relief is bilinear. At 500 km a node
-stands for 1.9 km, at 36 000 km for 6 km. Of the Earth's pattern what is larger than 75 nodes is found at every fourth
-node, and bilinear between: that moves tops by some 20 m, a tenth of what being bilinear between the nodes does.
+stands for 1.9 km, at 36 000 km for 6 km. Structure of the Earth's pattern larger than 75 nodes is computed at every
+fourth node: that moves tops by some 20 m, a tenth of the error of bilinear interpolation between nodes.
 
 A ray is searched from where it enters the layer of the tops to where it leaves it or meets the ground, in steps over
 half a table node; the crossing between the last step outside and the first inside is bisected to 1e-3 of a step. Peaks
-narrower than a step may be missed where a ray grazes them. Points are found in single precision, from where a ray
-enters the layer on: heights are good to a metre. Two more maps hold the highest top in squares of
-:data:`SQUARES` nodes a side and all around them: steps that stay above it are not looked at.
+narrower than a step may be missed where a ray grazes them. Points are in single precision, from where a ray
+enters the layer: heights are good to a metre. Two more maps hold the highest top in squares of
+:data:`SQUARES` nodes a side and all around them: steps that stay above it are skipped.
 
-**Gaps of thin cloud** are a map around the point below the camera, too. An equal-area map (Lambert's) of everything in
-sight, made once per camera position by the same arithmetic as :mod:`horizonval.earth.clouds.layers`, bilinear between
-its nodes. It has :data:`NODES_PER_SCALE` nodes per scale of the gaps, and :data:`MOST_NODES` along a side at most: from
-500 km that is enough for scales of 50 km and more; of smaller ones, and from far, the finest edges are blurred to a
-node, 2 km from 500 km and 4 km from 36 000.
+**Gaps of thin cloud** are a second equal-area map of everything in sight, made once per camera position by the same
+arithmetic as :mod:`horizonval.earth.clouds.layers` and bilinear between its nodes: :data:`NODES_PER_SCALE` nodes per
+scale of the gaps, and at most :data:`MOST_NODES` along a side. From 500 km that resolves scales of 50 km and more;
+finer edges are blurred to a node, 2 km from 500 km and 4 km from 36 000.
 
-The map is looked up at the normal of the ellipsoid below a point. With refraction it is that of the straight ray among
-the apparent heights: gaps stand up to 15 km along the ray from where they are, the same in all bands.
+The map is read at the normal of the ellipsoid below a point. With refraction it is that of the straight ray among
+the apparent heights: gaps are displaced by up to 15 km along the ray, the same in all bands.
 """
 
 from __future__ import annotations
@@ -83,8 +82,8 @@ class Squares:
 class CloudTable:
     """Tops [m] over the globe around ``up``; ``axes`` are the map's x and y directions, ``per_unit`` nodes per unit.
 
-    ``albedos``: of the clouds at the same nodes, 0 between them; None where the height tells them. ``squares``: the
-    largest first.
+    ``albedos``: of the clouds at the same nodes, 0 between them; None where they follow from the height. ``squares``:
+    the largest first.
     """
 
     field: CloudField
@@ -345,9 +344,9 @@ def _tropopause(z: Real) -> Real:
 def turned_above(
     table: CloudTable, planet: Planet, bending: BendingField, o: Vec, d: Vec, start: mi.Float64, mu: mi.Float32
 ) -> mi.Float32:
-    """Return by how much rays have turned at ``start``, where they come down to the layer of the tops; [rad].
+    """Return the bending angle [rad] of rays at ``start``, the top of the clouds; ``mu``.
 
-    ``mu``: cosine of the angle that they make with the vertical there.
+    Cosine to the vertical there.
     """
     if dr.width(o[0]) == 1 and float(dot(o, o)[0]) > (planet.a_m + bending.top_m) ** 2:
         return EnteringAngles.of(bending, float(table.layer_m[0])).at(mu)
@@ -368,10 +367,9 @@ def first_cloud(
 def first_cloud_and_turn(
     table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool | mi.Bool, bending: BendingField | None = None
 ) -> tuple[mi.Bool, mi.Float64, mi.Float64 | None]:
-    """Return ``(hit, t, angle)``: as :func:`first_cloud`, and by how much rays have turned there or at the ground.
+    """Return ``(hit, t, angle)``: as :func:`first_cloud`, and the bending angle [rad] there or at the ground.
 
-    [rad], None without refraction. From 500 km it is off by 1.6e-5 rad rms and 4e-5 at most, 100 and 250 m on the
-    ground.
+    None without refraction. From 500 km the error is 1.6e-5 rad rms and 4e-5 at most: 100 and 250 m on the ground.
     """
     mid, half, meets = planet.chord(o, d, table.layer_m)
     start, end = dr.maximum(mid - half, 0.0), mid + half

@@ -80,21 +80,10 @@ def _positive_area(c0: mi.Float64, c1: mi.Float64, c2: mi.Float64) -> mi.Float64
 def cell_coverage(
     inside: Callable[[mi.Float64, mi.Float64], mi.Float64], u: mi.Float64, v: mi.Float64, size: mi.Float64 | float
 ) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
-    """Return the covered share of square cells and the unit step towards the inside.
+    """Return the covered share of square cells and the unit step towards the inside, ``(share, du, dv)``.
 
-    Parameters
-    ----------
-    inside : callable
-        F of pixel coordinates (column, row): smooth, positive inside.
-    u, v : Float64
-        Cell centres.
-    size : float or Float64
-        Edge of a cell in pixels.
-
-    Returns
-    -------
-    share, du, dv : Float64
-        Covered share in [0, 1]; gradient direction of F (unit vector in the image).
+    ``inside``: F of pixel coordinates (column, row), smooth, positive inside; ``u``, ``v``: cell centres; ``size``:
+    edge of a cell [pixels].
     """
     f = [[inside(u + size * 0.5 * i, v + size * 0.5 * j) for i in (-1, 0, 1)] for j in (-1, 0, 1)]
     gu, gv = f[1][2] - f[1][0], f[2][1] - f[0][1]
@@ -126,7 +115,7 @@ Limb: TypeAlias = "Callable[[mi.Float64, mi.Float64], mi.Float64]"
 class Disc:
     """A disc in the sky: unit vector to its centre and angular radius, size-1 arrays.
 
-    ``light``: unit vector from the disc's body towards the Sun, for a body that is lit; None for one that shines.
+    ``light``: unit vector from a lit body towards the Sun; None for a body that shines.
     """
 
     direction: Vec
@@ -143,15 +132,15 @@ class DiscCells:
     cell : UInt32
         Cells of the frame, each once.
     sub : UInt32
-        Sub-cells with light; ``sub // splits^2`` is the place in ``cell``.
+        Sub-cells with light; ``sub // splits^2`` is the index into ``cell``.
     direction : Vec
         Rays through the free part of each sub-cell, as the camera sees them.
     corners : list of (x, y)
-        Of each sub-cell, in the disc's plane and radii.
+        Corners of each sub-cell, in the disc's plane and radii.
     free : Float64
         Share of the sub-cell that is not behind the Earth, over the solid angle of a cell of its pixel [1/sr].
     phase : Float64 or None
-        Radiance of each sub-cell over the disc's mean; None for a disc that shines by itself.
+        Radiance of each sub-cell over the disc's mean; None for a disc that shines.
     """
 
     cell: mi.UInt32
@@ -228,11 +217,10 @@ def disc_cells(
 
     Parameters
     ----------
-    disc : Disc
     cell : UInt32
         Cells that may touch the disc, each once.
     centre, pixel : (column, row)
-        Of the cells' centres and of the centres of their pixels.
+        Centres of the cells and of their pixels.
     subsamples : int
         Cells per pixel and axis.
     seen : callable
@@ -242,8 +230,8 @@ def disc_cells(
     height_rad : float or None
         Angle under which the camera sees :data:`SPLIT_HEIGHT_M` at the limb; None where no air is in front.
     through : callable, optional
-        Direction that the ray through pixel coordinates has outside the air, where the disc is. Default: ``seen``.
-        Radiance is kept along a bent ray, so that nothing else depends on it.
+        Direction of the ray through pixel coordinates outside the air; default ``seen``. Radiance is constant along a
+        bent ray, so that nothing else depends on it.
     """
     through = through or seen
     size = 1.0 / subsamples

@@ -1,13 +1,13 @@
 r"""What is geometric about a frame: its rays, its lights, the planet, and how far directions lie from the limb.
 
-**Rays of the camera**, from pixel coordinates to directions, are in Float64. Written apart from ``geometry.camera`` so
-that the rendered edge and the analytic horizon share no projection code. Pixel ``(0, 0)`` is the centre of the upper
-left pixel.
+**Rays of the camera**, from pixel coordinates to directions, are in Float64. Written independently of
+``geometry.camera`` so that the rendered edge and the analytic horizon share no projection code. Pixel ``(0, 0)`` is the
+centre of the upper left pixel.
 
-Brown-Conrady is inverted by Newton's method from the distorted point. Where a lens is so strong that this ends beside
-the answer or beyond a fold, the answer is followed from the axis outwards instead. A fisheye's polynomial is inverted
-by bisection, then Newton: it grows between the axis and the angle where it turns back, so that nothing can go astray.
-Pixels beyond that angle get rays at it, harmlessly: they lie outside the image circle.
+Brown-Conrady is inverted by Newton's method from the distorted point. Where a lens is so strong that this misses
+the answer or ends beyond a fold, the answer is followed from the axis outwards instead. A fisheye's polynomial is
+inverted by bisection, then Newton, between the axis and the angle where it turns back. Pixels beyond that angle get
+rays at it; they lie outside the image circle.
 
 **Ray coordinates**: two numbers for every ray from one camera, in which a table of what rays meet is smooth. In the
 stretched space (see :mod:`horizonval.renderer.planet`) the ellipsoid is a sphere of radius a. A ray has an azimuth
@@ -15,7 +15,7 @@ stretched space (see :mod:`horizonval.renderer.planet`) the ellipsoid is a spher
 from o' its miss distance is ``|o'| sin(theta)``: a on the hard limb, exactly. The second number depends on what the ray
 meets:
 
-- ground: the elevation e at which it arrives there, ``|o'| sin(theta) = a cos(e)``. What lies between is smooth in e
+- ground: the elevation e at which it arrives there, ``|o'| sin(theta) = a cos(e)``. Radiance is smooth in e
   up to grazing rays, where the distance from the limb has a square root;
 - limb, seen from outside the air: the height ``m = |o'| sin(theta) - a`` of its lowest point;
 - limb and sky, seen from inside the air: the angle ``theta - theta_limb``, up to the zenith.
@@ -54,13 +54,12 @@ _FISHEYE_STEPS = 4
 
 @dataclass(frozen=True)
 class RayCamera:
-    """A camera and its attitude as kernel data.
+    """A camera and its attitude as kernel data: size-1 arrays, so that frames share one compiled kernel.
 
     ``values``: fx, fy, cx, cy and the distortion (k1 k2 p1 p2 k3, or k1 k2 k3 k4 0 of a fisheye); ``rows``: the nine
-    entries of the rotation from camera axes to Earth-fixed axes. All are size-1 arrays, so that frames share one
-    compiled kernel. ``distorted``: a pinhole with distortion; ``stages``: see :func:`_stages`. ``widest``: off-axis
-    angle up to which a fisheye's polynomial grows. ``circle``: size of the image circle, see :meth:`sees`; None where
-    it fills the image.
+    entries of the rotation from camera axes to Earth-fixed axes. ``distorted``: a pinhole with distortion; ``stages``:
+    see :func:`_stages`. ``widest``: off-axis angle up to which a fisheye's polynomial grows. ``circle``: size of the
+    image circle, see :meth:`sees`; None where it fills the image.
     """
 
     values: Values
@@ -92,9 +91,9 @@ class RayCamera:
         return self._rotate(*self._in_camera_axes(u, v))
 
     def sees(self, u: mi.Float64, v: mi.Float64) -> mi.Bool:
-        """Return whether the lens fills pixel coordinates with light; for cameras with an image circle only.
+        """Return whether pixels lie in the image circle.
 
-        A fisheye's circle is measured in the image, in focal lengths; the others' as the chord to the boresight.
+        In focal lengths for a fisheye, else the chord to the boresight.
         """
         assert self.circle is not None
         if self.projection == "fisheye":
@@ -255,13 +254,11 @@ class MoonInFrame:
 class FrameGeometry:
     """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays.
 
-    ``ground`` is None for a Lambert ground without clouds.
-    ``sunless``: all air and ground in view lie in the Earth's shadow. ``glow_top_m``: nothing shines above; at least
-    ``top_m``.
-    With refraction ``planet``, ``top_m`` and ``origin`` are apparent ones, among which light goes straight, and
-    ``bending`` tells by how much it bends.
-    ``gap_maps``: of the model's layers of thin cloud, None for one without gaps; empty where none has any.
-    ``every_cell``: cut all pixels into cells, also those that one ray would serve (see ``whole_pixels``).
+    ``ground`` is None for a Lambert ground without clouds. ``sunless``: all air and ground in view lie in the Earth's
+    shadow. ``glow_top_m``: nothing shines above; at least ``top_m``. With refraction ``planet``, ``top_m`` and
+    ``origin`` are apparent ones, among which light goes straight, and ``bending`` says by how much it bends.
+    ``gap_maps``: one per layer of thin cloud, None for one without gaps; empty where none has any. ``every_cell``: cut
+    all pixels into cells (see ``whole_pixels``).
     """
 
     rays: RayCamera
@@ -282,10 +279,7 @@ class FrameGeometry:
     every_cell: bool = False
 
     def column_and_row(self, pixel: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
-        """Return where pixels lie, by their numbers in row order. The image's width is data: sizes share kernels.
-
-        The quotient is half a pixel away from whole numbers, far more than it is rounded by.
-        """
+        """Return column and row of pixel numbers. The image's width is data: frames of all sizes share kernels."""
         number, width = mi.Float64(pixel), constant(self.width)
         row = dr.floor((number + 0.5) / width)
         return dr.fma(-row, width, number), row
@@ -297,9 +291,9 @@ class FrameGeometry:
 
 
 def limb_function(view: FrameGeometry, d: Vec, height_m: float = 0.0) -> mi.Float64:
-    """Return a smooth function of directions, positive inside the Earth, close to the angle from the limb [rad].
+    """Return a smooth function of directions, positive inside the Earth raised by ``height_m``.
 
-    ``height_m``: of the Earth raised by so much, for cameras above.
+    About the angle from its limb.
     """
     planet = view.planet
     o1, a = planet.stretch(view.origin, height_m), planet.a_m + height_m
@@ -343,18 +337,8 @@ class RayAxis:
 class RayCoordinates:
     """The rays of one camera position.
 
-    Attributes
-    ----------
-    planet : Planet
-    origin : ndarray, shape (3,)
-        Camera [m].
-    distance_m : float
-        From the centre, in the stretched space.
-    axes : ndarray, shape (3, 3)
-        Rows: north, west, and up, in the stretched space.
-    ground, limb : RayAxis
-    inside : bool
-        Whether the camera is inside the air: what ``limb`` measures.
+    ``origin``: camera [m]; ``distance_m``: from the centre, in the stretched space; ``axes``: rows north, west and up,
+    in the stretched space; ``inside``: whether the camera is inside the air, which decides what ``limb`` measures.
     """
 
     planet: Planet

@@ -65,7 +65,7 @@ def march(
     hit: SurfaceHit | None = None,
     ground_factors: tuple[Values, Values | None] | None = None,
 ) -> tuple[Values, Values]:
-    """Return radiance and transmittance of every spectral node of a batch along rays.
+    """Return radiance and transmittance of every spectral node of a batch along rays: two lists of Float64.
 
     Parameters
     ----------
@@ -80,15 +80,10 @@ def march(
     concentration : float
         The ``c`` of :mod:`horizonval.renderer.planet`: smaller is denser near the lowest point.
     hit : SurfaceHit, optional
-        What is at the rays' ends, clouds included; without it a Lambert ground, no clouds.
+        What is at the rays' ends, clouds included; default: a Lambert ground, no clouds.
     ground_factors : tuple of Values, optional
-        By how much the ground counts for the air along the rays and for the sky at their ends, where its part of the
-        light is kept apart (``SolarNodes.bounce``). Without them that part is left out.
-
-    Returns
-    -------
-    radiance, transmittance : lists of Float64
-        Transmittance from the observer to the end of the path.
+        Factors of the ground's light for the air along the rays and for the sky at their ends, where that light is
+        separate (``SolarNodes.bounce``). By default it is left out.
     """
     cloud = None if hit is None else (hit.cloud, hit.t)
     air = march_air(planet, top_m, batch, o, d, sun, to_ground, nodes, concentration, cloud)
@@ -101,9 +96,9 @@ def march(
 
 @dataclass(frozen=True)
 class AirMarch:
-    """Radiance and transmittance of the air along rays, per node, and what the march knew at their ends.
+    """Radiance and transmittance of the air along rays, per node, and the state of the march at their ends.
 
-    ``bounce``: what a ground of reflected flux 1 adds to the radiance; empty where it is in it.
+    ``bounce``: what a ground of reflected flux 1 adds to the radiance; empty where it is included.
     """
 
     radiance: Values
@@ -139,10 +134,10 @@ def march_air(
     steady: bool = False,
     lit: bool = False,
 ) -> AirMarch:
-    """Return what the air does along rays, without what is at their ends.
+    """Return the radiance and transmittance of the air along rays, without what is at their ends.
 
     Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.planet.find_path`, ``steady`` as of
-    :func:`horizonval.renderer.planet.lit_steps`; ``lit``: no shadow cuts the rays, as the caller knows.
+    :func:`horizonval.renderer.planet.lit_steps`; ``lit``: the caller knows that no shadow cuts the rays.
     """
     count = _step_count(nodes, round_of(batch).steps)
     # as data, so that rays to the ground and past it share a kernel
@@ -173,12 +168,12 @@ def optical_depth(
 
 @dataclass(frozen=True)
 class SunlitStations:
-    """Places along rays at which a march tells what it has added up: piece by piece even in t.
+    """Points along rays at which a march records its sums: evenly spaced in t within each piece.
 
-    ``cuts``: where the pieces begin and end, rising [m]; ``numbers``: of the stations there, from 0 to ``count`` less
-    one, size-1 arrays. ``taken``: how many steps are behind there, from the first station on, as many to each interval
-    of a piece; ``steps`` of all, and ``before`` steps up to the first. Where ``shadow`` may cut the rays, both are
-    shared by the pieces before, in and behind the umbra, a third to each, so that no step straddles its edge.
+    ``cuts``: ends of the pieces, rising [m]; ``numbers``: stations there, from 0 to ``count`` - 1, size-1 arrays.
+    ``taken``: how many steps lie before them, from the first station on, as many for each interval of a piece;
+    ``steps`` of all, and ``before`` steps up to the first. Where ``shadow`` may cut the rays, both are divided among
+    the pieces before, in and behind the umbra, a third each, so that no step straddles its edge.
     """
 
     cuts: tuple[mi.Float64, ...]
@@ -250,10 +245,7 @@ def march_to_stations(
     concentration: float,
     stations: SunlitStations,
 ) -> tuple[Values, Values, Values]:
-    """Return radiance, bounce and transmittance of the air from the observer to stations along rays, per node.
-
-    Each of shape (stations * rays,), station by station. Parameters as of :func:`march`.
-    """
+    """Return radiance, bounce and transmittance from the observer to stations, per node, each (stations * rays,)."""
     ends = mi.Bool(to_ground)
     dr.make_opaque(ends)
     path = find_path(planet, top_m, o, d, ends)
@@ -342,7 +334,7 @@ def _integrate(
 ) -> tuple[Values, Values, State]:
     """Return optical depth and radiances per node, and the source's state at the end.
 
-    ``note``: told both after every step, with the number of steps that are done.
+    ``note`` gets both after each step.
     """
     together = source.round.steps
 

@@ -5,7 +5,7 @@ one kind share compiled kernels. There is one type per kind of source:
 
 - :class:`SolarNodes`: scattered light of the Sun, or of the Moon in its place;
 - :class:`GlowNodes`: airglow, an emission per metre;
-- :class:`OpacityNodes`: nothing shines, the transmittance alone is asked for.
+- :class:`OpacityNodes`: no source, transmittance only.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ BATCH_WIDTH = 4
 
 @dataclass(frozen=True)
 class Place:
-    """Points of rays, and where they lie on an altitude grid.
+    """Points of rays and their cells on an altitude grid.
 
     ``node``, ``weight``: lower node of the grid and weight of the upper one; ``inside``: not above the top. ``excess``:
-    by how much the batch's layers with gaps exceed their mean columns; empty for the mean.
+    how far the batch's layers with gaps exceed their mean columns; empty for the mean.
     """
 
     position: Vec
@@ -60,17 +60,10 @@ class Place:
 
 @dataclass(frozen=True)
 class GappedLayer:
-    """A layer of thin cloud with gaps, as a batch has it.
+    """A layer of thin cloud with gaps in a batch; ``number``: index among the model's layers.
 
-    Attributes
-    ----------
-    number : int
-        Among the model's layers.
-    extinction, scattering : Float64, shape (n_altitude * width,)
-        Its mean columns, which those of the batch have in them.
-    asymmetry : list of Float64, size 1
-    map : GapMap or None
-        Where it is cloudy; None for the mean everywhere.
+    ``extinction``, ``scattering``: Float64, shape (n_altitude * width,), mean columns, which the batch's columns
+    include. ``map``: where it is cloudy; None for the mean everywhere.
     """
 
     number: int
@@ -123,16 +116,10 @@ class OpacityNodes(_Air):
 
 @dataclass(frozen=True)
 class GlowNodes(_Air):
-    """The airglow of solar nodes, marched by itself.
+    """The airglow of solar nodes, marched separately.
 
-    Attributes
-    ----------
-    emission : Float64, shape (n_altitude * width,)
-        Emission per metre.
-    ground : list of Float64, size 1
-        Radiance of the ground: airglow and sky that it reflects.
-    layer_m : float
-        Height below which nothing glows.
+    ``emission``: per metre, shape (n_altitude * width,); ``ground``: radiance of the ground, which reflects airglow and
+    sky, size 1; ``layer_m``: height below which nothing glows.
     """
 
     emission: mi.Float64
@@ -148,7 +135,7 @@ class GlowNodes(_Air):
 class Particles:
     """Scattering coefficient and Henyey-Greenstein asymmetry of particles, each of shape (n_altitude * width,).
 
-    ``forward``: which share of the scattering is not in the extinction; None for nothing.
+    ``forward``: share of the scattering that is not in the extinction; None for nothing.
     """
 
     scattering: mi.Float64
@@ -158,7 +145,7 @@ class Particles:
 
 @dataclass(frozen=True)
 class Beam:
-    """The Sun's beam at places of rays.
+    """The Sun's beam at points of rays.
 
     ``share``: of its irradiance across the ray, per node; ``lit``: where it shines; ``molecular``: irradiance times
     molecules' phase function, per node; ``cosine`` of the scattering angle.
@@ -172,22 +159,10 @@ class Beam:
 
 @dataclass(frozen=True)
 class Bounce:
-    """What a batch must know where the ground's light is not the same everywhere.
+    """What a batch needs over a ground whose reflected flux varies.
 
-    Attributes
-    ----------
-    field : SourceTable
-        Diffuse fields that a ground of reflected flux 1 adds.
-    spherical_albedo : tuple of float
-        Of the air from below, per node.
-    transfer : tuple of HorizontalTransfer
-        How far the ground's light spreads, per node.
-    wavelength_um : tuple of float
-        Of the nodes.
-    width : int
-        Of the batch, padding included.
-    digest : str
-        Of the columns of air.
+    ``field``: diffuse fields that a ground of reflected flux 1 adds; ``spherical_albedo`` of the air from below and
+    ``transfer`` (how far the ground's light spreads), per node; ``width`` includes padding; ``digest``: of the columns.
     """
 
     field: SourceTable
@@ -213,17 +188,17 @@ class SolarNodes(_Air):
     irradiance : list of Float64, size 1
         Of the light above the air.
     reflectance : list of Float64, size 1
-        Of the ground: its albedo / pi.
+        Ground albedo / pi.
     sunlight : SunTable or RefractionTables
         Towards the Sun, along straight lines or with refraction.
     diffuse : SourceTable or None
         Light scattered more than once; None for single scattering.
     bounce : Bounce or None
-        None where the ground is the same everywhere: ``diffuse`` then holds its light.
+        None over a uniform ground: ``diffuse`` then includes its light.
     glow : GlowNodes or None
         The airglow of the same nodes.
     moonlight : list of Float64, size 1, or None
-        The Moon's irradiance, to take the Sun's place.
+        The Moon's irradiance, to replace the Sun's.
     columns : ColumnAir or None
         How the air differs from ``extinction`` and ``molecular`` from place to place; None where it does not.
     """
@@ -289,10 +264,10 @@ class SolarNodes(_Air):
         return [dr.select(place.inside, v, 0.0) for v in total]
 
     def source_at(self, place: Place, beam: Beam, diffuse: Values) -> Values:
-        """Return the scattered light per metre, and then what a ground of reflected flux 1 adds if it is kept apart.
+        """Return the scattered light per metre, and then what a ground of reflected flux 1 adds if it is separate.
 
-        ``diffuse``: source of light scattered before, per scattering coefficient and irradiance: of molecules for every
-        node, and then of particles for every node, and then both for the ground's part; empty for single scattering.
+        ``diffuse``: source of light scattered more than once, per scattering coefficient and irradiance: of molecules
+        for every node, then of particles for every node, then both for the ground's part; empty for single scattering.
         """
         width, inside = self.width, place.inside
         molecular = self.molecular_at(place)

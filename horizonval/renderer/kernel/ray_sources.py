@@ -1,15 +1,17 @@
-"""What the air of a node batch shines along given rays: where the march's steps go, and the source at their points.
+"""The source of light in the air of a node batch along rays.
+
+Where the march's steps go, and the source at their points.
 
 Emission depends on the place alone (:class:`EmittingRays`). Scattered sunlight (:class:`SunlitRays`) carries two things
-from step to step: the light scattered before, and with refraction the bending angle of the ray.
+from step to step: the light scattered more than once, and with refraction the bending angle of the ray.
 
-The light scattered before is smooth and expensive. It is looked up at the steps' ends, and its logarithm is linear
+Light scattered more than once is smooth and expensive. It is read at the steps' ends, and its logarithm is linear
 between; with particles, whose many moments are expensive, at every second, and a parabola goes through three
 (:data:`PARTICLES`).
 
 **Refraction** makes no bent rays: the columns are those of :mod:`horizonval.renderer.refraction`, in
-which light goes straight; the bending angle is summed beside the optical depth and turns the Sun instead. The light
-scattered before is that of air without refraction, at the true height and under the true Sun.
+which light goes straight; the bending angle is summed with the optical depth and turns the Sun instead. Light
+scattered more than once is that of air without refraction, at the true height and under the true Sun.
 """
 
 from __future__ import annotations
@@ -67,7 +69,7 @@ MOLECULES, PARTICLES = Round(), Round(steps=4, lookups=2)
 class DiffuseAlong:
     """The diffuse source along a round of steps that begins at ``start``, ``1 / per_m`` long.
 
-    ``powers``: of its ``ln``, polynomials of the share of the way, the lowest power first; empty for none.
+    ``powers``: of its ``ln``, polynomials of the share of the path, the lowest power first; empty for none.
     """
 
     start: mi.Float64
@@ -111,9 +113,9 @@ class RaySource(Protocol):
         """Return the state where rays begin."""
 
     def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State, begins: mi.Bool) -> tuple[DiffuseAlong, State]:
-        """Return the diffuse source between ray parameters, and the state at the latter; ``state`` is at the former.
+        """Return the diffuse source between ray parameters and the state at the end; ``begins``.
 
-        ``begins``: whether rays begin there.
+        Whether rays begin there.
         """
 
     def over_step(
@@ -182,10 +184,10 @@ class EmittingRays:
 
 @dataclass(frozen=True)
 class SunlitRays:
-    """Rays through sunlit air.
+    """Rays through sunlit air. ``bent``: with refraction.
 
-    ``bent``: with refraction. ``molecular``: irradiance times the molecules' phase function; along a straight ray the
-    scattering angle stays the same, so that it is found once.
+    ``molecular``: irradiance times the molecules' phase function; the scattering angle is constant along a straight
+    ray.
     """
 
     batch: SolarNodes
@@ -217,7 +219,7 @@ class SunlitRays:
         to_ground: mi.Bool | None = None,
         lit: bool = False,
     ) -> SunlitRays:
-        """Share ``count`` steps out among the pieces between the umbra's edges, so that no step straddles one.
+        """Divide ``count`` steps among the pieces between the umbra's edges, so that no step straddles one.
 
         With ``to_ground`` also among those between the edges of layers of thin cloud. ``lit``: no shadow cuts the rays.
         """
@@ -381,8 +383,8 @@ def sunlit_ends(
 ) -> Values:
     """Return ``direct E0 mu T_sun + diffuse E_sky`` with the two reflectances [1/sr] of what is at the rays' ends.
 
-    Both are albedo / pi for a Lambert ground. Cloud tops get as much skylight as the ground. ``bending`` is that at the
-    end of the path. ``reflected``: the flux of the ground around, as the sky sees it, per node, where it is kept apart.
+    Both are albedo / pi for a Lambert ground. Cloud tops get as much skylight as the ground. ``bending``: angle at the
+    end of the path. ``reflected``: the flux of the ground around, as the sky sees it, per node, where it is separate.
     """
     height, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
     height = mi.Float64(0.0) if hit is None else dr.select(hit.cloud, height, 0.0)

@@ -1,21 +1,17 @@
 """What lies at the end of rays: land, snow, ice, water or cloud, and how it reflects the Sun.
 
-Nothing here depends on wavelength but the albedos, so every group of rays is traced once a frame
-(:func:`surface_hits`), and each node batch only mixes its albedos with those shares (:meth:`SurfaceHit.reflectance`).
-The physics is that of :mod:`horizonval.earth.surface.surface`, written again for the kernel.
+Only the albedos depend on wavelength, so every group of rays is traced once a frame (:func:`surface_hits`), and each
+node batch mixes its albedos with those shares (:meth:`SurfaceHit.reflectance`). The physics is that of
+:mod:`horizonval.earth.surface.surface` and :mod:`horizonval.earth.surface.ground_map`, written again for the kernel.
 
-Cloud tops are horizontal Lambert reflectors at their height; those of the pattern of the Earth hand on to the ground
-below what they do not reflect, as diffuse light: snow under them does not shine forward. That thin ones let part of the
-beam through as it is is left out. Where a cloud stands before the Sun, ground and clouds have of its beam what the
-cloud lets through: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera;
+Cloud tops are horizontal Lambert reflectors at their height; those of the Earth's pattern transmit to the ground
+below what they do not reflect, as diffuse light, so that snow under them has no forward peak. Transmission of the
+direct beam by thin ones is neglected. Where a cloud stands before the Sun, ground and clouds get the share of the beam
+that the cloud transmits: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera;
 skylight sees them as an albedo.
 
-**Ground cover** is :mod:`horizonval.earth.surface.ground_map`, written again for the kernel. The map is a table of
-words, eight cells in each. Kinds of ground are looked up in a table of mixtures, four cells a ray, and blended; the ice
-of the sea in the latitudes of its edges in the month at hand.
-
-Reflectance of water and snow: :mod:`horizonval.earth.surface.surface` and
-:mod:`horizonval.earth.surface.snow_reflectance`, written again.
+**Ground cover**: the map is a table of words, eight cells in each. Kinds of ground are read from a table of mixtures,
+four cells a ray, and blended; sea ice in the latitudes of its edges in the month at hand.
 """
 
 from __future__ import annotations
@@ -30,10 +26,9 @@ import numpy as np
 
 from horizonval.earth.clouds.relief import BASE_M
 from horizonval.earth.surface import city_lights as city_lights_map
-from horizonval.earth.surface import ground_map, sea_ice, snow_reflectance, surface
-from horizonval.earth.surface.materials import DRY
-from horizonval.earth.surface.snow_reflectance import mean_reflection
-from horizonval.earth.surface.surface import Albedos, GroundModel
+from horizonval.earth.surface import ground_map, surface
+from horizonval.earth.surface.ground_map import DRY
+from horizonval.earth.surface.surface import Albedos, GroundModel, mean_snow_reflection
 from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_cloud, first_cloud_and_turn
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.refraction import BendingField, ray_end
@@ -43,10 +38,12 @@ from horizonval.renderer.types import Values, Vec, constant, inverse_root
 
 @dataclass(frozen=True)
 class GroundTable:
-    """The ground of a month. ``words``: the map; ``mixtures``: of kinds, one behind the other; ``edges``: of sea ice,
-    north and then south [deg]; ``heights`` [m];
-    ``snow``: what the reflectance of snow is divided by;
-    ``inhabitants``: per square metre, where cities shine.
+    """The ground of a month. ``words``: the map; ``mixtures``: of kinds; ``edges``.
+
+    Of sea ice, north and then south [deg].
+
+    ``heights`` [m]; ``snow``: divisor of the reflectance of snow; ``inhabitants``: per square metre, where cities
+    shine.
     """
 
     words: mi.UInt32
@@ -62,8 +59,8 @@ class GroundTable:
     @classmethod
     def of(cls, month: float, city_lights: bool = False) -> GroundTable:
         """Return the ground of a month."""
-        edges = np.concatenate(sea_ice.edges_deg(month))
-        north, south = sea_ice.white_shares(month)
+        edges = np.concatenate(ground_map.edges_deg(month))
+        north, south = ground_map.white_shares(month)
         return cls(
             mi.UInt32(ground_map.packed_words()),
             mi.Float64(ground_map.mixtures().ravel()),
@@ -72,7 +69,7 @@ class GroundTable:
             dr.opaque(mi.Float64, ground_map.snow_line_deg(month), 1),
             dr.opaque(mi.Float64, north, 1),
             dr.opaque(mi.Float64, south, 1),
-            mi.Float64(mean_reflection()),
+            mi.Float64(mean_snow_reflection()),
             mi.Float32(city_lights_map.inhabitants_per_m2().ravel()) if city_lights else None,
         )
 
@@ -128,11 +125,10 @@ def cells_around(table: GroundTable, places: Places) -> MapCells:
 
 
 def look_alike(table: GroundTable, places: Places) -> tuple[mi.UInt32, mi.Bool]:
-    """Return a number for what there is at places, and whether it is the same all around them.
+    """Return a number for the ground at places, and whether it is the same all around them.
 
-    Places of one number have the same ground where it is the same around them, but for the slow ways in which snow and
-    ice set in (the number tells none of them, some, and all from each other) and in which the height of land changes
-    (it tells the squares in which heights are bilinear).
+    Places of one number have the same ground, except for the gradual onset of snow and ice (the number distinguishes
+    none, some and all of them) and for the height of land (it distinguishes the squares in which heights are bilinear).
     """
     cells = cells_around(table, places)
     sea = cells.kinds[0] == ground_map.SEA
@@ -170,8 +166,8 @@ def snow_share(table: GroundTable, places: Places) -> mi.Float64:
 
 
 def frozen(table: GroundTable, places: Places) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.sea_ice.frozen`."""
-    count = sea_ice.SECTORS
+    """Return :func:`horizonval.earth.surface.ground_map.frozen`."""
+    count = ground_map.SECTORS
     x = places.longitude * (count / 360.0) - 0.5
     i = mi.UInt32(x)
     w = x - mi.Float64(i)
@@ -181,11 +177,11 @@ def frozen(table: GroundTable, places: Places) -> mi.Float64:
         return dr.lerp(low, high, w)
 
     beyond = dr.maximum(places.latitude - edge(0), -places.latitude - edge(1))
-    return dr.clip(beyond / sea_ice.EDGE_DEG, 0.0, 1.0)
+    return dr.clip(beyond / ground_map.EDGE_DEG, 0.0, 1.0)
 
 
 def white_share(table: GroundTable, places: Places) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.sea_ice.white_share`."""
+    """Return :func:`horizonval.earth.surface.ground_map.white_share`."""
     return frozen(table, places) * dr.select(places.latitude > 0.0, table.white_north, table.white_south)
 
 
@@ -254,23 +250,20 @@ def glint_brdf(mu_sun: mi.Float64, mu_view: mi.Float64, cosine: mi.Float64, vari
 
 
 def snow_factor(mean: mi.Float64, mu_sun: mi.Float64, mu_view: mi.Float64, cosine: mi.Float64) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.snow_reflectance.forward_factor`; ``mean``: its table of N."""
-    x = dr.clip(mu_sun, 0.0, 1.0) * (snow_reflectance.NODES - 1.0)
-    i = dr.minimum(mi.UInt32(x), snow_reflectance.NODES - 2)
+    """Return the factor of snow in :mod:`horizonval.earth.surface.surface`; ``mean``: its table of N."""
+    x = dr.clip(mu_sun, 0.0, 1.0) * (surface.SNOW_NODES - 1.0)
+    i = dr.minimum(mi.UInt32(x), surface.SNOW_NODES - 2)
     over = dr.lerp(dr.gather(mi.Float64, mean, i), dr.gather(mi.Float64, mean, i + 1), x - mi.Float64(i))
-    sun, view = (dr.maximum(mu, snow_reflectance.LEAST_COSINE) for mu in (mu_sun, mu_view))
+    sun, view = (dr.maximum(mu, surface.LEAST_SNOW_COSINE) for mu in (mu_sun, mu_view))
     theta = dr.rad2deg(dr.acos(dr.clip(-cosine, -1.0, 1.0)))
     p = 11.1 * dr.exp(-0.087 * theta) + 1.1 * dr.exp(-0.014 * theta)
-    top = snow_reflectance.A + snow_reflectance.B * (sun + view) + snow_reflectance.C * sun * view + p
+    top = surface.SNOW_A + surface.SNOW_B * (sun + view) + surface.SNOW_C * sun * view + p
     return top / (4.0 * (sun + view) * over)
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground and clouds of a frame.
-
-    ``table``: what covers an "earth". ``pieces``: how many a belt of a chequered ground has.
-    """
+    """Ground and clouds of a frame; ``table``: cover of an "earth"; ``pieces``: per belt of a chequered ground."""
 
     model: GroundModel
     table: GroundTable | None
@@ -289,9 +282,9 @@ class SurfaceHit:
     cloud : Bool
         Whether that is a cloud.
     t : Float64
-        Ray parameter of the end where there is a cloud; elsewhere the ray ends where the ellipsoid says.
+        Ray parameter of the end on a cloud; elsewhere the ellipsoid decides.
     sunlit : Float64
-        1 where no cloud is before the Sun, else what the first lets through: nothing, if clouds are opaque.
+        1 without a cloud before the Sun, else the share that the first transmits: 0 for opaque clouds.
     shares : dict of Float64
         Share of every material in the end's area: keys of Albedos. A cloud counts with its brightness.
     entering : Float64
@@ -301,7 +294,7 @@ class SurfaceHit:
     forward : Float64
         Radiance of snow in the Sun's beam over that of a Lambert surface; 1 under clouds, whose light is diffuse.
     bending : Float64 or None
-        By how much a ray has turned at its end [rad]; None without refraction.
+        Bending angle of a ray at its end [rad]; None without refraction.
     lamps : Float64 or None
         Luminance of cities [lm m-2 sr-1], under the Sun; None where none shine.
     albedos : list of Albedos
@@ -351,9 +344,8 @@ class SurfaceHit:
 def _through(cloud: mi.Float64, ground: mi.Float64) -> mi.Float64:
     """Return the albedo of ground under a cloud that absorbs nothing, by the albedos of both (the adding method).
 
-    Albedos of diffuse light, never above 1: with one direction's reflectance of the beam, which may be above, the light
-    to and fro between ground and cloud would have no end.
-    The ground's is zero under opaque clouds, which let nothing through.
+    Both are albedos of diffuse light, at most 1, so that the series of reflections between them converges. The ground's
+    is zero under opaque clouds, which transmit nothing.
     """
     return cloud + (1.0 - cloud) * (1.0 - cloud) * ground / (1.0 - cloud * ground)
 
@@ -376,11 +368,11 @@ def surface_hits(
     to_ground: bool,
     bending: BendingField | None = None,
 ) -> list[SurfaceHit]:
-    """Find where rays end, under every light.
+    """Return where rays end, under every light.
 
     ``to_ground``: they all meet the ellipsoid, unless a cloud is before it. ``bending``: with refraction; ``planet``
-    and rays are then the apparent ones. Sunlight on its way past clouds goes straight even so: low Suns shine over
-    edges of clouds by up to their own diameter from elsewhere.
+    and rays are then the apparent ones. Sunlight past clouds is not refracted: low Suns shine over edges of clouds
+    displaced by up to the Sun's diameter.
     """
     count = dr.width(d[0])
     cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
@@ -446,9 +438,9 @@ def ground_shares(ground: Ground, normal: Vec, clear: mi.Float64) -> dict[str, m
 
 
 def shares_from_above(ground: Ground, normal: Vec) -> dict[str, mi.Float64]:
-    """Return what is seen from straight above unit normals, clouds with their brightness: keys of Albedos.
+    """Return shares seen from straight above, clouds with their brightness.
 
-    No search is needed there: a cloud stands where the relief is above the lowest base.
+    A cloud is where the relief is above its base.
     """
     white, clear = mi.Float64(0.0), mi.Float64(1.0)
     if ground.clouds is not None:
@@ -460,10 +452,7 @@ def shares_from_above(ground: Ground, normal: Vec) -> dict[str, mi.Float64]:
 
 
 def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:
-    """Return 1 where no cloud is between points and the Sun, else what the first lets through.
-
-    The search begins a step away from the point.
-    """
+    """Return 1 where no cloud is between points and the Sun, else what the first transmits; starts a step away."""
     start = along(p, sun, clouds.step_m)
     shaded, t = first_cloud(clouds, planet, start, sun, to_ground=False)
     if not clouds.translucent:

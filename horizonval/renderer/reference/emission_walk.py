@@ -1,4 +1,4 @@
-r"""Thermal emission by Monte Carlo: an integrator for Mitsuba, whose own ``volpath`` knows no air that shines.
+r"""Thermal emission by Monte Carlo: an integrator for Mitsuba, whose ``volpath`` has no emitting air of this kind.
 
 A path is walked backward from the camera, and ends where a photon that came along it was emitted: at the first
 absorption. Along the ray the optical depth to that place is distributed as :math:`\exp(-\tau)`, and so
@@ -6,32 +6,32 @@ absorption. Along the ray the optical depth to that place is distributed as :mat
 .. math:: L_g = \int S_g \, e^{-\tau_g} \, d\tau_g + \dots = E[S_g(\text{place of absorption})]
 
 with S = 0 for paths that leave into space. On the ground a path ends with the probability of the emissivity
-(Kirchhoff) and is reflected otherwise. Each path belongs to one g point, drawn with a probability :math:`p_g`, and
+(Kirchhoff) and is reflected otherwise. Each path belongs to one g point, sampled with a probability :math:`p_g`, and
 counts :math:`1 / p_g` times; the paths of a pixel lie evenly in the sum of these probabilities. Half of :math:`p_g` is
-:math:`S_g / \sum S_g` of air of :data:`TYPICAL_K`, half the same for all: the middle of a line, which has next to no
-width and which is all that shines high up, would else have too few paths.
+:math:`S_g / \sum S_g` of air of :data:`TYPICAL_K`, half the same for all: line centres, which have next to no
+width and are all that shines high up, would otherwise have too few paths.
 
 Distances are found by null collisions (Woodcock): a tentative flight through air of the majorant :math:`M \ge k`, then
-absorption with the probability :math:`k / M`. Where a majorant holds follows from one fact: height above a convex body
+absorption with the probability :math:`k / M`. Height above a convex body
 is a convex function along a line, so that a ray at height h whose height changes by :math:`\mu` per metre is never
-below :math:`h + \mu s`. A flight ends where the ray may have sunk by :data:`SINK_M`, and goes on with the majorant
-from there.
+below :math:`h + \mu s`: the majorant holds. A flight ends where the ray may have sunk by :data:`SINK_M`, and goes on
+with the majorant from there.
 
-From Mitsuba come the rays of the camera, the ground that they hit and its normal (an ``instance``, as in sunlight), the
+Mitsuba provides the rays of the camera, the ground that they hit and its normal (an ``instance``, as in sunlight), the
 random numbers and the film. With the march it shares no code but that of the optical properties.
 
-**Air**: extinction and source function of every g point, and a majorant. What the column of a thermal band says
-(:class:`horizonval.earth.atmosphere.emission.EmittingBand`) on even heights: linear in height, and linear in the sine
-of latitude between rows. No code of the march has a part in it.
+**Air**: extinction and source function of every g point, and a majorant: the column of a thermal band
+(:class:`horizonval.earth.atmosphere.emission.EmittingBand`) on even heights, linear in height, and linear in the sine
+of latitude between rows.
 
-Opaque air is made less opaque where nothing of it can be seen: below the height where the optical depth straight up is
-:data:`UNSEEN`, the extinction stays what it is there. The light of what lies deeper is a share of ``exp(-20)``, 2e-9,
-and a path through the air above does not have to walk in steps of metres.
+Opaque air is made less opaque where it cannot be seen: below the height where the optical depth straight up is
+:data:`UNSEEN`, the extinction is constant. Light from deeper is a share of ``exp(-20)``, 2e-9, and paths need no steps
+of metres.
 
 **Ground.** Shares and temperatures of :mod:`horizonval.earth.surface.ground_emission` lie on a grid of latitude and
 longitude over all that the camera's horizon encloses, linear between: 0.04 degrees from 500 km up, where the map of
 ground has 0.05. A path meets one kind of ground, by chance. There it ends with the probability of its emissivity, or is
-reflected: by water as by a mirror, by all else in all directions alike.
+reflected: by water as by a mirror, by all else evenly into all directions.
 """
 
 from __future__ import annotations
@@ -62,8 +62,7 @@ class AirTables:
     """A band's air in the kernel's memory, Float32, g points outermost.
 
     ``extinction`` [1/m] and ``source`` [W m-2 sr-1]: shape (g, rows, heights), flat. ``majorant`` [1/m], shape
-    (g, levels): the largest extinction at a height and above, on all rows. ``low``, ``per_row`` place the rows on the
-    sine of latitude.
+    (g, levels): the largest extinction at a height and above. ``low``, ``per_row``: rows on the sine of latitude.
     """
 
     extinction: mi.Float32
@@ -221,10 +220,7 @@ class GroundGrid:
 
 @dataclass(frozen=True)
 class GroundTables:
-    """What a band's g points see of the ground.
-
-    ``emissivity``: shape (g, kinds, cosines), flat; ``source`` [W m-2 sr-1]: shape (g, temperatures), flat.
-    """
+    """Ground by g point: ``emissivity`` (g, kinds, cosines), flat; ``source`` [W m-2 sr-1] (g, temperatures), flat."""
 
     grid: GroundGrid
     emissivity: mi.Float32

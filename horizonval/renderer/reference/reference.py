@@ -1,13 +1,12 @@
 """A frame by Monte Carlo, in Mitsuba: the cross-check of the march, pixel by pixel.
 
 :mod:`horizonval.renderer.reference.reference_scene` says what such a frame holds and leaves out in sunlight,
-:mod:`horizonval.renderer.reference.emission_walk` how air shines in thermal bands. It comes with an estimate of its own
-noise: several passes with independent seeds, whose scatter is the standard error. Thermal bands say how far the
-deterministic frame is from them, of the same scene without what the reference leaves out.
+:mod:`horizonval.renderer.reference.emission_walk` how air emits in thermal bands. Several passes with independent seeds
+give the standard error. Thermal bands also record their difference from the deterministic frame of the same scene.
 
 **Scene files** that a Mitsuba user opens hold the deterministic frame, and the same scene in stock plugins. Mitsuba's
-own writer (``mi.parser.write_file``, 3.9.1) takes transforms apart and writes a wrong scale for the ellipsoid, and it
-does not know plugins written in Python.
+writer (``mi.parser.write_file``, 3.9.1) takes transforms apart and writes a wrong scale for the ellipsoid, and it
+does not support plugins written in Python.
 """
 
 from __future__ import annotations
@@ -58,12 +57,9 @@ LANES = 2**22
 
 
 def resized(camera: CameraSpec, width: int, height: int, where: str) -> CameraSpec:
-    """Return the same lens in front of a detector of fewer, larger pixels.
+    """Return the same lens before fewer, larger pixels.
 
-    Raises
-    ------
-    UserError
-        If the proportions differ by more than rounding to whole pixels.
+    ``UserError`` if the proportions differ by more than rounding.
     """
     old = camera_from_spec(camera.camera)
     right = max(round(width * old.height / old.width), 1)
@@ -97,23 +93,18 @@ def render_reference(
     spp: int = DEFAULT_SPP,
     progress: Progress | None = None,
 ) -> RadianceFrame:
-    """Return the frame by Monte Carlo, with the map ``standard_error.<band>`` beside its radiance.
+    """Return the frame by Monte Carlo, with the map ``standard_error.<band>`` of each band's radiance.
 
     The seeds come from the scene's identity: the same scene, samples and number of threads give the same frame. Bands
-    are sums over the same spectral nodes as in the deterministic frame; ``scene.render.orders`` of scattering.
-
-    Parameters
-    ----------
-    spp : int
-        Samples per pixel and spectral node, 2 to 1e6; rounded up to a multiple of the number of passes. The g points of
-        a thermal band share those of the band.
-    progress : Progress, optional
+    are sums over the same spectral nodes as in the deterministic frame; ``scene.render.orders`` of scattering. ``spp``:
+    samples per pixel and spectral node, 2 to 1e6, rounded up to a multiple of the number of passes; the g points of
+    a thermal band share those of the band.
 
     Raises
     ------
     UserError
-        Thermal bands through air that varies with longitude, and whatever
-        :func:`horizonval.renderer.frame.render_frame` refuses.
+        Thermal bands through air that varies with longitude, and errors of
+        :func:`horizonval.renderer.frame.render_frame`.
     """
     if not 2 <= spp <= MOST_SPP:
         raise UserError(
@@ -260,10 +251,10 @@ def _refuse_weather(described: Described) -> None:
 
 
 def _differences(scene: SceneSpec, camera: CameraSpec, bands: dict[str, _Band]) -> dict[str, dict[str, float]]:
-    """Return how far the deterministic frame is from bands, in standard errors: their mean, and rms over pixels.
+    """Return the difference of the deterministic frame from bands, in standard errors: mean, and rms over pixels.
 
-    Pixels above a hundredth of the brightest. A perfect frame has an rms of 1.18 where there are 8 passes (Student's
-    t). It has as many rays per pixel as there may be: pixels of a small image hold much of a limb.
+    Over pixels above a hundredth of the brightest. A perfect frame has an rms of 1.18 with 8 passes (Student's
+    t). The frame has as many rays per pixel as possible: pixels of a small image hold much of a limb.
     """
     straight = scene.atmosphere.model_copy(update={"refraction": False})
     fine = scene.render.model_copy(update={"subsamples": MOST_SUBSAMPLES})
@@ -354,22 +345,10 @@ def limb_settings(properties: Any) -> LimbSettings:
 
 
 def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Path]:
-    """Write ``scene.xml``, ``README.txt`` and, where a band is solar, ``reference.xml`` with its grids.
+    """Write ``scene.xml``, ``README.txt`` and, for solar bands, ``reference.xml`` with its grids; return the paths.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if need be; files of these names are replaced.
-
-    Returns
-    -------
-    list of Path
-        Everything written.
-
-    Raises
-    ------
-    UserError
-        As :func:`horizonval.renderer.frame.render_frame`.
+    ``folder`` is made if need be; files of these names are replaced. Errors as of
+    :func:`horizonval.renderer.frame.render_frame`.
     """
     described = describe(scene, camera)
     from horizonval.renderer.plugins import camera_properties
@@ -436,13 +415,7 @@ _POINTS = ("center",)
 
 
 def scene_xml(scene: dict[str, Any], comment: str) -> str:
-    """Return the XML document of a scene dictionary that holds the plugins of :mod:`horizonval.renderer` only.
-
-    Parameters
-    ----------
-    comment : str
-        Told at the head of the document.
-    """
+    """Return the XML of a scene dictionary that holds our plugins only, headed by ``comment``."""
     root = ElementTree.Element("scene", version=VERSION)
     root.append(ElementTree.Comment(f" {comment.replace('--', '-')} "))
     for name, value in scene.items():

@@ -98,14 +98,8 @@ def reference_scene(
 ) -> PluginDict:
     """Return the scene of one spectral node, under sunlight of unit irradiance.
 
-    Parameters
-    ----------
-    sensor : dict
-        :func:`perspective`, or another sensor in the scene's kilometres.
-    volume : callable
-        :func:`shell_volumes` for exact shells.
-    orders : int, optional
-        Orders of scattering, ground included; all by default.
+    ``sensor``: :func:`perspective`, or another sensor in the scene's kilometres; ``volume``: :func:`shell_volumes` for
+    exact shells; ``orders`` of scattering, ground included, all by default.
     """
     planet, top = place.planet, model.top_m
     outer_m = max(float(np.linalg.norm(place.camera_m)), planet.a_m + top) + MARGIN_M
@@ -218,9 +212,9 @@ def _blend(one: PluginDict, other: PluginDict, weight: PluginDict) -> PluginDict
 
 
 def _phase(node: SpectralNode, volume: Volume) -> PluginDict:
-    """Return the phase function: molecules, and particles by their share in scattering at every altitude.
+    """Return the phase function.
 
-    ``1 - c/3 + c cos^2`` is ``c / 0.75`` parts Rayleigh and the rest isotropic.
+    ``c / 0.75`` parts Rayleigh, the rest isotropic, and particles by share at each height.
     """
     share = node.molecular_cos2 / RAYLEIGH_COS2
     molecules: PluginDict = {"type": "rayleigh"}
@@ -327,9 +321,9 @@ LONGEST_SUN_PATH_M = 400e3
 
 @dataclass(frozen=True)
 class Box:
-    """An oriented box. ``axes``: rows are its unit vectors; ``low``, ``size``: along them, from the scene's origin.
+    """An oriented box [m]. ``axes``: rows are its unit vectors; ``low``, ``size``: along them, from the scene's origin.
 
-    Metres. ``count``: voxels along each axis. ``top_m``: highest altitude it is meant to hold.
+    ``count``: voxels along each axis. ``top_m``: highest altitude it is meant to hold.
     """
 
     axes: FloatArray
@@ -399,9 +393,9 @@ def seen_air(model: OpticalModel, place: Placement, camera: CameraModel, extinct
 
 
 def grid_volumes(model: OpticalModel, node: SpectralNode, place: Placement, box: Box, folder: Path) -> Volume:
-    """Return a maker of grids of one node, each a ``.vol`` file in ``folder`` that the scene names relative to itself.
+    """Return a maker of grids of one node, each a ``.vol`` file in ``folder`` named relative to it by the scene.
 
-    Extinction is made as the module text says; the others vary slowly and have half the resolution.
+    Extinction follows the module text; the others vary slowly and have half the resolution.
     """
     extinction = node.extinction_per_m
     rest = np.maximum(extinction - node.molecular_per_m, 0.0)
@@ -459,10 +453,7 @@ def _molecules(model: OpticalModel, values: FloatArray, height: FloatArray, step
 
 
 def _mean(model: OpticalModel, values: FloatArray, height: FloatArray, steps: FloatArray) -> FloatArray:
-    """Return means over the heights of such voxels: box as wide as the three edges' rises together, rms.
-
-    Air mirrored in the ground makes the column an odd function of height.
-    """
+    """Return means over the heights of voxels, as wide as the three edges' rms rise, air mirrored in the ground."""
     z = model.altitude_m
     column = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(z))])
     wide = np.maximum(np.linalg.norm(steps, axis=-1), 1.0)

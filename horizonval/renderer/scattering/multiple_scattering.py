@@ -18,33 +18,30 @@ that every Lambert albedo A is served::
     I(A) = I_air + A I_bounce / (1 - A s)
 
 (0.1 % of the diffuse light by day, 0.4 % with the Sun 6 deg below the horizon, at 450 nm and an albedo of 0.8.)
+Whatever spans decades in twilight is interpolated as ``ln I_00`` and ratios to it.
 
-Everything that spans decades in twilight is interpolated as ``ln I_00`` and
-ratios to it.
+**Accuracy** of the total radiance of molecules, as tested: 0.6 % against another code (1.2 % with ozone) and 1 % plus
+its noise against Monte Carlo, from a high Sun to one 18 deg below the horizon. With particles of asymmetry 0.7:
+haze 0.7 % by day, 1 % until the Sun is 2 deg and 5 % until it is 5 deg below the horizon, in the dark rays towards
+the Sun; a dense layer with sharp edges 1.5 % (``FINE``: 0.7 %). LOWTRAN7's background, the Sun 5 to 12 deg below the
+horizon: 2.4 % at worst, 0.6 % rms; after a large eruption (``LAYERED``, 850 nm) 4.6 % looking away from the
+Sun, 2.3 % rms. On the ellipsoid, read at geodetic height, 0.5 % against Monte Carlo over WGS84, which is its noise.
 
-**Accuracy** of the radiance in all, as tested: 0.6 % against another code (1.2 % with ozone) and 1 % beside its noise
-against Monte Carlo, from a high Sun to one 18 deg below the horizon, for molecules. With particles of asymmetry 0.7:
-haze 0.7 % by day, 1 % until the Sun is 2 deg below the horizon and 5 % until 5 deg, in the dark rays towards the Sun;
-a dense layer with sharp edges 1.5 % (``FINE``: 0.7 %). LOWTRAN7's background, the Sun 5 to 12 deg below the horizon,
-450 and 850 nm: 2.4 % at worst, 0.6 % rms; after a large eruption (``LAYERED``, 850 nm) 4.6 % looking away from the
-Sun, 2.3 % rms in all, of which 1 % is the Monte Carlo's noise. On the ellipsoid, read at geodetic height, 0.5 % against
-Monte Carlo over WGS84, which is its noise.
-
-High moments are kept of the light that was scattered once or twice; of what follows, and of what the ground sends,
-those up to ``later_degree``: a third of the time, 0.1 % by day and at most 1 % more in the dark rays of twilight.
+Light scattered once or twice has high moments; later orders and light from the ground have those up to
+``later_degree``: a third of the time, 0.1 % by day and at most 1 % more in the dark rays of twilight.
 
 Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, horizontal change of the air; for a ground
-that varies the two parts are kept apart (:mod:`horizonval.renderer.local_light`).
+that varies the two parts stay separate (:mod:`horizonval.renderer.local_light`).
 
 **One pass** for all heights i, polar directions j, ray nodes n and Sun angles k first contracts the harmonics of the
 node with the moments at its radius, leaving ``F_m(i, j, n, k)``: along the ray only ``sum_m F_m cos(m phi)`` at the
-node's own Sun angle remains to be interpolated. The columns differ in extinction and scattering alone, so that one
+node's Sun angle remains to be interpolated. Columns differ in extinction and scattering alone, so that one
 march finds the places for all of them.
 
-**On disk** diffuse fields are solved once for every column of air and found again by its content. The key is a hash of
-everything the solution depends on: the planet's radius, the columns, the phase functions, the quality and the version
-of the method. Albedo, Sun, camera and scene are not in it. Files are written aside and moved into place, so that runs
-side by side cannot harm each other; a damaged file is solved again.
+**On disk** diffuse fields are solved once for every column of air and cached under a hash of everything the solution
+depends on: the planet's radius, the columns, the phase functions, the quality and the version of the method; not
+albedo, Sun, camera or scene. Files are written to a temporary name and moved into place, so that concurrent runs
+cannot harm each other; a damaged file is solved again.
 """
 
 from __future__ import annotations
@@ -211,19 +208,10 @@ _SLAB = 4_000_000
 class _Slab:
     """Neighbouring heights that are marched in one launch, with the tables of their rays.
 
-    Attributes
-    ----------
-    n_height : int
-    mu, start : Float32
-        The rays' cosines; radii [m] they start from.
-    places : Float32, shape (rays * nodes * 4,)
-        What the cosine of the Sun's zenith angle is made of, and the cosine of the ray's angle to the zenith.
-    weight : Float32, shape (rays * nodes * columns,)
-        Of emission per metre.
-    level, level_weight : UInt32 and Float32, shape (rays * nodes,)
-        Height below, and the weight of the one above.
-    factors : Float32, shape (rays * nodes * columns * slots,)
-        By which the moments enter.
+    ``mu``, ``start``: the rays' cosines, and radii [m] they start from. ``places``, (rays * nodes * 4,): terms of the
+    cosine of the Sun's zenith angle, and the cosine of the ray's angle to the zenith. ``weight``, (rays * nodes *
+    columns,): of emission per metre. ``level``, ``level_weight``, (rays * nodes,): height below, and the weight of the
+    one above. ``factors``, (rays * nodes * columns * slots,): of the moments.
     """
 
     n_height: int
@@ -238,13 +226,7 @@ class _Slab:
 class DiffuseMarch:
     """The march of diffuse light along all rays, prepared once and applied to every order.
 
-    Parameters
-    ----------
-    columns, rays : sequences of equal length
-        Of one geometry and degree.
-    n_azimuth : int
-    degree : int
-        Of the moments that scatter.
+    ``columns``, ``rays``: of equal number, one geometry and one degree of the moments that scatter.
     """
 
     def __init__(self, columns: Sequence[ShellColumn], rays: Sequence[ShellRays], n_azimuth: int, degree: int) -> None:
@@ -398,20 +380,9 @@ def solve(
 ) -> list[MultipleScattering]:
     """Return the light scattered more than once in columns of air that need moments of one degree.
 
-    A column's solution has the same bits with whatever others it is solved.
-
-    Parameters
-    ----------
-    nodes : sequence of SpectralNode
-        1 to ``SOLVED_TOGETHER``.
-    altitude_m : ndarray, shape (n,)
-        Of the nodes' columns.
-    planet_m : float
-        Radius of the ground.
-    sun_table : SunTable
-        Optical depths towards the Sun of the nodes, ``SOLVED_TOGETHER`` wide.
-    quality : Quality
-    progress : Progress, optional
+    A column's solution has the same bits whatever columns it is solved with. ``nodes``: 1 to ``SOLVED_TOGETHER``;
+    ``altitude_m``, (n,): of their columns; ``planet_m``: radius of the ground; ``sun_table``: the nodes' optical depths
+    towards the Sun, ``SOLVED_TOGETHER`` wide.
     """
     solver = _Solver(nodes, altitude_m, planet_m, sun_table, quality, progress)
     air = solver.sum_of_orders(solver.scattered_once())
@@ -439,7 +410,7 @@ class _Field:
 
 
 class _Basis:
-    """What makes moments of radiance along the rays of a geometry, up to a degree.
+    """Weights from radiance along the rays of a geometry to moments up to a degree.
 
     ``weights``: shape (n_height, n_harmonics, n_direction * n_azimuth); ``down``: of directions in the irradiance.
     """
@@ -598,10 +569,7 @@ def multiple_scattering(
     sun_table: Callable[[Sequence[SpectralNode]], SunTable],
     progress: Progress | None = None,
 ) -> list[MultipleScattering]:
-    """Return solutions from memory, from disk, or solved now.
-
-    ``sun_table`` is asked only then, for tables ``SOLVED_TOGETHER`` wide.
-    """
+    """Return solutions from memory, from disk, or solved now, with a ``sun_table`` ``SOLVED_TOGETHER`` wide."""
     keys = [content_key(node, altitude_m, planet_m, quality) for node in nodes]
     solutions: dict[str, MultipleScattering] = {}
     missing: dict[int, dict[str, SpectralNode]] = {}

@@ -70,10 +70,8 @@ class ShellRays:
     Attributes
     ----------
     radius_m : ndarray, shape (n_r,)
-    cosine : ndarray, shape (n_r, n_d)
-        Of the directions' angle to the zenith.
-    solid_angle : ndarray, shape (n_r, n_d)
-        Weight of a direction, per radian of azimuth.
+    cosine, solid_angle : ndarray, shape (n_r, n_d)
+        Of the directions' angle to the zenith; weight of a direction, per radian of azimuth.
     reaches_ground : ndarray of bool, shape (n_r, n_d)
     end_m, end_transmittance : ndarray, shape (n_r, n_d)
         Distance and transmittance to the end of the ray (ground or top).
@@ -120,18 +118,10 @@ def shell_rays(
 ) -> ShellRays:
     """Return the rays of a shell with extinction linear in altitude.
 
-    Parameters
-    ----------
-    altitude_m, extinction_per_m : ndarray, shape (n,)
-        From the ground to the top.
-    planet_m : float
-        Radius of the ground.
-    height_m : ndarray, shape (n_r,)
-        Where rays start, the ground included.
-    n_up, n_down, n_nodes : int
-        Directions above and below the horizon, nodes on every ray; with ``bands`` about twice as many.
-    bands : sequence of (float, float)
-        Heights of sharp layers, rising: rays are cut at their edges, and every piece has nodes of its own.
+    ``altitude_m``, ``extinction_per_m``, (n,): from the ground to the top; ``planet_m``: radius of the ground;
+    ``height_m``, (n_r,): where rays start, the ground included; ``n_up``, ``n_down``, ``n_nodes``: directions above and
+    below the horizon, nodes on every ray, with ``bands`` about twice as many; ``bands``: heights of sharp layers,
+    rising, at whose edges rays are cut into pieces with separate nodes.
     """
     top = planet_m + altitude_m[-1]
     cosine, solid_angle = polar_directions(height_m, planet_m, n_up, n_down)
@@ -267,9 +257,9 @@ class Quality:
     """Resolution of the tables and of the quadratures behind them.
 
     ``n_*``: heights, Sun angles; directions above and below the horizon, azimuths in half a turn and nodes on a ray;
-    ``first_*`` the same for the light scattered once, which has the shadow's edge and the aureole in it.
-    ``particle_degree``: up to which moments are kept where there are particles, of the light scattered once or twice;
-    ``later_degree`` that of light scattered more often or reflected at the ground, in which nothing narrow is left.
+    ``first_*`` the same for the light scattered once, which contains the shadow's edge and the aureole.
+    ``particle_degree``: of the moments where there are particles, for light scattered once or twice;
+    ``later_degree``: for light scattered more often or reflected at the ground, which has no narrow features.
     """
 
     n_height: int
@@ -305,8 +295,8 @@ _STRATOSPHERE_M = 12_000.0
 def for_images(model: OpticalModel) -> Quality:
     """Return the resolution that images of a model need.
 
-    A stratosphere full of particles needs the higher moments, too, with the Sun set: light that comes over the horizon
-    from the Sun is scattered straight back, where moments up to the eighth leave 5 to 7 % too much at 850 nm.
+    A stratosphere full of particles needs the higher moments after sunset, too: light from the Sun over the horizon
+    is scattered straight back, where moments up to the eighth leave 5 to 7 % too much at 850 nm.
     """
     if model.layers:
         return LAYERED
@@ -332,17 +322,7 @@ SOLVED_TOGETHER = 4
 
 @dataclass(frozen=True)
 class ShellColumn:
-    """A column over a spherical ground.
-
-    Attributes
-    ----------
-    node : SpectralNode
-    altitude_m : ndarray, shape (n,)
-        Of the node's columns.
-    planet_m : float
-        Radius of the ground.
-    quality : Quality
-    """
+    """A column (n,) over a spherical ground of radius ``planet_m``."""
 
     node: SpectralNode
     altitude_m: FloatArray
@@ -425,16 +405,8 @@ SMALLEST = 1e-30
 class DiffuseField:
     """Moments of diffuse light on heights ``top x^2`` and the angles of ``sun_angles``, per unit solar irradiance.
 
-    Attributes
-    ----------
-    top_m, planet_m : float
-    degree : int
-    moments : ndarray, shape (n_height, n_sun, n_harmonics)
-        ``I_lm`` in the order of :func:`harmonics.pairs`.
-    irradiance : ndarray, shape (n_sun,)
-        Diffuse irradiance on the ground.
-    heights : ndarray, shape (n_height,), or None
-        Where they are not those.
+    ``moments``, (n_height, n_sun, n_harmonics): ``I_lm`` in the order of :func:`harmonics.pairs`; ``irradiance``,
+    (n_sun,): diffuse, on the ground; ``heights``, (n_height,): where they differ from ``top x^2``.
     """
 
     top_m: float

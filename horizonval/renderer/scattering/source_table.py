@@ -59,15 +59,9 @@ ROW_STEP_M = 10.0
 class SourceTable:
     """Diffuse fields of a node batch.
 
-    Attributes
-    ----------
-    moments : Float32, shape (n_height * n_sun * n_used * width,)
-    irradiance : Float32, shape (n_sun * width,)
-        ``ln`` of the diffuse irradiance on the ground.
-    used : list of (int, int)
-        Harmonics (l, m) stored; the first is (0, 0).
-    row_of_height : Float32, or None
-        Rows, and parts of rows, at heights :data:`ROW_STEP_M` apart, where the fields' heights are not ``top x^2``.
+    ``moments``: (n_height * n_sun * n_used * width,); ``irradiance``: ``ln`` of that on the ground, (n_sun * width,);
+    ``used``: harmonics (l, m) stored, the first is (0, 0); ``row_of_height``: fractional rows at heights
+    :data:`ROW_STEP_M` apart, where the fields' heights are not ``top x^2``.
     """
 
     moments: mi.Float32
@@ -116,20 +110,13 @@ class SourceTable:
         asymmetry: Values | None,
         forward: Values | None = None,
     ) -> list[mi.Float32]:
-        """Return ``ln`` of the source per scattering coefficient and irradiance [1/sr], Float32.
+        """Return ``ln`` of the source per scattering coefficient and irradiance [1/sr].
 
-        Of molecules for every node, and then of particles for every node.
+        Of molecules, then of particles, per node.
 
-        Parameters
-        ----------
-        height_m, normal : Float32
-            Geodetic height and vertical of the point.
-        d, sun : Vec
-            The ray's direction and the direction to the Sun.
-        cos2, asymmetry : sequences of Float64
-            Phase functions of the nodes at the point; without ``asymmetry`` there are no particles.
-        forward : sequence of Float64, optional
-            Share of what particles scatter that goes straight on (:mod:`.forward_peak`).
+        ``height_m``, ``normal``: geodetic height and vertical of the point; ``d``, ``sun``: the ray's direction and
+        that to the Sun; ``cos2``, ``asymmetry``: phase functions of the nodes, without ``asymmetry`` no particles;
+        ``forward``: share of what particles scatter that goes straight on (:mod:`.forward_peak`).
         """
         degree = self.used[-1][0]
         zenith, ray, light = normal, _single(d), _single(sun)
@@ -220,10 +207,7 @@ _EARTH_M = 6.371e6
 
 @dataclass(frozen=True)
 class HorizontalTransfer:
-    """Transfer functions at :data:`WAVE_NUMBERS_PER_M` of a column: ``air`` at the levels, shape (levels, k); ``sky``.
-
-    Both are 1 at wave number 0.
-    """
+    """Transfer functions of a column, 1 at wave number 0: ``air`` at the levels, shape (levels, k), and ``sky``."""
 
     air: FloatArray
     sky: FloatArray

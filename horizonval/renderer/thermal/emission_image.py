@@ -1,8 +1,7 @@
-"""Thermal bands of a frame: every cell looks up what the tables of its camera position say.
+"""Thermal bands of a frame: every cell interpolates in the tables of its camera position.
 
-Nothing here marches but the nodes of those tables that no frame looked at before; where thin cloud has gaps, every
-cell. Kinds of ground and their
-temperatures are found once for all bands, and so are clouds.
+Only table nodes that no earlier frame needed are marched; where thin cloud has gaps, every cell. Kinds of ground, their
+temperatures and clouds are computed once for all bands.
 """
 
 from __future__ import annotations

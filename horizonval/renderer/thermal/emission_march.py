@@ -57,18 +57,9 @@ WIDTH = 8
 class AirColumns:
     """Columns of one band.
 
-    Attributes
-    ----------
-    altitude_m : ndarray, shape (n,)
-    sin_latitude : ndarray, shape (m,)
-    extinction, source : ndarray, shape (g, m, n)
-        1/m and W m-2 sr-1.
-    bands : sequence of (float, float)
-        Heights between which layers of thin cloud lie.
-    column_map : ColumnMap or None
-        Where the m columns stand, in place of ``sin_latitude``.
-    gapped : dict from int to ndarray, shape (g, n)
-        What layers with gaps add to the extinction in the mean, by their numbers among all layers.
+    ``altitude_m`` (n,), ``sin_latitude`` (m,); ``extinction``, ``source``: (g, m, n), 1/m and W m-2 sr-1; ``bands``:
+    heights between which layers of thin cloud lie; ``column_map``: positions of the m columns, in place of
+    ``sin_latitude``; ``gapped``: by layer, mean extinction (g, n) of layers with gaps.
     """
 
     altitude_m: FloatArray
@@ -167,10 +158,7 @@ def _bands(layers: FloatArray, altitude_m: FloatArray, gaps: Sequence[LayerGaps 
 
 @dataclass(frozen=True)
 class GappedAbsorption:
-    """A layer of thin cloud with gaps: its number among all, its mean column (n * width,), and where it is cloudy.
-
-    ``map`` None: the mean everywhere.
-    """
+    """A layer of thin cloud with gaps: its number, mean column (n * width,), and map; None for the mean everywhere."""
 
     number: int
     extinction: mi.Float64
@@ -181,7 +169,7 @@ class GappedAbsorption:
 class ColumnBatch:
     """Columns of up to :data:`WIDTH` g points in the kernel's memory.
 
-    ``values``: Float64 of shape (rows, n, 2, width), flat. ``used``: g points that are not filling. ``low`` and
+    ``values``: Float64 of shape (rows, n, 2, width), flat. ``used``: g points that are not padding. ``low`` and
     ``per_row`` (size 1) place the rows, or else ``lattice`` does.
     """
 
@@ -242,7 +230,7 @@ _NEAR = GAUSS_LOW + _FAR
 
 @dataclass(frozen=True)
 class Stations:
-    """Places along rays at which P and Q are wanted: ``count`` of them, even in t from ``first`` to ``last``.
+    """Points along rays at which P and Q are wanted: ``count`` of them, even in t from ``first`` to ``last``.
 
     ``steps``: march steps from each to the next.
     """
@@ -279,7 +267,7 @@ def march_emission(
     Returns
     -------
     radiance, through : lists of Float64
-        Of the air, and transmittance from the observer to the end of the path; per g point that is not filling.
+        Of the air, and transmittance from the observer to the end of the path; per g point that is not padding.
     at_stations : tuple of two Float64, shape (count * rays,), or None
         P and Q, station by station.
     """

@@ -1,8 +1,7 @@
-"""The view tables that a frame looks up, and what rays see by them.
+"""The view tables of a frame, and the radiance of rays from them.
 
-A ray's radiance is that of the air before its end, from a table, and that of its end, which is found ray by ray from
-the table's transmittance. Rays that end on a cloud have tables of their own. The few that fall into rough patches are
-marched.
+A ray's radiance is that of the air before its end, from a table, and that of its end, which is computed ray by ray with
+the table's transmittance. Rays that end on a cloud have separate tables. The few in rough patches are marched.
 """
 
 from __future__ import annotations
@@ -46,9 +45,7 @@ from horizonval.renderer.view_table.sunlit_air import (
 
 @dataclass(frozen=True)
 class _Cloudy:
-    """Rays that end on clouds: which of a group, their places in the table of the air before clouds and in its
-    stations.
-    """
+    """Rays of a group that end on clouds: their indices, and places in the table before clouds and in its stations."""
 
     table: PatchTable
     index: mi.UInt32
@@ -80,12 +77,9 @@ class LitRays:
 
 
 class FrameTables:
-    """The view tables of a frame: taken from memory, and grown where the frame sees more than frames before.
+    """The view tables of a frame, cached and extended by each frame; ``ground``, ``limb``.
 
-    Attributes
-    ----------
-    ground, limb : LitRays or None
-        The frame's groups of rays; None for a group without rays.
+    Groups of rays, None if empty.
     """
 
     def __init__(self, view: FrameGeometry, lights: Sequence[Light], digest: str) -> None:
@@ -108,21 +102,11 @@ class FrameTables:
         nodes: int,
         digest: str,
     ) -> FrameTables | None:
-        """Find the places of a frame's rays, and make what is missing there; None where nothing shines by table.
+        """Find the places of a frame's rays, and make missing patches; None where nothing shines by table.
 
-        Gaps of thin cloud are finer than tables over directions: a frame with such is marched, ray by ray.
-
-        Parameters
-        ----------
-        view, cells : FrameGeometry, Cells
-        hits : tuple of SurfaceHit or None
-            Where rays to the ground end, and rays past it.
-        batches : sequence of SolarNodes
-            The latter are left out.
-        nodes : int
-            Evaluations along a ray of the direct march.
-        digest : str
-            Of air, planet and orders of scattering.
+        Gaps of thin cloud are finer than tables over directions: a frame with such is marched, ray by ray. ``hits``:
+        where rays to the ground end, and rays past it; ``batches``: those of thermal nodes are ignored; ``nodes``:
+        evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering.
         """
         lights = [] if view.gap_maps else _lights(view, batches, nodes)
         if not lights:
@@ -213,17 +197,10 @@ class FrameTables:
         return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
 
     def shine(self, rays: LitRays, name: str, batch: int, hit: SurfaceHit | None) -> tuple[Values, Values]:
-        """Return radiance and transmittance of every node of a batch along rays under a light.
+        """Return radiance and transmittance of every node of a batch along rays under the light ``name``.
 
-        Parameters
-        ----------
-        rays : LitRays
-        name : str
-            Of the light.
-        batch : int
-            Its place among the light's batches.
-        hit : SurfaceHit, optional
-            What is at the rays' ends, clouds included, for the nodes of the batch; without it a Lambert ground.
+        ``batch``: index among the light's batches; ``hit``: what is at the rays' ends, clouds included, for the nodes
+        of the batch; default: a Lambert ground.
         """
         looked = rays.looked[name]
         nodes = looked.light.batches[batch]

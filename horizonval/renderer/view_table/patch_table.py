@@ -1,23 +1,21 @@
-"""Tables over the rays of one camera position, made where they are looked at and as fine as they need to be.
+"""Tables over the rays of one camera position, made where frames need them and as fine as they need to be.
 
 The plane of place on the row axis (x from 0 to 1) and azimuth is cut into :data:`ROW_PATCHES` x :data:`AZIMUTH_PATCHES`
-patches of splines. One is fine enough if the splines through every
+patches of splines. A patch is fine enough if the splines through every
 second of its nodes, along rows and along azimuths, predict the others within the tolerance: where the function is
 smooth the spline through all nodes is then better by a factor of 16, where it has a kink by a factor of 2. If not it is
 halved along the axis that needs it, down to :data:`FINEST`. Kinks that run along rows, at the top of the air and at the
-edges of layers, are shut in more closely: a patch as wide as it was made may be halved along rows down to
-:data:`FINEST_ROWS`. Patches that are too coarse even then, on lines where the function jumps, are marked as rough: rays
-in them are to be marched.
+edges of layers, get narrower patches: one of the full width may be halved along rows down to :data:`FINEST_ROWS`.
+Patches that are too coarse even then, on lines where the function jumps, are rough: their rays are marched.
 
-Patches are made when rays first fall into them. What a patch holds, and whether it is halved, depends on nothing that
-was seen before.
+Patches are made when rays first fall into them; their values and divisions do not depend on earlier frames.
 
 **A patch** has :data:`INTERVALS` intervals a side. In each direction the spline is
 
     s(t) = sum_k c_k B(t - k),      B the cubic B-spline on whole numbers,      k = -1 .. INTERVALS + 1
 
 with ``s(i)`` the value at node i and, as it has two coefficients more than there are nodes, no jump of the third
-derivative at the first and last inner nodes ("not a knot"). It is of fourth order up to its edges: it needs no
+derivative at the first and last inner nodes ("not a knot"). It is of fourth order up to its edges and needs no
 neighbours. On an edge it depends on that edge's nodes alone, so that patches of one size join without a step.
 """
 
@@ -79,11 +77,7 @@ def prediction() -> FloatArray:
 
 
 def _along(matrix: FloatArray, values: FloatArray, axis: int) -> FloatArray:
-    """Return a matrix times values along an axis of (..., NODES, NODES, q).
-
-    Term by term: a product of matrices would round by how many patches there are. A few patches at a time, which stay
-    in a processor's cache.
-    """
+    """Return a matrix times values along an axis of (..., NODES, NODES, q), term by term: rounding must not vary."""
     shape = list(values.shape)
     shape[axis - 3] = len(matrix)
     patches, product = values.reshape(-1, *values.shape[-3:]), np.empty((math.prod(shape[:-3]), *shape[-3:]))
@@ -157,7 +151,7 @@ class Tabulated:
     quantities : int
         A multiple of :data:`PACKET`.
     single : bool
-        Whether coefficients are kept in single precision: for large tables. Differences of frames over a small part of
+        Whether coefficients are in single precision, for large tables; differences of frames over a small part of
         a pixel need double precision.
     """
 
@@ -266,11 +260,7 @@ class PatchTable:
         return wanted
 
     def _values_of(self, wave: _Patches) -> FloatArray:
-        """Return values at the nodes of patches, one after the other, shape (patches, NODES, NODES, quantities).
-
-        Every node is marched once: patches share those on their edges, and half of a patch has every second node of the
-        whole.
-        """
+        """Return values at the nodes of patches, (patches, NODES, NODES, quantities); shared nodes are marched once."""
         if not wave:
             return np.zeros((0, NODES, NODES, self.tabulated.quantities))
         key, back = np.unique(np.concatenate([_node_keys(p, size) for size, p in wave.items()]), return_inverse=True)

@@ -1,28 +1,24 @@
 r"""What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
-Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, or half of that.
-Whatever reflects at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
+Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, or half of that,
+without what reflects at the rays' ends. With refraction the table also holds the bending angle at the rays' ends.
 
-What a view table holds of the air before clouds: radiance and transmittance from the camera to stations along rays.
-
+**Air before clouds**: radiance and transmittance from the camera to stations along rays.
 The stations lie between where a ray enters the layer of the cloud tops and where it leaves it or meets the ground. The
-edges of layers of thin cloud cut that way into pieces. Every piece has a number of stations of its own, evenly spaced:
-radiance and transmittance have a kink at a layer's edge, and at a station of fixed number they would have one wherever
-the edge comes past it from ray to ray.
+edges of layers of thin cloud cut that stretch into pieces, each with a fixed number of stations, evenly spaced:
+radiance and transmittance have a kink at a layer's edge, which must not move past a station from ray to ray.
+A ray that ends on a cloud uses Lagrange's cubic through the four stations of one piece around its end.
 
-A ray that ends on a cloud reads the stations beside its end, by Lagrange's cubic through four of one piece.
-
-The plane of a view table: rays from one camera position by x from 0 to 1 and azimuth, kinks on borders of patches.
-
+**The plane of a view table**: rays from one camera position by x from 0 to 1 and azimuth, kinks on borders of patches.
 For rays to the ground, and for those past it from inside the air, x is the place on the axis of
-:mod:`horizonval.renderer.kernel.frame_geometry`, over its length. For rays past the ground seen from above the air the
-light has kinks along rows: where rays just touch the top of the air or the edge of a layer at a height h, their ways
-below it begin as :math:`\sqrt{2 R (h - h_{low})}`. These heights are borders there, and whole patches lie between two,
-in which x is even on that axis; but in the patch below a border, s of the way up, x goes with
+:mod:`horizonval.renderer.kernel.frame_geometry`, over its length. For rays past the ground seen from above the air
+radiance has kinks along rows: where rays just touch the top of the air or the edge of a layer at a height h, their
+paths below it begin as :math:`\sqrt{2 R (h - h_{low})}`. These heights are borders there, and whole patches lie between
+two, in which x is even on that axis; but in the patch below a border, s of the way up, x goes with
 
     1 - sqrt(1 - s)
 
-in which light is smooth. Borders in v, the height of the lowest point in the stretched space, differ a little from h
+in which radiance is smooth. Borders in v, the height of the lowest point in the stretched space, differ from h
 and with azimuth, by 0.3 % from pole to equator: a ray over the ellipsoid, seen from the point o, touches that raised
 by h where its nadir angle theta solves
 
@@ -54,10 +50,9 @@ from horizonval.renderer.view_table.patch_table import PACKET, ROW_PATCHES, Patc
 
 @dataclass(frozen=True)
 class _Raised:
-    """The ellipsoid raised by a height as a camera sees it: the numbers of the module text.
+    """The raised ellipsoid of the module text.
 
-    ``up2`` is :math:`|U|^2`, ``tilt`` the share of the squared z that stretching adds, ``reach2``
-    :math:`(|o|/(a+h))^2`.
+    ``up2`` is |U|^2, ``tilt`` stretching's share of z^2, ``reach2`` (|o|/(a+h))^2.
     """
 
     up2: float
@@ -77,8 +72,8 @@ class _Raised:
 class RayPlane:
     """The plane of the rays to the ground or of those past it.
 
-    ``heights_m`` of the borders, rising, the last at the top of the air; ``patches``: of rows between two. Empty where
-    there are no borders.
+    ``heights_m`` of the borders, rising, the last at the top of the air; ``patches``: rows between two. Empty without
+    borders.
     """
 
     coordinates: RayCoordinates
@@ -177,9 +172,8 @@ def _shared_out(axis: RayAxis, heights_m: Sequence[float]) -> tuple[int, ...]:
 
 MORE_NODES, MORE_NODES_IN_HAZE = 4, 2
 """Times the evaluations of the direct march; the latter with particles, on rays that no shadow cuts, past the ground or
-through layers of thin cloud, which share out as many above and below.
-The parabolas of the diffuse source (:mod:`horizonval.renderer.kernel.ray_sources`) leave those good to 9e-6 in the
-median; frames of the ground were off by 5e-5."""
+through layers of thin cloud, which distribute as many above and below. The parabolas of the diffuse source
+(:mod:`horizonval.renderer.kernel.ray_sources`) leave an error of 9e-6 in the median."""
 TOLERANCE, TOLERANCE_IN_TWILIGHT = 5e-4, 2e-3
 """Of the prediction (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
 where the camera is, and for a low Sun, the Moon and airglow."""
@@ -225,9 +219,9 @@ class Light:
 
     @property
     def air_ends_m(self) -> tuple[float, float]:
-        """Heights between which what scatters in the batches' own columns ends: two neighbouring nodes of theirs.
+        """Two neighbouring nodes between which scattering of the batches' columns ends.
 
-        Both are ``top_m`` where it does not end below.
+        Both ``top_m`` if not below it.
         """
         ends = []
         for batch in self.batches:
@@ -248,9 +242,9 @@ class Light:
         return any(isinstance(b, SolarNodes) and b.bounce is not None for b in self.batches)
 
     def tolerance(self, coordinates: RayCoordinates, looser: float = 1.0) -> float:
-        """Return what the light's tables may be off, as a share of the radiance.
+        """Return the light's table error as a share of the radiance.
 
-        ``looser``: times that of others under a Sun at most 75 deg from the zenith.
+        ``looser`` times it for a Sun at most 75 deg from zenith.
         """
         up = coordinates.origin / np.linalg.norm(coordinates.origin)
         cosine = float(up @ np.array([float(c[0]) for c in self.direction]))
@@ -383,10 +377,7 @@ def air_table(
     stations: int = 1,
     looser: float = 1.0,
 ) -> PatchTable:
-    """Return an empty table of ``values``, whose quantities are, for every station, those of :func:`sunlit_air`.
-
-    ``looser``: as of :meth:`Light.tolerance`.
-    """
+    """Return an empty table of ``values``: the quantities of :func:`sunlit_air` for every station."""
     x, azimuth = np.meshgrid(
         np.linspace(0.0, 1.0, SURVEY_ROWS), np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
     )
@@ -429,10 +420,8 @@ def air_table(
 
 STATIONS = 48
 STEPS, STEPS_BEFORE = 1, 48
-"""Of the march: from one station to the next, and up to the first. With 32 before, haze of a great eruption, which lies
-above the clouds in one dense layer, was off by 2.4e-5 in the median of a frame, with 48 and 64 by 6e-6 and 1.2e-5;
-seventeen other frames drawn at random by at most 1.4e-5, 1.1e-5 and 1.1e-5. With two from one station to the next the
-worst pixels under clouds were as far from the march."""
+"""Of the march: from one station to the next, and up to the first. Fewer before the first leave an error of 2.4e-5 in
+the median where haze of a great eruption lies above the clouds in one dense layer."""
 STEPS_IN_LAYER = 4
 """From one station to the next in layers of thin cloud, which few stations cross. With 1, 2 and 4 a frame under clouds
 was off by 4e-3, 5e-4 and 1e-4, in the median by 1.4e-4, 3e-5 and 7e-6."""
@@ -442,10 +431,9 @@ ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
 LOOSER = 2.0
-"""Times the tolerance of the air's other tables, with the Sun at most 75 deg from the zenith. With so few steps from
-station to station profiles' kinks at their nodes show, a patch that is halved has half the error, not a sixteenth, and
-what it misses is seen in few pixels. Of eight frames four took a third less rays, and none was further off, in its
-worst pixel or the median. With the Sun at 80 deg in haze the worst went from 1.0e-3 to 1.7e-3."""
+"""Times the tolerance of the air's other tables, with the Sun at most 75 deg from the zenith: with so few steps from
+station to station the profiles' kinks are visible, and halving a patch halves the error instead of dividing it by 16.
+"""
 LEAST_INTERVALS = 3
 """Of a piece: a cubic goes through four stations."""
 
@@ -497,8 +485,8 @@ def stations_along(
 def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
     """Return the numbers of the stations at the ends of pieces between heights, falling to the ground.
 
-    Intervals are shared out by what a ray needs for each piece: by thickness where it meets the ground, and else by the
-    way of one that grazes it.
+    Intervals are divided by what a ray needs for each piece: by thickness where it meets the ground, and else by the
+    path of one that grazes it.
     """
     reach = [h if to_ground else math.sqrt(h) for h in heights_m]
     ways = [high - low for high, low in pairwise(reach)]

@@ -18,7 +18,7 @@ import horizonval.earth
 from horizonval.earth.atmosphere import climate
 from horizonval.earth.tables import npz
 from horizonval.earth.weather import real_states, zonal_climate
-from horizonval.earth.weather.field import CLASSES, MODES, class_of
+from horizonval.earth.weather.field import CLASSES, MODES, class_weights
 
 STEP_M, TOP_M, SCALE_M = 2500.0, 65e3, 7000.0
 WATER_TOP_M, OZONE_FLOOR_M = 15e3, 8e3
@@ -32,7 +32,7 @@ def deviations() -> tuple[np.ndarray, np.ndarray]:
     for n, name in enumerate(real_states.names()):
         s = real_states.real_state(name)
         month = climate.month_of(np.datetime64(s.date).astype("datetime64[s]").item())
-        classes.append(class_of(s.latitude_deg, month))
+        classes.append(int(np.argmax(class_weights([s.latitude_deg], month)[:, 0])))
         own = s.altitude_m >= s.surface_m - 1.0
         z, height = s.altitude_m[own], SCALE_M * np.log(101325.0 / s.pressure_pa[own])
         blend = climate.blended(climate.climate_weights(s.latitude_deg, month)).at(np.minimum(z, 119e3))

@@ -1,16 +1,13 @@
-import json
-from typing import Any
-
 import numpy as np
 import pytest
+from earth_forms import model_of, solar, thermal
 
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere import aerosol
-from horizonval.earth.optical import optical_model
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
+from horizonval.earth.tables import json_object
 
 Z = np.arange(0.0, 100_001.0, 100.0)
+GREEN, WINDOW = solar(0.54, 0.56, nodes=1), thermal(10.7, 11.3)
 MODELS = ("background", "volcanic_moderate", "volcanic_high", "polar", "dust")
 
 
@@ -55,23 +52,12 @@ def test_the_amount_below_ten_kilometres_is_as_asked(name: str) -> None:
 
 
 def test_scenes_ask_for_an_amount() -> None:
-    band = {"kind": "solar", "lo_um": 0.54, "hi_um": 0.56, "nodes": 1}
-    hazy, thin, clear = (
-        np.trapezoid(model_of(name, air, **band).nodes[0].particle_per_m, Z)
-        for name, air in (
-            ("background", {"aerosol_optical_depth_550nm": 1.0}),
-            ("background", {"aerosol_optical_depth_550nm": 0.0}),
-            ("none", {}),
-        )
-    )
+    amounts = [{"aerosol_optical_depth_550nm": 1.0}, {"aerosol_optical_depth_550nm": 0.0}, {"aerosol": "none"}]
+    hazy, thin, clear = (np.trapezoid(model_of(GREEN, atmosphere=a).nodes[0].particle_per_m, Z) for a in amounts)
     # 0.95 of it is scattered (rural air 0.946, tropospheric 0.964)
     assert hazy - thin == pytest.approx(0.952, abs=0.006)
     assert 0.006 < thin - clear < 0.009
-    band = {"kind": "thermal", "lo_um": 10.7, "hi_um": 11.3}
-    hazy, thin = (
-        model_of("background", {"aerosol_optical_depth_550nm": amount}, **band).thermal[0].extinction_at([500.0]).sum()
-        for amount in (1.0, 0.0)
-    )
+    hazy, thin = (model_of(WINDOW, atmosphere=a).thermal[0].extinction_at([500.0]).sum() for a in amounts[:2])
     assert hazy > thin
 
 
@@ -99,7 +85,7 @@ def test_spectra(kind: str, exponent: float, exponent_blue: float, albedo: float
     assert found.asymmetry[1] == pytest.approx(asymmetry, abs=5e-4)
 
 
-@pytest.mark.parametrize("kind", aerosol.kinds())
+@pytest.mark.parametrize("kind", json_object("aerosol.json")["spectra"])
 def test_spectra_are_possible_everywhere(kind: str) -> None:
     found = aerosol.optics(kind, np.geomspace(0.2, 18.5, 5000))
     assert (found.scattering >= 0).all()
@@ -176,16 +162,8 @@ def test_refusals() -> None:
             aerosol.optics("rural_rh70", [0.5, wavelength])
 
 
-def model_of(aerosol_name: str, air: dict[str, float] | None = None, **band: Any) -> Any:
-    air_of_scene = {"aerosol": aerosol_name} | (air or {})
-    scene = {"camera": {"file": "cam.toml"}, "platform": {"altitude_km": 500}, "atmosphere": air_of_scene}
-    camera = {"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [{"name": "b", **band}]}
-    return optical_model(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
-
-
 def test_solar_nodes_hold_molecules_and_particles() -> None:
-    band = {"kind": "solar", "lo_um": 0.54, "hi_um": 0.56, "nodes": 1}
-    clear, hazy = (model_of(name, **band).nodes[0] for name in ("none", "volcanic_high"))
+    clear, hazy = (model_of(GREEN, atmosphere={"aerosol": name}).nodes[0] for name in ("none", "volcanic_high"))
     extinction, scattering, asymmetry = aerosol.aerosol("volcanic_high", Z).at(hazy.wavelength_um)
     np.testing.assert_array_equal(hazy.molecular_per_m, clear.molecular_per_m)
     np.testing.assert_allclose(hazy.extinction_per_m - clear.extinction_per_m, extinction, rtol=1e-9, atol=1e-18)
@@ -196,30 +174,15 @@ def test_solar_nodes_hold_molecules_and_particles() -> None:
 
 
 def test_particles_absorb_in_thermal_bands() -> None:
-    band = {"kind": "thermal", "lo_um": 10.7, "hi_um": 11.3}
-    (clear,), (hazy,) = model_of("none", **band).thermal, model_of("volcanic_high", **band).thermal
+    (clear,), (hazy,) = (model_of(WINDOW, atmosphere={"aerosol": name}).thermal for name in ("none", "volcanic_high"))
     # Aged volcanic particles absorb 0.02513 of their extinction at 550 nm at 11 um; at 19 km that is 0.0153 per km.
     added = (hazy.extinction_at([19e3]) - clear.extinction_at([19e3])).ravel()
     np.testing.assert_allclose(added, 0.0153e-3 * 0.02513, rtol=0.02)
     # The tables of the particles end at 18.5 um.
-    assert model_of("background", kind="thermal", lo_um=18.6, hi_um=19.5).thermal
+    assert model_of(thermal(18.6, 19.5)).thermal
 
 
 def test_bands_outside_the_spectra_are_refused() -> None:
     with pytest.raises(UserError, match=r'cam\.toml: band\[0\]: .*within 0\.2 to 18\.5 um.*aerosol = "none"'):
-        model_of("background", kind="solar", lo_um=18.0, hi_um=19.0)
-    assert model_of("none", kind="solar", lo_um=18.0, hi_um=19.0).nodes
-
-
-def test_table_is_consistent() -> None:
-    from horizonval.earth.tables import json_object
-
-    table = json_object("aerosol.json")
-    assert json.dumps(table["profiles"])
-    for profile in table["profiles"].values():
-        assert len(profile["extinction_550_per_km"]) == len(table["altitude_km"])
-        edges = [region["altitude_km"] for region in profile["regions"]]
-        assert [low for low, _ in edges[1:]] == [high for _, high in edges[:-1]]
-        assert {region["spectrum"] for region in profile["regions"]} <= set(table["spectra"])
-    for spectrum in table["spectra"].values():
-        assert {len(values) for values in spectrum.values()} == {len(table["wavelength_um"])}
+        model_of(solar(18.0, 19.0))
+    assert model_of(solar(18.0, 19.0), atmosphere={"aerosol": "none"}).nodes

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from earth_forms import rayleigh_air
 
 from horizonval.core.errors import UserError
 from horizonval.earth import atmosphere_file as af
@@ -44,44 +45,45 @@ def changed(path: str, value: Any) -> dict[str, Any]:
     return data
 
 
+def particles(**changes: Any) -> dict[str, Any]:
+    """A band with particles in it."""
+    return content()["bands"][0] | {"particle_scattering_per_m": [3e-5, 1e-6, 0, 0], "asymmetry": 0.7, **changes}
+
+
 @pytest.mark.parametrize(
     ("path", "value", "key", "message"),
     [
         ("altitude_km/2", 10.0, "altitude_km[2]", "expected rising altitudes"),
         ("altitude_km/0", 1.0, "altitude_km[0]", "expected 0, the ground"),
-        ("altitude_km/0", -1.0, "altitude_km[0]", "is -1.0; expected greater than or equal to 0"),
         ("altitude_km", [0.0], "altitude_km", "at least 2"),
         ("altitude_km/1", float("nan"), "altitude_km[1]", "finite"),
         ("temperature_K/1", 0.0, "temperature_K[1]", "greater than 0"),
-        ("temperature_K/1", -3.0, "temperature_K[1]", "greater than 0"),
         ("temperature_K", [288.0, 220.0], "temperature_K", "has 2 values; expected 4"),
         ("temperature_K/0", "288", "temperature_K[0]", 'is "288"; expected number'),
-        ("temperature_K/0", True, "temperature_K[0]", "expected number"),
         ("bands/0/scattering_per_m/3", -1e-9, "bands[0].scattering_per_m[3]", "greater than or equal to 0"),
         ("bands/0/absorption_per_m/0", float("inf"), "bands[0].absorption_per_m[0]", "finite"),
         ("bands/0/absorption_per_m", [0.0], "bands[0].absorption_per_m", "has 1 values; expected 4"),
         ("bands/0/phase", "mie", "bands[0].phase", '"rayleigh", "isotropic" or {"henyey_greenstein": g}'),
         ("bands/0/phase", {"henyey_greenstein": 1.0}, "bands[0].phase", "-1 < g < 1"),
-        ("bands/0/phase", {"g": 0.5}, "bands[0].phase", "-1 < g < 1"),
-        ("bands/0/asymmetry", 0.5, "bands[0].particle_scattering_per_m", "missing; expected this key beside asymmetry"),
+        ("bands/0/asymmetry", 0.5, "bands[0].particle_scattering_per_m", "missing"),
+        ("bands/0/particle_scattering_per_m", [0.0] * 4, "bands[0].asymmetry", "missing"),
+        ("bands/0", particles(particle_scattering_per_m=[0.0]), "bands[0].particle_scattering_per_m", "has 1 values"),
+        ("bands/0", particles(asymmetry=1.0), "bands[0].asymmetry", "less than 1"),
+        ("bands/0", particles(asymmetry=-1.0), "bands[0].asymmetry", "greater than -1"),
         (
-            "bands/0/particle_scattering_per_m",
-            [0.0] * 4,
-            "bands[0].asymmetry",
-            "missing; expected this key beside particle_scattering_per_m",
+            "bands/0",
+            particles(phase={"henyey_greenstein": 0.3}),
+            "bands[0].phase",
+            'expected "rayleigh" or "isotropic"',
         ),
-        ("bands/0/wavelength_nm", 0, "bands[0].wavelength_nm", "greater than 0"),
         ("bands/0/colour", "red", "bands[0].colour", "unknown key"),
         ("bands", [], "bands", "at least 1"),
         ("bands", [content()["bands"][0]] * 2, "bands[1].name", "'a' is used twice"),
         ("top_km", 99.0, "top_km", "expected 100 or more"),
-        ("top_km", None, "top_km", "is null; expected number"),
         ("top_km", 10**400, "top_km", "expected"),
         ("planet_radius_km", 0.0, "planet_radius_km", "greater than 0"),
         ("planet_radius_km", KeyError, "planet_radius_km", "missing"),
         ("surface/albedo", 1.5, "surface.albedo", "less than or equal to 1"),
-        ("surface/emissivity", -0.1, "surface.emissivity", "greater than or equal to 0"),
-        ("surface/temperature_K", 0, "surface.temperature_K", "greater than 0"),
         ("surface", KeyError, "surface", "missing"),
         ("sky", 1, "sky", "unknown key"),
     ],
@@ -89,40 +91,12 @@ def changed(path: str, value: Any) -> dict[str, Any]:
 def test_refusals_name_file_key_and_what_was_expected(path: str, value: Any, key: str, message: str) -> None:
     with pytest.raises(UserError) as error:
         af.parse_atmosphere(changed(path, value), "air.json")
-    line = str(error.value)
-    assert line.startswith(f"air.json: {key}: ")
-    assert message in line
-    assert "\n" not in line
-    assert len(line) < 300
-
-
-def with_particles(**changes: Any) -> dict[str, Any]:
-    data = content()
-    data["bands"][0] |= {"particle_scattering_per_m": [3e-5, 1e-6, 0, 0], "asymmetry": 0.7, **changes}
-    return data
-
-
-@pytest.mark.parametrize(
-    ("changes", "key", "message"),
-    [
-        ({"particle_scattering_per_m": [0.0]}, "particle_scattering_per_m", "has 1 values; expected 4"),
-        ({"particle_scattering_per_m": [0, 0, -1e-9, 0]}, "particle_scattering_per_m[2]", "greater than or equal to 0"),
-        ({"particle_scattering_per_m": [0, 0, float("nan"), 0]}, "particle_scattering_per_m[2]", "finite"),
-        ({"asymmetry": 1.0}, "asymmetry", "less than 1"),
-        ({"asymmetry": -1.0}, "asymmetry", "greater than -1"),
-        ({"asymmetry": None}, "asymmetry", "expected this key beside particle_scattering_per_m"),
-        ({"phase": {"henyey_greenstein": 0.3}}, "phase", 'expected "rayleigh" or "isotropic" beside particle_'),
-    ],
-)
-def test_refused_particles(changes: dict[str, Any], key: str, message: str) -> None:
-    with pytest.raises(UserError) as error:
-        af.parse_atmosphere(with_particles(**changes), "air.json")
-    assert str(error.value).startswith(f"air.json: bands[0].{key}: ")
+    assert str(error.value).startswith(f"air.json: {key}: ")
     assert message in str(error.value)
 
 
 def test_particles_beside_molecules() -> None:
-    file = af.parse_atmosphere(with_particles(phase="rayleigh"), "air.json")
+    file = af.parse_atmosphere(changed("bands/0", particles(phase="rayleigh")), "air.json")
     (node,) = af.file_model(file, thermal=False).nodes
     assert node.molecular_cos2 == 0.75
     np.testing.assert_array_equal(node.molecular_per_m, [1e-5, 1e-6, 1e-6, 0])
@@ -134,21 +108,9 @@ def test_particles_beside_molecules() -> None:
 def test_particles_do_not_scatter_in_thermal_bands() -> None:
     with_them, without = (
         af.file_model(af.parse_atmosphere(data, "air.json"), thermal=True).thermal[0]
-        for data in (with_particles(), content())
+        for data in (changed("bands/0", particles()), content())
     )
     np.testing.assert_array_equal(with_them.ln_extinction, without.ln_extinction)
-
-
-def test_particles_are_written_and_read_again(tmp_path: Path) -> None:
-    af.write_atmosphere(with_particles(phase="rayleigh"), tmp_path / "air.json")
-    file = af.read_atmosphere(tmp_path / "air.json")
-    assert file.model_dump() == af.parse_atmosphere(with_particles(phase="rayleigh"), "memory").model_dump()
-
-
-@pytest.mark.parametrize("data", [None, [], 3, "air"])
-def test_not_an_object(data: object) -> None:
-    with pytest.raises(UserError, match=r"air\.json"):
-        af.parse_atmosphere(data, "air.json")
 
 
 @pytest.mark.parametrize(
@@ -158,6 +120,8 @@ def test_not_an_object(data: object) -> None:
         (b"\xff\xfe\x00", "not text"),
         (b"", "not JSON"),
         (b"[" * 200_000, "not an atmosphere file|not JSON"),
+        (b"3", "not an atmosphere file"),
+        (b"{}", "not an atmosphere file"),
     ],
 )
 def test_damaged_files(tmp_path: Path, text: bytes, message: str) -> None:
@@ -165,13 +129,6 @@ def test_damaged_files(tmp_path: Path, text: bytes, message: str) -> None:
     path.write_bytes(text)
     with pytest.raises(UserError, match=message):
         af.read_atmosphere(path)
-
-
-def test_missing_file_and_folder(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"air\.json: no such file"):
-        af.read_atmosphere(tmp_path / "air.json")
-    with pytest.raises(UserError, match="is a folder"):
-        af.read_atmosphere(tmp_path)
 
 
 def test_solar_columns_are_the_files_own(tmp_path: Path) -> None:
@@ -223,32 +180,9 @@ def test_henyey_greenstein() -> None:
     np.testing.assert_array_equal(node.particle_per_m, [1e-5, 1e-6, 1e-6, 0])
 
 
-def test_made_from_a_profile_and_read_again(tmp_path: Path) -> None:
-    data = af.atmosphere_from_profile("us76", [450.0, 550.0, 850.0])
-    af.write_atmosphere(data, tmp_path / "air.json")
-    file = af.read_atmosphere(tmp_path / "air.json")
-    assert file.model_dump() == af.parse_atmosphere(data, "memory").model_dump()
-    assert [b.name for b in file.bands] == ["450nm", "550nm", "850nm"]
-    # Sea level values of an independent table (US76, Bodhaine, 360 ppm).
-    sea_level = [b.scattering_per_m[0] for b in file.bands]
-    np.testing.assert_allclose(sea_level, [2.616824e-5, 1.148823e-5, 1.967145e-6], rtol=3e-4)
-    assert max(file.bands[1].absorption_per_m) > 0
-    # 345 Dobson units of 2.687e20 per m2 at 0.9e-26 m2, a cross section of one digit: half of that is 6 %.
-    assert np.trapezoid(file.bands[2].absorption_per_m, np.array(file.altitude_km) * 1e3) == pytest.approx(
-        8.34e-4, rel=0.06
-    )
-
-
-def test_nothing_is_written_that_could_not_be_read(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"top_km"):
-        af.write_atmosphere(changed("top_km", 1.0), tmp_path / "air.json")
-    assert not (tmp_path / "air.json").exists()
-
-
 def test_shipped_example_is_what_its_note_says() -> None:
     shipped = json.loads((Path(__file__).parents[3] / "scenes" / "atmospheres" / "us76.json").read_text())
-    made = af.atmosphere_from_profile("us76", [450.0, 550.0, 850.0])
-    assert shipped["note"] == made["note"]
+    made = rayleigh_air("us76", [450.0, 550.0, 850.0])
     for a, b in zip(shipped["bands"], made["bands"], strict=True):
         assert a["name"] == b["name"]
         np.testing.assert_allclose(a["scattering_per_m"], b["scattering_per_m"], rtol=1e-10)

@@ -2,33 +2,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from earth_forms import camera, solar, thermal
+from earth_forms import scene as scene_of
 
 from horizonval.earth.atmosphere import climate
 from horizonval.earth.gases import afgl
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.earth.weather.zonal_climate import with_cold_poles
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
-CAMERA = CameraSpec.model_validate(
-    {
-        "camera": {"width": 4, "height": 4, "fov_deg": 20},
-        "band": [{"name": "co2", "kind": "thermal", "lo_um": 14.5, "hi_um": 15.5}],
-    }
-)
+CAMERA = camera(thermal(14.5, 15.5))
 
 
 def scene(
     latitude: float = 0.0, altitude_km: float = 500.0, epoch: str = "2026-01-16T00:00:00Z", **air: Any
 ) -> SceneSpec:
-    return SceneSpec.model_validate(
-        {
-            "camera": {"file": "cam.toml"},
-            "platform": {"altitude_km": altitude_km, "latitude_deg": latitude, "epoch_utc": epoch},
-            "atmosphere": {"profile": "by_latitude_month", **air},
-        }
-    )
+    platform = {"altitude_km": altitude_km, "latitude_deg": latitude, "epoch_utc": epoch}
+    return scene_of(platform=platform, atmosphere={"profile": "by_latitude_month", **air})
 
 
 @pytest.mark.parametrize("latitude", [-90.0, -62.0, 0.0, 33.3, 85.0])
@@ -107,12 +98,7 @@ def test_a_given_latitude_serves_everywhere() -> None:
 
 
 def test_solar_bands_keep_the_column_below() -> None:
-    vis = CameraSpec.model_validate(
-        {
-            "camera": {"width": 4, "height": 4, "fov_deg": 20},
-            "band": [{"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 1}],
-        }
-    )
+    vis = camera(solar(0.5, 0.6, nodes=1))
     below = optical_model(scene(latitude=52.0), vis).nodes[0]
     fixed = optical_model(scene(latitude=0.0, latitude_deg=52.0), vis).nodes[0]
     np.testing.assert_array_equal(below.extinction_per_m, fixed.extinction_per_m)

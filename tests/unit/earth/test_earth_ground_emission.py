@@ -83,8 +83,3 @@ def test_clouds_are_black_unless_they_are_not() -> None:
     assert emitting_ground(scene(), 288.0).cloud_emissivity == 1.0
     assert emitting_ground(scene(clouds={"cover": 0.5}), 288.0).cloud_emissivity == 1.0
     assert emitting_ground(scene(clouds={"cover": 0.5, "emissivity": 0.6}), 288.0).cloud_emissivity == 0.6
-
-
-def test_an_earth_has_no_one_emissivity() -> None:
-    with pytest.raises(ValueError, match='emissivity applies to kind = "uniform" and "chequered" only'):
-        scene(surface={"kind": "earth", "emissivity": 0.95})

@@ -87,11 +87,6 @@ def test_finest_ice_scatters_as_rayleigh():
     assert not layers.infrared_absorption("ice 0.05", [11.0]).any()
 
 
-def test_wavelengths_beyond_the_tables_are_refused():
-    with pytest.raises(UserError, match="no optical properties of thin cloud"):
-        layers.sunlit("ice 30", [1.3])
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_has_a_layer_of_its_own(kind):
     (layer,) = layers_of(scene({"kind": kind}))
@@ -151,6 +146,7 @@ def test_climate_decides_the_cover():
         ({"kind": "thin_water", "occurrence": "climate"}, "does not know thin_water"),
         ({"kind": "cirrus", "effective_radius_um": 3}, "10 or more, or 0.2 or less"),
         ({"kind": "thin_water", "effective_radius_um": 40}, "4 to 30"),
+        ({"kind": "cirrus", "cover": 0.4, "seed": 5}, "scale_km"),
     ],
 )
 def test_mistakes_are_named(layer, message):
@@ -158,13 +154,11 @@ def test_mistakes_are_named(layer, message):
         scene(layer)
 
 
-def test_layers_need_air_with_a_profile():
+def test_refusals():
     with pytest.raises(ValidationError, match="needs air with a profile"):
         scene({"kind": "cirrus"}, atmosphere={"profile": "none"})
-
-
-def test_scenes_without_layers_keep_their_identity():
-    assert "layer" not in scene().model_dump()
+    with pytest.raises(UserError, match="no optical properties of thin cloud"):
+        layers.sunlit("ice 30", [1.3])
 
 
 def test_bands_are_merged():
@@ -186,8 +180,3 @@ def test_layers_have_gaps_where_a_scale_is_given():
     drawn = [layer.gaps for layer in layers_of(scene(*[{"kind": "cirrus", "cover": 0.4, "scale_km": 50.0}] * 2))]
     assert None not in drawn
     assert drawn[0] != drawn[1]
-
-
-def test_a_seed_without_gaps_is_refused():
-    with pytest.raises(ValidationError, match="scale_km"):
-        scene({"kind": "cirrus", "cover": 0.4, "seed": 5})

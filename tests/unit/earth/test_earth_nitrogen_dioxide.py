@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
+from earth_forms import model_of, solar
 
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.gases import nitrogen_dioxide
-from horizonval.earth.optical import optical_model
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
 
 
 @pytest.mark.parametrize(
@@ -37,21 +35,15 @@ def test_the_column_is_of_the_stratosphere() -> None:
     assert 20e3 <= z[np.argmax(density)] <= 30e3
 
 
-def model_of(lo_um: float, hi_um: float, *, gases: bool) -> tuple[np.ndarray, np.ndarray]:
-    scene = {
-        "camera": {"file": "cam.toml"},
-        "platform": {"altitude_km": 500},
-        "atmosphere": {"aerosol": "none", "ozone": False, "gases_in_sunlight": gases},
-    }
-    band = {"name": "b", "kind": "solar", "lo_um": lo_um, "hi_um": hi_um, "nodes": 1}
-    camera = {"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [band]}
-    model = optical_model(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
+def absorption_of(lo_um: float, hi_um: float, *, gases: bool) -> tuple[np.ndarray, np.ndarray]:
+    air = {"aerosol": "none", "ozone": False, "gases_in_sunlight": gases}
+    model = model_of(solar(lo_um, hi_um, nodes=1), atmosphere=air)
     (node,) = model.nodes
     return model.altitude_m, node.extinction_per_m - node.scattering_per_m
 
 
 def test_blue_bands_lose_to_it_and_red_ones_do_not() -> None:
-    z, absorption = model_of(0.43, 0.45, gases=True)
+    z, absorption = absorption_of(0.43, 0.45, gases=True)
     depth = np.trapezoid(absorption, z)
     assert 0.0011 < depth < 0.0033
     # along a ray through the limb at 20 km, by Abel's integral: 40 times as much
@@ -61,5 +53,5 @@ def test_blue_bands_lose_to_it_and_red_ones_do_not() -> None:
         np.interp(np.sqrt(tangent**2 + (x := np.linspace(0.0, 1.1e6, 5001)) ** 2), r, absorption, right=0.0), x
     )
     assert 30.0 * depth < slant < 55.0 * depth
-    assert not np.abs(model_of(0.43, 0.45, gases=False)[1]).max() > 1e-18
-    assert not np.abs(model_of(0.70, 0.72, gases=False)[1]).max() > 1e-18
+    assert not np.abs(absorption_of(0.43, 0.45, gases=False)[1]).max() > 1e-18
+    assert not np.abs(absorption_of(0.70, 0.72, gases=False)[1]).max() > 1e-18

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from earth_forms import is_land
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -13,7 +14,6 @@ from horizonval.earth.clouds import earth_pattern, relief
 from horizonval.earth.clouds.climatology import cloud_kinds
 from horizonval.earth.clouds.earth_pattern import BASE_M, Coarse, kept_coarse_map, stirred
 from horizonval.earth.clouds.relief import CloudField
-from horizonval.earth.surface.ground_map import is_land
 from horizonval.spec.earth import Clouds
 from horizonval.spec.scene import SceneSpec
 
@@ -152,10 +152,11 @@ def test_a_map_is_found_again_on_disk(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(earth_pattern, "KEPT", 2)
     made: list[int] = []
+    original = earth_pattern.coarse_map
 
     def counted(seed: int, month: int, cover: float | None) -> Coarse:
         made.append(seed)
-        return earth_pattern.coarse_map(seed, month, cover)
+        return original(seed, month, cover)
 
     monkeypatch.setattr(earth_pattern, "coarse_map", counted)
 

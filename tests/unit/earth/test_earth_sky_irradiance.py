@@ -5,12 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from earth_forms import model_of, thermal
 from scipy.special import expn
 
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.optical import optical_model
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
 
 RADIUS_M = 6_371_000.0
 
@@ -66,16 +64,7 @@ def spherical_sky(band: EmittingBand) -> Any:
 @pytest.mark.parametrize("climate", ["tropical", "subarctic_winter"])
 @pytest.mark.parametrize(("lo", "hi"), [(14.0, 16.3), (8.0, 14.0), (10.5, 12.5)])
 def test_round_earth(climate: str, lo: float, hi: float) -> None:
-    camera = CameraSpec.model_validate(
-        {
-            "camera": {"width": 4, "height": 4, "fov_deg": 20},
-            "band": [{"name": "t", "kind": "thermal", "lo_um": lo, "hi_um": hi}],
-        }
-    )
-    scene = SceneSpec.model_validate(
-        {"camera": {"file": "c"}, "platform": {"altitude_km": 500}, "atmosphere": {"profile": climate}}
-    )
-    (band,) = optical_model(scene, camera).thermal
+    (band,) = model_of(thermal(lo, hi), atmosphere={"profile": climate}).thermal
     ground = band.source(band.temperature_k[0, 0])
     error = (band.sky_irradiance()[:, 0] - spherical_sky(band)) / ground
     # As the docstring says: what a plane Earth has too much, of the ground's own source.
@@ -84,18 +73,8 @@ def test_round_earth(climate: str, lo: float, hi: float) -> None:
 
 
 def test_shape_over_rows() -> None:
-    camera = CameraSpec.model_validate(
-        {
-            "camera": {"width": 4, "height": 4, "fov_deg": 20},
-            "band": [{"name": "t", "kind": "thermal", "lo_um": 10.5, "hi_um": 12.0}],
-        }
-    )
-    tables: dict[str, Any] = {
-        "camera": {"file": "c"},
-        "platform": {"altitude_km": 500, "latitude_deg": 40},
-        "atmosphere": {"profile": "by_latitude_month", "month": 1},
-    }
-    (band,) = optical_model(SceneSpec.model_validate(tables), camera).thermal
+    platform, air = {"altitude_km": 500, "latitude_deg": 40}, {"profile": "by_latitude_month", "month": 1}
+    (band,) = model_of(thermal(10.5, 12.0), platform=platform, atmosphere=air).thermal
     sky = band.sky_irradiance()
     assert sky.shape == (band.count, len(band.sin_latitude))
     # The moist tropics have a brighter sky than the winter of the north.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from earth_forms import snow_factor
 
-from horizonval.earth.surface.snow_reflectance import NODES, forward_factor, mean_reflection
+from horizonval.earth.surface.surface import SNOW_NODES, mean_snow_reflection
 
 
 def _cosine(mu_sun: float, mu_view: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
@@ -19,7 +20,7 @@ def test_snow_keeps_its_albedo(zenith_deg: float) -> None:
     theta = np.radians((np.arange(900) + 0.5) * 0.1)
     azimuth = np.radians(np.arange(0.5, 360.0, 1.0))
     mu = np.cos(theta)[:, None]
-    factor = forward_factor(np.cos(np.radians(zenith_deg)), mu, _cosine(np.cos(np.radians(zenith_deg)), mu, azimuth))
+    factor = snow_factor(np.cos(np.radians(zenith_deg)), mu, _cosine(np.cos(np.radians(zenith_deg)), mu, azimuth))
     weight = mu * np.sin(theta)[:, None] * np.radians(0.1) * np.radians(1.0) / np.pi
     assert float((factor * weight).sum()) == pytest.approx(1.0, abs=0.01)
 
@@ -30,16 +31,16 @@ def test_snow_shines_forward_the_more_the_lower_the_sun() -> None:
     forward = []
     for zenith_deg in (50.0, 60.0, 70.0, 80.0):
         sun = float(np.cos(np.radians(zenith_deg)))
-        away, towards = (float(forward_factor(sun, view, _cosine(sun, view, np.array(a)))) for a in (np.pi, 0.0))
+        away, towards = (float(snow_factor(sun, view, _cosine(sun, view, np.array(a)))) for a in (np.pi, 0.0))
         assert away > towards
         forward.append(away)
     assert np.all(np.diff(forward) > 0.0)
     assert forward[-1] > 1.5
     low = np.cos(np.radians(67.0))
-    assert 0.85 < float(forward_factor(low, 1.0, low)) < 0.97
+    assert 0.85 < float(snow_factor(low, 1.0, low)) < 0.97
 
 
 def test_the_factor_is_nearly_reciprocal() -> None:
     """As far as N is the same at all heights of the Sun: 2 % above 9 deg."""
-    mean = mean_reflection()[np.linspace(0.0, 1.0, NODES) > np.sin(np.radians(9.0))]
+    mean = mean_snow_reflection()[np.linspace(0.0, 1.0, SNOW_NODES) > np.sin(np.radians(9.0))]
     assert 0.98 < mean.min() <= mean.max() < 1.02

@@ -4,14 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from earth_forms import model_of, solar
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.gases import sunlight_absorption as gases
-from horizonval.earth.optical import node_counts, optical_model
+from horizonval.earth.optical import node_counts
 from horizonval.earth.tables import csv
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
 
 UM = np.arange(0.4, 1.2, 0.0005)
 
@@ -68,10 +67,7 @@ def test_amounts_of_a_column() -> None:
 
 
 def model(lo: float, hi: float, **atmosphere: Any) -> Any:
-    band = {"name": "b", "kind": "solar", "lo_um": lo, "hi_um": hi, "nodes": 3}
-    camera = CameraSpec.model_validate({"camera": {"width": 1, "height": 1, "fov_deg": 1}, "band": [band]})
-    scene = {"camera": {"file": "c"}, "platform": {"altitude_km": 500}, "atmosphere": atmosphere}
-    return optical_model(SceneSpec.model_validate(scene), camera)
+    return model_of(solar(lo, hi, nodes=3), atmosphere=atmosphere)
 
 
 def test_nodes_of_a_band() -> None:

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from earth_forms import is_land
 
 from horizonval.earth.surface import surface
-from horizonval.earth.surface.ground_map import is_land, snow_line_deg, snow_share
-from horizonval.earth.surface.materials import NAMES, spectrum
-from horizonval.spec.scene import SceneSpec
+from horizonval.earth.surface.ground_map import NAMES, snow_line_deg, snow_share, spectrum
 
 LATITUDE = np.arange(-89.875, 90.0, 0.25)
 LONGITUDE = np.arange(-179.875, 180.0, 0.25)
 CELL_KM2 = np.radians(0.25) ** 2 * 6371.0**2 * np.cos(np.radians(LATITUDE))
-
-
-def _scene(**changes):
-    tables = {"camera": {"file": "c"}, "platform": {"altitude_km": 500.0}}
-    return SceneSpec.model_validate(tables | changes)
 
 
 @pytest.mark.parametrize(
@@ -151,13 +145,3 @@ def test_the_sea_reflects_no_more_than_it_gets(wind, zenith):
     if zenith == 0.0:
         assert glint == pytest.approx(float(surface.fresnel(1.0)), rel=0.03)
     assert glint < 2.0 * surface.fresnel(sun[2])
-
-
-def test_what_water_reflects_of_the_sky_is_integrated_once(monkeypatch):
-    reflected = surface.water_sky_albedo()
-
-    def refused(order):
-        raise AssertionError(order)
-
-    monkeypatch.setattr(np.polynomial.legendre, "leggauss", refused)
-    assert surface.albedos(surface.ground_model(_scene(surface={"kind": "earth"})), 0.5).sky == reflected

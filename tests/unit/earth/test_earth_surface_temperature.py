@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from earth_forms import is_land
 
 from horizonval.earth.surface import surface_temperature as st
-from horizonval.earth.surface.ground_map import height_m, is_land
+from horizonval.earth.surface.ground_map import height_m
 
 LATITUDE = np.arange(-89.5, 90.0)
 LONGITUDE = np.arange(-179.5, 180.0)

@@ -121,15 +121,6 @@ def test_a_flat_limb_has_no_half_height() -> None:
     assert any("no statement" in sentence for sentence in accuracy.sentences)
 
 
-def test_everybody_is_told_of_equilibrium() -> None:
-    for lo, hi in [*INTERVALS.values(), (9.4, 9.8)]:
-        accuracy = thermal_accuracy(hat(lo, hi))
-        assert any("above about 75 km" in sentence for sentence in accuracy.sentences)
-        assert accuracy.relative[-1] is None
-        assert len(accuracy.relative) == len(accuracy.ranges_km) == 8
-        assert 0.3 < accuracy.nadir_k < 4.0
-
-
 def test_names_are_for_their_own_edges() -> None:
     assert thermal_accuracy(hat(14.004, 16.296)).interval == "14.0-16.3 um"
     assert thermal_accuracy(hat(14.05, 16.3)).interval == ""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,10 @@ from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.tables import npz
-from horizonval.earth.weather import field, real_states, warming, zonal_climate
+from horizonval.earth.weather import field, real_states, zonal_climate
 from horizonval.earth.weather.field import WeatherField
 from horizonval.earth.weather.hydrostatic import pressure_pa, saturated_share
 from horizonval.earth.weather.zonal_climate import with_cold_poles
-from horizonval.spec.load import load_suite
 from horizonval.spec.scene import SceneSpec
 
 Z_M = np.linspace(0.0, 1e5, 201)
@@ -216,9 +214,9 @@ def test_warmings_come_as_often_as_they_are_said_to() -> None:
     """2000 northern winter days: one in ten, within 4 standard errors; none in summer or where switched off."""
     drawn = [WeatherField(s, 1.5).warming()[0] for s in range(2000)]
     share = np.mean(np.array(drawn) > 0.0)
-    assert share == pytest.approx(warming.NORTH_DAYS, abs=4.0 * math.sqrt(0.09 / 2000))
+    assert share == pytest.approx(field.NORTH_DAYS, abs=4.0 * math.sqrt(0.09 / 2000))
     assert all(25.0 <= k <= 55.0 for k in drawn if k)
-    assert warming.chance(6.0) == 0.0
+    assert field.chance(6.0) == 0.0
     assert all(WeatherField(s, 1.5, 0.0).warming()[0] == 0.0 for s in range(20))
 
 
@@ -264,29 +262,3 @@ def test_the_modes_are_made_of_the_states() -> None:
     length = np.einsum("cmqk,cmqk->cm", shipped["modes"], shipped["modes"])
     np.testing.assert_allclose(product, length, rtol=1e-3)
     np.testing.assert_allclose((np.asarray(shipped["modes"])[..., 0, :] ** 2).sum(axis=1), 1.0, atol=1e-3)
-
-
-def test_a_suite_can_draw_its_weather(tmp_path: Path) -> None:
-    """A grid of seeds: days of weather for the same view; a Sobol range of seeds draws one for every frame."""
-    path = tmp_path / "days.toml"
-    path.write_text(
-        """
-[suite]
-name = "days"
-title = "Days"
-seed = 1
-estimators = ["guarded-altitude-free"]
-keep = "none"
-
-[defaults]
-camera = { file = "ir-bolometer-160-57deg", mount_roll_deg = 62.0 }
-platform = { epoch_utc = 2026-01-20T12:00:00Z, altitude_km = 500.0, latitude_deg = 60.0 }
-atmosphere = { profile = "weather" }
-
-[[cases]]
-name = "days"
-grid = { "atmosphere.seed" = [1, 2, 3] }
-"""
-    )
-    seeds = [case.scene.atmosphere.seed for case in load_suite(path).cases]
-    assert seeds == [1, 2, 3]

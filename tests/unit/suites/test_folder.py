@@ -62,9 +62,9 @@ def test_what_is_no_file_is_not_waited_for(tmp_path, caplog):
         assert read_json(tmp_path / f"{name}.json") == {"x": 1}
 
 
-def test_a_file_of_an_earlier_version_is_told_or_taken(tmp_path):
+def test_a_file_without_a_seal_is_damaged_or_taken(tmp_path):
     (tmp_path / "a.json").write_text('{"x": 1}')
-    with pytest.raises(DamagedFileError, match="an earlier version wrote it"):
+    with pytest.raises(DamagedFileError, match="has no seal"):
         read_json(tmp_path / "a.json")
     assert read_json(tmp_path / "a.json", bound=False) == {"x": 1}
 
@@ -83,7 +83,7 @@ def test_leftovers_go_and_nothing_else(tmp_path):
     folder = RunFolder(tmp_path / "run")
     folder.create()
     keep = [folder.case("a"), folder.archive / "x.exr", folder.root / ".hidden", folder.root / "mine.tmp"]
-    drop = [folder.cases / ".a.json.12.tmp", folder.archive / ".0f.tmp", folder.root / ".results.parquet.part"]
+    drop = [folder.cases / ".a.json.12.tmp", folder.archive / ".0f.tmp", folder.root / ".results.parquet.12.tmp"]
     for path in keep + drop:
         path.touch()
     folder.remove_temporary_files()

@@ -1,14 +1,30 @@
-"""What makes two cases the same."""
+"""What a frame's identity depends on, larger suites in the same folder, and files that nothing names."""
 
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import pytest
+from synthetic import synthetic_cases, write_run
 
-from horizonval.spec.load import Suite, load_suite
+import horizonval.report
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.outcome import Outcome, Refusal
+from horizonval.core.progress import Silent
+from horizonval.jobs import engine
+from horizonval.scoring.row import read_results
+from horizonval.spec.load import Suite
+from horizonval.store.folder import RunFolder, write_json
+from horizonval.store.named import garbage, named_addresses, remove, run_folder_of
+from horizonval.store.store import Store
 from horizonval.suites import identity
 from horizonval.suites.plan import plan_of, units_of
+from horizonval.suites.run import run_suite
+from horizonval.suites.suite import load_suite, with_options
+from horizonval.suites.units import case as of_case
+from horizonval.suites.units import scored
 
 SUITE = """
 [suite]
@@ -126,3 +142,133 @@ def test_a_study_counts_for_the_suite_and_not_for_its_frames(load):
     one, two, three = load(), load(SUITE + STUDY), load(SUITE + STUDY.replace("900.0", "901.0"))
     assert len({identity.suite_identity(suite) for suite in (one, two, three)}) == 3
     assert len({identity.frame_identity(suite.cases[0]) for suite in (one, two, three)}) == 1
+
+
+SUITE_OF_GROWN_SUITE = """
+[suite]
+name = "grows"
+estimators = ["altitude-free"]
+frames = 2
+draws = 3
+keep = "none"
+[defaults]
+camera.file = "c.toml"
+platform.altitude_km = 500.0
+[[cases]]
+name = "sobol"
+sobol = { share = 1.0, ranges = { attitude.yaw_deg = [-20.0, 20.0] } }
+"""
+
+
+class Kept(Silent):
+    """How many frames were finished already."""
+
+    kept = -1
+
+    def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
+        self.kept = kept
+
+
+class Refusing:
+    spent_s = None
+
+    def run(self, name, observation):
+        return Refusal(Outcome.DARK, "dark")
+
+
+@pytest.fixture
+def suite_file(make_frame, monkeypatch, tmp_path) -> Path:
+    frame = make_frame()
+    camera = frame.truth.camera_spec
+    monkeypatch.setattr(of_case, "_frame", lambda *_: (frame, None))
+    monkeypatch.setattr(scored, "supervisor_of", lambda _: Refusing())
+    monkeypatch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
+    monkeypatch.setattr(horizonval.report, "build_report", lambda folder: folder)
+    text = '[camera]\nname = "small"\nwidth = 40\nheight = 30\nfov_deg = 60.0\n'
+    for table, values in (("[optics]", camera.optics), ("[[band]]", camera.band[0]), ("[detector]", camera.detector)):
+        plain = values.model_dump(mode="json", exclude_defaults=True) | ({"kind": "cmos"} if "det" in table else {})
+        text += f"{table}\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in plain.items())
+    (tmp_path / "c.toml").write_text(text)
+    (tmp_path / "grows.toml").write_text(SUITE_OF_GROWN_SUITE)
+    return tmp_path / "grows.toml"
+
+
+def test_another_number_of_frames_goes_on_in_the_same_folder(suite_file, tmp_path):
+    out, outcomes = tmp_path / "out", {}
+    for frames, kept in ((2, 0), (3, 2), (2, 2)):
+        progress = Kept()
+        summary = run_suite(load_suite(suite_file, frames), out, 1, progress).summary
+        assert (summary["n_cases"], progress.kept) == (frames, kept)
+        outcome = [(out / name).read_bytes() for name in ("summary.json", "results.parquet", "run.json")]
+        assert outcomes.setdefault(frames, outcome) == outcome
+    assert [row.case for row in read_results(out / "results.parquet")] == ["sobol_000", "sobol_001"]
+    assert (out / "cases" / "sobol_002.json").is_file(), "what was computed is not lost"
+
+
+@pytest.mark.parametrize("change", ["keep", "seed", "draws = 4", "platform.altitude_km = 501.0"])
+def test_anything_else_that_differs_is_another_suite(suite_file, tmp_path, change):
+    run_suite(load_suite(suite_file), tmp_path / "out", 1)
+    if change == "keep":
+        suite = with_options(load_suite(suite_file, 3), None, "all")
+    elif change == "seed":
+        suite = load_suite(suite_file, 3, seed=5)
+    else:
+        key = change.partition(" = ")[0]
+        lines = [change if line.startswith(key) else line for line in SUITE_OF_GROWN_SUITE.splitlines()]
+        suite_file.write_text("\n".join(lines))
+        suite = load_suite(suite_file, 3)
+    with pytest.raises(UserError, match="holds a run of other frames"):
+        run_suite(suite, tmp_path / "out", 1)
+
+
+@pytest.fixture(scope="module")
+def finished_run(tmp_path_factory):
+    return write_run(tmp_path_factory.mktemp("run") / "out", synthetic_cases()[5:7])
+
+
+@pytest.fixture
+def folder(finished_run, tmp_path) -> RunFolder:
+    folder = RunFolder(shutil.copytree(finished_run, tmp_path / "out"))
+    folder.create()
+    return folder
+
+
+def test_only_what_nothing_names_goes(folder, make_frame, make_image):
+    store = Store(folder.archive)
+    named = {entry.address for entry in store.entries()}
+    assert set(named_addresses(folder)) == named
+    assert garbage(folder).files == ()
+    loose = {store.add_frame(make_frame(1.0)), store.add_image(make_image())}
+    rendered = store.add_frame(make_frame(2.0))
+    write_json(folder.frame_pointer("half-done"), {"identity": "0" * 64, "frame": rendered})
+    (folder.archive / ".0123.tmp").write_bytes(b"half")
+    found = garbage(folder)
+    assert {path.stem for path in found.files} == loose | {".0123"}
+    assert found.kept == len(named) + 1
+    assert found.size_bytes == sum(store.path(a).stat().st_size for a in loose) + 4
+    remove(found, folder)
+    assert {entry.address for entry in store.index.select()} == named | {rendered}
+    assert store.verify(named_addresses(folder)) == []
+    assert all(any(path.iterdir()) for path in folder.archive.iterdir() if path.is_dir())
+
+
+def test_a_result_that_cannot_be_read_protects_everything(folder):
+    case = next(folder.cases.iterdir())
+    case.write_text("{")
+    with pytest.raises(DamagedFileError, match="nobody knows which entries it names"):
+        garbage(folder)
+    assert len(named_addresses(folder)) == 2
+
+
+def test_an_archive_that_others_may_use_is_left_alone(folder, tmp_path):
+    folder.archive.rename(tmp_path / "shared")
+    folder.archive.symlink_to(tmp_path / "shared")
+    with pytest.raises(UserError, match="other runs may use it"):
+        garbage(folder)
+
+
+def test_the_run_of_an_archive(folder, tmp_path):
+    assert run_folder_of(folder.archive) == folder
+    assert run_folder_of(tmp_path) is None
+    folder.suite.unlink()
+    assert run_folder_of(folder.archive) is None

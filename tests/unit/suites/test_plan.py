@@ -1,16 +1,27 @@
-"""Which estimators a case gets, and which cases are made together."""
+"""The plan of a suite, the shipped suites, and the lists of estimators."""
 
 from __future__ import annotations
 
+import re
+import tomllib
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
+from hostile import STEADY, install
 
+import horizonval
 from horizonval.core.errors import UserError
 from horizonval.earth import optical
+from horizonval.plugins import registry
+from horizonval.spec.files import shipped_root
+from horizonval.suites.axes import figure_plans
 from horizonval.suites.mistakes import refuse_mistakes
-from horizonval.suites.plan import plan_of, units_of
+from horizonval.suites.plan import of_heads, plan_of, units_of
 from horizonval.suites.suite import load_suite
+from horizonval.systems.c import frames
 
 HEAD = """
 [suite]
@@ -103,3 +114,110 @@ def test_of_a_drawn_number_the_air_at_both_ends_is_looked_at(load, monkeypatch, 
         assert len(seen) == 2
     else:
         assert len(seen) == (len(suite.cases) if looked_at == "all" else 1)
+
+
+SLOW = {"unseen-air"}
+"""Whose weather in four thermal bands takes ten seconds to check."""
+SUITES = sorted((Path(__file__).parents[3] / "scenes" / "suites").glob("*.toml"))
+OF_FAILURES = (
+    "shadow",
+    "sun-in-frame",
+    "terminator",
+    "moon",
+    "applicability",
+    "altitude",
+    "optics",
+    "cloud",
+    "gallery-of-failures",
+)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=pytest.mark.slow if path.stem in SLOW else ()) for path in SUITES],
+    ids=lambda path: path.stem,
+)
+def test_it_loads_and_checks(path):
+    suite = load_suite(path)
+    refuse_mistakes(suite, plan_of(suite))
+    assert suite.name == path.stem
+
+
+@pytest.mark.parametrize("name", OF_FAILURES)
+def test_every_figure_has_frames_and_every_method_its_guarded_twin(name):
+    suite = load_suite(name)
+    plans = figure_plans(suite)
+    assert all(plan["cases"] for plan in plans)
+    bare = {estimator for estimator in suite.estimators if not estimator.startswith("guarded-")}
+    # Behind the guard the published method takes the points of altitude-free, and would be it under another name.
+    twins = {f"guarded-{estimator}" for estimator in bare - {"altitude-free-published"}}
+    assert twins <= set(suite.estimators)
+    # A minute or three on two processors; a suite of thousands belongs to who enlarges it.
+    assert len(units_of(suite.cases, plan_of(suite))) <= 200
+
+
+@pytest.mark.parametrize("name", OF_FAILURES)
+def test_methods_run_only_where_they_belong(name):
+    suite = load_suite(name)
+    plan = plan_of(suite)
+    for case in suite.cases:
+        # A method of one camera says nothing about a head of a pair, nor the other way round.
+        assert bool(plan.alone(case)) != bool(plan.together(case)), case.name
+        assert bool(plan.together(case)) == of_heads(case), case.name
+
+
+def test_an_estimator_that_is_not_there_is_noticed(tmp_path):
+    text = next(path for path in SUITES if path.stem == "moon").read_text()
+    (tmp_path / "moon.toml").write_text(text.replace('"guarded-altitude-free"]', '"guarded-nobody"]'))
+    suite = load_suite(tmp_path / "moon.toml")
+    with pytest.raises(UserError, match="guarded-nobody"):
+        refuse_mistakes(suite, plan_of(suite))
+
+
+PACKAGE = Path(horizonval.__file__).parent
+FILES = sorted(shipped_root().glob("s*/*.toml"))
+
+
+def _listed(tree: Any) -> Iterator[str]:
+    if isinstance(tree, dict):
+        for key, value in tree.items():
+            if key == "estimators":
+                yield from ([value] if isinstance(value, str) else value)
+            else:
+                yield from _listed(value)
+    elif isinstance(tree, list):
+        for value in tree:
+            yield from _listed(value)
+
+
+def test_shipped_suites_and_studies_name_ours() -> None:
+    listed = {name for path in FILES for name in _listed(tomllib.loads(path.read_text(encoding="utf-8")))}
+    assert len(listed) > 5
+    assert {name for name in listed if name not in registry.names() or registry.is_foreign(name)} == set()
+
+
+def test_published_systems_have_fixed_lists() -> None:
+    asks = re.compile(r"\b(registry|supervisor)\.(names|is_foreign|load)\b|import supervisor|list_estimators")
+    found = [path for path in (PACKAGE / "systems").rglob("*.py") if asks.search(path.read_text(encoding="utf-8"))]
+    assert not found
+    assert len(frames.ESTIMATORS) == 4
+    assert not any(registry.is_foreign(name) for name in frames.ESTIMATORS)
+
+
+def test_ours_keep_their_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another package's estimator of the same name is not taken for it."""
+    install(tmp_path, [])
+    info = tmp_path / "hostile_steady-1.0.dist-info" / "entry_points.txt"
+    info.write_text(
+        "[horizonval.estimators]\nideal = hostile_steady:ESTIMATOR\nsteady = hostile_steady:ESTIMATOR\n"
+        "zzz = horizonval.estimation.methods.ideal:ESTIMATOR\nno place = 5 5\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    registry._points.cache_clear()
+    try:
+        assert not registry.is_foreign("ideal")
+        assert registry.module_of("ideal") == "horizonval.estimation.methods.ideal"
+        assert registry.is_foreign(STEADY)
+        assert registry.is_foreign("zzz")
+    finally:
+        registry._points.cache_clear()

@@ -1,8 +1,4 @@
-"""Where the fit of the profile ends on images drawn as the shipped table of 8 to 14 um has its air.
-
-Images are made by the fit's own model, so that the most probable pose lies within its claim of the true one: what is
-tried is the way there, not the model.
-"""
+"""The search of the profile's fit from drawn starts, and noise that a converter's floor cuts off."""
 
 from __future__ import annotations
 
@@ -21,6 +17,7 @@ from horizonval.estimation.likelihood.profile.fit import ProfileSearch
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.known_profile import start_pose
 from horizonval.estimation.likelihood.profile.model import CLOUD_TOP_M, POSE, Guess, ProfileModel
+from horizonval.estimation.likelihood.profile.noise import floor_of
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84
@@ -120,3 +117,33 @@ def test_clear_air_above_clouds_counts_in_full() -> None:
     assert np.median(wider[height_m < 10e3]) > 3.0
     assert np.median(wider[height_m > CLOUD_TOP_M + 2.0 * clouds.model.width_m.max()]) < 1.3
     assert sigmas_off(clouds, true) < FAR
+
+
+def cut(rng: np.random.Generator, level: float, sigma: float, n: int, lowest: int = 0) -> np.ndarray:
+    return np.maximum(np.floor(rng.normal(level, sigma, n) + 0.5), lowest)
+
+
+@pytest.mark.parametrize(
+    ("level", "sigma", "lowest"), [(0.0, 13.0, 0), (6.0, 8.0, 0), (-4.0, 20.0, 0), (30.0, 5.0, 27)]
+)
+def test_the_noise_is_found_from_what_is_left_of_it(level: float, sigma: float, lowest: int) -> None:
+    rng = np.random.default_rng(4)
+    found = floor_of(cut(rng, level, sigma, 20_000, lowest), float(lowest))
+    assert found is not None
+    # 20 000 draws tell a share to 0.7 %, and the noise to 2 %
+    assert found.sigma == pytest.approx(sigma, rel=0.03)
+    assert found.background == pytest.approx(level, abs=0.03 * sigma)
+    for shown in (level - 0.5 * sigma, level, level + sigma, level + 4.0 * sigma):
+        expected, slope = found.expected(np.array([shown]))
+        assert expected[0] == pytest.approx(cut(rng, shown, sigma, 200_000, lowest).mean(), abs=0.03 * sigma)
+        step = 0.1 * sigma
+        ends = [found.expected(np.array([shown + d]))[0][0] for d in (-step, step)]
+        assert slope[0] == pytest.approx((ends[1] - ends[0]) / (2.0 * step), abs=1e-3)
+
+
+def test_without_a_floor_there_is_none() -> None:
+    rng = np.random.default_rng(5)
+    free = np.floor(rng.normal(200.0, 8.0, 5000) + 0.5)
+    assert floor_of(free, float(free.min())) is None
+    assert floor_of(np.zeros(5000), 0.0) is None
+    assert floor_of(cut(rng, 0.0, 8.0, 20), 0.0) is None
