@@ -85,7 +85,7 @@ def rescore(
 ) -> Rescored:
     """Score the images of an archive, or finish what an earlier call left in ``out``.
 
-    Raises ``UserError``: Unknown estimators, no images, or a folder that holds something else.
+    Raises ``UserError``: unknown estimators, no images, or a folder that holds something else.
 
     Parameters
     ----------
