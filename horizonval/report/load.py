@@ -41,10 +41,10 @@ class CaseView:
 class ReportRun:
     """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
 
-    ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study; ``command``: the
-    words that make the run again, given in its folder; ``programs``: estimators that are programs of the suite's file;
-    ``given_pose``: estimators that are told the true pose; ``likelihood``: those whose claims are
-    those of a likelihood fit; ``orbit``: cases that are samples of an orbit.
+    ``figures`` are what :func:`horizonval.suites.record.figure_plans` says; ``study``: of a trade study; ``command``:
+    the words that make the run again, given in its folder; ``programs``: estimators that are programs of the suite's
+    file; ``given_pose``: estimators that get the true pose; ``likelihood``: those whose claims are those of a
+    likelihood fit; ``orbit``: cases that are samples of an orbit.
     """
 
     suite: str

@@ -32,7 +32,7 @@ from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
 from horizonval.spec.suite import CasesSpec, Requirement, StudyHead, StudySpec, SuiteHead, SuiteSpec
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.trade import cost
-from horizonval.suites.axes import value_at
+from horizonval.suites.record import value_at
 from horizonval.suites.suite import fly_scene
 
 ESTIMATOR_AXIS = "estimator"

@@ -24,12 +24,19 @@ from horizonval.plugins import registry
 from horizonval.store.entry import StoreEntry
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.store.store import Store
-from horizonval.suites.axes import figure_plans, value_at
-from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity, suite_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads, oracle_pose
 from horizonval.suites.plan import plan_of
-from horizonval.suites.record import MAX_POINTS, camera_name, details_of, failed_record, record_of
+from horizonval.suites.record import (
+    MAX_POINTS,
+    camera_name,
+    details_of,
+    failed_record,
+    figure_plans,
+    record_of,
+    value_at,
+)
+from horizonval.suites.run import conclude
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.archived import Item, cases_of_heads, climates_of, items_of
 
