@@ -14,7 +14,7 @@ from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.gases import ozone, rayleigh
 from horizonval.earth.optical import optical_model
-from horizonval.earth.surface import snow_reflectance
+from horizonval.earth.surface import surface
 from horizonval.earth.surface.ground_map import ground_cover
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
@@ -90,6 +90,6 @@ def is_land(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> np.ndarray:
 
 def snow_factor(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> FloatArray:
     """Return the radiance of sunlit snow over that of a Lambert surface of the same albedo."""
-    nodes = np.linspace(0.0, 1.0, snow_reflectance.NODES)
-    mean = np.interp(np.asarray(mu_sun, dtype=np.float64), nodes, snow_reflectance.mean_reflection())
-    return np.asarray(snow_reflectance.reflection_function(mu_sun, mu_view, cosine) / mean)
+    nodes = np.linspace(0.0, 1.0, surface.SNOW_NODES)
+    mean = np.interp(np.asarray(mu_sun, dtype=np.float64), nodes, surface.mean_snow_reflection())
+    return np.asarray(surface.snow_reflection(mu_sun, mu_view, cosine) / mean)

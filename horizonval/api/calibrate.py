@@ -54,9 +54,9 @@ def calibrate(
     images : sequence of Path
         Images of one camera, or folders of runs with an archive.
     camera : Camera, optional
-        The camera as it is believed; files of ours carry theirs.
+        Initial camera; images of this package carry theirs.
     known : PriorSpec, optional
-        Position and attitude with their sigmas, in place of what the files say.
+        Position and attitude with their sigmas; replaces those in the files.
     progress : bool or Progress
 
     Returns
@@ -64,7 +64,7 @@ def calibrate(
     report : dict
         The calibration or its refusal as plain data.
     text : str or None
-        The camera file that it makes; None after a refusal.
+        The calibrated camera file; None after a refusal.
     """
     observations = observations_of(images, camera, known)
     with shown(progress, "calibrate", "images") as listener:
@@ -85,12 +85,9 @@ def calibrate(
 
 
 def images_of(paths: Sequence[Path]) -> list[Path]:
-    """Return files: those that are named, and of a run's folder all detector images, in the order of their times.
+    """Return the given files, and for a run's folder all its detector images in the order of their times.
 
-    Raises
-    ------
-    UserError
-        A folder without an archive of images.
+    Raises ``UserError`` for a folder without an archive of images.
     """
     found: list[Path] = []
     for path in paths:
@@ -109,7 +106,7 @@ def images_of(paths: Sequence[Path]) -> list[Path]:
 def observations_of(
     paths: Sequence[Path], camera: Camera | None = None, known: PriorSpec | None = None
 ) -> list[Observation]:
-    """Return what a calibration is given of images; parameters as for :func:`calibrate`."""
+    """Return the observations of a calibration; parameters as for :func:`calibrate`."""
     return [observation_from(path, limb_ellipsoid.ESTIMATOR, camera, known)[0] for path in images_of(paths)]
 
 
@@ -146,15 +143,15 @@ def camera_text(path: Path, camera: str | None = None, base: str | None = None, 
     Parameters
     ----------
     path : Path
-        Of ROS, Kalibr, OpenCV or MATLAB.
+        Camera file of ROS, Kalibr, OpenCV or MATLAB.
     camera : str, optional
-        Of several in it.
+        Name of one of several cameras in it.
     base : str, optional
-        Camera of ours, by name or file, of which everything but ``[camera]`` is taken.
+        Camera of this package, by name or file, from which all tables but ``[camera]`` are taken.
     vignetting : Path, optional
         Table of ``field_deg`` or ``radius_px``, the distance from the principal point along its row, and either
-        ``relative_illumination``, all that the image loses towards its edge, or ``vignetting``, what it loses beyond
-        the law of the pupil.
+        ``relative_illumination``, the total loss towards the edge, or ``vignetting``, the loss beyond the law of the
+        pupil.
 
     Raises
     ------
@@ -179,7 +176,7 @@ def camera_text(path: Path, camera: str | None = None, base: str | None = None, 
 
 
 def _vignetting(path: Path, spec: CameraSpec) -> tuple[list[float], list[float]]:
-    """Return field angles and what the lens loses there beyond the law of its pupil."""
+    """Return field angles [deg] and the transmission of the lens there relative to the law of its pupil."""
     table = read_csv(path, *((place, share) for place in PLACES for share in SHARES))
     camera = camera_from_spec(spec.camera)
     place, key = (next(name for name in names if name in table.numbers) for names in (PLACES, SHARES))

@@ -14,14 +14,14 @@ from horizonval.spec.load import changed_camera, read_toml, validate
 class Camera:
     """A camera: geometry, lens, spectral bands, detector.
 
-    Made by :meth:`from_file` or :meth:`from_dict`; cannot be changed, :meth:`changed` returns another.
+    Made by :meth:`from_file` or :meth:`from_dict`. Immutable: :meth:`changed` returns another camera.
 
     Attributes
     ----------
     spec : CameraSpec
-        The validated camera file, every default filled in.
+        The validated camera file with all defaults.
     source : str
-        The file or shipped name that it came from; of plain data the camera's own name.
+        The file or shipped name; the camera's name where it was made of plain data.
 
     Examples
     --------
@@ -37,16 +37,7 @@ class Camera:
 
     @classmethod
     def from_file(cls, path_or_name: str | Path) -> Camera:
-        """Read a camera file.
-
-        Parameters
-        ----------
-        path_or_name : str or Path
-            A TOML file, or the name of a shipped camera (:func:`horizonval.list_cameras`).
-
-        Returns
-        -------
-        Camera
+        """Read a camera: a TOML file, or the name of a shipped camera (:func:`horizonval.list_cameras`).
 
         Raises
         ------
@@ -67,21 +58,7 @@ class Camera:
     def from_dict(cls, data: Mapping[str, Any], name: str = "") -> Camera:
         """Make a camera of plain data, with the tables and keys of a camera file.
 
-        Parameters
-        ----------
-        data : mapping
-            ``{"camera": {"width": ...}, "band": [...], "detector": {...}}``.
-        name : str, optional
-            In place of ``camera.name``, for messages.
-
-        Returns
-        -------
-        Camera
-
-        Raises
-        ------
-        UserError
-            A mistake in the data, told as for a file.
+        ``name`` replaces ``camera.name`` in messages. Raises as :meth:`from_file`.
 
         Examples
         --------
@@ -94,7 +71,7 @@ class Camera:
         return cls(spec, name, data=data)
 
     def changed(self, **tables: Mapping[str, Any]) -> Camera:
-        """Return the camera with other values; what is not named stays.
+        """Return the camera with other values; all others stay.
 
         Parameters
         ----------
@@ -102,14 +79,10 @@ class Camera:
             Tables of a camera file with the keys that change: ``camera``, ``platform``, ``optics``, ``detector``,
             and ``band``, whose keys are the bands' names.
 
-        Returns
-        -------
-        Camera
-
         Raises
         ------
         UserError
-            An unknown table or key, or a value that cannot be.
+            An unknown table or key, or an invalid value.
 
         Examples
         --------
@@ -123,7 +96,7 @@ class Camera:
 
     @property
     def name(self) -> str:
-        """The camera's own name, or else where it came from."""
+        """The camera's name, or else its source."""
         return self.spec.camera.name or self.source
 
     @property
@@ -143,11 +116,11 @@ class Camera:
 
     @property
     def heads(self) -> tuple[str, ...]:
-        """Names of the heads of one housing; empty for a camera that is alone."""
+        """Names of the heads of one housing; empty for a single camera."""
         return tuple(head.name for head in self.spec.head)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the camera as plain data that :meth:`from_dict` takes, every default filled in."""
+        """Return the camera as plain data for :meth:`from_dict`, with all defaults."""
         return self.spec.model_dump(mode="json")
 
     def __repr__(self) -> str:
@@ -163,7 +136,7 @@ class Camera:
 
 
 def camera_of(camera: Camera | str | Path | Mapping[str, Any]) -> Camera:
-    """Return what was given as a camera: one already, a file, a shipped name, or plain data."""
+    """Return a camera from a camera, a file, a shipped name, or plain data."""
     if isinstance(camera, Camera):
         return camera
     return Camera.from_dict(camera) if isinstance(camera, Mapping) else Camera.from_file(camera)

@@ -1,4 +1,4 @@
-"""Images from a server (``horizonval serve``), as a simulation asks for them."""
+"""Client of an image server (``horizonval serve``), for simulations."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _RETRY_S = 0.05
 
 @dataclass(frozen=True)
 class ServedImage:
-    """What a server answered to a request.
+    """The answer of a server to a request.
 
     Attributes
     ----------
@@ -51,11 +51,11 @@ class ServedImage:
     scene_id : str
         Digest of the scene and camera that were rendered.
     truth : FrameTruth or None
-        The exact truth, where it was asked for.
+        The exact truth, if requested.
     radiance : ndarray, shape (H, W), float32, or None
-        Of the band [W m-2 sr-1], where it was asked for.
+        Of the band [W m-2 sr-1], if requested.
     observation : dict
-        Seed and detector settings; comes with the truth.
+        Seed and detector settings; empty without the truth.
     """
 
     dn: NDArray[np.uint16]
@@ -70,13 +70,7 @@ class ServedImage:
 
     @property
     def image(self) -> Image:
-        """The same as :func:`horizonval.observe` gives it, for estimators and files.
-
-        Raises
-        ------
-        UserError
-            It was asked for without its truth.
-        """
+        """The image as :func:`horizonval.observe` returns it; ``UserError`` without its truth."""
         if self.truth is None:
             raise UserError("came without its truth", where="ServedImage", fix="ask with truth=True")
         return Image(self.dn, self.band, self.truth, self.full_scale, self.observation)
@@ -87,7 +81,7 @@ class ServedImage:
 
 
 class ImageKeywords(PoseKeywords, total=False):
-    """What :meth:`Client.image` asks for, for type checkers and editors."""
+    """Keywords of :meth:`Client.image`, for type checkers and editors."""
 
     exposure_s: float
     seed: int
@@ -97,25 +91,25 @@ class ImageKeywords(PoseKeywords, total=False):
 
 
 class Client:
-    """Asks a server for images, one after another; each call waits for its answer.
+    """Client of an image server; each call waits for its answer.
 
-    Start one with `horizonval serve --scene SCENE`. Made for one thread; several clients may ask one server.
+    Start a server with `horizonval serve --scene SCENE`. For one thread; several clients may use one server.
 
     Parameters
     ----------
     address : str
-        ``ipc://PATH`` or ``tcp://HOST:PORT``; the server's default without.
+        ``ipc://PATH`` or ``tcp://HOST:PORT``; by default that of the server.
     token : str, optional
         The word in the server's ``--token-file``.
     timeout_s : float
-        How long an answer may take. The first image of a place takes seconds.
+        Longest time of an answer. The first image of a position takes seconds.
     wait_s : float
-        How long to wait for a server to be there.
+        Longest time until a server listens.
 
     Raises
     ------
     UserError
-        Nobody listens there, or there is no such address.
+        No server listens there, or the address is invalid.
 
     Examples
     --------
@@ -147,23 +141,18 @@ class Client:
             time.sleep(_RETRY_S)
 
     def image(self, **keys: Unpack[ImageKeywords]) -> ServedImage:
-        """Return the image of a pose; what is left out is as in the server's scene, whatever was asked before.
+        """Return the image of a pose; missing keys come from the server's scene, not from earlier requests.
 
         Parameters
         ----------
         **keys
-            The keys of a pose are keywords of :class:`horizonval.Scene`, from ``epoch_utc`` to ``head``. With them go
-            ``exposure_s``; ``seed``, another of which gives other noise; ``band``; and ``truth`` and ``radiance``,
-            whether the answer holds them.
-
-        Returns
-        -------
-        ServedImage
+            Keys of a pose are keywords of :class:`horizonval.Scene`, from ``epoch_utc`` to ``head``. Others are
+            ``exposure_s``; ``seed`` of the noise; ``band``; and whether the answer has ``truth`` and ``radiance``.
 
         Raises
         ------
         UserError
-            The server refused; its words. Or no answer in time, or a lost connection.
+            The server refused, did not answer in time, or the connection is lost.
         """
         given = {key: x.isoformat() if isinstance(x, datetime) else x for key, x in keys.items() if x is not None}
         answer = self._ask("image", plain(given))
@@ -182,13 +171,7 @@ class Client:
         )
 
     def status(self) -> dict[str, Any]:
-        """Return what the server says of itself: version, scene, camera, bands, heads, images served.
-
-        Raises
-        ------
-        UserError
-            As :meth:`image`.
-        """
+        """Return the server's version, scene, camera, bands, heads and number of images; raises as :meth:`image`."""
         return {key: value for key, value in self._ask("status", {}).items() if key not in ("schema", "kind")}
 
     def close(self) -> None:

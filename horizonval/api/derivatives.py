@@ -51,15 +51,15 @@ Images = dict[str, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class FrameDerivatives:
-    """How the radiance of every pixel of a frame changes; made by :meth:`horizonval.Frame.derivatives`.
+    """Derivatives of the radiance of every pixel of a frame; made by :meth:`horizonval.Frame.derivatives`.
 
     ========================= ================ =====================================================================
     parameter                 unit             what changes
     ========================= ================ =====================================================================
     ``rotation_x`` ``_y _z``  rad              the camera turns about its own axes (x right, y down, z along the
                                                boresight), right-handed
-    ``east north up``         m                the camera moves along the geodetic directions of where it is; its
-                                               attitude, the Sun and the air stay in Earth-fixed axes
+    ``east north up``         m                the camera moves along its local geodetic directions; its attitude, the
+                                               Sun and the air stay in Earth-fixed axes
     ``limb_height``           m                the whole air is raised over the ground
     ``gain``                  1                all radiance grows by the same factor
     ``temperature``           K                the air is warmer at all heights, in hydrostatic balance over the same
@@ -81,12 +81,12 @@ class FrameDerivatives:
     limb but at most 30 m (positions; ten times as much in sunlight of all orders), 10 m (height of the limb), 0.5 K,
     0.3 % of density and 1 % of particles.
 
-    Error of the difference, as a share of the largest derivative: over a third of the step 95 % of all pixels agree
-    to 4e-4, for positions in sunlight of all orders to 3e-3. Most of the other pixels have a cell that the hard edge
-    enters or leaves between two frames. The error of the tables of light comes on top: slopes of
-    marched frames differ by 1e-3 in a field of 60 deg and by 3e-2 in one of 0.5 deg.
+    Error of the difference, as a share of the largest derivative: with a third of the step 95 % of all pixels agree
+    to 4e-4, for positions in sunlight of all orders to 3e-3. Most other pixels have a cell that the hard edge enters or
+    leaves between two frames. The tables of light add an error: slopes of marched frames differ by 1e-3 in a field of
+    60 deg and by 3e-2 in one of 0.5 deg.
 
-    A jump has no derivative: where the differences to both sides disagree, as where a coast or the edge of a cloud
+    A jump has no derivative. Where the differences to both sides disagree, as where a coast or the edge of a cloud
     passes the ray of a cell, a pixel has the smaller of both.
 
     Examples
@@ -109,13 +109,7 @@ class FrameDerivatives:
         return tuple(self.images)
 
     def jacobian(self, band: str) -> NDArray[np.float32]:
-        """Return the derivatives of a band side by side, shape (H, W, number of parameters).
-
-        Raises
-        ------
-        UserError
-            No such band.
-        """
+        """Return the derivatives of a band stacked, shape (H, W, parameters); ``UserError`` for an unknown band."""
         for images in self.images.values():
             if band not in images:
                 raise UserError(
@@ -146,7 +140,7 @@ def derivatives_of(scene: Scene, parameters: Sequence[str] | None, progress: boo
 def image_derivatives(
     scene: Scene, parameters: Sequence[str], *, scale: float = 1.0, progress: Progress | None = None
 ) -> dict[str, Images]:
-    """Return the derivative of every band by the parameters, in double precision.
+    """Return the derivatives of every band by the parameters, in double precision.
 
     Parameters
     ----------
@@ -156,7 +150,6 @@ def image_derivatives(
     scale : float
         Factor of all steps, for estimates of the error.
     progress : Progress, optional
-        Receives the progress of tables that take long.
 
     Raises
     ------

@@ -71,32 +71,27 @@ def estimate(
     camera: AnyCamera | None = None,
     prior: AnyPrior | None = None,
 ) -> Fit | Refusal:
-    """Run one estimator on an image: an attitude, or a refusal that says why.
+    """Run one estimator on an image: an attitude, or a refusal with its reason.
 
     Parameters
     ----------
     image : Image, Frame, str, Path, ndarray, or a sequence of them
-        One of ours; the file of one; a PNG, TIFF or JPEG; pixels of shape (H, W) or (H, W, channels). Of a method of
-        several heads one of ours for each head.
+        An image or frame; the file of one; a PNG, TIFF or JPEG; pixels of shape (H, W) or (H, W, channels). A method of
+        several heads takes one image or frame for each head.
     estimator : str, Estimator or callable
-        A name (:func:`horizonval.list_estimators`), an ONNX file's path, or a method of your own: a function from an
-        ``Observation`` to a ``Fit`` or a ``Refusal``, wrapped in an ``Estimator`` or not.
+        A name (:func:`horizonval.list_estimators`), the path of an ONNX file, or a function from an ``Observation`` to
+        a ``Fit`` or a ``Refusal``, as it is or wrapped in an ``Estimator``.
     camera : Camera, str, Path or mapping, optional
-        Of an image that does not carry its own.
+        The camera of a foreign image; images of this package carry theirs.
     prior : Prior, str or Path, optional
-        What is known beside the image, or a file of a table ``[prior]``. In place of what an image of ours says of
-        itself; a file may state a sigma alone for it, whose value is then drawn about the image's truth.
-
-    Returns
-    -------
-    Fit or Refusal
-        A refusal is false: ``if fit: ...``.
+        What is known in addition to the image, or a file with a table ``[prior]``. Replaces the prior that the image
+        carries. A file may state a sigma without a value, which is then sampled about the image's truth.
 
     Raises
     ------
     UserError
         No such estimator, no image, no camera or one of another size, a prior that does not go with the image.
-        Whatever the estimator does, errors included, is a result.
+        Errors inside the estimator are results, not exceptions.
 
     Examples
     --------
@@ -125,8 +120,8 @@ def estimate_report(
 ) -> dict[str, Any]:
     """Run one estimator on an image and return what ``horizonval estimate --json`` prints.
 
-    Parameters as for :func:`estimate`. An image that carries its truth has the errors against it as well
-    (:data:`ERRORS`, :data:`BOUNDS`); the estimator is not given the truth. None stands where a key does not apply.
+    Parameters as for :func:`estimate`. An image with its truth also has the errors against it (:data:`ERRORS`,
+    :data:`BOUNDS`); the estimator is not given the truth. Keys that do not apply are None.
     """
     method = estimator_of(estimator)
     observation, sources = _observed(image, method, camera, prior)
@@ -136,13 +131,7 @@ def estimate_report(
 
 
 def score(fit: Fit | Refusal, frame: RadianceFrame | DetectorImage) -> Score:
-    """Compare an answer with the truth of its frame.
-
-    Parameters
-    ----------
-    fit : Fit or Refusal
-    frame : Frame or Image
-        The frame, or an image made of it: both carry the truth.
+    """Compare an answer with the truth that a frame, or an image of it, carries.
 
     Returns
     -------
@@ -161,12 +150,7 @@ def score(fit: Fit | Refusal, frame: RadianceFrame | DetectorImage) -> Score:
 
 
 def horizon_sensor(image: Source | FrameTruth | str | Path) -> dict[str, Any]:
-    """Return what an ideal horizon sensor reads where an image was taken, from its pose; pixels are not looked at.
-
-    Parameters
-    ----------
-    image : Frame, Image, FrameTruth, str or Path
-        One of ours, its truth, or its file.
+    """Return what an ideal horizon sensor reads at the pose of an image, truth or image file; pixels are not used.
 
     Returns
     -------
@@ -174,7 +158,7 @@ def horizon_sensor(image: Source | FrameTruth | str | Path) -> dict[str, Any]:
         Both readings of the published module's documentation [deg]; None where the sensor reads nothing.
         ``roll_error_deg``, ``pitch_error_deg``: between the axes of the sensor and those of the nearest horizon point;
         ``roll_elevation_deg``, ``pitch_elevation_deg``: of the axes of the sensor over the tangent plane there. The
-        Earth is the sphere whose angular radius is the mean over the horizon; ``horizon_cam`` leads to the point.
+        Earth is the sphere whose angular radius is the mean over the horizon; ``horizon_cam`` points to the point.
     """
     if isinstance(image, str | Path):
         truth = FrameTruth.from_dict(exr.read_header(Path(image))["truth"])
@@ -210,26 +194,26 @@ def mission_table(
     clear: bool = False,
     progress: Progress | None = None,
 ) -> MissionTable:
-    """Return the profiles of the limb that a fit needs for the frames of a suite or scene: one table.
+    """Return the table of limb profiles that a fit needs for the frames of a suite or scene.
 
     Parameters
     ----------
     target : str
         File or shipped name of a suite or scene.
     band : str, optional
-        Needed where the cameras have several bands.
+        Required where the cameras have several bands.
     error : float
-        Largest share of a profile's largest value by which the table may differ from the whole one.
+        Largest difference to the full table, as a share of a profile's largest value.
     air : str, optional
-        Name of an atmosphere, or a profile file: the table is made for this air, known, in place of the shipped one.
+        Name of an atmosphere, or a profile file: a table for this known air instead of the shipped climate.
     clear : bool
-        Whether it has no clouds.
+        Whether the table has no clouds.
     progress : Progress, optional
 
     Raises
     ------
     UserError
-        No such file; several bands; no table for the band; no limb in view; an air that is none, or varies.
+        No such file; several bands; no table for the band; no limb in view; an unknown air, or one that varies.
     """
     from horizonval.api.check import kind_of
     from horizonval.suites.suite import load_suite
@@ -243,19 +227,10 @@ def mission_table(
 
 
 def estimator_of(estimator: AnyEstimator, suite: str | Path | None = None) -> Estimator:
-    """Return what was given as an estimator.
+    """Return an estimator from an estimator, a name, an ONNX file or a function.
 
-    Parameters
-    ----------
-    estimator : str, Estimator or callable
-        As for :func:`estimate`.
-    suite : str or Path, optional
-        A suite or study whose ``[[estimator]]`` table a name may be: a program.
-
-    Raises
-    ------
-    UserError
-        There is none of that name, or the file is wrong.
+    ``suite`` is a suite or study whose programs (``[[estimator]]``) a name may be. Raises ``UserError`` for an unknown
+    name or an invalid file.
     """
     if isinstance(estimator, Estimator):
         return estimator
@@ -272,7 +247,7 @@ def estimator_of(estimator: AnyEstimator, suite: str | Path | None = None) -> Es
 
 
 def _program_of(suite: str | Path, name: str) -> Estimator:
-    """Return the estimator that a suite or study calls by a name: one of its programs, or an installed one."""
+    """Return the estimator of a name in a suite or study: one of its programs, or an installed one."""
     path = find("suite", suite)
     data = read_toml(path)
     head: StudyHead | SuiteHead
@@ -294,7 +269,7 @@ def _program_of(suite: str | Path, name: str) -> Estimator:
 
 
 def prior_from(path: str | Path) -> PriorSpec:
-    """Return what a file of a table ``[prior]`` says."""
+    """Return the content of a file with a table ``[prior]``."""
     spec = load_prior(path)
     try:
         refuse_unknown_climate(spec)
@@ -311,7 +286,7 @@ def _observed(
     camera: AnyCamera | None,
     prior: AnyPrior | None,
 ) -> tuple[Observation, list[Source]]:
-    """Return what an estimator is given, and the images of ours among what it is made of."""
+    """Return the observation for an estimator, and the images and frames of this package in it."""
     known = prior_from(prior) if isinstance(prior, str | Path) else prior
     if not isinstance(image, Sequence) or isinstance(image, str):
         return observation_from(image, estimator, None if camera is None else camera_of(camera), known)
@@ -326,9 +301,9 @@ def _observed(
 
 
 def sources_of_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estimator) -> dict[str, Source]:
-    """Return the images of all heads of one housing, by head, in the order of the heads in the camera file.
+    """Return the images of all heads of one housing by head, in the order of the camera file.
 
-    The first decides in whose camera frame the answer is. Each picture comes after the name that errors call it.
+    The answer is in the camera frame of the first. ``pictures`` are pairs of a name for errors and a picture.
     """
     if estimator.needs != "heads":
         names = ", ".join(name for name, _ in pictures)
@@ -437,7 +412,7 @@ def _report(
     sources: Sequence[Source],
     prior: Prior,
 ) -> dict[str, Any]:
-    """Return the keys of the command contract; the truth is used here alone, after the estimator has answered."""
+    """Return the keys of the command contract; only this function, after the answer, uses the truth."""
     report: dict[str, Any] = {
         "estimator": estimator.name,
         "status": str(result.status),

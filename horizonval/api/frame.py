@@ -26,25 +26,25 @@ if TYPE_CHECKING:
 
 
 class Frame(RadianceFrame):
-    """A rendered frame: radiance per band, truth maps, and the exact truth; a picture in a notebook.
+    """A rendered frame: radiance per band, truth maps, and the exact truth; a notebook shows it as a picture.
 
     Made by :func:`horizonval.render` or :func:`horizonval.open_frame`.
 
     Attributes
     ----------
     radiance : dict of ndarray, shape (H, W), float32
-        Per band [W m-2 sr-1], weighted with the band's response (peak 1). Of a solar band the response is a quantum
-        efficiency, and every photon counts as energy at the band's reference wavelength: what a detector's electrons
-        are proportional to. For radiometry take ``energy_radiance``.
+        Per band [W m-2 sr-1], weighted with the band's response (peak 1). The response of a solar band is a quantum
+        efficiency, and every photon counts as energy at the band's reference wavelength, so that radiance is
+        proportional to a detector's electrons. For radiometry use ``energy_radiance``.
     energy_radiance : dict of ndarray, shape (H, W), float32
-        Per band [W m-2 sr-1]: the integral over wavelength of spectral radiance times response. Of a thermal band the
-        same as its radiance. A solar band of a file that holds none is not in it.
+        Per band [W m-2 sr-1]: the integral over wavelength of spectral radiance times response. Equal to ``radiance``
+        in thermal bands. Files of older versions hold none of solar bands.
     maps : dict of ndarray, shape (H, W), float32
         ``distance`` [m], ``tangent_height`` [m], ``solar_zenith`` [deg], ``hit``.
     truth : FrameTruth
-        Pose, Sun, nadir: float64, closed form, made without the renderer.
+        Pose, Sun, nadir: float64, closed form, computed without the renderer.
     render : dict
-        How it was made.
+        Settings and version of the rendering.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class Frame(RadianceFrame):
 
     @classmethod
     def of(cls, frame: RadianceFrame) -> Frame:
-        """Return a rendered frame as one that observes and shows itself."""
+        """Return a rendered frame as a :class:`Frame`."""
         return cls(frame.radiance, frame.maps, frame.truth, frame.render, frame.energy_radiance, frame.behind)
 
     @property
@@ -93,40 +93,26 @@ class Frame(RadianceFrame):
     ) -> FrameDerivatives:
         """Return how the radiance of every pixel changes with attitude, position, gain and the air.
 
+        Each parameter takes two frames. Frames of the pose share the tables of the air; every parameter of the air
+        needs new ones. The scene is that of the frame's truth, so a frame from a file serves as well.
+
         Parameters
         ----------
         parameters : sequence of str, optional
             Some of ``rotation_x``, ``rotation_y``, ``rotation_z``, ``east``, ``north``, ``up``, ``limb_height``,
-            ``gain``, ``temperature``, ``density``, ``aerosol``; all of them without.
+            ``gain``, ``temperature``, ``density``, ``aerosol``; all by default.
         progress : bool or Progress
             As for :func:`horizonval.render`.
-
-        Returns
-        -------
-        FrameDerivatives
 
         Raises
         ------
         UserError
             An unknown parameter; as :func:`horizonval.render`.
-
-        Notes
-        -----
-        Each parameter takes two frames: those of pose share the tables of the air, a parameter of the air has tables of
-        its own. The scene is that of the frame's truth: :func:`horizonval.open_frame` serves as well.
         """
         return derivatives_of(self.scene, parameters, progress)
 
     def save(self, path: str | Path) -> Path:
         """Write the frame as an OpenEXR file with its truth in the header; :func:`horizonval.open_frame` reads it.
-
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        Path
 
         Raises
         ------
@@ -139,10 +125,10 @@ class Frame(RadianceFrame):
         return Path(path)
 
     def picture(self) -> NDArray[np.uint8]:
-        """Return the frame as a picture to look at, shape (H, W, 3), sRGB.
+        """Return the frame as a picture, shape (H, W, 3), sRGB.
 
-        Sunlight over that of a white ground, compressed so that bright and dark parts show together; frames of thermal
-        bands alone as brightness temperatures with their scale.
+        Sunlight is relative to a white ground and compressed so that bright and dark parts are visible together. Frames
+        with thermal bands alone show brightness temperatures with their scale.
         """
         from horizonval.report.pictures import frame_picture
 
@@ -161,7 +147,7 @@ class Frame(RadianceFrame):
 
 
 def render(scene: Scene | str | Path, *, progress: bool | Progress = True) -> Frame:
-    """Render a scene: the radiance that reaches every pixel in every band, and the exact truth beside it.
+    """Render a scene: the radiance that reaches every pixel in every band, and the exact truth.
 
     Deterministic: the same scene gives the same bytes.
 
@@ -170,16 +156,12 @@ def render(scene: Scene | str | Path, *, progress: bool | Progress = True) -> Fr
     scene : Scene, str or Path
         A scene, its file, or a shipped name.
     progress : bool or Progress
-        Whether long steps are told on standard error, or who is told of them.
-
-    Returns
-    -------
-    Frame
+        Whether long steps are shown on standard error, or the object that receives them.
 
     Raises
     ------
     UserError
-        For anything in the scene that cannot be rendered, or where no back-end works.
+        The scene cannot be rendered, or no back-end works.
 
     Examples
     --------
@@ -206,11 +188,11 @@ def render_reference(
 ) -> Frame:
     """Render a scene by Monte Carlo in stock Mitsuba, the cross-check of :func:`render`.
 
-    In sunlight it has scattering by molecules, ozone and particles over a uniform Lambert ground; in thermal bands air
-    and thin cloud that emit, over the scene's own ground, with an integrator of this package. Without refraction, the
-    Sun's disc and glare, clouds, parts, and in sunlight the surface map. The map ``standard_error_<band>`` tells its
-    noise; ``render["deterministic_frame_differs"]`` by how many standard errors :func:`render` of the same is off in
-    thermal bands.
+    Solar bands have scattering by molecules, ozone and particles over a uniform Lambert ground; thermal bands have air
+    and thin cloud that emit over the scene's ground, with an integrator of this package. Neglected: refraction, the
+    Sun's disc and glare, clouds, parts, and in sunlight the surface map. The map ``standard_error_<band>`` has the
+    noise; in thermal bands ``render["deterministic_frame_differs"]`` is the difference to :func:`render` in standard
+    errors.
 
     Parameters
     ----------
@@ -218,13 +200,9 @@ def render_reference(
     samples : int, optional
         Per pixel and spectral node (thermal bands: per pixel and band), at least 2.
     size : (int, int), optional
-        Width and height of the image in fewer, larger pixels.
+        Width and height of the image, for fewer and larger pixels.
     progress : bool or Progress
         As for :func:`render`.
-
-    Returns
-    -------
-    Frame
 
     Raises
     ------
@@ -260,7 +238,7 @@ def radiance(
     refraction: bool = False,
     progress: bool | Progress = True,
 ) -> tuple[RayFile, dict[str, FloatArray]]:
-    """Compute the radiance along given rays in a given atmosphere: the integrator alone.
+    """Compute the radiance along given rays in a given atmosphere, without camera or scene.
 
     Parameters
     ----------
@@ -271,7 +249,7 @@ def radiance(
     orders : {"single", "all"}
         Orders of scattering.
     thermal : bool
-        Emission in place of scattered sunlight.
+        Emission instead of scattered sunlight.
     refraction : bool
         Whether the ``refractivity`` of the atmosphere file bends the rays.
     progress : bool or Progress
@@ -315,21 +293,12 @@ def radiance(
 
 
 def open_frame(path: str | Path) -> Frame:
-    """Read a rendered frame.
-
-    Parameters
-    ----------
-    path : str or Path
-        An OpenEXR file that this package wrote.
-
-    Returns
-    -------
-    Frame
+    """Read a rendered frame from an OpenEXR file that this package wrote.
 
     Raises
     ------
     UserError
-        No such file, or it is damaged or none of ours.
+        No such file, or it is damaged or not written by this package.
 
     Examples
     --------

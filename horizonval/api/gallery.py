@@ -24,16 +24,9 @@ NODES = 2
 
 
 def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Progress = True) -> Path:
-    """Render scenes, write their pictures and ``index.html``, and return its path.
+    """Render the named shipped scenes, or all, write their pictures and ``index.html``, and return its path.
 
-    A picture that lies there already is made again: the page is always that of the scenes as they are now.
-
-    Parameters
-    ----------
-    folder : Path
-    names : sequence of str
-        Shipped scenes; none for all.
-    progress : bool or Progress
+    Existing pictures are replaced: the page always shows the scenes as they are now.
     """
     known = shipped_names("scene")
     for name in names:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Image(DetectorImage):
-    """What a detector made of one band of a frame; shows itself as a picture in a notebook.
+    """Digital numbers of one band of a frame; a notebook shows it as a picture.
 
     Made by :func:`horizonval.observe` or :func:`horizonval.open_image`.
 
@@ -24,7 +24,7 @@ class Image(DetectorImage):
         Digital numbers.
     band : str
     truth : FrameTruth
-        The exact truth of the frame that it was made of.
+        The exact truth of the frame that was observed.
     full_scale : int
         Largest digital number of the converter.
     observation : dict
@@ -39,7 +39,7 @@ class Image(DetectorImage):
 
     @classmethod
     def of(cls, image: DetectorImage) -> Image:
-        """Return a detector image as one that shows itself."""
+        """Return a detector image as an :class:`Image`."""
         return cls(image.dn, image.band, image.truth, image.full_scale, image.observation)
 
     @property
@@ -55,14 +55,6 @@ class Image(DetectorImage):
 
     def save(self, path: str | Path) -> Path:
         """Write the image as an OpenEXR file with its truth in the header; :func:`horizonval.open_image` reads it.
-
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        Path
 
         Raises
         ------
@@ -96,23 +88,19 @@ def observe(
     camera: Camera | str | Path | dict[str, Any] | None = None,
     noise: bool = True,
 ) -> Image:
-    """Return the image that a detector makes of a frame: optics, charge, noise, digital numbers.
+    """Return the detector image of a frame: optics, charge, noise, digital numbers.
 
     Parameters
     ----------
     frame : Frame
     seed : int
-        Another one is another, independent draw of all noise.
+        Seed of all noise.
     band : str, optional
         The camera's first band by default.
     camera : Camera, str, Path or mapping, optional
-        In place of the frame's own: another detector or lens behind the same image geometry.
+        Replaces the frame's camera: another detector or lens with the same image geometry.
     noise : bool
         False gives the expected signal, still saturated and quantised.
-
-    Returns
-    -------
-    Image
 
     Raises
     ------
@@ -132,21 +120,12 @@ def observe(
 
 
 def open_image(path: str | Path) -> Image:
-    """Read a detector image.
-
-    Parameters
-    ----------
-    path : str or Path
-        An OpenEXR file that this package wrote.
-
-    Returns
-    -------
-    Image
+    """Read a detector image from an OpenEXR file that this package wrote.
 
     Raises
     ------
     UserError
-        No such file, or it is damaged or none of ours.
+        No such file, or it is damaged or not written by this package.
 
     Examples
     --------

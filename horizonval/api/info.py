@@ -1,4 +1,4 @@
-"""What there is: names that other functions take, each with a line that says what it is, and this machine."""
+"""Names that other functions take, each with one sentence, and the state of this machine."""
 
 from __future__ import annotations
 
@@ -42,12 +42,6 @@ LLVM_HELP = {
 def list_cameras() -> list[str]:
     """Return the names of the shipped cameras, for :meth:`horizonval.Camera.from_file`.
 
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
     >>> import horizonval as hv
     >>> "vis-cmos-512-60deg" in hv.list_cameras()
     True
@@ -58,12 +52,6 @@ def list_cameras() -> list[str]:
 def list_scenes() -> list[str]:
     """Return the names of the shipped scenes, for :meth:`horizonval.Scene.from_file` and :func:`horizonval.render`.
 
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
     >>> import horizonval as hv
     >>> "limb-noon-vis" in hv.list_scenes()
     True
@@ -74,12 +62,6 @@ def list_scenes() -> list[str]:
 def list_suites() -> list[str]:
     """Return the names of the shipped suites, for :func:`horizonval.run`.
 
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
     >>> import horizonval as hv
     >>> "quick" in hv.list_suites()
     True
@@ -88,14 +70,8 @@ def list_suites() -> list[str]:
 
 
 def list_estimators() -> list[str]:
-    """Return the names of all installed estimators, ours and those of other packages.
+    """Return the names of all installed estimators, of this and of other packages.
 
-    Returns
-    -------
-    list of str
-
-    Examples
-    --------
     >>> import horizonval as hv
     >>> "guarded-altitude-free" in hv.list_estimators()
     True

@@ -1,4 +1,4 @@
-"""Runs of suites, studies, nights and published systems: made, taken up again, or only counted; results as a table."""
+"""Runs of suites, studies, nights and published systems: new, resumed, or as a dry run."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ BASELINES, PAGES = Path("results/baseline"), Path("results/published")
 
 @dataclass(frozen=True)
 class DryRun:
-    """What a run would make, counted without making it: nothing is rendered, and nothing is written.
+    """What a run would make, counted without rendering or writing anything.
 
     Attributes
     ----------
     what : str
     out : str
-        Folder that it would go into.
+        Output folder.
     total, finished : dict of str to int
-        How many of what, and how many of them are finished there already.
+        Numbers of items by kind, and how many of them are finished in the folder.
     cost : Cost or None
-        Of all, finished or not; None where it is not known.
+        Of all items, finished or not; None where it is not known.
     notes : tuple of str
     """
 
@@ -73,9 +73,7 @@ class DryRun:
 
 @dataclass(frozen=True, repr=False)
 class Run:
-    """A run of a suite in its folder.
-
-    Made by :func:`horizonval.run` or :func:`horizonval.open_run`.
+    """A run of a suite in its folder; made by :func:`horizonval.run` or :func:`horizonval.open_run`.
 
     Attributes
     ----------
@@ -84,13 +82,13 @@ class Run:
     suite : str
         Name of the suite.
     summary : dict
-        The content of ``summary.json``; empty as long as shards are missing.
+        The content of ``summary.json``; empty while shards are missing.
     failed : dict
-        Frames without a result, by name, and why.
+        Reasons of frames without a result, by name.
     missing : int
-        Frames that are yet to be made: by other shards, or after a dry run.
+        Frames that are not made yet: by other shards, or after a dry run.
     warnings : tuple of Finding
-        What the check of a sample of the frames found before they were rendered, as a saturated limb.
+        What the check of a sample of the frames found before they were rendered, such as a saturated limb.
     dry_run : DryRun or None
         What a run with ``dry_run=True`` would make.
 
@@ -119,13 +117,9 @@ class Run:
         return page if page.is_file() else None
 
     def rows(self) -> DuckDBPyRelation:
-        """Return the results, one row for every frame and estimator.
+        """Return the results as a relation, one row for every frame and estimator.
 
-        Returns
-        -------
-        duckdb.DuckDBPyRelation
-            ``.df()`` makes it a pandas frame, ``.arrow()`` an Arrow table, ``.filter("status = 'valid'")`` another
-            relation.
+        ``.df()`` makes it a pandas frame, ``.arrow()`` an Arrow table, ``.filter("status = 'valid'")`` a relation.
 
         Raises
         ------
@@ -172,41 +166,37 @@ def run(
 ) -> Run:
     """Run a suite: render, observe, estimate, score, report. The same call again finishes what is missing.
 
-    What :func:`horizonval.check` has against a sample of the frames is told before they are rendered, and returned.
+    Before rendering, :func:`horizonval.check` looks at a sample of the frames; its warnings are shown and returned.
 
     Parameters
     ----------
     suite : str or Path
         A suite file, or the name of a shipped suite (:func:`horizonval.list_suites`).
     out : str or Path
-        Folder of the run; made if need be.
+        Folder of the run; created if it does not exist.
     workers : int, optional
-        Processes; as many as processors by default. The number does not change any result.
+        Number of processes, by default one for each processor. Results do not depend on it.
     shard : str or (int, int), optional
-        ``"2/8"``: only every 8th frame from the 2nd on; the call without it then concludes.
+        ``"2/8"``: only every 8th frame, starting with the 2nd. The call without ``shard`` then writes the results.
     seed, frames : int, optional
-        In place of ``suite.seed`` and ``suite.frames``.
+        Replace ``suite.seed`` and ``suite.frames``.
     keep : {"all", "failures", "none"}, optional
-        In place of ``suite.keep``: what stays in the archive.
+        Replaces ``suite.keep``: what stays in the archive.
     time_limit_s : float, optional
-        Processor time of one estimate, in place of ``suite.time_limit_s``.
+        Processor time of one estimate; replaces ``suite.time_limit_s``.
     dask : str, optional
-        Address of a Dask scheduler in place of own processes, or ``"local:N"``.
+        Address of a Dask scheduler, or ``"local:N"``; replaces the processes of this call.
     merge : sequence of str or Path
-        Folders of other runs of this suite, whose results are taken over.
+        Folders of other runs of this suite; their results are copied.
     dry_run : bool
-        Count what would be made and what it takes; render and write nothing.
+        Count what would be made and what it costs; render and write nothing.
     progress : bool or Progress
-        Whether progress and warnings are shown on standard error, or who is told of them.
-
-    Returns
-    -------
-    Run
+        Whether progress and warnings are shown on standard error, or the object that receives them.
 
     Raises
     ------
     UserError
-        A mistake in the suite, told before anything is rendered; a folder that holds another suite's run.
+        A mistake in the suite, before anything is rendered; a folder that holds another suite's run.
 
     Examples
     --------
@@ -230,14 +220,6 @@ def run(
 
 def open_run(folder: str | Path) -> Run:
     """Open the folder of a run.
-
-    Parameters
-    ----------
-    folder : str or Path
-
-    Returns
-    -------
-    Run
 
     Raises
     ------
@@ -271,14 +253,9 @@ def study(
     dry_run: bool = False,
     progress: bool | Progress = True,
 ) -> StudyResult | DryRun:
-    """Run a trade study into a folder, or finish or extend what is there: only frames that are new are made.
+    """Run a trade study into a folder, or finish or extend the study in it: only new frames are made.
 
-    Parameters as for :func:`run`; ``frames``: conditions in place of the number in the file.
-
-    Raises
-    ------
-    UserError
-        As :func:`run`.
+    Parameters and errors as for :func:`run`; ``frames`` replaces the number of conditions in the file.
     """
     from horizonval.studies.trade.run import run_study, study_in
 
@@ -309,7 +286,7 @@ def regress(
     dry_run: bool = False,
     progress: bool | Progress = True,
 ) -> JsonObject | DryRun:
-    """Do a night of the regression and return its verdict.
+    """Run the regression of one night and return its verdict.
 
     Parameters
     ----------
@@ -324,9 +301,9 @@ def regress(
     night : str, optional
         Label and seed; today (UTC) by default.
     reference : Path, optional
-        Folder of this night by another version: pairs for fresh scenes.
+        Folder of this night by another version; fresh scenes are compared in pairs.
     workers, dry_run, progress
-        As for :func:`run`. Of fresh scenes a dry run counts the first batch, as more are made only if gates need them.
+        As for :func:`run`. A dry run counts only the first batch of fresh scenes: later ones depend on its result.
 
     Raises
     ------
@@ -357,7 +334,7 @@ def regress(
 
 
 def baseline_of(suite: str) -> Path:
-    """Return where the accepted baseline of a suite is kept."""
+    """Return the path of the accepted baseline of a suite."""
     return BASELINES / f"{suite}.json"
 
 
@@ -376,18 +353,18 @@ def reproduce(
     dry_run: bool = False,
     progress: bool | Progress = True,
 ) -> Iterator[JsonObject | DryRun]:
-    """Do the published experiments again: yield the content of each page as it is written, or what would be made.
+    """Repeat the published experiments and yield the content of each page as it is written, or the dry run.
 
     Parameters
     ----------
     systems : sequence of str
-        Letters of published systems; none, or ``all``, are all of them.
+        Letters of published systems; empty or ``all`` for all of them.
     out : Path
         Folder of the pages.
     seed : int
         Of all noise in the experiments.
     workers, dry_run, progress
-        As for :func:`run`. A dry run counts what does not depend on results that are yet to be made.
+        As for :func:`run`. A dry run leaves out items that depend on results which do not exist yet.
     """
     from horizonval.systems.quick import chosen, experiment
     from horizonval.systems.run import WORK, reproduce_systems
@@ -407,12 +384,12 @@ def reproduce(
 
 
 class _NotYetError(Exception):
-    """Something is not made that the next step needs."""
+    """The next step needs a result that does not exist."""
 
 
 @dataclass(frozen=True)
 class _Counting(TaskCache):
-    """Counts items in place of making them."""
+    """Counts items instead of making them."""
 
     letter: str = ""
     counted: DryRun = field(default_factory=lambda: DryRun("", "", {}, {}))
@@ -442,7 +419,7 @@ def execution_of(
 
 
 def _before(target: Suite | Study, listener: Progress, found: list[Finding]) -> dict[str, ExpectedTime]:
-    """Tell what a sample of the frames is likely to show before they are rendered, and return what they take."""
+    """Report the findings of a sample of the frames before they are rendered, and return the expected times."""
     report = check_before_run(target)
     if report is not None:
         found += report.warnings
@@ -452,7 +429,7 @@ def _before(target: Suite | Study, listener: Progress, found: list[Finding]) -> 
 
 
 def _dry_run(suite: Suite, out: Path, execution: Execution, report: Report) -> DryRun:
-    """Return what a run of a suite, or of the suite of a study, would make; raises what the run would refuse."""
+    """Return the dry run of a suite, or of the suite of a study; raises what the run would refuse."""
     if report.cost is None:
         error = next(finding for finding in report.findings if finding.code == "cannot-run")
         raise UserError(error.text, fix=error.fix)

@@ -47,16 +47,16 @@ class SceneKeywords(PoseKeywords, total=False):
 
 
 class Scene:
-    """What one frame is rendered of: a camera on a satellite, the Earth and its air, an instant.
+    """The input of one frame: a camera on a satellite, the Earth and its air, an instant.
 
-    The keywords are keys of a scene file; what is left out has the file's default.
+    The keywords are keys of a scene file; missing keywords have the file's defaults.
 
     Parameters
     ----------
     camera : Camera, str, Path or mapping
-        A camera, the file or shipped name of one, or its plain data.
+        A camera, its file or shipped name, or its plain data.
     epoch_utc : str or datetime
-        Such as ``"2026-03-20T12:00Z"``.
+        For example ``"2026-03-20T12:00Z"``.
     latitude_deg, longitude_deg, altitude_km : float
         Geodetic position of the satellite; or ``position_itrs_km``, three numbers along Earth-fixed axes.
     heading_deg : float
@@ -66,24 +66,24 @@ class Scene:
         Body against lvlh (x to the velocity, z to the nadir), in this order; or a quaternion, scalar last:
         ``q_body_from_lvlh`` or ``q_body_from_itrs``.
     rate_deg_s, hold : array_like, shape (3,), and str
-        Angular velocity in body axes, and what it is counted from: ``"lvlh"`` or ``"inertial"``.
+        Angular velocity in body axes, and its reference: ``"lvlh"`` or ``"inertial"``.
     mount_yaw_deg, mount_pitch_deg, mount_roll_deg, head : float, and str
-        Camera against body, in this order, and which one of a camera's several heads.
+        Camera against body, in this order, and the head of a camera with several.
     name, seed, draw : str, int, and str
-        Identity of the scene, from which everything random is drawn; another seed gives other draws.
+        Identity of the scene, from which all random numbers are drawn.
     earth, atmosphere, surface, clouds, layer, sun, moon, night, part, render, prior, calibration : mapping
-        Tables of a scene file, as ``surface={"kind": "earth"}``; ``layer`` and ``part`` are lists of them.
+        Tables of a scene file, such as ``surface={"kind": "earth"}``; ``layer`` and ``part`` are lists of tables.
 
     Attributes
     ----------
     spec : SceneSpec
-        The validated scene, every default filled in.
+        The validated scene with all defaults.
     camera : Camera
 
     Raises
     ------
     UserError
-        An unknown keyword, or a value that cannot be: one line with the key and what was expected.
+        An unknown keyword or an invalid value: one line with the key and what was expected.
 
     Examples
     --------
@@ -115,18 +115,9 @@ class Scene:
 
     @classmethod
     def from_file(cls, path_or_name: str | Path, head: str | None = None) -> Scene:
-        """Read a scene file and the camera that it names.
+        """Read a scene, a TOML file or a shipped name (:func:`horizonval.list_scenes`), and the camera that it names.
 
-        Parameters
-        ----------
-        path_or_name : str or Path
-            A TOML file, or the name of a shipped scene (:func:`horizonval.list_scenes`).
-        head : str, optional
-            In place of the scene's own ``camera.head``.
-
-        Returns
-        -------
-        Scene
+        ``head`` replaces the scene's ``camera.head``.
 
         Raises
         ------
@@ -144,23 +135,7 @@ class Scene:
 
     @classmethod
     def each_head(cls, path_or_name: str | Path, head: str | None = None) -> tuple[Scene, ...]:
-        """Read a scene file as :meth:`from_file`; a scene with ``camera.head = "all"`` gives one scene for every head.
-
-        Parameters
-        ----------
-        path_or_name : str or Path
-        head : str, optional
-            In place of the scene's own ``camera.head``; ``"all"`` for all of them.
-
-        Returns
-        -------
-        tuple of Scene
-
-        Raises
-        ------
-        UserError
-            As :meth:`from_file`.
-        """
+        """Read a scene file as :meth:`from_file`; with the head ``"all"`` return one scene for every head."""
         cases = load_frames(path_or_name, head)
         return tuple(cls._of(case.scene, Camera(case.camera, case.scene.camera.file)) for case in cases)
 
@@ -168,21 +143,7 @@ class Scene:
     def from_dict(cls, data: Mapping[str, Any], camera: Camera | str | Path | Mapping[str, Any] | None = None) -> Scene:
         """Make a scene of plain data, with the tables and keys of a scene file.
 
-        Parameters
-        ----------
-        data : mapping
-            ``{"camera": {"file": ...}, "platform": {"altitude_km": ...}, ...}``.
-        camera : Camera, str, Path or mapping, optional
-            In place of the file that ``camera.file`` names.
-
-        Returns
-        -------
-        Scene
-
-        Raises
-        ------
-        UserError
-            A mistake in the data, told as for a file.
+        ``camera`` replaces the file that ``camera.file`` names. Raises as :meth:`from_file`.
 
         Examples
         --------
@@ -193,21 +154,10 @@ class Scene:
         return cls._of(*_resolved(plain(data), None if camera is None else camera_of(camera)))
 
     def changed(self, **keywords: Any) -> Scene:
-        """Return the scene with other values; what is not named stays.
+        """Return the scene with other values; all others stay.
 
-        Parameters
-        ----------
-        **keywords
-            Those of :class:`Scene`; the keys of a table are laid over those that are there.
-
-        Returns
-        -------
-        Scene
-
-        Raises
-        ------
-        UserError
-            As :class:`Scene`.
+        The keywords are those of :class:`Scene`. The keys of a table are merged into the table of the scene. Raises as
+        :class:`Scene`.
 
         Examples
         --------
@@ -221,11 +171,11 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """The scene's name, the identity of everything random in it."""
+        """The scene's name, from which all its random numbers are drawn."""
         return self.spec.scene.name
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the scene as plain data that :meth:`from_dict` takes; only what was given, not the defaults."""
+        """Return the scene as plain data for :meth:`from_dict`: the given values, not the defaults."""
         return self.spec.model_dump(mode="json", exclude_unset=True)
 
     def __repr__(self) -> str:
@@ -243,12 +193,12 @@ class Scene:
 
 
 def scene_of(scene: Scene | str | Path) -> Scene:
-    """Return what was given as a scene: one already, a file, or a shipped name."""
+    """Return a scene from a scene, a file, or a shipped name."""
     return scene if isinstance(scene, Scene) else Scene.from_file(scene)
 
 
 def _with_keywords(data: JsonObject, keywords: Mapping[str, Any], camera: Camera) -> tuple[SceneSpec, Camera]:
-    """Return the scene of plain data with keywords laid over it; those that are None are left out."""
+    """Merge keywords into the plain data of a scene and return the scene; keywords that are None are ignored."""
     given = {key: plain(value) for key, value in keywords.items() if value is not None}
     known = (*FLAT, *VECTORS, *TABLES)
     for key in keywords:
@@ -276,7 +226,7 @@ def _resolved(data: JsonObject, camera: Camera | None) -> tuple[SceneSpec, Camer
 
 
 def plain(value: Any) -> Any:
-    """Return a value as a file would hold it: numpy's numbers and arrays as Python's."""
+    """Return a value as plain Python data: numpy's numbers and arrays become numbers and lists."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):

@@ -31,26 +31,26 @@ ATTITUDE = "Session: attitude"
 
 
 class Session:
-    """A camera at one place and instant that answers for any attitude: frames and detector images in real time.
+    """A camera at one position and instant that returns frames and detector images for any attitude in real time.
 
-    The first frame makes what depends on place, instant and air alone; the following ones turn the camera. After the
-    first frame and image a session neither reads from the disk nor writes to it, except for the kernel of something
-    that comes into view for the first time (the Sun's disc, say), which Dr.Jit compiles and caches. Every frame has its
-    exact truth, and the same bytes as :func:`horizonval.render` gives of ``frame.scene``.
+    The first frame computes what depends on position, instant and air; later frames only turn the camera. After the
+    first frame and image a session neither reads from nor writes to the disk, with one exception: Dr.Jit compiles and
+    caches the kernel of something that comes into view for the first time, such as the Sun's disc. Every frame has its
+    exact truth and the same bytes as :func:`horizonval.render` returns for ``frame.scene``.
 
     Parameters
     ----------
     camera : Camera, str, Path or mapping
         As of :class:`horizonval.Scene`.
     progress : bool or Progress
-        Whether standard error shows the long steps of the first frame, or the receiver of their progress.
+        Whether standard error shows the long steps of the first frame, or the object that receives them.
     **keywords
-        Those of :class:`horizonval.Scene`; their attitude and mounting hold for frames that do not give their own.
+        Those of :class:`horizonval.Scene`; their attitude and mounting are the defaults of all frames.
 
     Attributes
     ----------
     scene : Scene
-        The place, with the attitude that holds where none is given.
+        The position, instant and air, with the default attitude.
 
     Raises
     ------
@@ -87,30 +87,14 @@ class Session:
 
     @classmethod
     def of(cls, scene: Scene | str | Path, *, progress: bool | Progress = False) -> Session:
-        """Return a session at the place of a scene.
-
-        Parameters
-        ----------
-        scene : Scene, str or Path
-            A scene, its file, or a shipped name.
-        progress : bool or Progress
-
-        Returns
-        -------
-        Session
-
-        Raises
-        ------
-        UserError
-            As :meth:`horizonval.Scene.from_file`.
-        """
+        """Return a session of a scene, its file, or a shipped name; raises as :meth:`horizonval.Scene.from_file`."""
         session = cls.__new__(cls)
         session._set(scene_of(scene), progress)
         return session
 
     @property
     def camera(self) -> Camera:
-        """The camera that looks."""
+        """The camera of the session."""
         return self.scene.camera
 
     def frame(self, attitude: Attitude | None = None, *, maps: bool = True) -> Frame:
@@ -125,14 +109,10 @@ class Session:
         maps : bool
             False leaves out the truth maps, which a detector does not need: quicker.
 
-        Returns
-        -------
-        Frame
-
         Raises
         ------
         UserError
-            No such attitude; the first frame also as :func:`horizonval.render`.
+            An invalid attitude; the first frame also as :func:`horizonval.render`.
         """
         return Frame.of(self._rendered(attitude, maps=maps))
 
@@ -145,30 +125,21 @@ class Session:
         exposure_s: float | None = None,
         noise: bool = True,
     ) -> Image:
-        """Return what the detector makes of a frame, as :func:`horizonval.observe` does; quicker, as it needs no maps.
+        """Return the detector image of an attitude; quicker than a frame and ``observe``, as it needs no maps.
 
         Parameters
         ----------
         attitude : sequence or mapping, optional
             As of :meth:`frame`.
-        seed : int
-            Another one is another, independent draw of all noise.
-        band : str, optional
-            The camera's first band by default.
         exposure_s : float, optional
-            In place of that of the camera's detector.
-        noise : bool
-            False gives the expected signal, still saturated and quantised.
-
-        Returns
-        -------
-        Image
+            Replaces the exposure of the camera's detector.
+        seed, band, noise
+            As of :func:`horizonval.observe`.
 
         Raises
         ------
         UserError
-            As :meth:`frame`, and for a camera without a detector, a band that it lacks, or an exposure that it cannot
-            have.
+            As :meth:`frame`, and for a camera without a detector, a band that it lacks, or an invalid exposure.
         """
         camera = self.camera
         if exposure_s is not None:
@@ -176,17 +147,9 @@ class Session:
         return observe(self._rendered(attitude, maps=False), seed=seed, band=band, camera=camera, noise=noise)
 
     def move(self, **keywords: Any) -> None:
-        """Go to another place, instant or air; the next frame makes what depends on them.
+        """Change position, instant or air; the next frame computes what depends on them.
 
-        Parameters
-        ----------
-        **keywords
-            Those of :class:`horizonval.Scene`; what is not named stays.
-
-        Raises
-        ------
-        UserError
-            As :class:`horizonval.Scene`; the session then stays where it was.
+        The keywords are those of :class:`horizonval.Scene`; all others stay. After an error the session is unchanged.
 
         Examples
         --------

@@ -121,7 +121,7 @@ def archive_reindex(folder: Archive) -> None:
 @selects
 def archive_export(
     source: Annotated[Path, typer.Argument(help="An archive, the folder of a run, or one EXR file of ours.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the files; made if need be.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the files; created if missing.")],
     fits: Annotated[bool, typer.Option("--fits", help="FITS, with units, camera and celestial coordinates.")] = False,
     png: Annotated[bool, typer.Option("--png", help="PNG of 16 bits; unit, scale and truth in a JSON file.")] = False,
     tiff: Annotated[bool, typer.Option("--tiff", help="TIFF of 16 bits; radiances as floats.")] = False,
@@ -226,7 +226,7 @@ def archive_gc(
 @selects
 def archive_rescore(
     folder: Archive,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results; made if need be.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results; created if missing.")],
     estimator: Annotated[
         list[str] | None,
         typer.Option(

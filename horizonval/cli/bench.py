@@ -19,7 +19,7 @@ Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Of `bench make`.
 
 @bench_app.command("make")
 def bench_make(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the benchmark; made if need be.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the benchmark; created if missing.")],
     passphrase_file: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Sealed frames, drawn by the passphrase in this file.")
     ] = None,
@@ -107,7 +107,7 @@ def dataset(
         str | None,
         typer.Argument(help="A suite file, or the name of a shipped suite.", autocompletion=shipped("suite")),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the data set; made if need be.")] = ...,  # type: ignore[assignment]
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the data set; created if missing.")] = ...,  # type: ignore[assignment]
     frames: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Number of frames; by default what the suite's scenes make.")
     ] = None,

@@ -283,20 +283,11 @@ class ImagePlan:
 def plans(
     out: str, seeds: Sequence[str], exposures: Sequence[str], bands: Sequence[str], camera: CameraSpec
 ) -> list[ImagePlan]:
-    """Return the images that options ask for, one for every combination.
+    """Return the images that options request, one for every combination.
 
-    Parameters
-    ----------
-    out : str
-        Path, pattern or folder.
-    seeds, exposures, bands : sequence of str
-        As given, each one a list; empty for seed 0, the camera's own exposure, its first band.
-    camera : CameraSpec
-
-    Raises
-    ------
-    UserError
-        Text that is no number, an exposure for a detector without one, a pattern that does not tell the images apart.
+    ``out`` is a path, pattern or folder. The lists are empty for seed 0, the camera's exposure, or its first band.
+    Raises ``UserError`` for text that is no number, an exposure for a detector without one, or a pattern that gives two
+    images one name.
     """
     chosen_seeds = _seeds(seeds) or [0]
     chosen_exposures: Sequence[float | None] = _exposures(exposures, camera) or [None]

@@ -26,7 +26,9 @@ def regress(
             help="A suite with a [regression] table: a file or a shipped name.", autocompletion=shipped("suite")
         ),
     ] = "nightly",
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the nights; made if need be.")] = Path("regress"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the nights; created if missing.")] = Path(
+        "regress"
+    ),
     baseline: BaselineFile = None,
     lane: Annotated[
         list[str] | None, typer.Option(help="replay, rerender, fresh or published; repeatable. All by default.")
@@ -117,7 +119,7 @@ def reproduce(
             metavar="[A|B|C|D|E|F|G|all]...", help="Published systems; all by default.", autocompletion=letters
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the pages; made if need be.")] = ...,  # type: ignore[assignment]
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the pages; created if missing.")] = ...,  # type: ignore[assignment]
     seed: Annotated[int, typer.Option(min=0, help="Of all noise in the experiments.")] = 0,
     workers: Workers = None,
     quick: Annotated[

@@ -39,14 +39,9 @@ def check_folder(out: Path) -> None:
 
 @contextmanager
 def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> Iterator[Terminal]:
-    """Show the progress of work that the same command takes up again; an interruption says so and ends with 130.
+    """Show the progress of resumable work, counted in ``unit``; an interruption prints a line and gives status 130.
 
-    Parameters
-    ----------
-    what, unit : str
-        What is done, and what is counted of it.
-    kept : str, optional
-        What an interruption does not lose, where that is worth saying.
+    ``kept`` names what an interruption does not lose, for that line.
     """
     from horizonval.jobs.progress import Terminal
 
@@ -56,9 +51,9 @@ def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> It
 
 @contextmanager
 def interruptible(kept: str | None = None) -> Iterator[None]:
-    """Let an interruption say that the same command goes on, and end with 130; ``kept`` as for :func:`resumable`.
+    """End with status 130 and one line after an interruption; ``kept`` as for :func:`resumable`.
 
-    Nothing else that ends the work early is a success: not a plug-in's ``sys.exit(0)``, nor a reader who is gone.
+    Other early ends, such as a plug-in's ``sys.exit(0)`` or a closed pipe, are no success.
     """
     try:
         yield

@@ -122,7 +122,7 @@ def gallery(
         list[str] | None,
         typer.Argument(metavar="[SCENE]...", help="Shipped scenes; all by default.", autocompletion=shipped("scene")),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the page; made if need be.")] = Path("gallery"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the page; created if missing.")] = Path("gallery"),
 ) -> None:
     """Pictures of the shipped scenes on one page: in colour, or as brightness temperatures in the infrared."""
     from horizonval.api.gallery import make_gallery

@@ -48,7 +48,7 @@ def check(
 
 def run(
     suite: SuiteName = "quick",
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; made if need be.")] = ...,  # type: ignore[assignment]
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; created if missing.")] = ...,  # type: ignore[assignment]
     workers: Workers = None,
     shard: Shard = None,
     merge: Merge = None,
@@ -142,7 +142,7 @@ def study(
             help="A study file, the name of a shipped study, or a study's folder.", autocompletion=shipped("study")
         ),
     ],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the study; made if need be.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the study; created if missing.")] = None,
     workers: Workers = None,
     shard: Shard = None,
     merge: Merge = None,

@@ -18,19 +18,7 @@ SUFFIX = ".tmp"
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        In a folder that exists; what is there is replaced.
-    data : bytes
-
-    Raises
-    ------
-    OSError
-        As of :meth:`pathlib.Path.write_bytes`; what was there before is then unchanged.
-    """
+    """Write a file completely or not at all; after an ``OSError`` an existing file is unchanged."""
     with replacing(path) as temporary:
         temporary.write_bytes(data)
 
@@ -48,13 +36,7 @@ def copy_file(source: Path, path: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give an empty temporary file to write to; it becomes ``path`` when the block ends without an exception.
-
-    Raises
-    ------
-    OSError
-        The file cannot be made beside ``path``, written or renamed.
-    """
+    """Give an empty temporary file to write to; it becomes ``path`` when the block ends without an exception."""
     with temporary_in(path.parent, path.name) as temporary:
         yield temporary
         flush(temporary)

@@ -73,12 +73,7 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of a file that :func:`write_arrays` wrote.
 
-    Raises
-    ------
-    DamagedFileError
-        The file is not what was written.
-    UserError
-        It is not there, no regular file, or cannot be read.
+    Raises ``DamagedFileError`` if the file was changed, ``UserError`` if it is missing or cannot be read.
     """
     return _arrays(_checked(path), path)
 

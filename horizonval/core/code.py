@@ -35,15 +35,15 @@ def code_version() -> str:
 
 @cache
 def code_digest(*modules: str, rooms: tuple[str, ...] | None = None) -> str:
-    """Return the digest of the files that a result is made with.
+    """Return the digest of the files that a result depends on.
 
     Parameters
     ----------
     *modules : str
-        Dotted names of further modules: of this package, whose rooms count as well, or of users' packages, which count
-        as a whole. One that is not installed counts by its name.
+        Dotted names of further modules: of this package, whose rooms are added, or of users' packages, which count
+        completely. A module that is not installed counts by its name.
     rooms : tuple of str, optional
-        Rooms of this package that count; by default all that a row of results flows through.
+        Rooms of this package; by default all that a row of results depends on.
     """
     counted = {*_rooms()} - _WITHOUT_RESULTS if rooms is None else {*rooms}
     own = {module.split(".")[1] for module in modules if module.startswith(f"{OWN}.")}

@@ -10,25 +10,10 @@ import numpy as np
 
 
 def content_digest(*values: object) -> str:
-    """Return the sha256 of values as hexadecimal digits.
+    """Return the hexadecimal sha256 of numbers, texts, None, arrays, and tuples, lists or dataclasses of these.
 
-    Parameters
-    ----------
-    *values
-        Numbers, texts, None, NumPy arrays, and tuples, lists or dataclasses of these.
+    Arrays count with shape, type and bytes, floats with all their digits. Other types raise ``TypeError``.
 
-    Returns
-    -------
-    str
-        Arrays count with shape, type and bytes, floats with all their digits.
-
-    Raises
-    ------
-    TypeError
-        A value of another type.
-
-    Examples
-    --------
     >>> content_digest((1.0, "a")) == content_digest((1.0, "a"))
     True
     >>> content_digest(1.0) == content_digest(1.0 + 2.3e-16)

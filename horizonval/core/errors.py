@@ -116,15 +116,7 @@ MOST_MISTAKES = 20
 
 
 class SeveralMistakesError(UserError):
-    """Several mistakes at once: as a :class:`UserError` it is the first of them.
-
-    Parameters
-    ----------
-    mistakes : sequence of UserError
-        At least one.
-    more : str
-        What is to be said of those that were left out, as one line.
-    """
+    """Several mistakes at once: as a :class:`UserError` it is the first; ``more`` is a line about omitted ones."""
 
     def __init__(self, mistakes: Sequence[UserError], more: str = "") -> None:
         self._mistakes, self._more = tuple(mistakes), more
@@ -156,15 +148,7 @@ class SeveralMistakesError(UserError):
 
 
 def several(mistakes: Sequence[UserError], more: int = 0) -> UserError:
-    """Return one or several mistakes as one error, of many the first :data:`MOST_MISTAKES` and a count.
-
-    Parameters
-    ----------
-    mistakes : sequence of UserError
-        At least one.
-    more : int
-        How many there are beside them.
-    """
+    """Return one or several mistakes as one error: the first :data:`MOST_MISTAKES` and a count with ``more`` others."""
     more += max(0, len(mistakes) - MOST_MISTAKES)
     if len(mistakes) == 1 and not more:
         return mistakes[0]
@@ -173,13 +157,7 @@ def several(mistakes: Sequence[UserError], more: int = 0) -> UserError:
 
 
 class MistakeCollector:
-    """Goes on after a mistake, to tell several at once; the same mistake in many places is told once, with a count.
-
-    Parameters
-    ----------
-    most : int
-        Mistakes after which it does not go on, the same ones counted each time.
-    """
+    """Collects up to ``most`` mistakes to report them together; equal mistakes are reported once, with a count."""
 
     def __init__(self, most: int = 200) -> None:
         self._most, self._seen = most, 0

@@ -1,12 +1,10 @@
-"""The one way to open files that a user names, or that lie in a folder of results: regular files of bounded size only.
+"""The one way to open files of users and of results: regular files of bounded size only.
 
-A FIFO waits for a writer that never comes, a device or a file of ``/proc`` may never end, and what a link inside an
-archive leads to is none of the archive's. So what lies at a path is looked at before it is opened, and once more when
-it is open (something else may lie there by then); opening never waits. What is refused is a :class:`UnfitFileError`,
-one line like every mistake of a user, which a walk over many files takes for a finding.
+A FIFO waits for a writer that never comes, a device or a file of ``/proc`` may never end, and a link inside an archive
+leads out of it. The kind of a path is checked before it is opened and again when it is open (it may have been
+replaced); opening never waits. A refusal is a :class:`UnfitFileError`, one line like every mistake of a user.
 
-A user's own link to a regular file is as good as the file; inside a folder of results there are no links
-(``links=False``).
+A user's link to a regular file is allowed; folders of results have no links (``links=False``).
 """
 
 from __future__ import annotations
@@ -63,19 +61,10 @@ class UnreadableFileError(UnfitFileError):
 
 
 def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
-    """Return what lies at a path, without opening it.
+    """Return what is at a path, without opening it: of a link itself, or with ``links`` of its target.
 
-    Parameters
-    ----------
-    path : path-like
-    links : bool
-        Tell what a link leads to, and not that it is one.
-
-    Returns
-    -------
-    str
-        ``"a file"``, ``"a folder"``, ``"a link"``, ``"a FIFO"``, ``"a socket"``, ``"a device"``; empty if there is
-        nothing, or nothing that may be looked at.
+    ``"a file"``, ``"a folder"``, ``"a link"``, ``"a FIFO"``, ``"a socket"``, ``"a device"``; empty if nothing is there
+    or may be seen.
     """
     try:
         return _kind(os.stat(path, follow_symlinks=links).st_mode)
@@ -96,31 +85,26 @@ def is_inside(path: Path, root: Path) -> bool:
 def open_file(
     path: str | os.PathLike[str], *, expected: str = "a file", links: bool = True, largest: int | None = None
 ) -> BufferedReader:
-    """Open a regular file for reading; nothing waits, whatever lies there.
+    """Open a regular file for reading as binary, buffered; nothing waits.
 
     Parameters
     ----------
     path : path-like
     expected : str
-        What ought to be there, for the message (``"a TOML file"``).
+        Expected content, for the message (``"a TOML file"``).
     links : bool
         Whether the path may be a link to a regular file.
     largest : int, optional
-        Size [bytes] that the file may have.
-
-    Returns
-    -------
-    file object
-        Binary, buffered; to be closed by who asked for it.
+        Largest size [bytes].
 
     Raises
     ------
     MissingFileError
         Nothing is there.
     UnreadableFileError
-        It cannot be read: without permission, or from a broken disc.
+        It cannot be read: no permission, or a broken disk.
     UnfitFileError
-        No regular file, one whose size the system does not tell (those of ``/proc``), or one that is too large.
+        No regular file, one without a known size (those of ``/proc``), or one that is too large.
     """
     try:
         # Opening alone may do something (a tape rewinds), so the look comes first.
@@ -163,12 +147,9 @@ def read_text(
     links: bool = True,
     encoding: str = "utf-8-sig",
 ) -> str:
-    """Return the text of a regular file, its line ends as they are.
+    """Return the text of a regular file with its line ends.
 
-    Raises
-    ------
-    UnfitFileError
-        As :func:`open_file`, and for bytes that are not of the encoding; none of them is shown.
+    Raises as :func:`open_file`, and ``UnfitFileError`` for bytes that are not of the encoding, without showing them.
     """
     data = read_bytes(path, largest=largest, expected=expected, links=links)
     try:
@@ -181,13 +162,7 @@ def read_text(
 
 
 def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
-    """Return JSON as plain data; ``path`` is for the message.
-
-    Raises
-    ------
-    UserError
-        Not JSON; of the text only the place of the mistake is told.
-    """
+    """Return JSON as plain data; a ``UserError`` names ``path`` and the position of the mistake, not the text."""
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
@@ -263,12 +238,9 @@ _DIGITS = 12
 
 
 def usable_name(name: str) -> str:
-    """Return a name made of letters, digits, ``.``, ``_`` and ``-`` that can be a file's.
+    """Return a file name made of letters, digits, ``.``, ``_`` and ``-``.
 
-    Raises
-    ------
-    ValueError
-        It is that of a folder or of a device, or ends with a dot, which some systems drop.
+    Raises ``ValueError`` for the name of a folder or a device, or an end with a dot, which some systems drop.
     """
     if name in (".", "..") or name.endswith("."):
         raise ValueError(f"the name {name!r} cannot be a file's: it must not end with a dot")

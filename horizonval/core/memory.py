@@ -31,21 +31,10 @@ def available_bytes() -> float:
 
 
 def refuse_beyond(needed_bytes: float, what: str, *, where: str = "", fix: str = "") -> None:
-    """Raise ``UserError`` where work needs more memory than there is.
+    """Raise ``UserError``, with both figures, where work needs more memory than there is.
 
-    Parameters
-    ----------
-    needed_bytes : float
-        An estimate of what is allocated at the peak, beside what the process has now.
-    what : str
-        What it is for, as ``"a frame of 16384 x 16384 pixels"``.
-    where, fix : str, optional
-        As of :class:`UserError`.
-
-    Raises
-    ------
-    UserError
-        With both figures.
+    ``needed_bytes`` is the estimated peak of new allocations; ``what`` their purpose, as ``"a frame of 16384 x 16384
+    pixels"``; ``where`` and ``fix`` as of :class:`UserError`.
     """
     free = available_bytes()
     if needed_bytes > free:

@@ -12,13 +12,9 @@ class Progress(Protocol):
     """Told how far the work has come: items that are counted, and steps whose length nobody knows."""
 
     def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
-        """Begin with ``total`` items, of which ``kept`` are finished already.
+        """Begin with ``total`` items, of which ``kept`` are finished.
 
-        Parameters
-        ----------
-        total, kept : int
-        unit, what : str
-            What is counted, and of what work; empty for what the listener was made for.
+        ``unit`` is what is counted and ``what`` the work; empty for the listener's defaults.
         """
 
     def done(self, name: str, *, failed: str | None = None) -> None:

@@ -29,10 +29,7 @@ _SEAL = re.compile(rb"horizonval:seal[^0-9a-z]{1,4}([0-9a-f]{64})")
 def fill_in(data: bytes, name: str = "") -> bytes:
     """Return a file's bytes with the digest in place of the blank digits; ``name`` binds them to a file's name.
 
-    Raises
-    ------
-    ValueError
-        There is no place for a seal: a defect of the writer.
+    Raises ``ValueError`` if there is no blank seal: a defect of the writer.
     """
     start = _place(data)
     if start is None:
@@ -50,12 +47,9 @@ def check(data: bytes, path: Path, name: str = "") -> None:
 
 
 def json_bytes(data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True, name: str = "") -> bytes:
-    """Return a JSON object as the bytes of a sealed file; equal data of one name give equal bytes.
+    """Return a JSON object as the bytes of a sealed file; equal data and name give equal bytes.
 
-    Raises
-    ------
-    ValueError
-        A number that is not finite.
+    Raises ``ValueError`` for a number that is not finite.
     """
     text = json.dumps({**data, KEY: BLANK}, indent=indent, sort_keys=sort_keys, allow_nan=False) + "\n"
     return fill_in(text.encode(), name)

@@ -85,11 +85,6 @@ def get(name: str, limits: Limits | None = None) -> Estimator:
 
     One whose package cannot be imported is returned too: it crashes on every image.
 
-    Parameters
-    ----------
-    name : str
-    limits : Limits, optional
-
     Raises
     ------
     UserError

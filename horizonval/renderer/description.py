@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.air import AS_IT_IS, AirChange
-from horizonval.earth.light import moonlight, sky
+from horizonval.earth.light import sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model
 from horizonval.frame import FrameTruth
@@ -110,8 +110,8 @@ def _with_sky(
         to_sun = sun * sun_distance_m - place
         sun_moon_au, sun_au = float(np.linalg.norm(to_sun)) / AU_M, sun_distance_m / AU_M
         light = sky.Moonlight(phase_angle(to_sun, -place), sun_moon_au, distance / AU_M, sun_au)
-        here = moonlight.magnitude(truth.moon_phase_angle_rad, sun_moon_au, float(np.linalg.norm(line)) / AU_M)
-        there = moonlight.magnitude(light.phase_rad, sun_moon_au, light.moon_au)
+        here = sky.moon_magnitude(truth.moon_phase_angle_rad, sun_moon_au, float(np.linalg.norm(line)) / AU_M)
+        there = sky.moon_magnitude(light.phase_rad, sun_moon_au, light.moon_au)
         assert truth.moon_itrs is not None
         moon = MoonSettings(
             truth.moon_itrs,

@@ -57,7 +57,7 @@ def cross_squared(p: Vec, q: Vec) -> mi.Float64:
 
 @dataclass(frozen=True)
 class Planet:
-    """Reference ellipsoid with semi-axes in metres. JsonObject floats: they are constants of the compiled kernel."""
+    """Reference ellipsoid with semi-axes in metres. Plain floats, because they are constants of the compiled kernel."""
 
     a_m: float
     b_m: float

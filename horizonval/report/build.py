@@ -1,7 +1,7 @@
-"""The report of a run: its first page, and beside it the pages of a campaign, if any.
+"""The report of a run: its first page, and the page of a campaign, if any.
 
-The page is one file without any address in it: style, code, figures and pictures are inside. It is a pure function of
-the run's folder, not of its place or of the clock.
+A page is one file without external addresses: style, code, figures and pictures are inside. It depends on the run's
+content only, not on its path or the time.
 """
 
 from __future__ import annotations
@@ -50,21 +50,10 @@ COARSE_PX = 320
 
 
 def build_report(run_dir: Path) -> Path:
-    """Write ``run_dir/report/index.html`` and return its path; beside it the page of a campaign, if any.
+    """Write ``run_dir/report/index.html``, the page of a campaign and the figures, and return the first page's path.
 
-    The figures that a suite asks for are there as files, too.
-
-    A run that is not finished, or whose archive is damaged, gets a report that says so.
-
-    Parameters
-    ----------
-    run_dir : Path
-        Folder of a run: ``run.json``, ``cases/`` and ``archive/``.
-
-    Raises
-    ------
-    UserError
-        There is no run in the folder, or its files cannot be read or written.
+    An unfinished run, or one with a damaged archive, gets a report that says so. Raises ``UserError`` if there is no
+    run, or its files cannot be read or written.
     """
     before = {path for path in (run_dir / "report").rglob("*") if path.is_file()}
     pages = write_report(run_dir)

@@ -310,16 +310,8 @@ def timeline(
 ) -> Draw:
     """Outcome strip and error with three claimed sigma of every estimator along the time of a flight.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of one camera and band.
-    estimators : sequence of str
-    minutes : mapping
-        Time of every case [min].
-    spans : sequence of tuple
-        Name, start and end [min] of what is shaded behind everything.
-    link : callable
+    ``rows`` are of one camera and band, ``minutes`` the time of every case, ``spans`` shaded intervals (name, start,
+    end) [min].
     """
     errors = [_degrees(row, LEAST_SHOWN_DEG) for row in rows if row.nadir_error_arcsec is not None]
     # All panels share the axis, so that they can be compared.
@@ -364,18 +356,10 @@ def timeline(
 def heat_map(
     rows: Sequence[Row], x_of: Mapping[str, float], y_of: Mapping[str, float], labels: tuple[str, str]
 ) -> Draw:
-    """Median nadir error over a grid of two axes, on a log colour scale; what is not there is said in the cell.
+    """Median nadir error over a grid of two axes, on a logarithmic colour scale, for one estimator, camera and band.
 
-    Cells without an answer are empty and crossed, cells with fewer than :data:`THIN_CELL` frames hatched, and the
-    outline is where the error passes the limit of a false claim.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of one estimator, camera and band.
-    x_of, y_of : mapping
-        Axis values of every case.
-    labels : tuple of str
+    Cells without an answer are empty and crossed, cells with fewer than :data:`THIN_CELL` frames hatched; an outline
+    marks errors beyond the limit of a false claim. ``x_of`` and ``y_of`` are the axis values of every case.
     """
 
     xs = np.array(sorted({x_of[row.case] for row in rows}))

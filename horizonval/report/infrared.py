@@ -1,6 +1,6 @@
-"""The report's sections on the infrared horizon: where the radiance of thermal bands drops, and how well it is known.
+"""The report's sections on the infrared horizon: the height where the radiance of thermal bands drops, and its error.
 
-One is made from the truth that is stored with the images, the other, round an orbit and through the year, from
+One section comes from the truth of the images, the other, along an orbit and through the year, from
 ``stability/result.json``.
 """
 
@@ -135,12 +135,9 @@ def _place(low_km: float | None, high_km: float | None) -> str:
 
 
 def section_of_year(run_dir: Path) -> dict[str, Any] | None:
-    """Return what the template shows of the study in a run's folder; None where there is none (yet).
+    """Return the template's data of the yearly study in a run's folder; None if there is none.
 
-    Raises
-    ------
-    DamagedFileError
-        The file is not what a run writes.
+    Raises ``DamagedFileError`` if the file was changed.
     """
     path = run_dir / "stability" / "result.json"
     result: JsonObject | None = read_json(path, fix="run the suite again")

@@ -18,11 +18,11 @@ from horizonval.store.store import Store
 
 @dataclass(frozen=True)
 class CaseView:
-    """One band of one case: what a tile of the report shows.
+    """One band of one case: a tile of the report.
 
-    ``image`` is ``None`` where there is none; ``problem`` then says why. ``broken`` tells that the frame itself failed,
-    ``shown`` that it is one of those a long report shows; of the others neither image nor details are read. A view of
-    all heads of a scene shows the first one's image; ``head_paths`` has every head's, empty where it was not kept.
+    ``image`` is ``None`` where there is none; ``problem`` then says why. ``broken``: the frame itself failed.
+    ``shown``: a long report shows this case; image and details of others are not read. A view of all heads of a scene
+    shows the first one's image; ``head_paths`` has the path of every head's, or empty.
     """
 
     case: str
@@ -39,12 +39,12 @@ class CaseView:
 
 @dataclass(frozen=True)
 class ReportRun:
-    """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
+    """A run as the report needs it: views in the suite's order, the cases without result, the requested figures.
 
-    ``figures`` are what :func:`horizonval.suites.record.figure_plans` says; ``study``: of a trade study; ``command``:
-    the words that make the run again, given in its folder; ``programs``: estimators that are programs of the suite's
-    file; ``given_pose``: estimators that get the true pose; ``likelihood``: those whose claims are those of a
-    likelihood fit; ``orbit``: cases that are samples of an orbit.
+    ``figures``: results of :func:`horizonval.suites.record.figure_plans`; ``study``: whether it is a trade study;
+    ``command``: the words that repeat the run in its folder; ``programs``: estimators that are programs of the suite's
+    file; ``given_pose``: estimators that receive the true pose; ``likelihood``: estimators whose claims are those of a
+    likelihood fit; ``orbit``: cases that sample an orbit.
     """
 
     suite: str
@@ -69,7 +69,7 @@ class ReportRun:
 
     @property
     def again(self) -> str:
-        """The command that makes the run again, quoted for a shell."""
+        """The command that repeats the run, quoted for a shell."""
         return shlex.join(self.command)
 
     @property
@@ -79,33 +79,28 @@ class ReportRun:
 
     @property
     def judged_rows(self) -> list[Row]:
-        """The rows but those of estimators that are told the true pose."""
+        """The rows of estimators that do not receive the true pose."""
         return [row for row in self.rows if row.estimator not in self.given_pose]
 
     @property
     def judged_estimators(self) -> tuple[str, ...]:
-        """The estimators that are not told the true pose."""
+        """The estimators that do not receive the true pose."""
         return tuple(name for name in self.estimators if name not in self.given_pose)
 
 
 def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
     """Read ``run.json``, the case files and the detector images.
 
-    A missing case, a missing image and a damaged image are part of what a report tells.
-
-    Parameters
-    ----------
-    run_dir : Path
-    most : int, optional
-        Cases whose images are read; half of them at most are failures and unexpected outcomes, which go first, the rest
-        evenly spread over the others. All by default.
+    Missing cases and missing or damaged images are part of the report. ``most`` limits the cases whose images are read:
+    at most half of them are failures and unexpected outcomes, which go first, the rest is evenly spread over the
+    others.
 
     Raises
     ------
     UserError
         There is no ``run.json``.
     DamagedFileError
-        ``run.json`` or a case file is not what a run writes.
+        ``run.json`` or a case file was changed.
     """
     path = run_dir / "run.json"
     if not path.is_file():
@@ -133,14 +128,9 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
 
 
 def load_case(run_dir: Path, case: str) -> list[CaseView]:
-    """Return the views of one case of a run with their images: what :func:`load_run` leaves out of long ones.
+    """Return the views of one case of a run with their images.
 
-    Raises
-    ------
-    UserError
-        There is no run, or no finished case of that name in it.
-    DamagedFileError
-        A file is not what a run writes.
+    Raises ``UserError`` if there is no run or no finished case of that name, ``DamagedFileError`` for a changed file.
     """
     head = _read(RunFolder(run_dir).suite, ("suite", "estimators", "cases"))
     views = _views_of(run_dir, head, _store(run_dir, head), case, True) if case in head["cases"] else None

@@ -53,25 +53,25 @@ def render(
     Parameters
     ----------
     template : str
-        File name, in ``folder`` or beside this file.
+        File name, in ``folder`` or in this room.
     title, heading : str
         Of the browser's tab, and of the page.
     version : str
         Of the package that made the results.
     about : sequence of str
-        What the page is about, in the line above the heading.
+        The line above the heading.
     links : sequence of (str, str)
-        Words and addresses of the other pages of the same folder.
+        Text and address of the other pages of the folder.
     sentences : sequence of str
-        The result in words, the first thing below the heading.
+        The result in words, below the heading.
     again : str
-        The command that makes the results again, in their folder.
+        The command that repeats the work in the results' folder.
     folder : Path
         Of the template.
     filters : mapping, optional
         Filters of this page alone.
     content
-        What the template's own blocks show.
+        Variables of the template's blocks.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([folder, FOLDER]),

@@ -192,15 +192,9 @@ _DARK: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class ThermalPanel:
-    """One band of a frame.
+    """One band of a frame: its brightness temperature, shape (H, W), 0 where there is no radiance.
 
-    Attributes
-    ----------
-    title : str
-    temperature_k : ndarray, shape (H, W)
-        Brightness temperature, 0 where there is no light.
-    counts : ndarray of bool, shape (H, W)
-        The pixels that decide the scale; none are as good as all.
+    ``counts`` marks the pixels that determine the scale; none is the same as all.
     """
 
     title: str
@@ -271,12 +265,9 @@ class Tile:
 
 
 def tiles_of(sources: Sequence[Path]) -> list[Tile]:
-    """Return the images of files and of the folders of runs, in order; of several bands all.
+    """Return the images of files and of the folders of runs, in order and with all bands.
 
-    Raises
-    ------
-    UserError
-        No such file, no image, a run without a single one, or with too many for a sheet.
+    Raises ``UserError`` for a missing file, a file without image, or a run without images or with too many for a sheet.
     """
     from horizonval.store.exr import read_image
 

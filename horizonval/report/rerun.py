@@ -1,7 +1,7 @@
-"""How to make one frame again, exactly: the scene as a file, and the commands.
+"""How to repeat one frame exactly: the scene as a file, and the commands.
 
-The scene in a frame's truth is complete, and its hash is the seed of the detector noise: written out as it is, it gives
-the same frame and the same image, bit by bit, on a machine with the same version.
+The scene in a frame's truth is complete, and its hash is the seed of the detector noise. Written to a file it gives the
+same frame and the same image, bit by bit, on a machine with the same version.
 """
 
 from __future__ import annotations
@@ -31,16 +31,10 @@ class Rerun:
 
 
 def rerun_of(view: CaseView, run: ReportRun) -> Rerun:
-    """Return how to make an image, or those of all heads, and the results again, and how to use the archived one.
+    """Return the files and commands that repeat an image (or all heads') and its results, or use the archived one.
 
-    The files belong into an empty folder inside the run's folder, where the commands are given: two frames may have
-    cameras of one name.
-
-    Parameters
-    ----------
-    view : CaseView
-        With its image.
-    run : ReportRun
+    The files belong into an empty folder inside the run's folder, where the commands are run, because two frames may
+    have different cameras of the same name.
     """
     assert view.image is not None
     truth, case, band = view.image.truth, view.case, view.band

@@ -45,13 +45,7 @@ SHARES = (("availability", "answered", "o"), ("within", "answered within the lim
 
 
 def write_page(run_dir: Path) -> Path:
-    """Write ``report/study.html`` of a finished study and return its path.
-
-    Raises
-    ------
-    DamagedFileError
-        A file of the study is not what it writes.
-    """
+    """Write ``report/study.html`` of a finished study and return its path; ``DamagedFileError`` for a changed file."""
     result, costs = (
         _read(run_dir / RESULT, {"designs", "query", "prices"}),
         _read(run_dir / COSTS, {"designs", "query"}),
@@ -243,20 +237,10 @@ def pareto(
     groups: Mapping[str, str],
     log_x: bool = True,
 ) -> Draw:
-    """The p95 error of every design against what it costs, the front as a staircase.
+    """The p95 error of every design against a cost, with the front as a staircase.
 
-    Parameters
-    ----------
-    designs : sequence of mapping
-    x_of : mapping
-        ``{value, interval}`` by name; designs without a value are left out.
-    front : sequence of str
-        Names on the front.
-    label : str
-        Of the axis, with its unit.
-    limit_deg : float
-    groups : mapping
-        By name, the word whose marker the design carries.
+    ``x_of`` has ``{value, interval}`` of every design (None is omitted), ``front`` the names on the front, ``label``
+    the axis with its unit, and ``groups`` the word that selects a design's marker.
     """
 
     def draw(figure: Figure) -> None:

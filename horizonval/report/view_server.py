@@ -1,7 +1,7 @@
-"""A report in a browser through a server on this machine alone, which reads frames from the archive when asked.
+"""A local server that shows a report in a browser and reads frames from the archive on request.
 
-The pages are those in the folder. To the viewer on them the server says that it is there: the viewer then lists all
-frames of a run, also those that a long run's page leaves out, and asks for the numbers that the page does not hold.
+The pages are the files in the folder. The server tells their viewer that it is there; the viewer then lists all frames
+of a run, including those that a long run's page omits, and requests numbers that the page does not hold.
 """
 
 from __future__ import annotations
@@ -41,13 +41,7 @@ class Viewable:
 
 
 def viewable(out: Path) -> Viewable:
-    """Return what there is to see in the folder of a run, campaign, study or night.
-
-    Raises
-    ------
-    UserError
-        It is none of these, or has no page yet.
-    """
+    """Return the pages in the folder of a run, campaign, study or night; ``UserError`` if there is none."""
     expected = "the folder of a run, campaign, study or night"
     if not out.is_dir():
         kind = kind_at(out, links=True)
@@ -65,13 +59,7 @@ def viewable(out: Path) -> Viewable:
 
 
 def view(what: Viewable, port: int, ready: Callable[[str], None]) -> None:
-    """Serve until an interruption or a SIGTERM; ``ready`` is told the page's address once it can be opened.
-
-    Raises
-    ------
-    UserError
-        The port is taken.
-    """
+    """Serve until an interruption or a SIGTERM; ``ready`` receives the address. ``UserError`` if the port is taken."""
     with _server(what, port) as server, _ended_by_signals(), contextlib.suppress(KeyboardInterrupt):
         ready(f"http://{HOST}:{server.server_address[1]}/{quote(what.page)}")
         server.serve_forever(poll_interval=0.2)

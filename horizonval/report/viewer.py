@@ -67,17 +67,10 @@ _POINTS_PER_LINE = 160
 def one_frame(
     view: CaseView, estimators: Sequence[str], expected: Expected | None = None, *, numbered: bool = True
 ) -> dict[str, Any]:
-    """Return a view as the viewer takes it: numbers, curves, outcomes and light in one.
+    """Return the viewer's data of a view: numbers, curves, outcomes and light.
 
-    Parameters
-    ----------
-    view : CaseView
-        Without image only its outcomes are shown, and why there is none.
-    estimators : sequence of str
-    expected : Expected, optional
-        The outcome that the truth lets expect, where that is known already.
-    numbered : bool
-        Whether the digital numbers are in it.
+    A view without image has its outcomes and the reason. ``expected`` is the expected outcome if it is known already,
+    ``numbered`` whether the digital numbers are included.
     """
     shown = about_frame(view, estimators)
     image = view.image
@@ -149,14 +142,10 @@ def numbered_frames(images: Sequence[DetectorImage | None], budget_px: int = BUD
 
 
 def striking_frames(views: Sequence[CaseView], estimators: Sequence[str]) -> dict[str, Any]:
-    """Return what a page other than a run's first one shows of its frames: those that tell most, in their order.
+    """Return the frames that a page other than a run's first one shows.
 
-    False claims, crashes and refusals of due frames go first, up to a size that keeps the page small.
-
-    Returns
-    -------
-    dict
-        ``frames``; ``kept``, how many frames with an image there are; ``estimators``.
+    False claims, crashes and missed frames go first, up to a size that keeps the page small. The result has ``frames``,
+    ``kept`` (the number of frames with an image) and ``estimators``.
     """
     views = [view for view in views if view.image is not None]
     order = sorted(
@@ -175,13 +164,7 @@ def striking_frames(views: Sequence[CaseView], estimators: Sequence[str]) -> dic
 
 
 class RunFrames:
-    """The frames of a run's folder, read when they are requested, one at a time.
-
-    Parameters
-    ----------
-    run_dir : Path
-        Folder with a ``run.json``.
-    """
+    """The frames of a run's folder, read one at a time on request."""
 
     def __init__(self, run_dir: Path) -> None:
         self._dir = run_dir
@@ -194,25 +177,13 @@ class RunFrames:
         return load_run(self._dir, 0).estimators
 
     def listed(self) -> list[dict[str, Any]]:
-        """Return every frame of the run, in its order, as :func:`about_frame`.
-
-        Raises
-        ------
-        UserError
-            The run cannot be read.
-        """
+        """Return all frames of the run, in order, as :func:`about_frame`; ``UserError`` if the run cannot be read."""
         with self._lock:
             run = load_run(self._dir, 0)
             return [about_frame(view, run.estimators) for view in run.views]
 
     def frame(self, case: str, band: str) -> dict[str, Any]:
-        """Return one frame as :func:`one_frame`, its digital numbers without loss.
-
-        Raises
-        ------
-        UserError
-            No such frame, or its image was not kept or is damaged.
-        """
+        """Return one frame as :func:`one_frame`, with its numbers; ``UserError`` if it or its image is missing."""
         with self._lock:
             return self._cached(case, band)
 

@@ -232,12 +232,9 @@ def confusion_tables(
 ) -> list[dict[str, Any]]:
     """Return expected against reported outcomes, a table for each estimator, all cameras together, counted strictly.
 
-    Returns
-    -------
-    list of dict
-        ``estimator``, ``n``, ``reported`` (the columns' words) and ``lines``: ``expected``, ``meaning``, ``total``,
-        ``apart`` (the line of borderline frames, always the last) and ``cells`` of ``n``, ``share`` of the line,
-        ``kind`` (a class of the style sheet) and ``glyph``.
+    Each has ``estimator``, ``n``, ``reported`` (the columns' words) and ``lines``: ``expected``, ``meaning``,
+    ``total``, ``apart`` (borderline frames, always the last line) and ``cells`` of ``n``, ``share`` of the line,
+    ``kind`` (a class of the style sheet) and ``glyph``.
     """
     return [_confusion_table([row for row in rows if row.estimator == name], name, likelihood) for name in estimators]
 
@@ -318,12 +315,7 @@ class Record:
 def sentences(rows: Sequence[Row], estimators: Sequence[str], groups: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return a sentence for each estimator, or for the best and the worst of many, which are named.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-    estimators : sequence of str
-    groups : sequence of mapping
-        Of :func:`horizonval.scoring.summary.summarise`: an estimator with a camera each.
+    ``groups`` are those of :func:`horizonval.scoring.summary.summarise`.
     """
     if not any(row.is_due or row.is_claim for row in rows):
         return ["No frame is due an answer."]

@@ -181,14 +181,6 @@ def json_schema(kind: FileKind) -> JsonObject:
 
     Every key has a ``description`` and, where it holds numbers, a ``unit`` (``"1"`` without a dimension). A schema
     cannot say everything: keys that exclude each other are found by reading the file.
-
-    Parameters
-    ----------
-    kind : {"scene", "camera", "suite", "study", "prior"}
-
-    Returns
-    -------
-    dict
     """
     definitions = _Definitions()
     name = definitions.add(MODELS[kind])

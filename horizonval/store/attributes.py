@@ -70,20 +70,15 @@ _NAMESPACE = uuid.UUID("0b4d6f0e-2c1a-5f57-9a53-6c1f5d3f8a10")
 
 
 def standard_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None = None) -> dict[str, Any]:
-    """Return the standard attributes that can be filled in truthfully.
+    """Return the standard attributes whose values are known.
 
     ``worldToCamera`` maps ITRS metres, as a row vector with a trailing 1, to the format's camera axes (x right, y up,
     z forward): ``p_camera = p_itrs @ M``. As float32 it holds directions to 0.01 arcsec and the position to 0.5 m.
-    ``worldToNDC`` goes on to the image, of an ideal lens: x and y divided by the last component run from 0 to 1 from
+    ``worldToNDC`` goes on to the image of an ideal lens: x and y divided by the last component run from 0 to 1 from
     the outer edge of the first column and row to that of the last.
 
-    Parameters
-    ----------
-    truth : FrameTruth
-    spec : CameraSpec
-        The camera that took the image; of a frame the one it was rendered for.
-    exposure_s : float, optional
-        Of an image whose camera chose it, in place of the camera file's.
+    ``spec`` is the camera that took the image, or for which the frame was rendered; ``exposure_s`` replaces its
+    exposure.
     """
     camera = camera_from_spec(spec.camera)
     world_to_camera = _world_to_camera(truth)

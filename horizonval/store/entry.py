@@ -35,7 +35,7 @@ class StoreEntry:
     ----------
     address : str
     kind : {"frame", "image", "damaged", "missing"}
-        ``damaged`` leaves all but the size empty; ``missing`` is what an index knows of a file that is gone.
+        A ``damaged`` entry has a size only; ``missing`` is a file in the index that is gone.
     size_bytes : int
     scene, scene_id, camera, head : str
         Names of scene, camera and head (empty where there are none), and the digest that identifies the scene.
@@ -46,9 +46,9 @@ class StoreEntry:
     epoch_utc : str
         ISO 8601, UTC.
     seed : str
-        Of the noise in an image; text, for it may be any integer. Empty for frames.
+        Of the noise in an image, as text for integers of any size. Empty for frames.
     content : str
-        Digest of pixels and truth, which survives another compression of the same.
+        Digest of pixels and truth, which does not depend on the compression.
     """
 
     address: str
@@ -80,9 +80,9 @@ def place(root: Path, address: str) -> Path:
 
 
 def places(root: Path) -> list[Path]:
-    """Return every regular file that lies where an entry would, in the order of addresses; none is opened.
+    """Return every regular file at the position of an entry, in the order of addresses; none is opened.
 
-    What a link leads to is none of the archive's, be it at an entry's place or at that of a folder of entries.
+    Links to files or folders do not count.
     """
     addresses = []
     for folder in _scanned(root):
@@ -111,12 +111,9 @@ def _is_regular(file: os.DirEntry[str]) -> bool:
 
 
 def describe(path: Path) -> StoreEntry:
-    """Return what the header of the entry at ``path`` says; of a damaged one, that it is.
+    """Return the content of an entry's header; for a damaged entry its kind says so.
 
-    Raises
-    ------
-    UserError
-        No regular file is there, or it cannot be read.
+    Raises ``UserError`` if there is no regular file, or it cannot be read.
     """
     with files.open_file(path, expected="an entry", links=False) as file:
         size = os.fstat(file.fileno()).st_size

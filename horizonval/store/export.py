@@ -48,13 +48,7 @@ def masks_of(frame: RadianceFrame) -> dict[str, NDArray[np.bool_]]:
 
 
 def coco_text(frames: Sequence[tuple[str, RadianceFrame]]) -> str:
-    """Return the JSON file of some frames.
-
-    Parameters
-    ----------
-    frames : sequence of (str, RadianceFrame)
-        Each with the name that its pictures begin with.
-    """
+    """Return the COCO file of frames, given as pairs of the name that their pictures begin with and the frame."""
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for name, frame in frames:
@@ -110,18 +104,17 @@ Format = Literal["fits", "png", "tiff", "npz"]
 def export_file(path: Path, out: Path, formats: Collection[Format] = (), *, zipped: bool = False) -> list[Path]:
     """Write one of our EXR files in other formats into the folder ``out``, and return the paths.
 
-    ``png``: digital numbers as they are, in 16 bits; of a frame each band's radiance, the largest value being 65535.
-    The JSON file beside it has unit, scale, camera and truth, so that `estimate` takes both for the EXR file.
-    ``tiff``: digital numbers in 16 bits, of a frame each band's radiance as floats; camera and truth are its
-    description. ``npz``: the arrays by their names, and camera and truth as text (``about``).
-    ``zipped``: EXR that programs with an OpenEXR before 3.4 read. What has the same name is replaced: it is the same
-    content.
+    ``png``: digital numbers in 16 bits; of a frame each band's radiance, scaled to 65535. A JSON file has unit, scale,
+    camera and truth, so that `estimate` accepts both instead of the EXR file. ``tiff``: digital numbers in 16 bits, of
+    a frame each band's radiance as floats; camera and truth are its description. ``npz``: the arrays by name, with
+    camera and truth as text (``about``). ``zipped``: EXR for programs with an OpenEXR before 3.4. Existing files of
+    these names are replaced.
 
     Raises
     ------
     UserError
         Not one of our files, damaged, no astropy for ``fits``, a folder that cannot be written, or an EXR file that
-        would replace the one it is made of.
+        would replace its source.
     """
     source = exr.read(path)
     address = path.stem if is_address(path.stem) else ""
@@ -147,12 +140,9 @@ def export_file(path: Path, out: Path, formats: Collection[Format] = (), *, zipp
 
 
 def write_masks(path: Path, frames: Iterable[Path]) -> None:
-    """Write one COCO file of the masks of all frames among some files of ours; images have no truth maps.
+    """Write one COCO file of the masks of all frames in some files; images have no truth maps.
 
-    Raises
-    ------
-    UserError
-        There is no frame among them.
+    Raises ``UserError`` if no file is a frame.
     """
     read = []
     for one in frames:
@@ -275,15 +265,10 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def dataset_of(source: RadianceFrame | DetectorImage) -> xarray.Dataset:
-    """Return a frame or an image with its coordinates and what it says of itself.
+    """Return a frame or an image with coordinates and metadata; ``UserError`` if xarray is not installed.
 
     Dimensions are ``row`` and ``column``, counted from the centre of the upper left pixel, and ``band`` of a frame.
     Attributes hold scene, camera, epoch, and the nadir and the Sun in camera axes.
-
-    Raises
-    ------
-    UserError
-        xarray is not installed.
     """
     try:
         import xarray

@@ -1,7 +1,7 @@
-"""Exported files read back: 16-bit PNG with its JSON file, and FITS; as good as the file that they were made of.
+"""Exported files read back: 16-bit PNG with its JSON file, and FITS.
 
-Both carry the digest of their pixels and of what they say about them (:func:`horizonval.store.exr.content_digest`), so
-that what was changed since is not taken for what was exported.
+Both carry the digest of their pixels and metadata (:func:`horizonval.store.exr.content_digest`), so that later changes
+are detected.
 """
 
 from __future__ import annotations
@@ -53,24 +53,10 @@ def check_sealed(arrays: dict[str, NDArray[Any]], content: dict[str, Any], where
 
 
 def read_beside(path: Path, pixels: NDArray[Any]) -> DetectorImage | RadianceFrame | None:
-    """Return what a PNG was made of, from the JSON file beside it; None where there is none of ours.
+    """Return the content of a PNG from its decoded pixels and its JSON file; None if there is no such file of ours.
 
-    Parameters
-    ----------
-    path : Path
-        Of the PNG.
-    pixels : ndarray
-        As decoded.
-
-    Returns
-    -------
-    DetectorImage, RadianceFrame or None
-        A frame has the one band of the PNG, to 1/65535 of its largest value, and no truth maps.
-
-    Raises
-    ------
-    UserError
-        The JSON file is ours and cannot be read, or either was changed since they were exported.
+    A frame has the one band of the PNG, to 1/65535 of its largest value, and no truth maps. Raises ``UserError`` if the
+    JSON file cannot be read, or either file was changed after the export.
     """
     beside = path.with_suffix(".json")
     if beside == path or files.kind_at(beside, links=True) != "a file":
@@ -97,17 +83,10 @@ def _of_png(pixels: NDArray[Any], content: dict[str, Any]) -> DetectorImage | Ra
 
 
 def of_fits(arrays: dict[str, NDArray[Any]], content: dict[str, Any], where: str) -> DetectorImage | RadianceFrame:
-    """Return what a FITS file was made of.
+    """Return the content of a FITS file.
 
-    Parameters
-    ----------
-    arrays : dict of ndarray
-        By the names of the units: ``PRIMARY`` of an image; ``RADIANCE.<BAND>``, ``ENERGY.<BAND>`` and ``TRUTH.<MAP>``
-        of a frame.
-    content : dict
-        Of its JSON table.
-    where : str
-        For error messages.
+    ``arrays`` are named as the units: ``PRIMARY`` of an image; ``RADIANCE.<BAND>``, ``ENERGY.<BAND>`` and
+    ``TRUTH.<MAP>`` of a frame. ``content`` is the JSON table, ``where`` the name for error messages.
     """
     check_sealed(arrays, content, where)
     return _made(lambda: _of_fits(arrays, content), where)

@@ -98,21 +98,14 @@ Channels = dict[str, NDArray[Any]]
 
 
 def write_frame(path: str | os.PathLike[str], frame: RadianceFrame, *, codec: Codec = "htj2k256") -> None:
-    """Write ``frame`` to ``path``, replacing what is there.
-
-    Parameters
-    ----------
-    path : path-like
-    frame : RadianceFrame
-    codec : {"zip", "htj2k256"}
-        ``zip`` for programs with an OpenEXR older than 3.4.
+    """Write ``frame`` to ``path``, replacing an existing file; the codec ``zip`` serves programs before OpenEXR 3.4.
 
     Raises
     ------
     UserError
         The file cannot be written.
     ValueError
-        The frame is not one: no band, shapes that differ, a truth map missing, radiance that is not finite.
+        An invalid frame: no band, shapes that differ, a truth map missing, radiance that is not finite.
     """
     if not frame.radiance:
         raise ValueError("a frame needs at least one band")
@@ -247,13 +240,10 @@ def read(path: str | os.PathLike[str]) -> RadianceFrame | DetectorImage:
 
 
 def read_header(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read and verify the header of one of our files, not its pixels.
+    """Read and verify the header of one of our files, without its pixels.
 
-    Returns
-    -------
-    dict
-        ``kind``, ``schema``, ``bands`` (list), ``width``, ``height``, ``truth`` (see ``FrameTruth.from_dict``),
-        ``sha256``, and ``render`` or ``observation`` and ``full_scale``: plain data.
+    Returns plain data: ``kind``, ``schema``, ``bands`` (list), ``width``, ``height``, ``truth`` (see
+    ``FrameTruth.from_dict``), ``sha256``, and ``render`` or ``observation`` and ``full_scale``.
     """
     path = Path(path)
     header = exr_header.read_header(path)
@@ -273,14 +263,10 @@ def kind(path: str | os.PathLike[str]) -> Kind:
 
 
 def read_foreign_grey(path: str | os.PathLike[str]) -> NDArray[np.float64]:
-    """Read one grey image from any EXR file.
+    """Read one grey image from any EXR file, shape (H, W), float64.
 
-    Channel ``Y`` if there is one, else the Rec. 709 luminance of ``R G B``, else the only channel beside ``A``.
-
-    Returns
-    -------
-    ndarray, shape (H, W), float64
-        As stored; NaN and infinities are left to the estimators, which must refuse them by themselves.
+    Channel ``Y`` if there is one, else the Rec. 709 luminance of ``R G B``, else the only channel except ``A``. NaN and
+    infinities stay, and estimators must refuse them.
     """
     path = Path(path)
     _refuse_too_large(exr_header.read_header(path), path)

@@ -47,13 +47,7 @@ LARGEST_SIP_ERROR_PX = 0.1
 
 
 def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> bytes:
-    """Return a FITS file.
-
-    Raises
-    ------
-    UserError
-        If astropy is not installed.
-    """
+    """Return a FITS file; ``UserError`` if astropy is not installed."""
     fits = _astropy()
     observation = source.observation if isinstance(source, DetectorImage) else None
     spec = camera_of(source.truth, observation)
@@ -94,21 +88,21 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
 
 
 def read_fits(path: Path) -> tuple[NDArray[Any], float | None, RadianceFrame | DetectorImage | None]:
-    """Read an image from any FITS file, and all of one that :func:`fits_bytes` made.
+    """Read an image from any FITS file, and the whole content of one that :func:`fits_bytes` made.
 
     Returns
     -------
     pixels : ndarray, shape (H, W)
-        Of the first unit that has some; the first row is the upper one.
+        Of the first unit with pixels, the upper row first.
     full_scale : float or None
-        What ``SATURATE`` says, else the largest number of an integer type.
+        ``SATURATE``, else the largest number of an integer type.
     source : RadianceFrame, DetectorImage or None
         The whole content, if the file is one of ours.
 
     Raises
     ------
     UserError
-        Not a FITS file with a flat image, changed since it was exported, or no astropy.
+        Not a FITS file with a two-dimensional image, changed after its export, or no astropy.
     """
     with _opened(path) as units:
         try:

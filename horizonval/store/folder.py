@@ -84,11 +84,8 @@ class RunFolder:
     def create(self, *, stability: bool = False) -> None:
         """Make the folders.
 
-        Raises
-        ------
-        UserError
-            That is impossible, or a link leads out of the run's folder. Only the archive may lie elsewhere, which runs
-            may share.
+        Raises ``UserError`` if that fails, or a link leads out of the run's folder. Only the archive may be elsewhere,
+        so that runs can share it.
         """
         self.refuse_links()
         extra = (self.stability,) if stability else ()
@@ -163,29 +160,29 @@ def _lock_file(path: Path) -> IO[bytes]:
 def write_json(
     path: Path, data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True, bound: bool = True
 ) -> None:
-    """Write a JSON object with its seal, whole or not at all; equal data of one name give equal bytes.
+    """Write a JSON object with its seal, completely or not at all; equal data and name give equal bytes.
 
-    Not ``bound``, the file may be given another name; otherwise it is then none of ours.
+    A file that is not ``bound`` may be renamed; a bound one is damaged under another name.
     """
     name = path.name if bound else ""
     atomic.write_bytes(path, sealed.json_bytes(data, indent=indent, sort_keys=sort_keys, name=name))
 
 
 def read_json(path: Path, *, bound: bool = True, fix: str = "run it again, and it is made anew") -> Any:
-    """Return the object in a JSON file of ours, without its seal; None if there is no such file.
+    """Return the object in a sealed JSON file, without its seal; None if there is no such file.
 
     Parameters
     ----------
     path : Path
     bound : bool
-        Whether it was written so. One that was not, a document that is kept, may be a link, and may have no seal.
+        Whether the seal includes the file's name. A document that is not bound may be a link, and may have no seal.
     fix : str
-        What the error advises.
+        Advice of the error.
 
     Raises
     ------
     DamagedFileError
-        The file is not what was written.
+        The file was changed.
     UserError
         It is no regular file, or cannot be read.
     """
@@ -202,10 +199,7 @@ def read_json(path: Path, *, bound: bool = True, fix: str = "run it again, and i
 
 
 def intact_json(path: Path) -> Any:
-    """Return the object in a JSON file of ours; None if there is none, or a damaged one, which is said.
-
-    For those who then make the file anew.
-    """
+    """Return the object in a sealed JSON file; None if there is none, or a damaged one, which is logged."""
     try:
         return read_json(path)
     except UserError as error:

@@ -1,10 +1,9 @@
-"""Index of an archive: what the headers say, as a sealed JSON file beside the entries.
+"""Index of an archive: the content of all headers, in a sealed JSON file in the archive.
 
-It answers what an archive holds without opening every file, and it remembers what was there, so that a file that is
-gone is missed. Everything in it comes from the headers (:func:`horizonval.store.entry.describe`), and an address is the
-digest of what it describes: rows never change. An index that is lost or lags behind catches up, and a damaged one is
-made again from the headers, which is logged. Of two processes that write it at once the last one wins, and whoever
-reads it next adds what is missing.
+It lists an archive without opening every file, and it remembers entries, so that missing files are noticed. All rows
+come from headers (:func:`horizonval.store.entry.describe`) and never change, because an address is the digest of the
+file. An index that is lost or out of date is completed; a damaged one is rebuilt from the headers, which is logged. If
+two processes write it at once, the last one wins, and the next reader adds missing rows.
 """
 
 from __future__ import annotations
@@ -68,12 +67,7 @@ class Index:
     def known(self) -> dict[str, StoreEntry] | None:
         """Return every row by address; None where there is no index.
 
-        Raises
-        ------
-        DamagedFileError
-            The index is not what was written, or no regular file.
-        UserError
-            It cannot be read.
+        Raises ``DamagedFileError`` if the index was changed or is no regular file.
         """
         fix = f"run {command_line('archive', 'reindex', self.root)}"
         try:
@@ -110,13 +104,7 @@ class Index:
         return rows
 
     def rebuild(self, progress: Progress | None = None) -> int:
-        """Make the index anew from the headers alone and return the number of its rows.
-
-        Raises
-        ------
-        UserError
-            It cannot be written.
-        """
+        """Rebuild the index from the headers and return the number of rows; ``UserError`` if it cannot be written."""
         rows = _described(places(self.root), progress)
         if problem := self._write(rows):
             raise UserError(f"the index cannot be written: {problem}", where=str(self.path))

@@ -38,14 +38,9 @@ def run_folder_of(archive: Path) -> RunFolder | None:
 
 
 def archive_of(folder: RunFolder, head: Mapping[str, Any]) -> Path:
-    """Return the archive of a run, or of results that were scored again that of their images, by its ``run.json``.
+    """Return the archive of a run; of a rescored run, by its ``run.json``, that of the images. It need not exist.
 
-    It need not exist.
-
-    Raises
-    ------
-    DamagedFileError
-        ``run.json`` names something that is no archive.
+    Raises ``DamagedFileError`` if ``run.json`` names something that is no archive.
     """
     elsewhere = head.get("archive")
     if elsewhere is None:
@@ -58,19 +53,9 @@ def archive_of(folder: RunFolder, head: Mapping[str, Any]) -> Path:
 
 
 def open_archive(folder: Path, *, follow: bool = True) -> Store:
-    """Return the archive that a folder is or holds.
+    """Return the archive that a folder is or holds; ``UserError`` if there is none.
 
-    Parameters
-    ----------
-    folder : Path
-        An archive, or the folder of a run.
-    follow : bool
-        Whether results that were scored again stand for the archive of their images, which is then only read.
-
-    Raises
-    ------
-    UserError
-        There is none.
+    With ``follow`` a folder of rescored results gives the archive of their images, read-only.
     """
     head: dict[str, Any] = {}
     if follow:
@@ -101,17 +86,10 @@ def archive_of_results(folder: Path) -> Store | None:
 
 
 def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str]:
-    """Return the addresses that the results of a run name, and which result it is.
+    """Return the addresses that the results of a run name, each with the result.
 
-    Parameters
-    ----------
-    folder : RunFolder
-    strict : bool
-        To remove what is not named: raise for a file that cannot be read, and take other digests for addresses too.
-
-    Raises
-    ------
-    DamagedFileError
+    ``strict`` is for deletion: raise ``DamagedFileError`` for a file that cannot be read, and count every digest as an
+    address.
     """
     named: dict[str, str] = {}
     for room, what in ((folder.state, "the rendered frame"), (folder.cases, "the case")):
@@ -144,12 +122,9 @@ def _addresses(record: dict[str, Any], everywhere: bool) -> Iterator[str]:
 
 
 def garbage(folder: RunFolder) -> Garbage:
-    """Return what of a run's archive nothing names. Call only with the folder's lock held.
+    """Return the files of a run's archive that no result names. The caller holds the folder's lock.
 
-    Raises
-    ------
-    UserError
-        A result cannot be read, or the archive is a link, which other runs may use.
+    Raises ``UserError`` if a result cannot be read, or the archive is a link, which other runs may use.
     """
     root = folder.archive
     if root.is_symlink():

@@ -42,15 +42,10 @@ EXPECTED = "an EXR, PNG, TIFF, JPEG or FITS image"
 
 @dataclass(frozen=True)
 class GreyImage:
-    """A grey image from a file.
+    """A grey image, shape (H, W), float64.
 
-    Attributes
-    ----------
-    grey : ndarray, shape (H, W), float64
-    full_scale : float or None
-        Largest value the file's integers can hold; None for floating point.
-    source : DetectorImage, RadianceFrame or None
-        The whole content, if the file is one of ours, or exported from one.
+    ``full_scale`` is the largest value of the file's integers, None for floating point; ``source`` the whole content of
+    a file of ours or of one exported from it.
     """
 
     grey: NDArray[np.float64]
@@ -59,23 +54,22 @@ class GreyImage:
 
 
 def read_picture(path: Path, camera: CameraSpec | None = None, camera_file: str = "") -> GreyImage:
-    """Read a picture; the content decides what it is, not the name.
+    """Read a picture; the content decides the format, not the name.
 
-    Its size is read first, from its header: no pixel of one that is refused for its size is decoded.
+    The size is read from the header first: a picture of a wrong size is not decoded.
 
     Parameters
     ----------
     path : Path
     camera : CameraSpec, optional
-        The camera that took it, whose size it must have.
+        The camera whose size the picture must have.
     camera_file : str
         For error messages.
 
     Raises
     ------
     UserError
-        No such file, not a picture that can be read, one of another size than the camera's, or one that is larger than
-        any camera's or than memory holds.
+        No such file, not a readable picture, another size than the camera's, or larger than any camera or than memory.
     """
     magic = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=4)
     width, height = size_of(path)
@@ -164,13 +158,7 @@ def _quiet() -> Iterator[None]:
 
 
 def size_of(path: Path) -> tuple[int, int]:
-    """Return width and height of a picture in pixels.
-
-    Raises
-    ------
-    UserError
-        Not a picture, or a damaged header.
-    """
+    """Return width and height of a picture [px]; ``UserError`` if it is no picture or its header is damaged."""
     with path.open("rb") as file:
         magic = file.read(4)
     if magic == FITS_MAGIC:

@@ -24,14 +24,7 @@ from horizonval.store.verify import Finding, verify_archive
 
 
 class Store:
-    """The folder ``root``; made on the first addition.
-
-    Parameters
-    ----------
-    root : path-like
-    read_only : bool
-        The archive is another's: its index is used, and neither made nor mended.
-    """
+    """The archive in the folder ``root``, made on the first addition; ``read_only`` never writes its index."""
 
     def __init__(self, root: str | os.PathLike[str], *, read_only: bool = False) -> None:
         self.root = Path(root)

@@ -61,12 +61,7 @@ def verify_archive(
 ) -> list[Finding]:
     """Read everything below ``root`` and return what is wrong, in the order of paths.
 
-    Parameters
-    ----------
-    root : Path
-    named : mapping of str to str, optional
-        Addresses that somebody counts on, and who that is; those of the index are added.
-    progress : Progress, optional
+    ``named`` maps addresses that must exist to who needs them; those of the index are added.
     """
     findings: list[Finding] = []
     expected: dict[str, str] = {}

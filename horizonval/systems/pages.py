@@ -1,8 +1,7 @@
 """The pages of the reproductions: for every system a JSON file for machines and a Markdown page for people.
 
-Both are made of the same :class:`Reproduction`; the book's first page gathers the rows that have a bar.
-
-The pages as Markdown: templates here and in the systems' own folders, filled with one system's result.
+Both are made of the same :class:`Reproduction`; the first page gathers the rows that have a bar. Templates lie here and
+in the systems' folders.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
-"""What the published systems' sources print: ``published.toml`` of every system, in one form.
+"""What the sources print (``published.toml``) and the texts of the pages (``page/text.toml``), for every system.
 
-The file holds the printed figures with their units and the place where each stands; nothing in it is ours. What this
-package measures stands beside them on the pages (:mod:`horizonval.systems.pages`).
-
-The English of the pages: ``page/text.toml`` of every system, and what is built of it and of numbers.
+``published.toml`` holds the printed figures with their units and the place where each stands; nothing in it is ours.
+What this package measures stands beside them on the pages (:mod:`horizonval.systems.pages`).
 
 Rows, tables and figures of a system are made here alone, so that the experiments hold numbers and no prose. Texts have
 fields of :meth:`str.format`, filled with the numbers of the run. A page's summary is a template beside it,
-``page/page.md.jinja``. They lie apart from the code: a better word makes no result again.
+``page/page.md.jinja``.
 """
 
 from __future__ import annotations
@@ -43,13 +41,8 @@ class _PublishedModel(BaseModel):
 class PrintedFigure(_PublishedModel):
     """One printed figure, or a printed condition of an experiment.
 
-    Attributes
-    ----------
-    value : float or int or str
-        As printed; a text where the source claims without a number.
-    unit : str
-    where : str
-        Table, figure, equation or part of the source.
+    ``value``: as printed; a text where the source claims without a number; ``where``: table, figure, equation or part
+    of the source.
     """
 
     value: int | float | str
@@ -60,18 +53,12 @@ class PrintedFigure(_PublishedModel):
 class PrintedTable(_PublishedModel):
     """One printed table.
 
-    Attributes
-    ----------
-    where : str
-        Its number or caption in the source.
-    settings : dict
-        By quantity (unit in the name), one value for all columns or one for each.
-    printed : dict
-        By quantity, the printed figures; None where one is lost. Empty where all of them are.
-    units : dict
-        Of the printed quantities.
-    errors : dict
-        By quantity: printed ``mean`` and ``deviation`` of its errors, in its unit, where the source gives them.
+    - ``where``: its number or caption in the source;
+    - ``settings``: by quantity (unit in the name), one value for all columns or one for each;
+    - ``printed``: by quantity, the printed figures; None where one is lost. Empty where all of them are;
+    - ``units``: of the printed quantities;
+    - ``errors``: by quantity: printed ``mean`` and ``deviation`` of its errors, in its unit, where the source gives
+      them.
     """
 
     where: str
@@ -91,12 +78,7 @@ class PrintedTable(_PublishedModel):
 class Published(_PublishedModel):
     """All that is kept of one source.
 
-    Attributes
-    ----------
-    source : str
-        Authors, title, year.
-    figures : dict of PrintedFigure
-    tables : dict of PrintedTable
+    ``source``: authors, title, year.
     """
 
     source: str
@@ -162,20 +144,12 @@ class TableText(_TextModel):
 class PageText(_TextModel):
     """All texts of one system's page.
 
-    Attributes
-    ----------
-    system : str
-        Its letter.
-    title : str
-        What the system is.
-    rows, tables, claims : dict
-        By key.
-    choices : tuple of str
-        What was chosen after a result had been seen.
-    figures : dict of str
-        Captions, by the figure's name.
-    phrases : dict of str
-        Parts of sentences, and cells of tables, that depend on the outcome.
+    - ``system``: its letter;
+    - ``title``: what the system is;
+    - ``rows``, ``tables``, ``claims``: by key;
+    - ``choices``: what was chosen after a result had been seen;
+    - ``figures``: captions, by the figure's name;
+    - ``phrases``: parts of sentences, and cells of tables, that depend on the outcome.
     """
 
     system: str
@@ -209,14 +183,8 @@ class PageText(_TextModel):
     ) -> Claim:
         """Return a judged claim.
 
-        Parameters
-        ----------
-        key : str
-            Of the text; also of the printed figure or table, unless ``figure`` names that, and unless the text says
-            itself where it stands.
-        printed : float or str
-            As printed, with the unit if it is a text.
-        status : Status
+        ``key``: of the text; also of the printed figure or table, unless ``figure`` names that, and unless the text
+        says itself where it stands; ``printed``: as printed, with the unit if it is a text.
         """
         text = self.claims[key]
         what, reading, measured, fails = (

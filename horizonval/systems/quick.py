@@ -12,8 +12,6 @@ A whole reproduction takes hours, most of them for rendering; this takes about a
 
 Nothing in it is random but for fixed seeds. A figure is the committed one of ``quick.json``, or something has changed:
 the only allowance is for the last digits of floating point, which depend on the machine.
-
-The published systems by their letter, and the module that does each one's experiment again.
 """
 
 from __future__ import annotations
@@ -69,19 +67,10 @@ G_ALTITUDES_KM = (350.0, 402.5)
 def quick_figures(cache: TaskCache, pages: Path, systems: Sequence[str] = SYSTEMS) -> list[JsonObject]:
     """Return the systems' key figures and the committed ones, as plain data with a verdict.
 
-    Parameters
-    ----------
-    cache : TaskCache
-        Its seed must be that of the committed figures.
-    pages : Path
-        Folder of ``quick.json``.
-    systems : sequence of str
+    ``cache``: its seed must be that of the committed figures; ``pages``: folder of ``quick.json``.
 
-    Returns
-    -------
-    list of dict
-        ``system``, ``name``, ``unit``, ``measured``, ``accepted`` (None where no such figure is committed), and
-        ``verdict``, PASS or FAIL.
+    Returned: ``system``, ``name``, ``unit``, ``measured``, ``accepted`` (None where no such figure is committed), and
+    ``verdict``, PASS or FAIL.
 
     Raises
     ------

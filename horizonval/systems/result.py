@@ -38,17 +38,10 @@ class Status(StrEnum):
 class Claim:
     """One printed figure, or one printed table's figures of a kind, judged.
 
-    Attributes
-    ----------
-    what : str
-        Unique within the system.
-    where : str
-        Page, table, figure or part of the source.
-    printed, reading, measured : str
-        The figure as printed, what we take it to mean, and ours with its unit.
-    fails : str
-        What would have made us call it contradicted.
-    status : Status
+    - ``what``: unique within the system;
+    - ``where``: page, table, figure or part of the source;
+    - ``printed``, ``reading``, ``measured``: the figure as printed, what we take it to mean, and ours with its unit;
+    - ``fails``: what would have made us call it contradicted.
     """
 
     what: str
@@ -76,23 +69,14 @@ class Claim:
 class ComparisonRow:
     """One published figure beside ours.
 
-    Attributes
-    ----------
-    name : str
-        What the figure is, with its conditions: unique within the system.
-    published : float or str or None
-        As printed in the source; a text such as ``"< 1"``; None where the source's figure did not survive.
-    measured : float
-        Ours, from this run.
-    unit : str
-    why : str
-        One sentence: why the two differ, or what makes them agree.
-    limit : float or None
-        The largest ``|measured|`` (or, with ``against``, the largest departure) that still counts as reproduced.
-    against : float or None
-        What ``measured`` is compared with; None compares with zero.
-    at_least : bool
-        ``measured`` must reach ``limit`` instead of staying below it.
+    - ``name``: what the figure is, with its conditions: unique within the system;
+    - ``published``: as printed in the source; a text such as ``"< 1"``; None where the source's figure did not survive;
+    - ``measured``: ours, from this run;
+    - ``why``: one sentence: why the two differ, or what makes them agree;
+    - ``limit``: the largest ``|measured|`` (or, with ``against``, the largest departure) that still counts as
+      reproduced;
+    - ``against``: what ``measured`` is compared with; None compares with zero;
+    - ``at_least``: ``measured`` must reach ``limit`` instead of staying below it.
     """
 
     name: str
@@ -150,24 +134,14 @@ class Figure:
 class Reproduction:
     """One system's experiment, done again.
 
-    Attributes
-    ----------
-    system : str
-        The letter of the command: A to G.
-    title, source : str
-        What the system is, and who published it.
-    rows, tables, figures
-        See there.
-    settings : dict
-        What was rendered, for the JSON file.
-    template : str
-        Of the page, from this folder on; its summary says in a few sentences what was done and what came of it.
-    summary : dict
-        Numbers of this run in the summary, by their names in the template.
-    claims : tuple of Claim
-        Every printed figure of the source.
-    choices : tuple of str
-        What was chosen after a result had been seen, and therefore proves nothing.
+    - ``system``: the letter of the command: A to G;
+    - ``title``, ``source``: what the system is, and who published it;
+    - ``settings``: what was rendered, for the JSON file;
+    - ``template``: of the page, from this folder on; its summary says in a few sentences what was done and what came of
+      it;
+    - ``summary``: numbers of this run in the summary, by their names in the template;
+    - ``claims``: every printed figure of the source;
+    - ``choices``: what was chosen after a result had been seen, and therefore proves nothing.
     """
 
     system: str

@@ -8,9 +8,8 @@ with a = 0.7548776662 (1 / a^3 = 1 / a + 1: the additive recurrence that fills a
 longitudes and seasons are all covered however few there are. The orbit is a circle about the Earth's centre, its radius
 the equator's plus the altitude: over latitude 35 the ellipsoid lies 7 km lower.
 
-Places along a circular orbit over an Earth that stands still.
-
-With the argument of latitude u, the inclination i and the longitude of the ascending node::
+*Orbit* over an Earth that does not turn. With the argument of latitude u, the inclination i and the longitude of the
+ascending node::
 
     sin latitude = sin i sin u,    longitude = node + atan2(cos i sin u, cos u),    tan heading = cot i / cos u
 
@@ -68,14 +67,7 @@ def weather_places(count: int, inclination_deg: float, seed: int) -> dict[str, J
 class WeatherPlace:
     """One place on one day.
 
-    Attributes
-    ----------
-    latitude_deg, longitude_deg : float
-        Geocentric.
-    heading_deg : float
-    month : int
-    weather, clouds : int
-        Seeds.
+    ``latitude_deg``, ``longitude_deg``: geocentric; ``weather``, ``clouds``: seeds.
     """
 
     latitude_deg: float

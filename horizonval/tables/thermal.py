@@ -48,7 +48,7 @@ from horizonval.earth.limb_heights import CLOUD_RELIEF_THERMAL
 from horizonval.earth.spectral import bands
 from horizonval.earth.surface import surface_temperature
 from horizonval.earth.surface.ground_emission import uniform_ground
-from horizonval.earth.weather import warming
+from horizonval.earth.weather import field
 from horizonval.earth.weather.field import WeatherField
 from horizonval.estimation.likelihood.height import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
@@ -205,8 +205,8 @@ def _warming_k(month: float, number: int) -> float:
     """Return the amplitude of a state's warming, 0 for none; of all states of a month warmings have their own share."""
     happens, _ = draws("warming", month, 0).random(2)
     _, size = draws("warming", month, number).random(2)
-    low, high = warming.DRAWN_K
-    return low + (high - low) * float(size) if (number + happens) / WEATHERS < warming.chance(month) else 0.0
+    low, high = field.DRAWN_K
+    return low + (high - low) * float(size) if (number + happens) / WEATHERS < field.chance(month) else 0.0
 
 
 def thermal_model(

@@ -39,7 +39,8 @@ def test_bright_pixels_appear_where_opencv_projects_them(tilt_deg):
     at, camera_at = bench.panel_pose(200.0, errors), bench.camera_pose(math.radians(tilt_deg), errors)
     # OpenCV wants world to camera
     turn, _ = cv2.Rodrigues(camera_at.bench_from_body.T)
-    places = np.column_stack([panel.place_mm(bright), np.zeros(len(bright))]) @ at.bench_from_body.T + at.r_bench_mm
+    on_panel = np.column_stack([(bright - [239.5, 134.5]) * panel.pitch_mm, np.zeros(len(bright))])
+    places = on_panel @ at.bench_from_body.T + at.r_bench_mm
     matrix = np.array([[CAMERA.fx, 0, CAMERA.cx], [0, CAMERA.fy, CAMERA.cy], [0, 0, 1.0]])
     shift = -camera_at.bench_from_body.T @ camera_at.r_bench_mm
     expected, _ = cv2.projectPoints(places, turn, shift, matrix, None)

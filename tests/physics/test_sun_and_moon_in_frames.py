@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.light import airglow, limb_darkening, moonlight
+from horizonval.earth.light import sky
 from horizonval.earth.optical import optical_model
 from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
@@ -129,7 +129,7 @@ def test_the_edge_of_the_disc_is_dark(mi: Any, band: dict[str, Any]) -> None:
     d = unproject(camera_from_spec(camera.camera), np.stack(np.meshgrid(np.arange(80.0), np.arange(80.0)), axis=-1))
     gap = np.linalg.norm(np.cross(d, np.array(frame.truth.sun_cam)), axis=-1)
     mu = np.sqrt(np.maximum(1.0 - (gap / math.sin(frame.truth.sun_angular_radius_rad)) ** 2, 0.0))
-    law = np.polynomial.polynomial.polyval(mu, limb_darkening.coefficients(0.5 * (band["lo_um"] + band["hi_um"])))
+    law = np.polynomial.polynomial.polyval(mu, sky.limb_darkening_of(0.5 * (band["lo_um"] + band["hi_um"])))
     inside = mu > 0.35
     centre = radiance[mu > 0.999].mean()
     assert inside.sum() > 2000
@@ -152,7 +152,7 @@ def test_the_earth_hides_what_geometry_says(mi: Any, altitude_km: float, fov_deg
         truth.sun_itrs,
         truth.sun_angular_radius_rad,
         Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m),
-        limb_darkening.coefficients(0.55),
+        sky.limb_darkening_of(0.55),
     )
     assert 0.01 < truth.sun_visible_fraction < 0.99
     found = _irradiance(frame, camera) / _solar_constant(scene, camera)
@@ -192,7 +192,7 @@ def test_the_moon_carries_its_magnitude(mi: Any, geometry: str, sun_zenith_deg: 
     distance = np.linalg.norm(moon_place(scene) - np.array(truth.r_itrs))
     _, sun_m = sun_itrs(scene.platform.epoch_utc)
     to_sun = np.array(truth.sun_itrs) * sun_m - moon_place(scene)
-    ratio = moonlight.irradiance_ratio(
+    ratio = sky.irradiance_ratio(
         0.55, truth.moon_phase_angle_rad, np.linalg.norm(to_sun) / AU_M, distance / AU_M, sun_m / AU_M
     )
     expected = float(ratio) * _solar_constant(scene, camera)
@@ -242,7 +242,7 @@ def _thin_layer(mi: Any) -> tuple[Any, OpticalModel]:
     from horizonval.renderer.planet import Planet
 
     z = np.arange(0.0, 120_001.0, 100.0)
-    shape = airglow.Layer(LAYER_M, 3e3, (0.55,), (1.0,)).profile_per_m(z)
+    shape = sky.Layer(LAYER_M, 3e3, (0.55,), (1.0,)).profile_per_m(z)
     zero = np.zeros_like(z)
     node = SpectralNode("n", "n", 1.0, 0.55, zero, zero, 0.75, zero, zero, 1.0, 0.0, glow_per_m=shape)
     model = OpticalModel(z, float(z[-1]), (node,), albedo=0.0, glow_altitude_m=z)
@@ -310,15 +310,15 @@ def test_the_moonless_limb_glows_with_kilorayleighs(mi: Any) -> None:
     camera = _camera(LIMB_CAMERA, line)
     frame = render_frame(scene, camera)
     radiance, height = frame.radiance["line"][4].astype(float), frame.maps["tangent_height"][4]
-    per_rayleigh = float(airglow.radiance(1.0, 0.5577))
+    per_rayleigh = float(sky.airglow_radiance(1.0, 0.5577))
     assert 1e4 < radiance.max() / per_rayleigh < 2e4
     assert 90e3 < height[radiance.argmax()] < 98e3
     assert radiance[height > 122e3].max() == 0.0
     assert np.all(radiance[height < 110e3] > 0.0)
     z = np.arange(0.0, 120_001.0, 100.0)
     along = np.arange(0.0, 1.5e6, 250.0)
-    energy = [airglow.band_energy(camera.band[0], x)[1].sum() for x in airglow.LAYERS]
-    emission = sum(e * x.profile_per_m(z) for e, x in zip(energy, airglow.LAYERS, strict=True))
+    energy = [sky.band_energy(camera.band[0], x)[1].sum() for x in sky.LAYERS]
+    emission = sum(e * x.profile_per_m(z) for e, x in zip(energy, sky.LAYERS, strict=True))
     for k in np.flatnonzero((height > 84e3) & (height < 100e3)):
         r = np.hypot(6371e3 + float(height[k]), along)
         expected = 2.0 * np.trapezoid(np.interp(r - 6371e3, z, emission, right=0.0), along)
@@ -348,7 +348,7 @@ def test_ground_under_the_full_moon(mi: Any) -> None:
     to_sun = np.array(frame.truth.sun_itrs) * sun_m - place
     distance = float(np.linalg.norm(place))
     phase = math.acos(float(to_sun @ -place) / distance / float(np.linalg.norm(to_sun)))
-    ratio = moonlight.irradiance_ratio(0.55, phase, float(np.linalg.norm(to_sun)) / AU_M, distance / AU_M, sun_m / AU_M)
+    ratio = sky.irradiance_ratio(0.55, phase, float(np.linalg.norm(to_sun)) / AU_M, distance / AU_M, sun_m / AU_M)
     expected = 0.3 / math.pi * float(ratio) * _solar_constant(scene, camera) * math.cos(math.radians(1.0))
     assert frame.radiance["vis"][4, 4] == pytest.approx(expected, rel=2e-3)
     dark = scene.model_copy(update={"night": scene.night.model_copy(update={"moonlight": False})})

@@ -82,7 +82,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("earth/data/solar_spectrum.csv", {"version", "frame", "row"}),
         ("frame.py", {"version", "frame", "row"}),
         ("sensor/observe.py", {"version", "row"}),
-        ("cli/campaign.py", {"version"}),
+        ("cli/run.py", {"version"}),
     ],
 )
 def test_a_changed_file_makes_again_what_flows_through_its_room(copy: Path, name: str, changed: set[str]) -> None:

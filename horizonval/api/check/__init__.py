@@ -1,6 +1,6 @@
-"""What a user ought to know before anything is rendered: exposure, arc in view, signal, determinability, cost.
+"""Problems of a scene, suite or study before rendering: exposure, arc in view, signal, determinability, cost.
 
-Made from specifications and truth alone; the renderer is not loaded.
+A check needs specifications and truth only; it does not load the renderer.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ KINDS: tuple[Kind, ...] = ("scene", "suite", "study")
 
 
 def check(target: Scene | Suite | Study | str | Path, *, frames: int | None = None) -> Report:
-    """Say what would go wrong with a scene, suite or study, without rendering any of it.
+    """Return the problems that a scene, suite or study would have, without rendering any of it.
 
     Exposure, arc of the horizon in view, signal, Sun and Moon, eclipse, frames of which nothing can be determined,
     bands outside the tables; time, memory and disk.
@@ -41,10 +41,9 @@ def check(target: Scene | Suite | Study | str | Path, *, frames: int | None = No
     Parameters
     ----------
     target : Scene, Suite, Study, str or Path
-        A scene, or the file or shipped name of a scene, suite or study. A name that is a scene's and a suite's is the
-        scene's.
+        A scene, or the file or shipped name of a scene, suite or study. A scene goes before a suite of the same name.
     frames : int, optional
-        Of a suite or study, in place of the file's number.
+        Replaces the number of frames of a suite or study.
 
     Returns
     -------
@@ -55,7 +54,7 @@ def check(target: Scene | Suite | Study | str | Path, *, frames: int | None = No
     Raises
     ------
     UserError
-        There is no such file, or it cannot be read. What a run would refuse later is a finding instead.
+        The file does not exist or cannot be read. Errors that a run would raise later are findings instead.
 
     Examples
     --------
@@ -85,13 +84,7 @@ def check(target: Scene | Suite | Study | str | Path, *, frames: int | None = No
 
 
 def kind_of(target: str | Path) -> tuple[Kind, Path]:
-    """Return which kind of file is meant, and its path.
-
-    Raises
-    ------
-    UserError
-        There is none, or it has none of the tables that tell.
-    """
+    """Return the kind of a file or shipped name, and its path; ``UserError`` if there is none."""
     given = Path(target).expanduser()
     if (lies_there := kind_at(given, links=True)) not in ("a file", "a folder", ""):
         raise UserError(f"is {lies_there}", where=str(given), expected="a scene, suite or study file")

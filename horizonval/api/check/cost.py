@@ -1,21 +1,17 @@
-"""What a run will cost in processor time, memory and disk, counted before anything is rendered.
+"""Processor time, memory and disk of a run, counted before anything is rendered.
 
-**Basis.** Solar bands come from view tables, which are made once for every place, Sun and air, and looked up by every
-cell, a pixel's share that sees ground or air; or they are marched cell by cell: then time goes with ``cells x nodes
-along the ray x spectral nodes``. Multiple scattering needs a table for every spectral node of every column of air, kept
-in the cache of the machine: whether it is there is not looked up, so its time stands by itself. Thermal bands come from
-tables whose time goes with the g points, a little with the nodes, and hardly with the pixels. The constants are seconds
-of processor time, which other work on the machine changes little, of the LLVM back-end on two x86-64 processors: eight
-shipped scenes of 80 to 1024 pixels, second frame of a process.
+**Model.** Solar bands come from view tables, which are computed once for every position, Sun and air and evaluated in
+every cell (a pixel's share that sees ground or air); or they are marched cell by cell, in a time proportional to
+``cells x nodes along the ray x spectral nodes``. Multiple scattering needs a table for every spectral node of every
+column of air. The cache may hold it already, so its time is stated separately. Thermal bands come from tables whose
+time grows with the g points, a little with the nodes, and hardly with the pixels. The constants are seconds of
+processor time of the LLVM back-end on two x86-64 processors, from eight shipped scenes of 80 to 1024 pixels.
 
-**How far off.** With view tables ``limb-noon-vis`` takes 0.3 s from a new place and 0.1 s from the same, 0.35 s and
-0.12 s are predicted; ``terminator``, with clouds, 8 s and 2.0 s, 6.8 s and 1.4 s are predicted. Marched frames are
-predicted at 0.8 to 1.3 of their time. Of memory :mod:`horizonval.renderer.frame_cost` says it. On other
-machines, and for scenes unlike these, take a factor of three. Disk is within 1.5 on seven shipped scenes: by day and
-night, with clouds and Moon, in the infrared. What an estimator takes is known for ours only, to a factor of three.
+**Accuracy.** On other machines and for other scenes a factor of three; disk within 1.5. The time of foreign estimators
+is unknown.
 
-Left out: the first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
-airglow (each more tables, or a march of its own).
+**Neglected.** The first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
+airglow (more tables, or a march).
 """
 
 from __future__ import annotations
@@ -68,7 +64,7 @@ _GRID = 48
 
 @dataclass(frozen=True)
 class FrameCost:
-    """What one frame takes; see :class:`Cost`."""
+    """Cost of one frame; see :class:`Cost`."""
 
     cells: float
     evaluations: float
@@ -85,7 +81,7 @@ class FrameCost:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a run takes.
+    """Cost of a run.
 
     Attributes
     ----------
@@ -93,13 +89,13 @@ class Cost:
     cells : float
         Cells of all frames that see ground or air.
     evaluations : float
-        Of the march along every cell, were there no view tables: cells x nodes along the ray x spectral nodes.
+        Of a march along every cell: cells x nodes along the ray x spectral nodes.
     render_s, observe_s, estimate_s : float
-        Processor time of all frames. View tables are counted once for every place, Sun and air.
+        Processor time of all frames. View tables are counted once for every position, Sun and air.
     tables : int
-        Tables of multiple scattering that must exist.
+        Tables of multiple scattering.
     tables_s : float
-        Processor time if none of them is kept from an earlier run.
+        Processor time if the cache holds none of them.
     memory_mb : float
         Of one process with the largest frame.
     disk_mb : float
@@ -156,7 +152,7 @@ def _size(megabytes: float) -> str:
 
 
 def marched_cells(truth: FrameTruth, camera: CameraSpec, subsamples: int) -> float:
-    """Return how many cells of a frame see ground or air.
+    """Return the number of cells of a frame that see ground or air.
 
     Counted on a grid of 48 x 48 pixels at most, to one part in fifty of the image.
     """
@@ -182,17 +178,10 @@ def marched_cells(truth: FrameTruth, camera: CameraSpec, subsamples: int) -> flo
 def frame_cost(
     truth: FrameTruth, scene: SceneSpec, camera: CameraSpec, spectral: dict[str, int], estimators: int
 ) -> FrameCost:
-    """Return what one frame takes.
+    """Return the cost of one frame.
 
-    Parameters
-    ----------
-    truth : FrameTruth
-    scene, camera
-        Resolved specifications.
-    spectral : dict of str to int
-        Spectral nodes or g points of every band (:func:`horizonval.earth.optical.node_counts`).
-    estimators : int
-        How many see each image.
+    ``spectral`` is the number of spectral nodes or g points of every band
+    (:func:`horizonval.earth.optical.node_counts`), ``estimators`` the number that see each image.
     """
     geometry = camera.camera
     pixels, cells = geometry.width * geometry.height, marched_cells(truth, camera, scene.render.subsamples)
@@ -234,7 +223,7 @@ LAYERED_TABLES = 5.0
 
 
 def _view_tables_s(truth: FrameTruth, nodes: int, clouds: bool) -> float:
-    """Return the processor time of tables of so many nodes, all chunks together, with those of air before clouds."""
+    """Return the processor time of view tables of ``nodes`` nodes in all chunks, with those of air before clouds."""
     distance_m = math.hypot(*truth.r_itrs)
     zenith = math.acos(np.clip(np.dot(truth.r_itrs, truth.sun_itrs) / distance_m, -1.0, 1.0))
     horizon = math.acos(min(truth.ellipsoid_b_m / distance_m, 1.0))

@@ -24,10 +24,10 @@ SUBJECTS: dict[Kind, str] = {"scene": "bands", "suite": "cameras", "study": "des
 
 
 class Level(StrEnum):
-    """How much a finding matters.
+    """Severity of a finding.
 
-    ``ERROR``: it cannot work, a run would refuse it. ``WARNING``: it runs, and what comes of it is most likely not what
-    was wanted. ``NOTE``: worth knowing.
+    ``ERROR``: a run would refuse it. ``WARNING``: it runs, but the result is most likely not the one wanted. ``NOTE``:
+    worth knowing.
     """
 
     ERROR = "error"
@@ -37,25 +37,24 @@ class Level(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a user ought to know before rendering.
+    """One problem or remark.
 
     Attributes
     ----------
     level : Level
     code : str
-        One word of :data:`horizonval.api.check.rules.CODES`, for machines.
+        One of :data:`horizonval.api.check.rules.CODES`, for machines.
     text : str
-        What is found, with its value and limit and their units.
+        What was found, with value, limit and units.
     value, limit : float or None
-        What was compared with what, in ``unit``; of several frames the value of the worst, or the median where the text
-        says so.
+        Compared numbers in ``unit``: of several frames those of the worst, or the median where the text says so.
     unit : str
     fix : str
-        What to change, where there is something.
+        What to change, or empty.
     subject : str
-        What it is about: a scene's band, a suite's camera, a study's design.
+        A scene's band, a suite's camera, or a study's design.
     frames, of, total : int
-        How many of how many frames that were looked at, of how many that there are.
+        Frames with the problem, examined frames, and all frames.
     """
 
     level: Level
@@ -94,13 +93,13 @@ class Report:
     findings : tuple of Finding
         Errors first, then warnings, then notes.
     facts : dict
-        What is in view and how bright it will be, by subject; plain data, a line each in the text.
+        View and brightness as text, by subject.
     examined, frames : int
-        How many of how many frames were looked at.
+        Examined frames, and all frames.
     cost : Cost or None
         None where an error leaves nothing to be rendered.
     source : str
-        The file, for commands that name it; empty where there is none.
+        The file, or empty.
     """
 
     kind: Kind
@@ -207,7 +206,7 @@ def _merged(group: Sequence[Finding], kind: Kind) -> list[str]:
 
 
 def gravity(value: float | None, limit: float | None) -> float:
-    """Return how far a value is beyond its limit; without a value there is nothing at all, which is the worst."""
+    """Return the distance of a value from its limit; a missing value is the worst."""
     if limit is None:
         return 0.0
     return math.inf if value is None else abs(value - limit)

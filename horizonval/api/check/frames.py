@@ -44,16 +44,7 @@ Spectral: TypeAlias = dict[tuple[str, ...], dict[str, int]]
 
 @dataclass(frozen=True)
 class Group:
-    """Frames that are judged together: a camera of a suite, a design of a study.
-
-    Attributes
-    ----------
-    subject : str
-    cases : tuple of Case
-    estimators : int
-        How many run on each image.
-    needs : {"image", "pose", "heads"}
-    """
+    """Frames that are judged together: of a camera of a suite, or of a design of a study."""
 
     subject: str
     cases: tuple[Case, ...]
@@ -72,22 +63,10 @@ class Look:
 
 
 def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:
-    """Say what a user ought to know of a scene before it is rendered.
+    """Return the report of a scene before it is rendered; with several heads and no choice every head is checked.
 
-    Parameters
-    ----------
-    scene, camera
-        Resolved specifications, as :func:`horizonval.spec.load.load_scene` returns them. With several heads and none
-        chosen every head is checked.
-
-    Returns
-    -------
-    Report
-        Its facts are one line for every band: arc in view, level and signal-to-noise ratio of the limb.
-
-    Notes
-    -----
-    A second for a solar camera, up to two more for every thermal band. The renderer is not loaded.
+    Facts are one line for every band: arc in view, level and signal-to-noise ratio of the limb. Takes one second for a
+    solar camera, and up to two more for every thermal band.
     """
     findings: list[Finding] = []
     facts: dict[str, str] = {}
@@ -124,24 +103,18 @@ def _groups_of_heads(scene: SceneSpec, camera: CameraSpec) -> list[Group]:
 
 
 def check_suite(target: Suite | Study, *, most: int = MOST_FRAMES, infrared: bool = True) -> Report:
-    """Say what a user ought to know of a suite or a study before it is run.
+    """Return the report of a suite or a study before it is run.
 
-    Designs of a study that differ in the estimator alone share their frames, and are one entry here.
+    Designs of a study that differ in the estimator alone share their frames and are one group. Errors of the run
+    (:func:`horizonval.suites.mistakes.refuse_mistakes`) are findings.
 
     Parameters
     ----------
     target : Suite or Study
-        As :func:`horizonval.suites.suite.load_suite` or :func:`horizonval.studies.trade.design.expand` returns it.
     most : int
-        Frames to look at; of more an even sample, whose size the report states.
+        Frames to examine; of more an even sample, whose size the report states.
     infrared : bool
-        Whether to work out the level of thermal limbs, of one frame of every camera: up to 2 s for each band.
-
-    Returns
-    -------
-    Report
-        Findings by camera or entry of ``[design]``, and by band of cameras that have several. What a run would refuse
-        (:func:`horizonval.suites.mistakes.refuse_mistakes`) is an error among them.
+        Whether to compute the level of thermal limbs, of one frame of every camera: up to 2 s for each band.
     """
     suite = _suite_of(target)
     try:

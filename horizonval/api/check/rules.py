@@ -1,11 +1,9 @@
-"""From what a camera will see to what its user ought to know: one rule for every problem a frame can have.
+"""Rules that turn the predicted view of a camera into findings.
 
-A rule looks at one band of one frame. What it finds there becomes a finding about that frame, or, counted over the
-frames of a camera or a design, one finding about all of them.
-
-In a single scene every problem is a warning. Among many frames some are meant to be hopeless, and a third of an orbit
-lies in the Earth's shadow: there the share of frames decides between a warning and a note
-(:data:`WARNING_SHARE`).
+A rule looks at one band of one frame. Its findings are about that frame, or counted over the frames of a camera or
+design. In a single scene every problem is a warning. Suites contain hopeless frames on purpose, and a third of an
+orbit lies in the Earth's shadow: there the share of frames decides between a warning and a note (:data:`MOSTLY`,
+:data:`SOME`).
 """
 
 from __future__ import annotations
@@ -53,11 +51,11 @@ class Rule:
     ----------
     code : str
     share : float or None
-        Share of frames from which it is a warning; None for a note, whatever the share.
+        Share of frames from which it is a warning; None for a note.
     find : callable
-        The problem of a frame, or None.
+        Returns the problem of a frame, or None.
     text, fix : str or callable
-        Of the frames that have it: what to say and what to change.
+        Text of the finding and advice, for the frames that have the problem.
     """
 
     code: str
@@ -68,18 +66,10 @@ class Rule:
 
 
 def findings_of(views: Views, subject: str, *, total: int | None = None, single: bool = False) -> list[Finding]:
-    """Return the findings of frames that have a camera or a design in common.
+    """Return the findings of one band of all examined frames of one ``subject``, a camera or a design.
 
-    Parameters
-    ----------
-    views : sequence of LimbView
-        One band of every frame.
-    subject : str
-        What they have in common.
-    total : int, optional
-        How many frames there are, where not all of them were looked at.
-    single : bool
-        Whether they are a scene of its own: its problems are warnings.
+    ``total`` is the number of all frames, if not all were examined. With ``single`` the frames are one scene, whose
+    problems are warnings.
     """
     findings = []
     for rule in RULES:
@@ -205,7 +195,7 @@ def _level_text(views: Views) -> str:
 
 
 def _exposure_fix(views: Views) -> str:
-    """Return which exposure lays the brightest of several limbs on the target."""
+    """Return the exposure that puts the brightest of several limbs at :data:`TARGET_LEVEL`."""
     known = [(view.highest, view) for view in views if view.highest is not None and view.highest > 0.0]
     if not known:
         return ""
@@ -319,7 +309,7 @@ RULES: tuple[Rule, ...] = (
         "close to a threshold of what can be determined: neither answer nor refusal will count against a method",
     ),
 )
-"""All rules, in the order in which findings of the same level are told."""
+"""All rules, in the order of findings of the same level."""
 
 CODES = (*(rule.code for rule in RULES), "cannot-run")
 """All codes of findings."""

@@ -7,11 +7,12 @@ volcanic) to 30 km, meteoric dust above.
 ===================== ============= =========== ==================================================================
 model                 depth, 550 nm above 11 km represents
 ===================== ============= =========== ==================================================================
-``none``              0             0           molecules alone ``background``        0.148         0.0069      the
-Earth's mean haze below a quiet stratosphere ``volcanic_moderate`` 0.168         0.027       one to two years after a
-large eruption ``volcanic_high``     0.235         0.094       the year after one such as Pinatubo's ``polar``
-0.137         0.0074      clean air of 50 km visibility in a cold season, a low tropopause ``dust``              0.454
-0.0069      desert dust, well mixed up to 5 km, below the quiet stratosphere
+``none``              0             0           molecules alone
+``background``        0.148         0.0069      the Earth's mean haze below a quiet stratosphere
+``volcanic_moderate`` 0.168         0.027       one to two years after a large eruption
+``volcanic_high``     0.235         0.094       the year after one such as Pinatubo's
+``polar``             0.137         0.0074      clean air of 50 km visibility in a cold season, a low tropopause
+``dust``              0.454         0.0069      desert dust, well mixed up to 5 km, below the quiet stratosphere
 ===================== ============= =========== ==================================================================
 
 LOWTRAN7's haze of 23 km visibility below 10 km has an optical depth of 0.316, more than twice the Earth's mean. It is

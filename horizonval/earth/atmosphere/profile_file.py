@@ -4,13 +4,13 @@ CSV with one line of column names, or a JSON object of lists with the same names
 
 ======================== ===========================================================================================
 ``altitude_km``          rising from 0 (the ground) to 60 or more; at least 10 levels, at most 10 km between two of them
-``temperature_K``        100 to 400 ``pressure_Pa``          or ``pressure_hPa``, or ``number_density_per_m3``: exactly
-one of them; above 0 ``ozone_per_m3``         or ``ozone_ppmv`` (parts per million of the air's molecules): exactly one;
-0 or more ``water_vapour_ppmv``    and ``carbon_dioxide_ppmv``, ``nitrous_oxide_ppmv``, ``methane_ppmv``: any of them or
-none; 0
+``temperature_K``        100 to 400
+``pressure_Pa``          or ``pressure_hPa``, or ``number_density_per_m3``: exactly one of them; above 0
+``ozone_per_m3``         or ``ozone_ppmv`` (parts per million of the air's molecules): exactly one; 0 or more
+``water_vapour_ppmv``    and ``carbon_dioxide_ppmv``, ``nitrous_oxide_ppmv``, ``methane_ppmv``: any of them or none; 0
                          or more, of the air's molecules
-``latitude_deg``         -90 to 90, geodetic: place of the line, for profiles of many places ``longitude_deg``
--180 to 360, together with latitudes; without it a profile holds all around its latitude
+``latitude_deg``         -90 to 90, geodetic: place of the line, for profiles of many places
+``longitude_deg``        -180 to 360, together with latitudes; without it a profile holds all around its latitude
 ======================== ===========================================================================================
 
 Lines of equal latitude and longitude are one profile. Each has separate levels, and every rule applies to each.

@@ -19,9 +19,9 @@ cirrus                2 km thick, to 0.2    30, ice    Sassen and Comstock 2001;
 subvisible_cirrus     1 km thick, to 0.01   10, ice    Sassen and Cho 1992 (below 0.03); Wang et al. 1996
                       0.5 km below                     (SAGE II; 0.003 to 0.03 at 15 to 17 km in the tropics)
                       the tropopause
-polar_stratospheric   18 to 22       0.01   10, ice    Poole and McCormick 1988; Pitts et al. 2018 noctilucent
-82 to 84       1e-4   0.05, ice  Hervig et al. 2009 (AIM); Thomas 1991 thin_water            1.0 to 1.4     0.5    8,
-water   Leahy et al. 2012 (half of low marine cloud is below 3)
+polar_stratospheric   18 to 22       0.01   10, ice    Poole and McCormick 1988; Pitts et al. 2018
+noctilucent           82 to 84       1e-4   0.05, ice  Hervig et al. 2009 (AIM); Thomas 1991
+thin_water            1.0 to 1.4     0.5    8, water   Leahy et al. 2012 (half of low marine cloud is below 3)
 ===================== ============== ====== ========== =====================================================
 
 The tropopause is that of opaque clouds: 17 km in the tropics, 13 at 40 deg, 9 at the poles.

@@ -1,8 +1,7 @@
 """Reflection of sunlight by the Earth's surface: land, snow, a wind-roughened ocean, and white cloud tops.
 
 **Land, clouds and foam** are Lambert reflectors, each material with a spectrum. **Snow** is anisotropic in the Sun's
-beam (:mod:`horizonval.earth.surface.snow_reflectance`). **Water** has a Lambert part (scattering below the surface) and
-the Sun's glint off its facets::
+beam. **Water** has a Lambert part (scattering below the surface) and the Sun's glint off its facets::
 
     f_glint = F(omega) p(theta_n) S / (4 mu_sun mu_view cos^4 theta_n),   p = exp(-tan^2 theta_n / s2) / (pi s2)
 
@@ -14,9 +13,23 @@ Microwave Remote Sensing*, Wiley 1985), which keeps f finite at the horizon and 
 Double reflection is neglected. The index of sea water is 1.34 at all wavelengths. Water reflects skylight like a flat
 surface under a uniform sky (6.7 %; roughness lowers it by about a sixth).
 
-Materials, snow cover and sea ice: :mod:`horizonval.earth.surface.ground_map`; spectra:
-:mod:`horizonval.earth.surface.materials`. Foam: cover of E. C. Monahan and I. O'Muircheartaigh (J. Phys. Oceanogr. 10,
-2094 (1980)).
+Materials, their spectra, snow cover and sea ice: :mod:`horizonval.earth.surface.ground_map`. Foam: cover of E. C.
+Monahan and I. O'Muircheartaigh (J. Phys. Oceanogr. 10, 2094 (1980)).
+
+**Snow** reflects the Sun's beam anisotropically. For weakly absorbing snow, with cosines mu_sun and mu_view to the
+vertical and the scattering angle theta in degrees,
+
+    R_0 = (A + B (mu_sun + mu_view) + C mu_sun mu_view + p(theta)) / (4 (mu_sun + mu_view)),
+    p = 11.1 exp(-0.087 theta) + 1.1 exp(-0.014 theta),    A = 1.247, B = 1.186, C = 5.157
+
+(A. A. Kokhanovsky and E. P. Zege, Appl. Opt. 43, 1589 (2004); A. A. Kokhanovsky, J. Geophys. Res. 118, 9325 (2013)).
+The factor relative to a Lambert surface is ``R_0 / N(mu_sun)`` with N the mean of R_0 over the upper hemisphere,
+weighted by mu_view, so that snow reflects the share of the beam given by its albedo at any Sun. N is 0.99 to 1.02 for
+the Sun more than 9 deg high; the factor violates reciprocity by as much.
+
+Neglected: in the near infrared absorbing snow is more anisotropic than white snow and reflects more of a low Sun;
+sastrugi reduce the forward peak under a low Sun (S. G. Warren, R. E. Brandt, P. O'Rawe Hinton, J. Geophys. Res. 103,
+25789 (1998)). The form is valid to zenith angles of 75 deg or so; cosines are at least :data:`LEAST_SNOW_COSINE`.
 """
 
 from __future__ import annotations
@@ -32,7 +45,7 @@ from scipy.special import erfc
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import climate
 from horizonval.earth.clouds.relief import CloudField, cloud_field
-from horizonval.earth.surface.materials import DRY, FOAM_ALBEDO, spectrum
+from horizonval.earth.surface.ground_map import DRY, FOAM_ALBEDO, spectrum
 from horizonval.spec.scene import SceneSpec
 
 WATER_INDEX = 1.34
@@ -169,3 +182,36 @@ def glint_brdf(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike, varianc
     seen = 1.0 / (1.0 + hidden(sun, variance) + hidden(view, variance))
     density = slope_density(1.0 / tilt2 - 1.0, variance)
     return np.where(up, fresnel(incidence) * density * seen / (4.0 * sun * view * tilt2**2), 0.0)
+
+
+SNOW_A, SNOW_B, SNOW_C = 1.247, 1.186, 5.157
+LEAST_SNOW_COSINE = 0.15
+SNOW_NODES = 65
+"""Size of the table of N, even in the cosine of the Sun's zenith angle."""
+
+
+def snow_reflection(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> FloatArray:
+    """Return R_0.
+
+    ``mu_sun``, ``mu_view``: cosines of the angles between the vertical and Sun and observer. ``cosine``: that of the
+    angle between the directions to Sun and observer.
+    """
+    sun, view = (np.maximum(np.asarray(mu, dtype=np.float64), LEAST_SNOW_COSINE) for mu in (mu_sun, mu_view))
+    theta = np.degrees(np.arccos(np.clip(-np.asarray(cosine, dtype=np.float64), -1.0, 1.0)))
+    p = 11.1 * np.exp(-0.087 * theta) + 1.1 * np.exp(-0.014 * theta)
+    return np.asarray((SNOW_A + SNOW_B * (sun + view) + SNOW_C * sun * view + p) / (4.0 * (sun + view)))
+
+
+@cache
+def mean_snow_reflection() -> FloatArray:
+    """Return N at :data:`SNOW_NODES` cosines of the Sun's zenith angle."""
+    x, w = np.polynomial.legendre.leggauss(48)
+    mu = 0.5 * (x + 1.0)
+    azimuth = (np.arange(128) + 0.5) * np.pi / 128
+    sun = np.linspace(0.0, 1.0, SNOW_NODES)[:, None, None]
+    view = mu[None, :, None]
+    sines = np.sqrt((1.0 - sun**2) * (1.0 - view**2))
+    found = snow_reflection(sun, view, sun * view + sines * np.cos(azimuth))
+    mean = np.asarray(np.sum(w * mu * found.mean(axis=-1), axis=-1))
+    mean.setflags(write=False)
+    return mean

@@ -2,8 +2,7 @@
 
 Only the albedos depend on wavelength, so every group of rays is traced once a frame (:func:`surface_hits`), and each
 node batch mixes its albedos with those shares (:meth:`SurfaceHit.reflectance`). The physics is that of
-:mod:`horizonval.earth.surface.surface`, :mod:`horizonval.earth.surface.snow_reflectance` and
-:mod:`horizonval.earth.surface.ground_map`, written again for the kernel.
+:mod:`horizonval.earth.surface.surface` and :mod:`horizonval.earth.surface.ground_map`, written again for the kernel.
 
 Cloud tops are horizontal Lambert reflectors at their height; those of the Earth's pattern transmit to the ground
 below what they do not reflect, as diffuse light, so that snow under them has no forward peak. Transmission of the
@@ -27,10 +26,9 @@ import numpy as np
 
 from horizonval.earth.clouds.relief import BASE_M
 from horizonval.earth.surface import city_lights as city_lights_map
-from horizonval.earth.surface import ground_map, sea_ice, snow_reflectance, surface
-from horizonval.earth.surface.materials import DRY
-from horizonval.earth.surface.snow_reflectance import mean_reflection
-from horizonval.earth.surface.surface import Albedos, GroundModel
+from horizonval.earth.surface import ground_map, surface
+from horizonval.earth.surface.ground_map import DRY
+from horizonval.earth.surface.surface import Albedos, GroundModel, mean_snow_reflection
 from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_cloud, first_cloud_and_turn
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.refraction import BendingField, ray_end
@@ -61,8 +59,8 @@ class GroundTable:
     @classmethod
     def of(cls, month: float, city_lights: bool = False) -> GroundTable:
         """Return the ground of a month."""
-        edges = np.concatenate(sea_ice.edges_deg(month))
-        north, south = sea_ice.white_shares(month)
+        edges = np.concatenate(ground_map.edges_deg(month))
+        north, south = ground_map.white_shares(month)
         return cls(
             mi.UInt32(ground_map.packed_words()),
             mi.Float64(ground_map.mixtures().ravel()),
@@ -71,7 +69,7 @@ class GroundTable:
             dr.opaque(mi.Float64, ground_map.snow_line_deg(month), 1),
             dr.opaque(mi.Float64, north, 1),
             dr.opaque(mi.Float64, south, 1),
-            mi.Float64(mean_reflection()),
+            mi.Float64(mean_snow_reflection()),
             mi.Float32(city_lights_map.inhabitants_per_m2().ravel()) if city_lights else None,
         )
 
@@ -168,8 +166,8 @@ def snow_share(table: GroundTable, places: Places) -> mi.Float64:
 
 
 def frozen(table: GroundTable, places: Places) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.sea_ice.frozen`."""
-    count = sea_ice.SECTORS
+    """Return :func:`horizonval.earth.surface.ground_map.frozen`."""
+    count = ground_map.SECTORS
     x = places.longitude * (count / 360.0) - 0.5
     i = mi.UInt32(x)
     w = x - mi.Float64(i)
@@ -179,11 +177,11 @@ def frozen(table: GroundTable, places: Places) -> mi.Float64:
         return dr.lerp(low, high, w)
 
     beyond = dr.maximum(places.latitude - edge(0), -places.latitude - edge(1))
-    return dr.clip(beyond / sea_ice.EDGE_DEG, 0.0, 1.0)
+    return dr.clip(beyond / ground_map.EDGE_DEG, 0.0, 1.0)
 
 
 def white_share(table: GroundTable, places: Places) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.sea_ice.white_share`."""
+    """Return :func:`horizonval.earth.surface.ground_map.white_share`."""
     return frozen(table, places) * dr.select(places.latitude > 0.0, table.white_north, table.white_south)
 
 
@@ -252,14 +250,14 @@ def glint_brdf(mu_sun: mi.Float64, mu_view: mi.Float64, cosine: mi.Float64, vari
 
 
 def snow_factor(mean: mi.Float64, mu_sun: mi.Float64, mu_view: mi.Float64, cosine: mi.Float64) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.snow_reflectance.forward_factor`; ``mean``: its table of N."""
-    x = dr.clip(mu_sun, 0.0, 1.0) * (snow_reflectance.NODES - 1.0)
-    i = dr.minimum(mi.UInt32(x), snow_reflectance.NODES - 2)
+    """Return the factor of snow in :mod:`horizonval.earth.surface.surface`; ``mean``: its table of N."""
+    x = dr.clip(mu_sun, 0.0, 1.0) * (surface.SNOW_NODES - 1.0)
+    i = dr.minimum(mi.UInt32(x), surface.SNOW_NODES - 2)
     over = dr.lerp(dr.gather(mi.Float64, mean, i), dr.gather(mi.Float64, mean, i + 1), x - mi.Float64(i))
-    sun, view = (dr.maximum(mu, snow_reflectance.LEAST_COSINE) for mu in (mu_sun, mu_view))
+    sun, view = (dr.maximum(mu, surface.LEAST_SNOW_COSINE) for mu in (mu_sun, mu_view))
     theta = dr.rad2deg(dr.acos(dr.clip(-cosine, -1.0, 1.0)))
     p = 11.1 * dr.exp(-0.087 * theta) + 1.1 * dr.exp(-0.014 * theta)
-    top = snow_reflectance.A + snow_reflectance.B * (sun + view) + snow_reflectance.C * sun * view + p
+    top = surface.SNOW_A + surface.SNOW_B * (sun + view) + surface.SNOW_C * sun * view + p
     return top / (4.0 * (sun + view) * over)
 
 

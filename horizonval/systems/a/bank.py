@@ -3,13 +3,12 @@
 A sphere without air under an overhead Sun: all of the limb in view is lit, and the limb is an edge. The camera is the
 shipped ``vis-cmos-1024-60deg`` at another field and another number of pixels; it looks to the nadir at zero attitude.
 
-Newton's method, the closed form and the orthogonal plane on the same noisy points: where each of them wins.
+``compare`` runs Newton's method, the closed form and the orthogonal plane on the same noisy points.
 
-Is the image generator right? Its limb against the exact horizon, and against a stock Mitsuba sphere.
-
-The sphere glows evenly, so a pixel is its coverage, and the edge of a column (or row) is the sum of its coverages. The
-analytic edge is the projected horizon's mean over the pixel's width, by quadrature. The stock sphere shares with
-this package only the focal length and the nadir: ``mitsuba.sphere`` before ``mitsuba.perspective``, sampled.
+``check`` compares the rendered limb with the exact horizon and with a stock Mitsuba sphere. The sphere glows evenly, so
+a pixel is its coverage, and the edge of a column (or row) is the sum of its coverages. The analytic edge is the
+projected horizon's mean over the pixel's width, by quadrature. The stock sphere shares with this package only the focal
+length and the nadir: ``mitsuba.sphere`` before ``mitsuba.perspective``, sampled.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 The three set-ups, the check of the image generator, the convergence, and the error table over the full grid; beside the
 published method (whole pixels, Newton's method with the pseudo-inverse) the closed form of the same equation, and both
 of them on sub-pixel points.
-
-Everything that the source of the altitude-free sensor prints, judged.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Statistics of the altitude-free sensor's bank of frames: the error table and the trends.
-
-The rows of the altitude-free sensor: what the paper showed beside what this run measured.
-"""
+"""Statistics of the altitude-free sensor's bank of frames: error table, trends, and rows of published and measured."""
 
 from __future__ import annotations
 

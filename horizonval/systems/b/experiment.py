@@ -3,8 +3,6 @@
 The two cameras over a rendered Earth: their applicability region and model error, their failures in the shadow and
 under the Sun, and their claim to be as good as an infrared sensor. The test bench is in
 :mod:`horizonval.systems.b.rig`.
-
-Everything that the source of the two perpendicular cameras prints, judged.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 The module that ships is compared with two other ways to the same reading (:mod:`horizonval.systems.c.poses`), and with
 what rendered pictures say without any pose (:mod:`horizonval.systems.c.frames`). What image estimators make of other
 frames stands beside: their errors are theirs, no test of the module.
-
-The picture of the ideal module's page.
 """
 
 from __future__ import annotations

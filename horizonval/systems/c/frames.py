@@ -1,12 +1,11 @@
 """Rendered frames of three Earths: the oracle beside their truth, every image estimator beside the oracle.
 
-The ideal module's reading taken from a rendered picture alone: no pose, none of the module's formulas.
-
-A warm sphere without air is equally bright up to its edge, and a pixel on the edge has the share of the brightness that
-the Earth covers of it. So a column's sum is the number of pixels that the Earth covers in it, and with it the place of
-the edge, to a fraction of a pixel (rows likewise, where the limb stands upright). The edge's lines of sight lie on a
-cone; its axis ``n`` and half angle ``rho`` are fitted to them, and the reading follows from the boresight ``f`` and the
-right axis ``x`` of the picture::
+The module's reading is also taken from a rendered picture alone, without the pose or the module's formulas. A warm
+sphere without air is equally bright up to its edge, and a pixel on the edge has the share of the brightness that the
+Earth covers of it. So a column's sum is the number of pixels that the Earth covers in it, and with it the place of the
+edge, to a fraction of a pixel (rows likewise, where the limb stands upright). The edge's lines of sight lie on a cone;
+its axis ``n`` and half angle ``rho`` are fitted to them, and the reading follows from the boresight ``f`` and the right
+axis ``x`` of the picture::
 
     pitch error = angle(f, n) - rho,     roll error = atan2(x . u, x . l),     l = n x f / |n x f|,     u = l x f
 """

@@ -3,8 +3,6 @@
 The published pictures show a hard limb: a warm ball without air, 400 km below. The same attitudes are then rendered
 through the infrared limb of carbon dioxide with the heads turned up to it, the orbit is flown over the ellipsoid and
 through the air of every latitude, and the same rows are read with a sub-pixel crossing.
-
-Everything that the source of the four linear heads prints, judged.
 """
 
 from __future__ import annotations

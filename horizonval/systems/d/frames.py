@@ -64,12 +64,8 @@ REAL = {**AIR, "earth": {"shape": "wgs84"}}
 def orbit_place(argument_deg: float, epoch_utc: str) -> dict[str, Any]:
     """Return the platform of a place on the published orbit: 97 deg, descending node at 12:00 local solar time.
 
-    Parameters
-    ----------
-    argument_deg : float
-        Argument of latitude, from the ascending node (which is at midnight then).
-    epoch_utc : str
-        ISO 8601; gives the Sun, and so the node's longitude.
+    ``argument_deg``: argument of latitude, from the ascending node (which is at midnight then); ``epoch_utc``: ISO
+    8601; gives the Sun, and so the node's longitude.
     """
     epoch = datetime.fromisoformat(epoch_utc).astimezone(UTC)
     sun, _ = sun_itrs(epoch)

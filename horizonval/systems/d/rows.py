@@ -1,8 +1,7 @@
-"""Rows and tables of the four linear heads: printed readings beside ours, why they differ, the working range.
+"""Rows and tables of the four linear heads.
 
-Rows and table that can fail: how many printed figures our readings share, and what chance would share.
-
-What each thing costs the four linear heads: whole pixels, formula, noise, ellipsoid, air.
+Printed readings and ours with the reasons of their differences; how many printed figures our readings share, and what
+chance would share; the error budget by whole pixels, formula, noise, ellipsoid and air; the working range.
 """
 
 from __future__ import annotations

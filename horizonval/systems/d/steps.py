@@ -1,4 +1,4 @@
-"""On how many printed steps a reading falls, and how many would by chance.
+"""Settings and readings of the printed tables; on how many printed steps a reading falls, and how many would by chance.
 
 Every printed figure of the tables is a whole number of steps of ``IFOV / (2 sqrt 2)``, since the crossings A, B, C, D
 are whole pixels. With ``p`` and ``r`` the steps of pitch and roll::
@@ -13,8 +13,6 @@ number of figures on the very step, against figures that need no sensor (the tru
 geometry with the pixels laid elsewhere: a crossing lies at ``floor(x + phase)``, and nothing published says where the
 pixels of a head begin. The chance of doing as well is therefore the share of evenly spread phases, one for each head,
 that reach the number.
-
-The settings of the five printed tables of roll and pitch, and the printed readings of each.
 """
 
 from __future__ import annotations

@@ -1,12 +1,9 @@
 """The pass of Hadinejad & Amiri 2020: ENVISAT over two stations, with the element set that this project gives it.
 
-What "Gaussian noise of variance n arcsec on top of 0.1 degree rounding" may mean, and which meaning comes nearest.
-
-The paper gives no unit of a variance (arcsec squared) and no order of noise and rounding. Every reading here is run
-through the plain two-ray least squares and compared with the paper's own plain column: nine figures, the distance
-being the root mean square of the logarithm of their ratios.
-
-Passes with rounding and noise through the whole pipeline, some at a time in a worker process.
+*Noise.* "Gaussian noise of variance n arcsec on top of 0.1 degree rounding" is ambiguous. The paper gives no unit of a
+variance (arcsec squared) and no order of noise and rounding. Every reading here is run through the plain two-ray least
+squares and compared with the paper's own plain column: nine figures, the distance being the root mean square of the
+logarithm of their ratios.
 """
 
 from __future__ import annotations

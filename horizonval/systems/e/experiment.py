@@ -1,7 +1,4 @@
-"""System E: passive localisation of a satellite from two stations' angles (Hadinejad & Amiri 2020).
-
-Everything that the source of the two-station localisation prints, judged.
-"""
+"""System E: passive localisation of a satellite from two stations' angles (Hadinejad & Amiri 2020)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The pictures of the two-station localisation: the pass, the errors against time, the smoothers' ends, all figures.
-
-The tables of the two-station localisation: published beside ours, and what the published noise may mean.
-"""
+"""Pictures and tables of the two-station localisation: the pass, errors, smoothers' ends, published and ours."""
 
 from __future__ import annotations
 

@@ -46,9 +46,7 @@ class Threshold:
 class ScanSignal:
     """What comes out of the amplifier, at even steps of phase.
 
-    Attributes
-    ----------
-    phase_rad, value : ndarray, shape (n,)
+    ``phase_rad``, ``value``, shape (n,).
     """
 
     phase_rad: FloatArray
@@ -74,16 +72,8 @@ class ScanEdges:
 class ScannerElectronics:
     """Beam and time constants of a scanner.
 
-    Attributes
-    ----------
-    beam_rad : float
-        Width on the sky.
-    half_angle_rad : float
-        Of the scan cone.
-    rate_rad_s : float
-        Of the turn.
-    lags_s : tuple of float
-        Time constants one after the other.
+    ``beam_rad``: width on the sky; ``half_angle_rad``: of the scan cone; ``rate_rad_s``: of the turn; ``lags_s``: time
+    constants one after the other.
     """
 
     beam_rad: float

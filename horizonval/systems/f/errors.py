@@ -1,25 +1,17 @@
 """From scans to errors of attitude, by band, sky and threshold.
 
 The scanner is calibrated once, on clear scans: the fixed level is its fraction of their mean plateau, and the height of
-the horizon it is told of is the one that leaves no mean roll error. What is left in clear scans is what the air does;
+the horizon it is given is the one that leaves no mean roll error. What is left in clear scans is what the air does;
 what clouds add is the difference of the same scan with and without them.
 
-Pitch and roll from the two phases of a conical scan, with their covariance, or a refusal.
+*Pitch and roll* from the two phases of a scan: Newton's steps on ``limb_side(d_in) = limb_side(d_out) = 0`` for roll
+and pitch, the position and the yaw being known: the exact horizon, raised by one constant height.
 
-*Sphere* (as flown in the seventies): both crossings lie at the angle rho from the nadir n, and so::
-
-    n = (d_in + d_out) cos rho / (1 + d_in . d_out)  +-  b (d_in x d_out),      |n| = 1
-
-The plane between both crossings gives the pitch (the middle of the chord), b the roll (its length, with rho from the
-known altitude); of two signs the one is right whose nadir lies nearer to the body's z axis.
-
-*Ellipsoid*: Newton's steps on ``limb_side(d_in) = limb_side(d_out) = 0`` for roll and pitch, the position and the yaw
-being known: the exact horizon, raised by one constant height.
-
-Covariance: a phase off by dp moves the line of sight by ``d' dp``; to first order ``d . dn = -(d' . n) dp`` for both
+*Covariance*: a phase off by dp moves the line of sight by ``d' dp``; to first order ``d . dn = -(d' . n) dp`` for both
 crossings, two equations for the two angles.
 
-The whole chain on an Earth without air, whose edges are known in closed form: what sampling and lags leave.
+``worst_error_deg`` runs the whole chain on an Earth without air, whose edges are known in closed form: what sampling
+and lags leave.
 """
 
 from __future__ import annotations
@@ -36,7 +28,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid
-from horizonval.geometry.frames import body_from_lvlh, inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
+from horizonval.geometry.frames import body_from_lvlh, inverse, rotate
 from horizonval.geometry.horizon import limb_side
 from horizonval.systems.f.electronics import ScanEdges, ScanSignal, Threshold, find_edges
 from horizonval.systems.f.scan_cone import (
@@ -65,47 +57,12 @@ NEWTON_STEPS, CONVERGED_RAD = 20, 1e-11
 class ScannerFit:
     """An attitude.
 
-    Attributes
-    ----------
-    roll_rad, pitch_rad : float
-    covariance : ndarray, shape (2, 2)
-        Of roll and pitch [rad2].
+    ``covariance``, shape (2, 2): of roll and pitch [rad2].
     """
 
     roll_rad: float
     pitch_rad: float
     covariance: FloatArray
-
-
-def attitude_over_sphere(
-    cone: ScanCone, entered_rad: float, left_rad: float, rho_rad: float, sigma_rad: tuple[float, float]
-) -> ScannerFit | Refusal:
-    """Return roll and pitch over a sphere of angular radius rho.
-
-    Parameters
-    ----------
-    cone : ScanCone
-    entered_rad, left_rad : float
-        Phases of the edges, delays taken off.
-    rho_rad : float
-    sigma_rad : tuple of float
-        Standard deviations of both phases.
-    """
-    d = cone.directions(np.array([entered_rad, left_rad]))
-    cosine = float(d[0] @ d[1])
-    level = math.cos(rho_rad) / (1.0 + cosine)
-    rest = 1.0 - 2.0 * level**2 * (1.0 + cosine)
-    if rest < 0.0:
-        return Refusal(Outcome.NOT_CONVERGED, "the chord is longer than the Earth is wide")
-    normal = np.cross(d[0], d[1]) * math.sqrt(rest / (1.0 - cosine**2))
-    candidates = [level * (d[0] + d[1]) + sign * normal for sign in (-1.0, 1.0)]
-    nadir = max(candidates, key=lambda n: float(n[2]))
-    roll, pitch = (float(angle) for angle in roll_pitch_of_nadir(nadir))
-
-    def off(r: float, p: float) -> FloatArray:
-        return np.asarray(d @ nadir_of_roll_pitch(r, p) - math.cos(rho_rad))
-
-    return _with_covariance(roll, pitch, off, cone.slopes([entered_rad, left_rad]) @ nadir, sigma_rad)
 
 
 def attitude_over_ellipsoid(
@@ -174,20 +131,12 @@ MARGIN_RAD = math.radians(12.0)
 class BandErrors:
     """Errors [deg] of one threshold in one band; arrays of shape (places,), nan where a scan is refused.
 
-    Attributes
-    ----------
-    pitch, roll : dict of ndarray
-        By sky.
-    height_km : float
-        Of the calibrated horizon.
-    level : float or None
-        Of a fixed threshold, W m-2 sr-1.
-    spare : int
-        Cloudy scans whose signal passes the threshold more than twice.
-    refused : int
-        Cloudy scans without an answer.
-    sigma : ndarray, shape (2,)
-        Claimed of roll and pitch, mean over clear scans.
+    - ``pitch``, ``roll``: by sky;
+    - ``height_km``: of the calibrated horizon;
+    - ``level``: of a fixed threshold, W m-2 sr-1;
+    - ``spare``: cloudy scans whose signal passes the threshold more than twice;
+    - ``refused``: cloudy scans without an answer;
+    - ``sigma``, shape (2,): claimed of roll and pitch, mean over clear scans.
     """
 
     pitch: dict[str, FloatArray]

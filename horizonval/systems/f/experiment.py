@@ -2,8 +2,6 @@
 
 The publication names cold clouds as the principal cause of its two scanners' noise. Here the same scan is made with and
 without clouds, so that what they add is a difference and no guess.
-
-Pictures of the conical scanner's page.
 """
 
 from __future__ import annotations

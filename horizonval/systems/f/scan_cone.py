@@ -1,38 +1,28 @@
-"""Where the beam of a conical scanner meets the horizon: closed forms, without any renderer.
+"""A conical scanner: its sizes, where its beam meets the horizon and clouds, and the radiance along its scan.
 
 The beam turns about the axis s at the half-angle g. With unit vectors e, f across s and the phase p (0 nearest to the
 body's z axis, growing as s turns f behind e)::
 
     d(p) = s cos g + (e cos p + f sin p) sin g
 
-*Sphere.* The horizon lies at the angle rho from the nadir n, ``d . n = cos rho``. With ``e . n = A cos q`` and
-``f . n = A sin q``::
+*Horizon.* The ellipsoid's horizon is ``d^T Q d = 0`` (:func:`horizonval.geometry.horizon.tangent_cone`). With ``t =
+tan(p / 2)`` the vector ``(1 + t^2) d`` is a polynomial of second degree in t, and the condition one of fourth degree.
 
-    cos(p - q) = (cos rho - cos g (s . n)) / (A sin g)
+*Radiance.* The beam is three lines side by side, each a third of its width, and a running mean along the scan. Rays
+stand close where the horizon is and farther apart on the disc; between them radiance is linear. The march is the
+renderer's own.
 
-The Earth is entered at ``q - dp`` and left at ``q + dp``: q is the middle of the chord, 2 dp its length.
-
-*Ellipsoid.* The horizon is ``d^T Q d = 0`` (:func:`horizonval.geometry.horizon.tangent_cone`). With ``t = tan(p / 2)``
-the vector ``(1 + t^2) d`` is a polynomial of second degree in t, and the condition one of fourth degree.
-
-Radiance along the lines of a conical scan, clear and under clouds, and the signal that is made of it.
-
-The beam is three lines side by side, each a third of its width, and a running mean along the scan. Rays stand close
-where the horizon is and farther apart on the disc; between them radiance is linear. The march is the renderer's own.
-
-Sizes of the scanner, ours where nothing is printed: round numbers of the size that scanners of the kind have.
+*Sizes* are ours where nothing is printed: round numbers that are usual for scanners of the kind.
 
 *Noise.* A thermistor bolometer of detectivity 2e8 cm Hz^0.5 / W behind 5 cm2 of aperture at f/1 and half of the light:
 a field of 1 deg has 3e-4 sr, so that 5 W m-2 sr-1 bring 3.8e-7 W; the flake is 0.44 mm wide (0.0019 cm2), and in the
 band ``1 / (4 tau)`` of the electronics, 250 Hz, the noise is ``sqrt(0.0019 * 250) / 2e8 = 3.4e-9 W``: 1 / 110 of the
 plateau in one sample. Edges are averaged over 16 turns, 8 s.
 
-Where scan lines meet clouds: the relief of the renderer's own clouds, searched along each ray in numpy.
-
-A ray is looked at in even steps from where it comes below the highest tops to where it meets the ground or leaves them
-again; the crossing between the last step above the relief and the first below is taken as linear. A step is 5 km on
-rays that graze the ground, and far less on all others: the largest structures of clouds there are. Steps that fall
-between two narrow tops are missed.
+*Clouds* are the relief of the renderer's own clouds, searched along each ray in numpy. A ray is sampled in even steps
+from where it comes below the highest tops to where it meets the ground or leaves them again; the crossing between the
+last step above the relief and the first below is taken as linear. A step is 5 km on rays that graze the ground, and far
+less on all others: the largest structures of clouds there are. Steps that fall between two narrow tops are missed.
 """
 
 from __future__ import annotations
@@ -61,12 +51,8 @@ ON_HORIZON = 1e-6
 class ScanCone:
     """A beam that turns about an axis.
 
-    Attributes
-    ----------
-    half_angle_rad : float
-        Between beam and axis.
-    axis, start, quarter : ndarray, shape (3,)
-        Orthonormal, in body axes: the spin axis, the direction across it at phase 0, and at a quarter turn.
+    ``half_angle_rad``: between beam and axis; ``axis``, ``start``, ``quarter``, shape (3,): orthonormal, in body axes:
+    the spin axis, the direction across it at phase 0, and at a quarter turn.
     """
 
     half_angle_rad: float
@@ -94,30 +80,12 @@ class ScanCone:
         return math.sin(self.half_angle_rad) * (np.cos(phase) * self.quarter - np.sin(phase) * self.start)
 
 
-def sphere_crossings(cone: ScanCone, nadir_body: ArrayLike, rho_rad: float) -> tuple[float, float] | None:
-    """Return the phases at which the beam enters and leaves a sphere of angular radius rho, None where it does not."""
-    nadir = np.asarray(nadir_body, dtype=np.float64)
-    across = np.array([cone.start @ nadir, cone.quarter @ nadir])
-    far = math.hypot(*across) * math.sin(cone.half_angle_rad)
-    gap = math.cos(rho_rad) - math.cos(cone.half_angle_rad) * float(cone.axis @ nadir)
-    if abs(gap) >= far:
-        return None
-    middle, half = math.atan2(across[1], across[0]), math.acos(gap / far)
-    return middle - half, middle + half
-
-
 def ellipsoid_crossings(
     cone: ScanCone, itrs_from_body: FloatArray, r_itrs: ArrayLike, ellipsoid: Ellipsoid
 ) -> tuple[float, float] | None:
     """Return the phases at which the beam enters and leaves an ellipsoid, None where it does not.
 
-    Parameters
-    ----------
-    cone : ScanCone
-    itrs_from_body : ndarray, shape (3, 3)
-    r_itrs : array_like, shape (3,)
-        Observer [m].
-    ellipsoid : Ellipsoid
+    ``itrs_from_body``, shape (3, 3); ``r_itrs``, shape (3,): observer [m].
     """
     q = tangent_cone(r_itrs, ellipsoid)
     c, s = math.cos(cone.half_angle_rad), math.sin(cone.half_angle_rad)

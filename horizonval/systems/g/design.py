@@ -14,9 +14,7 @@ the limb itself, from 90 to 10 % of its plateau::
 *Range.* A quadrant whose limb stands farther from the middle than tilt and altitude need has no calibration there, and
 is not used.
 
-Where the fields of a static quadrant sensor lie, and what thermopiles in them make of a limb.
-
-Layout and sizes are ours: nobody's drawings were at hand. Four quadrants stand at azimuths 45, 135, 225 and 315 deg,
+*Layout* and sizes are ours: nobody's drawings were at hand. Four quadrants stand at azimuths 45, 135, 225 and 315 deg,
 from forward to the right. Each has three fields, sectors of rings about the body's z axis, one above the other:
 
 - A, across the limb: from ``limb - w / 2`` to ``limb + w / 2`` (nadir angles), the Earth in its lower half;
@@ -24,7 +22,7 @@ from forward to the right. Each has three fields, sectors of rings about the bod
 - S, in space: 3 deg wide, half a degree above A; what the housing sends to a detector is in all three, and S takes it
   off.
 
-A field's output is its mean radiance. Two ways of processing are looked at::
+A field's output is its mean radiance. There are two ways of processing::
 
     plain: D = A - S,        normalised: D = (A - S) / (B - S)
 
@@ -35,10 +33,9 @@ for all quadrants and for good.
 light, 1 Hz: radiance equal to noise is ``f / (D* A tau sqrt(Omega))`` per square root of hertz, Omega the field's solid
 angle.
 
-Radiance across the limb in each quadrant, and what a tilted body sees of it.
-
-The march is the renderer's own, in the vertical plane of each quadrant; over the quadrant's 20 deg of azimuth the
-profile is the same function of the angle above the ellipsoid's horizon. The horizon itself is exact at every azimuth.
+*Radiance.* The march is the renderer's own, in the vertical plane of each quadrant; over the quadrant's 20 deg of
+azimuth the profile is the same function of the angle above the ellipsoid's horizon. The horizon itself is exact at
+every azimuth.
 """
 
 from __future__ import annotations
@@ -180,14 +177,7 @@ def sectors(
 ) -> FloatArray:
     """Return the mean radiance over azimuth, shape (4, n), at the body's nadir angles :data:`ETA_RAD`.
 
-    Parameters
-    ----------
-    place : WeatherPlace
-    altitude_km : float
-    radiance : ndarray, shape (4, rays)
-        Of :func:`limb_profiles` at that altitude.
-    pitch_rad, roll_rad : float
-        Of the body.
+    ``radiance``, shape (4, rays): of :func:`limb_profiles` at that altitude; ``pitch_rad``, ``roll_rad``: of the body.
     """
     r, lvlh = place.position(altitude_km), place.lvlh()
     north, east = north_east(r)
@@ -227,14 +217,8 @@ PLATEAU_DEG = (-3.0, -0.3)
 class MeanLimb:
     """Of all level profiles at the design altitude.
 
-    Attributes
-    ----------
-    height_m : float
-        Of half the plateau.
-    plateau : float
-        W m-2 sr-1.
-    half_rad : float
-        Half of the angle between 90 and 10 % of the plateau.
+    ``height_m``: of half the plateau; ``plateau``: W m-2 sr-1; ``half_rad``: half of the angle between 90 and 10 % of
+    the plateau.
     """
 
     height_m: float
@@ -246,15 +230,8 @@ class MeanLimb:
 class QuadrantDesign:
     """A sensor: layout, and for one way of processing gain [rad], zero and range.
 
-    Attributes
-    ----------
-    layout : QuadrantLayout
-    processing : "normalised" or "plain"
-    limb : MeanLimb
-    gain_rad, zero : float
-        The limb stands at ``layout.limb_rad + gain (D - zero)``.
-    range_rad : float
-        Quadrants farther from the middle are not used.
+    ``gain_rad``, ``zero``: the limb stands at ``layout.limb_rad + gain (D - zero)``; ``range_rad``: quadrants farther
+    from the middle are not used.
     """
 
     layout: QuadrantLayout
@@ -311,16 +288,8 @@ def design(
 ) -> QuadrantDesign:
     """Return the design.
 
-    Parameters
-    ----------
-    places : list of WeatherPlace
-    profiles : ndarray, shape (places, 4, rays)
-        At the design altitude.
-    level : ndarray, shape (places, 4, n)
-        Sectors that level bodies see there.
-    processing : "normalised" or "plain"
-    width : float, optional
-        Of field A [rad], in place of the rule's; the range grows and shrinks with it.
+    ``profiles``, shape (places, 4, rays): at the design altitude; ``level``, shape (places, 4, n): sectors that level
+    bodies see there; ``width``: of field A [rad], in place of the rule's; the range grows and shrinks with it.
     """
     limb = mean_limb(profiles)
     raised = WGS84.raised(limb.height_m)

@@ -1,8 +1,7 @@
 """A design flown at an altitude: errors, lift, gain, and quadrants out of range, level and tilted.
 
-Pitch and roll from where the limb stands in four quadrants, with their covariance, or a refusal.
-
-A limb that stands at nadir angle eta_k in quadrant k, where ``eta0_k`` is expected of a level body at a known place::
+*Pitch and roll* from the limb in four quadrants. A limb at nadir angle eta_k in quadrant k, where ``eta0_k`` is
+expected of a level body at a known place::
 
     eta_k - eta0_k = -pitch cos a_k + roll sin a_k + lift
 
@@ -34,11 +33,7 @@ RESIDUAL_RAD = math.radians(0.5)
 class QuadrantFit:
     """An attitude.
 
-    Attributes
-    ----------
-    roll_rad, pitch_rad, lift_rad : float
-    covariance : ndarray, shape (3, 3)
-        Of the three, in this order [rad2].
+    ``covariance``, shape (3, 3): of the three, in this order [rad2].
     """
 
     roll_rad: float
@@ -52,14 +47,9 @@ def attitude_of_quadrants(
 ) -> QuadrantFit | Refusal:
     """Return roll and pitch.
 
-    Parameters
-    ----------
-    limb_rad : ndarray, shape (4,)
-        Nadir angles of the limb in the body; nan where a quadrant is out of its range.
-    expected_rad, azimuth_rad : ndarray, shape (4,)
-        Of a level body; of the quadrants, from forward to the right.
-    sigma_rad : float
-        Standard deviation of one quadrant.
+    - ``limb_rad``, shape (4,): nadir angles of the limb in the body; nan where a quadrant is out of its range;
+    - ``expected_rad``, ``azimuth_rad``, shape (4,): of a level body; of the quadrants, from forward to the right;
+    - ``sigma_rad``: standard deviation of one quadrant.
     """
     valid = np.isfinite(limb_rad)
     if valid.sum() < LEAST_QUADRANTS:
@@ -86,27 +76,16 @@ DRAWS = 500
 class AltitudeErrors:
     """A design at one altitude.
 
-    Attributes
-    ----------
-    altitude_km : float
-    level_deg, tilted_deg : float
-        Three times the rms error, noise included, of the worse axis; over level bodies, and over all of them.
-    unchecked_deg : float
-        As ``tilted_deg``, every quadrant taken whether in range or not.
-    worst_deg : float
-        Largest error of either axis, noise left out.
-    low_deg, high_deg : float
-        Between which ``tilted_deg`` lies with 95 %, places drawn anew.
-    refused, refused_level : float
-        Share of readings without an answer: of all, and of level bodies.
-    out_of_range : float
-        Share of quadrants.
-    lift_deg : float
-        Mean error that all quadrants have in common.
-    scale : float
-        What a tilt of half a degree reads as, over that tilt.
-    month_deg : ndarray, shape (12,)
-        Three times the rms error of level bodies by month, of the worse axis.
+    - ``level_deg``, ``tilted_deg``: three times the rms error, noise included, of the worse axis; over level bodies,
+      and over all of them;
+    - ``unchecked_deg``: as ``tilted_deg``, every quadrant taken whether in range or not;
+    - ``worst_deg``: largest error of either axis, noise left out;
+    - ``low_deg``, ``high_deg``: between which ``tilted_deg`` lies with 95 %, places drawn anew;
+    - ``refused``, ``refused_level``: share of readings without an answer: of all, and of level bodies;
+    - ``out_of_range``: share of quadrants;
+    - ``lift_deg``: mean error that all quadrants have in common;
+    - ``scale``: what a tilt of half a degree reads as, over that tilt;
+    - ``month_deg``, shape (12,): three times the rms error of level bodies by month, of the worse axis.
     """
 
     altitude_km: float

@@ -1,8 +1,6 @@
 """System G: a static quadrant sensor as a rain-measuring satellite had one, designed for 350 km and flown at 402.5 km.
 
 Requirement and altitudes are the mission's; layout, gains and sizes are ours, by a rule that sees 350 km only.
-
-Pictures of the quadrant sensor's page.
 """
 
 from __future__ import annotations
@@ -244,14 +242,8 @@ def rows_of_limbs(
 ) -> list[ComparisonRow]:
     """Return all rows of the limbs of some places.
 
-    Parameters
-    ----------
-    profiles : ndarray, shape (places, altitudes, 4, rays)
-        Of :func:`horizonval.systems.g.design.limb_profiles`.
-    altitudes_km : sequence of float
-        The two of the mission among them.
-    items : mapping
-        The places.
+    ``profiles``, shape (places, altitudes, 4, rays): of :func:`horizonval.systems.g.design.limb_profiles`;
+    ``altitudes_km``: the two of the mission among them; ``items``: the places.
     """
     places = [WeatherPlace.of(item) for item in items.values()]
     seen = {km: _seen(places, km, profiles[:, i]) for i, km in enumerate(altitudes_km)}

@@ -7,8 +7,8 @@ import pytest
 from earth_forms import is_land
 
 from horizonval.earth import tables
-from horizonval.earth.surface import ground_map, sea_ice
-from horizonval.earth.surface.materials import DRY, spectrum
+from horizonval.earth.surface import ground_map
+from horizonval.earth.surface.ground_map import DRY, spectrum
 
 LATITUDE = np.arange(-89.875, 90.0, 0.25)
 LONGITUDE = np.arange(-179.875, 180.0, 0.25)
@@ -61,7 +61,7 @@ EXTENT_SOUTH = (5.26, 3.21, 4.27, 7.20, 10.64, 13.77, 16.24, 18.00, 18.69, 18.36
 
 
 def _extent(month: float, north: bool) -> float:
-    ice = sea_ice.frozen(LATITUDE[:, None], LONGITUDE, month) > 0.15
+    ice = ground_map.frozen(LATITUDE[:, None], LONGITUDE, month) > 0.15
     here = (LATITUDE > 0.0) == north
     sea = ~is_land(LATITUDE[:, None], LONGITUDE)
     return float((CELL_KM2 * (ice & sea))[here].sum()) * 1e-6
@@ -91,9 +91,9 @@ def test_sea_ice_has_the_published_extent(month: int) -> None:
     ],
 )
 def test_sea_ice_where_it_is_known(latitude: float, longitude: float, month: float, frozen: bool) -> None:
-    share = float(sea_ice.frozen(latitude, longitude, month))
+    share = float(ground_map.frozen(latitude, longitude, month))
     assert share > 0.5 if frozen else share == 0.0
-    assert float(sea_ice.frozen(latitude, longitude + 360.0, month)) == pytest.approx(share, abs=1e-9)
+    assert float(ground_map.frozen(latitude, longitude + 360.0, month)) == pytest.approx(share, abs=1e-9)
 
 
 # Snow-free broadband albedo of IGBP classes, white sky, MODIS: F. Gao et al., J. Geophys. Res. 110, D01104 (2005), and

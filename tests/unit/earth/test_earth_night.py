@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from earth_forms import model_of
 
-from horizonval.earth.light import airglow, limb_darkening, moonlight, sky
+from horizonval.earth.light import sky
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.spec.camera import Band
 
@@ -18,8 +18,8 @@ MEAN_MOON_AU = 384_400e3 / sunlight.ASTRONOMICAL_UNIT_M
 @pytest.mark.parametrize(("phase_deg", "expected"), [(0.0, -12.74), (90.0, -10.1), (120.0, -8.8), (150.0, -6.8)])
 def test_magnitude_of_the_moon(phase_deg: float, expected: float) -> None:
     """Full, quarter and crescent after Allen (section 66, table of V(phase)): 0.1 mag."""
-    assert moonlight.magnitude(math.radians(phase_deg), 1.0, MEAN_MOON_AU) == pytest.approx(expected, abs=0.1)
-    assert moonlight.magnitude(math.radians(-phase_deg), 1.0, MEAN_MOON_AU) == pytest.approx(expected, abs=0.1)
+    assert sky.moon_magnitude(math.radians(phase_deg), 1.0, MEAN_MOON_AU) == pytest.approx(expected, abs=0.1)
+    assert sky.moon_magnitude(math.radians(-phase_deg), 1.0, MEAN_MOON_AU) == pytest.approx(expected, abs=0.1)
 
 
 def test_full_moon_lights_the_ground_with_a_quarter_of_a_lux() -> None:
@@ -28,7 +28,7 @@ def test_full_moon_lights_the_ground_with_a_quarter_of_a_lux() -> None:
     Krisciunas and Schaefer 1991, eq. 8: 10^(-0.4 (V + 16.57)) foot candles. Extinction of 0.25 mag leaves 0.25 lx.
     """
     wavelength = np.linspace(0.30, 1.10, 801)
-    ratio = moonlight.irradiance_ratio(wavelength, 0.0, 1.0, MEAN_MOON_AU, 1.0)
+    ratio = sky.irradiance_ratio(wavelength, 0.0, 1.0, MEAN_MOON_AU, 1.0)
     spectrum = sunlight.irradiance(wavelength) * ratio
     eye = 1.019 * np.exp(-285.4 * (wavelength - 0.559) ** 2)
     lux = 683.0 * np.trapezoid(eye * spectrum, wavelength)
@@ -41,14 +41,14 @@ def test_full_moon_lights_the_ground_with_a_quarter_of_a_lux() -> None:
 
 def test_colour_of_the_moon() -> None:
     """B - V of the Moon is 0.92, of the Sun 0.65 (Allen; Ramirez et al. 2012)."""
-    redder = -2.5 * math.log10(float(moonlight.colour(0.4361) / moonlight.colour(0.5448)))
+    redder = -2.5 * math.log10(float(sky.moon_colour(0.4361) / sky.moon_colour(0.5448)))
     assert redder == pytest.approx(0.92 - 0.65, abs=0.02)
-    assert float(moonlight.colour(0.55)) == 1.0
+    assert float(sky.moon_colour(0.55)) == 1.0
 
 
 def test_a_rayleigh() -> None:
     """1 R at 557.7 nm is 2.83e-10 W m-2 sr-1 (1.8e-11 at 7774: Baker and Romick, Appl. Opt. 15, 1966 (1976))."""
-    assert float(airglow.radiance(1.0, 0.5577)) == pytest.approx(2.834e-10, rel=1e-3)
+    assert float(sky.airglow_radiance(1.0, 0.5577)) == pytest.approx(2.834e-10, rel=1e-3)
 
 
 def _band(**keys: object) -> Band:
@@ -57,18 +57,18 @@ def _band(**keys: object) -> Band:
 
 def _night(band: Band):
     model = model_of(band)
-    return model, airglow.with_night(model, [band], 1.0, airglow=True, sky=True)
+    return model, sky.with_night(model, [band], 1.0, airglow=True, sky=True)
 
 
 def test_the_energy_of_a_line_is_in_its_band_and_in_no_other() -> None:
     """A line between spectral nodes adds column x response x lambda / lambda_ref, however the nodes lie: 1e-12."""
     band = _band(wavelength_um=[0.50, 0.54, 0.57, 0.62], response=[0.0, 1.0, 0.8, 0.0], nodes=3)
-    line = airglow.LAYERS[0]
-    _, energy = airglow.band_energy(band, line)
+    line = sky.LAYERS[0]
+    _, energy = sky.band_energy(band, line)
     response = 1.0 + (0.8 - 1.0) * (0.5577 - 0.54) / 0.03
-    expected = float(airglow.radiance(250.0, 0.5577)) * response * 0.5577 / bands.reference_wavelength_um(band)
+    expected = float(sky.airglow_radiance(250.0, 0.5577)) * response * 0.5577 / bands.reference_wavelength_um(band)
     assert energy.sum() == pytest.approx(expected, rel=1e-12)
-    assert airglow.band_energy(_band(lo_um=0.7, hi_um=0.8), line)[1].sum() == 0.0
+    assert sky.band_energy(_band(lo_um=0.7, hi_um=0.8), line)[1].sum() == 0.0
 
 
 def test_nodes_hold_the_columns_of_all_layers() -> None:
@@ -76,7 +76,7 @@ def test_nodes_hold_the_columns_of_all_layers() -> None:
     day, night = _night(band)
     z = night.glow_altitude_m
     column = sum(n.weight * np.trapezoid(n.glow_per_m, z) for n in night.nodes)
-    assert column == pytest.approx(sum(airglow.band_energy(band, x)[1].sum() for x in airglow.LAYERS), rel=1e-12)
+    assert column == pytest.approx(sum(sky.band_energy(band, x)[1].sum() for x in sky.LAYERS), rel=1e-12)
     assert (night.glow_top_m, night.top_m, day.glow_top_m) == (120e3, 100e3, 100e3)
     assert not any(len(n.glow_per_m) for n in day.nodes)
 
@@ -90,11 +90,11 @@ def test_the_night_sky_is_as_dark_as_on_paranal(
 ) -> None:
     """Patat, A&A 400, 1183 (2003), table 4; zero points of Bessell (1979) [W m-2 um-1]. Airglow varies as much: 0.6."""
     band = _band(lo_um=centre_um - width_um / 2, hi_um=centre_um + width_um / 2)
-    layers = [x for x in airglow.LAYERS if x.wavelength_um != (0.762,)]  # its light does not reach the ground
-    glow = sum(airglow.band_energy(band, x)[1].sum() for x in layers) / width_um
+    layers = [x for x in sky.LAYERS if x.wavelength_um != (0.762,)]  # its light does not reach the ground
+    glow = sum(sky.band_energy(band, x)[1].sum() for x in layers) / width_um
     sun = float(np.mean(sunlight.irradiance(np.linspace(centre_um - 0.04, centre_um + 0.04, 9))))
-    behind = sun * 10.0 ** (0.4 * (moonlight.V_SUN - airglow.SKY_V)) / airglow.ARCSEC2_SR
-    magnitude = -2.5 * math.log10((glow + behind) * airglow.ARCSEC2_SR / zero)
+    behind = sun * 10.0 ** (0.4 * (sky.V_SUN - sky.SKY_V)) / sky.ARCSEC2_SR
+    magnitude = -2.5 * math.log10((glow + behind) * sky.ARCSEC2_SR / zero)
     assert magnitude == pytest.approx(dark, abs=0.6), name
 
 
@@ -126,7 +126,7 @@ def law(coefficients: tuple[float, ...], mu: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("wavelength_um", WAVELENGTHS)
 def test_the_middle_of_the_disc_is_one_and_the_edge_is_darker(wavelength_um: float) -> None:
-    a = limb_darkening.coefficients(wavelength_um)
+    a = sky.limb_darkening_of(wavelength_um)
     values = law(a, np.linspace(0.05, 1.0, 50))
     assert values[-1] == pytest.approx(1.0, abs=2e-5)
     assert np.all(np.diff(values) > 0.0)
@@ -138,7 +138,7 @@ def test_the_middle_of_the_disc_is_one_and_the_edge_is_darker(wavelength_um: flo
 )  # fmt: skip
 def test_the_disc_is_as_dark_as_allens(wavelength_um: float, u: float, v: float) -> None:
     """C. W. Allen, *Astrophysical Quantities*, section 81: ``1 - u - v + u mu + v mu^2``; 2 % of the centre."""
-    a = limb_darkening.coefficients(wavelength_um)
+    a = sky.limb_darkening_of(wavelength_um)
     mu = np.linspace(0.2, 1.0, 30)
     assert np.abs(law(a, mu) - (1 - u - v + u * mu + v * mu**2)).max() < 0.02
     mean = sum(2.0 * c / (k + 2.0) for k, c in enumerate(a))
@@ -153,4 +153,4 @@ def test_the_power_law_of_hestroffer_and_magnan(wavelength_um: float) -> None:
     """
     mu = np.linspace(0.5, 1.0, 30)
     power = mu ** (-0.023 + 0.292 / wavelength_um)
-    assert np.abs(law(limb_darkening.coefficients(wavelength_um), mu) - power).max() < 0.015
+    assert np.abs(law(sky.limb_darkening_of(wavelength_um), mu) - power).max() < 0.015

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from earth_forms import snow_factor
 
-from horizonval.earth.surface.snow_reflectance import NODES, mean_reflection
+from horizonval.earth.surface.surface import SNOW_NODES, mean_snow_reflection
 
 
 def _cosine(mu_sun: float, mu_view: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
@@ -42,5 +42,5 @@ def test_snow_shines_forward_the_more_the_lower_the_sun() -> None:
 
 def test_the_factor_is_nearly_reciprocal() -> None:
     """As far as N is the same at all heights of the Sun: 2 % above 9 deg."""
-    mean = mean_reflection()[np.linspace(0.0, 1.0, NODES) > np.sin(np.radians(9.0))]
+    mean = mean_snow_reflection()[np.linspace(0.0, 1.0, SNOW_NODES) > np.sin(np.radians(9.0))]
     assert 0.98 < mean.min() <= mean.max() < 1.02

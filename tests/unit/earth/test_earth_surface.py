@@ -7,8 +7,7 @@ import pytest
 from earth_forms import is_land
 
 from horizonval.earth.surface import surface
-from horizonval.earth.surface.ground_map import snow_line_deg, snow_share
-from horizonval.earth.surface.materials import NAMES, spectrum
+from horizonval.earth.surface.ground_map import NAMES, snow_line_deg, snow_share, spectrum
 
 LATITUDE = np.arange(-89.875, 90.0, 0.25)
 LONGITUDE = np.arange(-179.875, 180.0, 0.25)

@@ -18,7 +18,7 @@ from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.tables import npz
-from horizonval.earth.weather import field, real_states, warming, zonal_climate
+from horizonval.earth.weather import field, real_states, zonal_climate
 from horizonval.earth.weather.field import WeatherField
 from horizonval.earth.weather.hydrostatic import pressure_pa, saturated_share
 from horizonval.earth.weather.zonal_climate import with_cold_poles
@@ -214,9 +214,9 @@ def test_warmings_come_as_often_as_they_are_said_to() -> None:
     """2000 northern winter days: one in ten, within 4 standard errors; none in summer or where switched off."""
     drawn = [WeatherField(s, 1.5).warming()[0] for s in range(2000)]
     share = np.mean(np.array(drawn) > 0.0)
-    assert share == pytest.approx(warming.NORTH_DAYS, abs=4.0 * math.sqrt(0.09 / 2000))
+    assert share == pytest.approx(field.NORTH_DAYS, abs=4.0 * math.sqrt(0.09 / 2000))
     assert all(25.0 <= k <= 55.0 for k in drawn if k)
-    assert warming.chance(6.0) == 0.0
+    assert field.chance(6.0) == 0.0
     assert all(WeatherField(s, 1.5, 0.0).warming()[0] == 0.0 for s in range(20))
 
 

@@ -76,10 +76,3 @@ def test_a_picture_is_read_as_the_pose_is() -> None:
     roll, pitch = reading_of_edge(los)
     found = ideal_horizon_sensor(R, q, RADIUS_M)
     assert (roll, pitch) == pytest.approx((found.roll_error_rad, found.pitch_error_rad), abs=1e-9)
-
-
-def test_the_other_reading_is_an_elevation() -> None:
-    q = pose_above_horizon(R, RADIUS_M, np.radians(30.0), np.radians(50.0), 0.7)
-    found = ideal_horizon_sensor(R, q, RADIUS_M)
-    assert np.sin(found.pitch_elevation_rad) == pytest.approx(0.5)
-    assert np.sin(found.roll_elevation_rad) == pytest.approx(np.sin(np.radians(50.0)) * np.cos(np.radians(30.0)))

@@ -11,9 +11,7 @@ import pytest
 from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.systems.d.figures import widest_in_field
 from horizonval.systems.d.frames import EPOCH, orbit_place
-from horizonval.systems.d.rows import moment_rows
 from horizonval.systems.d.steps import (
-    ALL,
     COLUMNS,
     MOMENTS,
     PRINTED,
@@ -33,14 +31,6 @@ from horizonval.systems.d.steps import (
 )
 
 
-def test_printed_figures_are_whole_steps() -> None:
-    """Four printed digits: half of the last one. A slip of the pen in any of 53 figures shows."""
-    printed = [p for settings in TABLES.values() for s in settings for p in s.read.values() if p is not None]
-    steps = np.array(printed) / QUANTUM_DEG
-    assert len(printed) == 53
-    assert np.abs(steps - np.rint(steps)).max() * QUANTUM_DEG < 5.1e-5
-
-
 @pytest.mark.parametrize(("table", "axis"), MOMENTS)
 def test_printed_moments_are_those_of_the_printed_readings(table: int, axis: str) -> None:
     """Mean and sample standard deviation of reading minus truth, as printed to four digits of rounded readings."""
@@ -48,17 +38,6 @@ def test_printed_moments_are_those_of_the_printed_readings(table: int, axis: str
     mean, deviation = MOMENTS[table, axis]
     assert errors.mean() == pytest.approx(mean, abs=1.5e-4)
     assert errors.std(ddof=1) == pytest.approx(deviation, abs=1.5e-4)
-
-
-def test_readings_as_printed_have_the_printed_moments() -> None:
-    """The page's rows, made of the printed readings in place of ours, repeat what is printed beside the tables."""
-    rows = moment_rows({s.key: {"published": s.read} for settings in TABLES.values() for s in settings})
-    assert [row.published for row in rows] == [figure for moments in MOMENTS.values() for figure in moments]
-    assert [row.measured for row in rows] == pytest.approx([row.published for row in rows], abs=1.5e-4)
-
-
-def test_settings_of_several_tables_are_rendered_once() -> None:
-    assert len(ALL) == 24
 
 
 def test_descending_node_is_at_noon_and_the_orbit_is_inclined() -> None:
@@ -70,13 +49,6 @@ def test_descending_node_is_at_noon_and_the_orbit_is_inclined() -> None:
     # Southwards and, retrograde, to the west: azimuth 180 + 7 deg.
     assert node["heading_deg"] % 360.0 == pytest.approx(187.0, abs=1e-9)
     assert orbit_place(90.0, EPOCH)["latitude_deg"] == pytest.approx(83.0, abs=1e-9)
-
-
-def test_places_follow_each_other_along_the_heading() -> None:
-    a, b = orbit_place(40.0, EPOCH), orbit_place(40.001, EPOCH)
-    north = b["latitude_deg"] - a["latitude_deg"]
-    east = (b["longitude_deg"] - a["longitude_deg"]) * math.cos(math.radians(a["latitude_deg"]))
-    assert math.degrees(math.atan2(east, north)) == pytest.approx(a["heading_deg"], abs=1e-2)
 
 
 def test_working_range_in_closed_form() -> None:

@@ -13,8 +13,7 @@ from horizonval.geometry.camera import project
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.systems.b import experiment as video_vertical
-from horizonval.systems.b.pair import figures
-from horizonval.systems.b.pair.applicability import Map, grid, rms
+from horizonval.systems.b.pair.applicability import Map, grid
 from horizonval.systems.b.pair.frames import pair, scene
 from horizonval.systems.b.pair.orbit import COASTS, INCLINATION_DEG, INFRARED, LINEAR, VISIBLE, Lap, place
 from horizonval.systems.b.pair.sun import (
@@ -69,13 +68,6 @@ def test_the_region_is_the_largest_square_without_a_miss(
     assert made_map(wrong).half_side_deg() == half_side
 
 
-def test_the_finer_points_are_the_middles_of_the_inner_cells() -> None:
-    points = grid(10.0, finer_within_deg=20.0)
-    assert len(points) == 81 + 16
-    assert len(np.unique(points, axis=0)) == 97
-    assert np.abs(points[81:]).max() == 15.0
-
-
 def test_the_orbit_reaches_its_inclination_and_crosses_the_equator_at_its_node() -> None:
     # the textbook's spherical triangle: highest latitude 180 deg - i, azimuth at the node 90 deg - i
     assert place(90.0)["latitude_deg"] == pytest.approx(180.0 - INCLINATION_DEG, abs=1e-9)
@@ -114,15 +106,6 @@ def test_rows_of_the_orbit_count_shadow_and_claims() -> None:
     lit = [k for k, sun in enumerate(made_lap().lit) if sun]
     assert wrong.measured == pytest.approx(sum(k % 3 == 0 for k in lit) / len(lit))
     assert len(video_vertical.orbit_table(made_lap()).rows) == 7
-
-
-def test_the_rms_leaves_out_what_is_missing() -> None:
-    assert rms(np.array([3.0, np.nan, 4.0])) == pytest.approx(math.sqrt(12.5))
-
-
-def test_the_figures_draw() -> None:
-    assert len(figures.maps({"one": made_map({(30.0, 0.0): None}), "two": made_map({(0.0, 0.0): 3.0})}).axes) == 3
-    assert figures.orbit(made_lap()).axes[0].get_yscale() == "log"
 
 
 def made_pairs(lost: int, gained: int, alike: int) -> Paired:

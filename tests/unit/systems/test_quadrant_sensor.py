@@ -14,7 +14,7 @@ from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.systems.g import design
 from horizonval.systems.g.design import AZIMUTH_RAD, ETA_RAD, QuadrantLayout, field_mean
 from horizonval.systems.g.errors import QuadrantFit, attitude_of_quadrants
-from horizonval.systems.weather_viewpoints import WeatherPlace, weather_places
+from horizonval.systems.weather_viewpoints import WeatherPlace
 
 PLACE = WeatherPlace(25.0, 10.0, 60.0, 3, 0, 0)
 LAYOUT = QuadrantLayout(math.radians(72.0), math.radians(4.0))
@@ -102,10 +102,3 @@ def test_refusals_are_typed() -> None:
     odd = attitude_of_quadrants(np.array([1.1, 1.0, 1.1, 1.0]), np.ones(4), AZIMUTH_RAD, 1e-4)
     assert isinstance(odd, Refusal)
     assert odd.status is Outcome.AMBIGUOUS
-
-
-def test_places_fill_orbit_and_year_and_keep_theirs_when_there_are_more() -> None:
-    few, many = weather_places(24, 35.0, 1), weather_places(48, 35.0, 1)
-    assert {name: many[name] for name in few} == few
-    assert sorted({place["month"] for place in few.values()}) == list(range(1, 13))
-    assert max(abs(place["latitude_deg"]) for place in many.values()) < 35.0

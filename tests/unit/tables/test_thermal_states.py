@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.earth.weather import warming
+from horizonval.earth.weather import field
 from horizonval.earth.weather.field import WeatherField
 from horizonval.tables import thermal as states
 from horizonval.tables.modes import LATITUDE_DEG
@@ -27,7 +27,7 @@ def test_the_opposite_of_a_day_keeps_its_warming_and_turns_the_rest() -> None:
     height = np.array([5e3, 33e3])
     place = np.array([75.0]), np.array([20.0])
     day, other = (WeatherField(3, 1.5, 40.0, opposite).at(*place, height) for opposite in (False, True))
-    still = warming.warmer_k(*WeatherField(3, 1.5, 40.0).warming(), *place, height)
+    still = field.warmer_k(*WeatherField(3, 1.5, 40.0).warming(), *place, height)
     np.testing.assert_allclose(0.5 * (day.temperature_k + other.temperature_k), still, atol=1e-9)
     np.testing.assert_allclose(day.sea_level_pa, -other.sea_level_pa)
 

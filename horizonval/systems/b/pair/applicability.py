@@ -1,7 +1,4 @@
-"""The applicability region: which attitudes the pair can answer, and how well.
-
-Rows and tables of the applicability region: the model's error, what its vectors join, and the real Earth.
-"""
+"""The applicability region: which attitudes the pair can answer, and how well."""
 
 from __future__ import annotations
 
@@ -38,11 +35,7 @@ ALTITUDES_KM = (300.0, 500.0, 800.0)
 class Map:
     """Errors over attitudes.
 
-    Attributes
-    ----------
-    pitch_deg, yaw_deg : ndarray, shape (n,)
-    found : list of dict
-        What :func:`horizonval.systems.b.pair.frames.view` gave for each.
+    ``pitch_deg``, ``yaw_deg``, shape (n,); ``found``: what :func:`horizonval.systems.b.pair.frames.view` gave for each.
     """
 
     pitch_deg: FloatArray

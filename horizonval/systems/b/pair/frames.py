@@ -1,20 +1,18 @@
 """One view of both cameras: rendered, detected, estimated, and set beside the truth.
 
-The tilt of one camera from the chord of its horizon: half of the two-camera method.
-
-The chord ``c`` between the sight lines to the arc's ends is perpendicular to the vertical. A second camera would give a
-second such vector; on the bench, where there is one camera, the boresight ``z`` is level instead, so that the vertical
-is ``n = c x z`` with the sign that points to the circle's centre, and the tilt is its angle to the columns::
+*Tilt of one camera* from the chord of its horizon: half of the two-camera method. The chord ``c`` between the sight
+lines to the arc's ends is perpendicular to the vertical. A second camera would give a second such vector; on the bench,
+where there is one camera, the boresight ``z`` is level instead, so that the vertical is ``n = c x z`` with the sign
+that points to the circle's centre, and the tilt is its angle to the columns::
 
     t = atan2(n_x, n_y)
 
 The arc and its chord are those of :mod:`horizonval.estimation.limb.arc` and
 :mod:`horizonval.estimation.methods.video_vertical`.
 
-A frame without the Sun's own light in the lens: the other half of every pair of observations.
-
-What the Sun lights (ground, air, clouds) stays as it is. What goes is what comes straight from its disc: its image,
-hence that image's ghosts, scatter and spread, and what lens and baffle let in of a Sun outside the frame.
+*A frame without the Sun's own light* keeps what the Sun lights (ground, air, clouds). It loses what comes straight from
+the disc: its image, hence that image's ghosts, scatter and spread, and what lens and baffle let in of a Sun outside
+the frame.
 """
 
 from __future__ import annotations
@@ -165,11 +163,8 @@ def attitude(pitch_deg: float, yaw_deg: float) -> JsonObject:
 def view(item: JsonObject) -> JsonObject:
     """Return what the method makes of one view of both cameras.
 
-    Parameters
-    ----------
-    item : dict
-        ``camera`` and ``scene`` (plain data, no head chosen), ``seed``; ``picture`` asks for small copies of
-        both images, ``searched`` for the result on arcs from a search that asks.
+    ``item``: ``camera`` and ``scene`` (plain data, no head chosen), ``seed``; ``picture`` asks for small copies of both
+    images, ``searched`` for the result on arcs from a search that asks.
     """
     camera = CameraSpec.model_validate(item["camera"])
     images: dict[str, DetectorImage] = {}

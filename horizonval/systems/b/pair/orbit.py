@@ -2,8 +2,6 @@
 
 Places along a circular orbit at one instant (the Earth's turn during the hour and a half is left out: it moves nothing
 that the limb depends on).
-
-Rows and table of the orbit: the shadowed segment, and the claim of an accuracy comparable with infrared.
 """
 
 from __future__ import annotations

@@ -14,8 +14,6 @@ through two lenses and with two exposures:
 Views are draws: height and azimuth of the Sun, pitch and roll, each even over its range. The difference of the shares
 of views without a right answer, with the Sun's light minus without it, has the score interval of paired shares (T.
 Tango, Statistics in Medicine 17, 891, 1998), which also says something where the two differ nowhere.
-
-Rows and tables of the Sun's own light in the lens, with it and without.
 """
 
 from __future__ import annotations
@@ -77,10 +75,7 @@ class DrawnView:
 class Paired:
     """The same views with and without the Sun's own light: of one lens, one exposure and one side of the sky.
 
-    Attributes
-    ----------
-    lit, dark : tuple of dict
-        What the method makes of every view with that light, and without it.
+    ``lit``, ``dark``: what the method makes of every view with that light, and without it.
     """
 
     lit: tuple[JsonObject, ...]

@@ -9,8 +9,8 @@ angles of the scene that it shows::
     panel's middle      (0, 0, D),      bench from panel   Rz(panel_roll) Ry(panel_yaw) Rx(panel_pitch)
 
 Sizes. The published text gives none. These are what a careful student reaches on a bench with a ruler, a square, a
-spirit level and parts from a printer; they were written down before anything was rendered, and not changed since. They
-were not chosen blind: a sum by hand while choosing them came to about 0.8 deg, and the published RMS was known.
+spirit level and parts from a printer. They were
+chosen before anything was rendered, but not blind: the published RMS was known, and a sum by hand gave about 0.8 deg.
 
 * lens on the picture's middle to 3 mm, its entrance pupil on the stage's axis to 2 mm, its distance to 5 mm: a ruler
   does better, but where a small lens has its entrance pupil is known to millimetres only;
@@ -19,12 +19,9 @@ were not chosen blind: a sum by hand while choosing them came to about 0.8 deg, 
 * panel level to 0.25 deg (spirit level), square to the axis to 1 deg in both directions (by the eye);
 * accelerometer against the image's rows: 0.3 deg (glued on); its zero to 5 mg after a calibration in two positions.
 
-Each has its size, and a sign that nobody knows: see :mod:`horizonval.systems.b.rig.bench`.
-
-The bench's reference: a two-axis accelerometer on the stage.
-
-It measures gravity across the stage's axis, ``(sin t, cos t)`` g at the tilt ``t``, with an error of its zero, noise
-and the steps of its converter, and is mounted with a turn against the image's rows::
+*The reference* is a two-axis accelerometer on the stage. It measures gravity across the stage's axis, ``(sin t, cos
+t)`` g at the tilt ``t``, with an error of its zero, noise and the steps of its converter, and is mounted with a turn
+against the image's rows::
 
     reading = atan2(mean a_x, mean a_y),     a = step * round((g(t + roll) + zero + noise) / step)
 
@@ -35,9 +32,8 @@ away in a mean.
 Neglected: cross-axis sensitivity (1 %: at 20 deg, 0.2 deg times the level axis's error, below 0.01 deg) and an error of
 scale, which both axes share and which drops out of their ratio.
 
-Sixteen benches, each with every error at its stated size: a two-level design of experiments.
-
-The signs of the errors are unknown, and the RMS of one bench depends on them: errors add up or cancel. So sixteen
+*Sixteen benches* have every error at its stated size: a two-level design of experiments. The signs of the errors are
+unknown, and the RMS of one bench depends on them: errors add up or cancel. So sixteen
 benches are rendered whose signs are the columns of a Hadamard matrix (Plackett and Burman, Biometrika 33, 305, 1946).
 Any two columns are orthogonal. To first order the mean square over the benches is then the sum of the squares that the
 errors cause one by one, whatever the signs; and the mean of ``sign * error of the tilt`` over the benches is what one
@@ -143,12 +139,8 @@ SAMPLES = 64
 class Accelerometer:
     """What one accelerometer does to gravity.
 
-    Attributes
-    ----------
-    roll_rad : float
-        Its turn against the camera's rows.
-    zero_mg : float
-        Error of the zero of the x-axis; that of y is a second-order matter near the level.
+    ``roll_rad``: its turn against the camera's rows; ``zero_mg``: error of the zero of the x-axis; that of y is a
+    second-order matter near the level.
     """
 
     roll_rad: float = 0.0
@@ -181,10 +173,7 @@ def benches(stated: BenchErrors) -> list[BenchErrors]:
 def main_effects(values: FloatArray) -> FloatArray:
     """Return what each error at its stated, positive size does to a value, shape (14, ...).
 
-    Parameters
-    ----------
-    values : ndarray, shape (16, ...)
-        Of the benches, in order.
+    ``values``, shape (16, ...): of the benches, in order.
 
     Notes
     -----

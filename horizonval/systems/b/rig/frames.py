@@ -1,10 +1,8 @@
 """What worker processes do for the bench: the picture for the panel, and sweeps of one bench through its tilts.
 
-The camera on the bench: the shipped detector behind its lens, exposed for the panel.
-
-The stages are those of every other image (:func:`horizonval.sensor.observe.observe`); the radiance comes from the
-bench. The exposure lays the panel's white on seven tenths of the full well, on the axis: the electrons of a pixel are
-``pi L tau pitch^2 t QE lambda / (4 N^2 h c)``.
+The camera is the shipped detector behind its lens, exposed for the panel. The stages are those of every other image
+(:func:`horizonval.sensor.observe.observe`); the radiance comes from the bench. The exposure lays the panel's white on
+seven tenths of the full well, on the axis: the electrons of a pixel are ``pi L tau pitch^2 t QE lambda / (4 N^2 h c)``.
 
 The lens is focused on the panel. Its blur is the camera file's, and has been at work before the pixels
 (:mod:`horizonval.systems.b.rig.scene`), so that the file's is left out here. Vignetting is taken about the image's
@@ -71,14 +69,8 @@ def photograph(
 ) -> DetectorImage:
     """Return what the detector makes of the bench's radiance [W m-2 sr-1], shape (H, W).
 
-    Parameters
-    ----------
-    shown : SceneSpec
-        The scene on the panel; the image's truth is that of the scene before it was tilted.
-    camera : CameraSpec
-        As in its file.
-    name : str
-        Of the frame: noise belongs to it and to the seed.
+    ``shown``: the scene on the panel; the image's truth is that of the scene before it was tilted; ``camera``: as in
+    its file; ``name``: of the frame: noise belongs to it and to the seed.
     """
     truth = replace(_truth(shown.model_dump_json(), camera.model_dump_json()), scene_id=name)
     return observe(

@@ -1,14 +1,11 @@
 """Runs of the bench with some of its imperfections: which there are, how they are switched, what comes of it.
 
 A run is sixteen benches (:mod:`horizonval.systems.b.rig.bench`) swept through tilts. The published error is the
-estimate minus the accelerometer's reading; beside it stands the estimate minus the tilt that the stage really has.
+estimate minus the accelerometer's reading; the estimate minus the stage's true tilt is reported too.
 
-What the experiment measured, and what its numbers make together.
-
-The range over plausible benches: what the stated sizes make, if every one may be twice as large or half.
-
-The published text gives no sizes of its rig's imperfections, and ours were not chosen blind, so that one figure at the
-stated sizes proves nothing. To first order a bench's error at the tilt t is the sum of what its imperfections do,
+*The range over plausible benches* lets every stated size be twice as large or half. The published text gives no sizes
+of its rig's imperfections, and ours were not chosen blind, so one figure at the stated sizes proves nothing. To first
+order a bench's error at the tilt t is the sum of what its imperfections do,
 
     e(t) = sum_i s_i f_i m_i(t),
 
@@ -18,8 +15,6 @@ again.
 
 The paper's word for its figure may mean two things, which differ by a factor of several for errors that are mostly
 constant: the root of the mean square of the error, and its standard deviation about the bench's own mean.
-
-The bench's tables: what each imperfection does, and how large it may be.
 """
 
 from __future__ import annotations
@@ -79,11 +74,8 @@ _ACCELEROMETER = ("accelerometer_roll_deg", "accelerometer_zero_mg")
 class BenchRun:
     """Sixteen benches with the same imperfections, swept.
 
-    Attributes
-    ----------
-    tilts_deg : ndarray, shape (t,)
-    estimated_deg, reference_deg : ndarray, shape (16, t)
-        By the camera, NaN where it sees no arc, and by the accelerometer.
+    ``tilts_deg``, shape (t,); ``estimated_deg``, ``reference_deg``, shape (16, t): by the camera, NaN where it sees no
+    arc, and by the accelerometer.
     """
 
     tilts_deg: FloatArray
@@ -125,14 +117,8 @@ def run_all(
 ) -> dict[str, BenchRun]:
     """Return runs by their name.
 
-    Parameters
-    ----------
-    picture : str
-        File of the panel's picture.
-    run_settings : mapping
-        Name of the run to its imperfections and its tilts [deg].
-    blur_px : float
-        Of the lens.
+    ``picture``: file of the panel's picture; ``run_settings``: name of the run to its imperfections and its tilts
+    [deg]; ``blur_px``: of the lens.
     """
     items: dict[str, JsonObject] = {}
     plans: dict[str, list[str]] = {}
@@ -217,18 +203,11 @@ def _rms(values: FloatArray) -> float:
 class RigResults:
     """Everything measured.
 
-    Attributes
-    ----------
-    whole, perfect : BenchRun
-        With all imperfections, and with none.
-    alone : dict of BenchRun
-        With one imperfection each.
-    order : tuple of str
-        Imperfections by their own RMS, the largest first.
-    after : dict of BenchRun
-        By the imperfection that was switched off last.
-    soft, sharp : BenchRun
-        Panel pixels and frame noise behind the camera's lens, and behind one that blurs less.
+    - ``whole``, ``perfect``: with all imperfections, and with none;
+    - ``alone``: with one imperfection each;
+    - ``order``: imperfections by their own RMS, the largest first;
+    - ``after``: by the imperfection that was switched off last;
+    - ``soft``, ``sharp``: panel pixels and frame noise behind the camera's lens, and behind one that blurs less.
     """
 
     whole: BenchRun

@@ -16,9 +16,7 @@ summed to pixels.
 
 Single precision places a ray on the panel to 3e-5 mm, a ten-thousandth of a pixel.
 
-The panel: what it shows, and the light of its pixels.
-
-A pixel of level ``v`` (0 to 255) shines with ::
+**The panel.** A pixel of level ``v`` (0 to 255) has the radiance ::
 
     L(x, y) = [L_black + (L_white - L_black) (v / 255)^gamma] * stripe(x) * row(y) * backlight(x, y) * cos(angle)^k
 
@@ -55,20 +53,13 @@ from horizonval.systems.b.rig.bench import BenchPose
 class Panel:
     """A panel's build. Lengths in mm, radiances in W m-2 sr-1 in the camera's band.
 
-    Attributes
-    ----------
-    contrast : float
-        White over black.
-    stripe_share : tuple
-        What red, green and blue have of white light in the camera's band; their sum is 1.
-    stripe_open, row_open : float
-        Open part of a stripe's width and of a pixel's height.
-    backlight_fall, backlight_slope : float
-        Relative loss from the middle to the corners, and from the left to the right edge.
-    viewing_power : float
-        ``k``; 2.5 leaves 70 % at 30 deg.
-    smooth : bool
-        See the module text; backlight and viewing angle stay as they are.
+    - ``contrast``: white over black;
+    - ``stripe_share``: what red, green and blue have of white light in the camera's band; their sum is 1;
+    - ``stripe_open``, ``row_open``: open part of a stripe's width and of a pixel's height;
+    - ``backlight_fall``, ``backlight_slope``: relative loss from the middle to the corners, and from the left to the
+      right edge;
+    - ``viewing_power``: ``k``; 2.5 leaves 70 % at 30 deg;
+    - ``smooth``: see the module text; backlight and viewing angle stay as they are.
     """
 
     width: int = 1920
@@ -89,11 +80,6 @@ class Panel:
     def size_mm(self) -> tuple[float, float]:
         """Width and height of the lit area."""
         return self.width * self.pitch_mm, self.height * self.pitch_mm
-
-    def place_mm(self, pixel: FloatArray) -> FloatArray:
-        """Return the places on the panel, from its middle, of (column, row), shape (n, 2)."""
-        middle = np.array([(self.width - 1) / 2, (self.height - 1) / 2])
-        return np.asarray((np.asarray(pixel, dtype=float) - middle) * self.pitch_mm)
 
 
 def levels(share_of_white: FloatArray, gamma: float) -> NDArray[np.uint8]:
@@ -116,15 +102,7 @@ detector's own noise is 1 %."""
 def bench_scene(panel: Panel, share: FloatArray, panel_at: BenchPose, camera: CameraModel, camera_at: BenchPose) -> Any:
     """Return the loaded Mitsuba scene, in millimetres; it must outlive what is rendered from it.
 
-    Parameters
-    ----------
-    panel : Panel
-    share : ndarray, shape (H, W)
-        Of white, what each of the panel's pixels shines with.
-    panel_at : BenchPose
-    camera : CameraModel
-        Undistorted pinhole.
-    camera_at : BenchPose
+    ``share``, shape (H, W): of white, what each of the panel's pixels shines with; ``camera``: undistorted pinhole.
     """
     half_width, half_height = (0.5 * v for v in panel.size_mm)
     away_mm = float(np.linalg.norm(panel_at.r_bench_mm - camera_at.r_bench_mm))
@@ -166,10 +144,7 @@ def finer(camera: CameraModel) -> CameraModel:
 def render(scene: Any, blur_px: float) -> NDArray[np.float32]:
     """Return the radiance in every pixel [W m-2 sr-1], shape (H, W), of a scene of :func:`bench_scene`.
 
-    Parameters
-    ----------
-    blur_px : float
-        Standard deviation of the lens's Gaussian blur, in pixels of the camera.
+    ``blur_px``: standard deviation of the lens's Gaussian blur, in pixels of the camera.
     """
     fine = np.array(mi.render(scene, spp=1))[..., 0]
     if blur_px > 0.0:
@@ -181,10 +156,7 @@ def render(scene: Any, blur_px: float) -> NDArray[np.float32]:
 def emission(panel: Panel, share: FloatArray, square_px: float) -> Any:
     """Return the texture of the panel's emission: see :mod:`horizonval.systems.b.rig.scene`.
 
-    Parameters
-    ----------
-    square_px : float
-        Side of the square over which stripes and rows are averaged, in panel pixels.
+    ``square_px``: side of the square over which stripes and rows are averaged, in panel pixels.
     """
 
     class Emission(mi.Texture):

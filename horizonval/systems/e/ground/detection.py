@@ -4,24 +4,22 @@
 2. The matched filter is the streak that the predicted orbit makes, at every pixel. Its response over its own noise is
    the significance; what stays below the threshold is not looked at.
 3. Stars answer the filter too, but a filter for points more: places near a higher response of that one are left out.
-4. The highest responses that remain are fitted in turn (:mod:`streak_fit`). The first fit that is bright enough, and
+4. The highest responses that remain are fitted in turn. The first fit that is bright enough, and
    whose run is known well enough to be the predicted one, is the satellite.
 
-The image of a point that moves during the exposure.
-
-With a Gaussian point spread of standard deviation s, a point of unit light at (x, y) puts into pixel (i, j) ::
+*Image of a point that moves during the exposure.* With a Gaussian point spread of standard deviation s, a point of unit
+light at (x, y) puts into pixel (i, j) ::
 
     P(i, j) = D(i - x) D(j - y),     D(t) = [erf((t + 1/2) / s sqrt 2) - erf((t - 1/2) / s sqrt 2)] / 2
 
 which is exact over the pixel's area and adds up to 1. Along its path the point is integrated by Gauss's rule, finely
 enough that the rule's error is below rounding; the sum over nodes of products is one product of two matrices.
 
-The most likely straight streak in a small image: middle, run, light and background, with their covariance.
-
-Gauss-Newton on ``electrons = light x streak(middle, run) + background``, each pixel weighted with the variance that the
-model predicts for it (photons, read noise, quantisation, unequal response); weights from the model instead of the data
-leave no bias towards dark pixels. Pixels that stay five sigma away (stars) are then left out, and
-the fit is repeated. The covariance is the inverse of Fisher's information, ``(J^T W J)^-1``.
+*Fit* of middle, run, light and background, with their covariance: Gauss-Newton on ``electrons = light x streak(middle,
+run) + background``, each pixel weighted with the variance that the model predicts for it (photons, read noise,
+quantisation, unequal response); weights from the model instead of the data leave no bias towards dark pixels. Pixels
+that stay five sigma away (stars) are then left out, and the fit is repeated. The covariance is the inverse of Fisher's
+information, ``(J^T W J)^-1``.
 """
 
 from __future__ import annotations
@@ -42,16 +40,8 @@ def points_image(
 ) -> FloatArray:
     """Return the image of points, shape (H, W).
 
-    Parameters
-    ----------
-    uv : array_like, shape (n, 2)
-        Column and row; integers are pixel centres.
-    light : array_like, shape (n,)
-        What each point adds to the whole image plane.
-    sigma_px : float
-    shape : (H, W)
-    origin_uv : (float, float)
-        Column and row of the image's first pixel.
+    ``uv``, shape (n, 2): column and row; integers are pixel centres; ``light``, shape (n,): what each point adds to the
+    whole image plane; ``origin_uv``: column and row of the image's first pixel.
     """
     place = np.asarray(uv, float).reshape(-1, 2)
     scale = sigma_px * np.sqrt(2.0)
@@ -236,14 +226,8 @@ def find_streak(
 ) -> Detection | NoDetection:
     """Return the streak of predicted run in an image of electrons, shape (H, W).
 
-    Parameters
-    ----------
-    electrons : ndarray, shape (H, W)
-    run_uv : (float, float)
-        Predicted end minus begin [px]; its sign does not matter.
-    sigma_px : float
-        Of the point spread, as calibrated.
-    noise : Noise
+    ``electrons``, shape (H, W); ``run_uv``: predicted end minus begin [px]; its sign does not matter; ``sigma_px``: of
+    the point spread, as calibrated.
     """
     flat = electrons - background_plane(electrons)
     spread = 1.4826 * float(np.median(np.abs(flat - np.median(flat))))

@@ -2,22 +2,19 @@
 
 For every exposure the mount is sent to where an old orbit predicts the satellite, rests there, and the shutter opens.
 The camera then looks beside its reading, the clock is beside UTC, and the orbit was old: errors of stated size, each
-drawn from a stream of its own name. Frames know all of them; what is measured in them (:mod:`reduction`) does not.
+drawn from a stream of its own name. Frames know all of them; what is measured in them
+(:mod:`~horizonval.systems.e.ground.reduction`) does not.
 
-A camera on a ground mount: how it is pointed, what its detector makes of sky, stars and a satellite.
-
-The mount rests during an exposure, so that stars are points (they move by 1.5 arcsec in 0.1 s) and a satellite is a
-streak. Camera axes follow from the mount's azimuth and elevation: z along the boresight, x to the right (rising
-azimuth), y down. The mount's reading differs from where the camera looks by a small rotation.
+*Camera.* The mount rests during an exposure, so that stars are points (they move by 1.5 arcsec in 0.1 s) and a
+satellite is a streak. Camera axes follow from the mount's azimuth and elevation: z along the boresight, x to the right
+(rising azimuth), y down. The mount's reading differs from where the camera looks by a small rotation.
 
 The detector's stages are those of :mod:`horizonval.sensor`; the point spread of the points is applied to them before
 the pixels, in closed form, and that of the sky, which is smooth, is left out.
 
-One pass over one station: where the satellite is seen from instant to instant, and where the mount points.
-
-An observer who is fixed to the Earth sees a satellite, to first order in v / c, in the Earth-fixed direction that it
-had when its light left it: light time and the station's aberration together (what is left, the Coriolis bend of the
-light's path, is 0.04 arcsec). Refraction lifts that direction (:mod:`refraction`).
+*Pass.* An observer who is fixed to the Earth sees a satellite, to first order in v / c, in the Earth-fixed direction
+that it had when its light left it: light time and the station's aberration together (what is left, the Coriolis bend of
+the light's path, is 0.04 arcsec). Refraction lifts that direction.
 """
 
 from __future__ import annotations
@@ -226,16 +223,11 @@ _TO_SIXTH_PER_DEG2, _SLOPE = 0.12, 0.44
 class StationErrors:
     """What is beside the truth, standard deviations; ``common`` ones are drawn once for a station and pass.
 
-    Attributes
-    ----------
-    pointing_rad, pointing_common_rad : float
-        Of the camera's boresight against the mount's reading, on each of two axes: encoder, and mount model.
-    roll_rad : float
-        About the boresight.
-    clock_s, clock_common_s : float
-        Of the exposure's middle.
-    prediction_s : float
-        The old orbit runs ahead by this, alike for all stations.
+    - ``pointing_rad``, ``pointing_common_rad``: of the camera's boresight against the mount's reading, on each of two
+      axes: encoder, and mount model;
+    - ``roll_rad``: about the boresight;
+    - ``clock_s``, ``clock_common_s``: of the exposure's middle;
+    - ``prediction_s``: the old orbit runs ahead by this, alike for all stations.
     """
 
     pointing_rad: float = 2.0 * ARCSEC
@@ -250,22 +242,13 @@ class StationErrors:
 class Exposure:
     """One frame: digital numbers (H, W), and what made it.
 
-    Attributes
-    ----------
-    second : float
-        Nominal middle of the exposure.
-    read_az_el_rad : ndarray, shape (2,)
-        The mount's reading.
-    path_uv : ndarray, shape (3, 2)
-        Where the satellite was at the begin, in the middle and at the end.
-    clock_s : float
-        By how much the exposure came late.
-    pointing_rad : ndarray, shape (3,)
-        Rotation from the read to the true camera axes.
-    satellite_e, sky_e : float
-        Photoelectrons of the satellite in all, and of the sky in the middle pixel.
-    magnitude : float
-        Of the satellite, above the air.
+    - ``second``: nominal middle of the exposure;
+    - ``read_az_el_rad``, shape (2,): the mount's reading;
+    - ``path_uv``, shape (3, 2): where the satellite was at the begin, in the middle and at the end;
+    - ``clock_s``: by how much the exposure came late;
+    - ``pointing_rad``, shape (3,): rotation from the read to the true camera axes;
+    - ``satellite_e``, ``sky_e``: photoelectrons of the satellite in all, and of the sky in the middle pixel;
+    - ``magnitude``: of the satellite, above the air.
     """
 
     dn: NDArray[np.uint16]

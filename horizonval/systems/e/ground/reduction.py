@@ -34,17 +34,10 @@ REFRACTION_RAD = 0.05 * ARCSEC
 class Sighting:
     """A direction measured in one frame.
 
-    Attributes
-    ----------
-    azimuth_rad, elevation_rad : float
-        Geometric direction from the station at the nominal instant.
-    covariance : ndarray, shape (2, 2)
-        Of (azimuth x cos elevation, elevation) [rad2].
-    centroid_covariance : ndarray, shape (2, 2)
-        The share of the centroid, likewise.
-    rate_rad_s : ndarray, shape (2,)
-        Predicted apparent motion, likewise.
-    detection : Detection
+    - ``azimuth_rad``, ``elevation_rad``: geometric direction from the station at the nominal instant;
+    - ``covariance``, shape (2, 2): of (azimuth x cos elevation, elevation) [rad2];
+    - ``centroid_covariance``, shape (2, 2): the share of the centroid, likewise;
+    - ``rate_rad_s``, shape (2,): predicted apparent motion, likewise.
     """
 
     azimuth_rad: float

@@ -1,31 +1,27 @@
-"""The sky over a ground station: rendered on a coarse grid of directions, read anywhere between.
+"""The light that reaches a ground station: sky, satellite, and refraction on the way down.
 
-The renderer looks up from the station with a fisheye: light scattered any number of times, airglow and the sky behind,
-straight rays. A cloudless sky away from the Sun is smooth, so that the logarithm of its radiance on a grid of some
-degrees is enough for a spline; in time, a parabola through three epochs.
+*Sky.* The renderer looks up from the station with a fisheye: light scattered any number of times, airglow and the sky
+behind, straight rays. A cloudless sky away from the Sun is smooth, so that the logarithm of its radiance on a grid of
+some degrees is enough for a spline; in time, a parabola through three epochs.
 
-How bright a satellite is: sunlight that a diffuse body sends down, and what the air leaves of it.
-
-A convex body that tumbles shows on average a quarter of its surface (Cauchy). Its light is taken to be that of a
-diffuse (Lambert) sphere of that cross-section A and albedo rho; at phase angle a and distance d::
+*Brightness of a satellite.* A convex body that tumbles shows on average a quarter of its surface (Cauchy). Its light is
+taken to be that of a diffuse (Lambert) sphere of that cross-section A and albedo rho; at phase angle a and distance d::
 
     E = E_sun (rho A / d^2) (2 / 3 pi) (sin a + (pi - a) cos a) / pi
 
 Neglected: glints, the shadow of one part on another, earthshine (a few per cent), and where on the satellite the
 light comes from: up to some metres beside its centre of mass, 0.8 arcsec for 3 m at 800 km.
 
-Refraction of a satellite's light on its way to a ground station: as it is, and as an observer takes it off.
-
-**As it is.** In spherical layers ``n r sin z`` is constant along a ray (Bouguer). A ray that arrives at the apparent
-elevation ``E`` has ``c = n0 r0 cos E`` and turns about the Earth's centre by ::
+*Refraction as it is.* In spherical layers ``n r sin z`` is constant along a ray (Bouguer). A ray that arrives at the
+apparent elevation ``E`` has ``c = n0 r0 cos E`` and turns about the Earth's centre by ::
 
     phi(E) = int_{r0}^{r} c dr / (r sqrt(n^2 r^2 - c^2))
 
 up to radius r. The apparent elevation is the one whose ``phi`` is the angle at the centre between station and
 satellite: exact for a satellite at its finite distance. With the air of a scene, integrated by the trapezoidal rule.
 
-**As it is taken off.** ``z = z' + A tan z' + B tan^3 z'`` (``erfa.refco`` of the observer's pressure and temperature)
-leads to the direction of the ray above the air, which passes beside the station by ::
+*Refraction as an observer takes it off.* ``z = z' + A tan z' + B tan^3 z'`` (``erfa.refco`` of the observer's pressure
+and temperature) leads to the direction of the ray above the air, which passes beside the station by ::
 
     delta = r0 (n0 sin z' - sin z),     n0 - 1 = A (1 + H / r0), H = 8 km
 
@@ -62,14 +58,8 @@ FIELD_DEG = 124.0
 class Sky:
     """Radiance over a station in one band.
 
-    Attributes
-    ----------
-    seconds : ndarray, shape (3,)
-        After the pass's epoch.
-    log_radiance : ndarray, shape (3, n, n)
-        Natural logarithm of W m-2 sr-1 in the fisheye's pixels.
-    q_cam_from_itrs : tuple of float
-        The fisheye's attitude.
+    ``seconds``, shape (3,): after the pass's epoch; ``log_radiance``, shape (3, n, n): natural logarithm of W m-2 sr-1
+    in the fisheye's pixels; ``q_cam_from_itrs``: the fisheye's attitude.
     """
 
     seconds: FloatArray
@@ -239,14 +229,9 @@ def apparent_elevation(
 ) -> FloatArray:
     """Return the elevation under which something is seen, shape (...).
 
-    Parameters
-    ----------
-    air : RefractingAir
-    height_m : float
-        Of the station, inside the air.
-    elevation_rad, distance_m : array_like, shape (...)
-        Straight line from the station, ending above the air. Elevation between 10 and 90 deg: near the horizon the
-        secant steps that invert the integral could fail.
+    - ``height_m``: of the station, inside the air;
+    - ``elevation_rad``, ``distance_m``, shape (...): straight line from the station, ending above the air. Elevation
+      between 10 and 90 deg: near the horizon the secant steps that invert the integral could fail.
     """
     elevation, distance = np.broadcast_arrays(np.asarray(elevation_rad, float), np.asarray(distance_m, float))
     r0 = air.radius_m + height_m

@@ -1,6 +1,6 @@
 """The orbit that fits all angles of a pass best: position and velocity at the middle, by weighted least squares.
 
-The unknowns are six numbers; :mod:`horizonval.systems.e.localisation.batch` carries them to every instant, the
+The unknowns are six numbers; :func:`propagate` carries them to every instant, the
 stations say which azimuth and elevation they would have measured there, and the weighted differences from the measured
 ones are made small (Tapley, Schutz & Born, "Statistical Orbit Determination", 2004, chapter 4)::
 
@@ -16,9 +16,8 @@ Some errors last: a mount's tilt, a clock's offset. They are not estimated, but 
 chapter 6): with ``C`` what one standard deviation of each does to all that is squared, ``S = P J^T C`` is what it does
 to the orbit, and ``S S^T`` is added to the covariance.
 
-The point nearest to two lines of sight.
-
-From the stations ``L1``, ``L2`` along unit vectors ``r1``, ``r2`` (Hadinejad & Amiri 2020)::
+*Triangulation*: the point nearest to two lines of sight. From the stations ``L1``, ``L2`` along unit vectors ``r1``,
+``r2`` (Hadinejad & Amiri 2020)::
 
     [r1  -r2] [d1  d2]^T = L2 - L1,      X = (A^T A)^-1 A^T B,      R = (L1 + L2 + [r1  r2] X) / 2
 
@@ -29,15 +28,14 @@ nearer one's.
 To first order, for a small change ``dA`` of the directions,
 ``dX = (A^T A)^-1 (dA^T (B - A X) - A^T dA X)``.
 
-A satellite's motion over some minutes: attraction of a point and of the Earth's flattening.
-
-In celestial axes, with the Earth's axis along z::
+*Motion* over some minutes: attraction of a point and of the Earth's flattening. In celestial axes, with the Earth's
+axis along z::
 
     a = -mu r / |r|^3 - 3/2 J2 mu a_e^2 / |r|^5 * ((1 - 5 z^2 / r^2) r + 2 z e_z)
 
 Neglected over 60 s from the middle of a pass, with sizes at 800 km: J3 and beyond (3e-5 m/s^2: 0.05 m), Moon and Sun
 (1e-6 m/s^2), drag (1e-8 m/s^2), and the precession of the axis since 2000 (0.1 deg: the pull of J2 turned by 2e-3 of
-itself, 3e-5 m/s^2). The SGP4 orbits that serve as truth keep their own company of neglected terms, metres over a pass.
+itself, 3e-5 m/s^2). The SGP4 orbits that serve as truth neglect other terms: metres over a pass.
 
 The state is position and velocity, shape (..., 6); it is carried by the classical Runge-Kutta rule of fourth order
 (local error ``(w dt)^5 / 120``: with steps of 10 s, 1 mm).
@@ -62,21 +60,11 @@ def triangulate(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the point between two lines, the two distances, and by how much the lines miss each other.
 
-    Parameters
-    ----------
-    r1_itrs, r2_itrs : array_like, shape (3,)
-        Stations [m].
-    u1_itrs, u2_itrs : array_like, shape (..., 3)
-        Unit directions; not parallel (then the numbers are large and mean nothing).
+    ``r1_itrs``, ``r2_itrs``, shape (3,): stations [m]; ``u1_itrs``, ``u2_itrs``, shape (..., 3): unit directions; not
+    parallel (then the numbers are large and mean nothing).
 
-    Returns
-    -------
-    r_itrs : ndarray, shape (..., 3)
-        [m]
-    distances : ndarray, shape (..., 2)
-        Along the two lines [m].
-    miss : ndarray, shape (...)
-        Length of the shortest line between them [m].
+    ``r_itrs``, shape (..., 3): [m]; ``distances``, shape (..., 2): along the two lines [m]; ``miss``, shape (...):
+    length of the shortest line between them [m].
     """
     l1, l2 = np.asarray(r1_itrs, float), np.asarray(r2_itrs, float)
     u1, u2 = np.broadcast_arrays(np.asarray(u1_itrs, float), np.asarray(u2_itrs, float))
@@ -91,11 +79,7 @@ def triangulate_with_partials(
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions [m], shape (..., 3), and derivatives by the angles [m/rad], shape (..., 3, 4), Earth-fixed.
 
-    Parameters
-    ----------
-    stations : two stations
-    angles_rad : array_like, shape (..., 4)
-        Azimuth and elevation of the first, then of the second station.
+    ``angles_rad``, shape (..., 4): azimuth and elevation of the first, then of the second station.
     """
     both = np.asarray(angles_rad, float)
     angles = (both[..., :2], both[..., 2:])
@@ -218,21 +202,14 @@ _SCALE = np.array([1e3, 1e3, 1e3, 10.0, 10.0, 10.0])
 class OrbitFit:
     """An orbit and how well it is known.
 
-    Attributes
-    ----------
-    epoch_s : float
-        When the state holds.
-    state_gcrs : ndarray, shape (6,)
-        Position [m], velocity [m/s].
-    covariance : ndarray, shape (6, 6)
-    states_gcrs : ndarray, shape (n, 6)
-        At every measurement.
-    covariances : ndarray, shape (n, 6, 6)
-    residuals : ndarray, shape (n, 4)
-        Measured less fitted, made independent and of unit variance: azimuth and elevation of both stations.
-    chi2_per_dof : float
-        1 where the given covariances are right.
-    converged : bool
+    - ``epoch_s``: when the state holds;
+    - ``state_gcrs``, shape (6,): position [m], velocity [m/s];
+    - ``covariance``, shape (6, 6);
+    - ``states_gcrs``, shape (n, 6): at every measurement;
+    - ``covariances``, shape (n, 6, 6);
+    - ``residuals``, shape (n, 4): measured less fitted, made independent and of unit variance: azimuth and elevation of
+      both stations;
+    - ``chi2_per_dof``: 1 where the given covariances are right.
     """
 
     epoch_s: float
@@ -256,20 +233,15 @@ def fit_orbit(
 ) -> OrbitFit:
     """Fit an orbit to a pass.
 
-    Parameters
-    ----------
-    stations : two stations
-    times_s : array_like, shape (n,)
-        Rising.
-    angles_rad : array_like, shape (n, 4)
-        Azimuth and elevation of the first, then of the second station.
-    covariance_rad2 : array_like, shape (4, 4) or (n, 4, 4)
-        Of the angles. A variance of 1e6 stands for no measurement (the angle must still be a number).
-    itrs_from_gcrs : array_like, shape (n, 3, 3)
-    start_gcrs : array_like, shape (6,)
-        A state at the middle of the pass to begin with; hundreds of kilometres may be missing.
-    consider_partials_rad : array_like, shape (n, 4, k), or None
-        Consider partials: what one standard deviation of each lasting error does to the angles.
+    - ``times_s``, shape (n,): rising;
+    - ``angles_rad``, shape (n, 4): azimuth and elevation of the first, then of the second station;
+    - ``covariance_rad2``, shape (4, 4): of the angles. A variance of 1e6 stands for no measurement (the angle must
+      still be a number);
+    - ``itrs_from_gcrs``, shape (n, 3, 3);
+    - ``start_gcrs``, shape (6,): A state at the middle of the pass to begin with; hundreds of kilometres may be
+      missing;
+    - ``consider_partials_rad``, shape (n, 4, k): consider partials: what one standard deviation of each lasting error
+      does to the angles.
     """
     t = np.asarray(times_s, float)
     measured, matrices = np.asarray(angles_rad, float), np.asarray(itrs_from_gcrs, float)

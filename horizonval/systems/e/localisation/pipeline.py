@@ -68,18 +68,12 @@ _DRIFT = 1e-8
 class TwoStationPass:
     """What two stations measured, and when.
 
-    Attributes
-    ----------
-    stations : two stations
-    epoch_utc : datetime
-    times_s : ndarray, shape (n,)
-        After the epoch, equal steps.
-    angles_rad : ndarray, shape (n, 4)
-        Azimuth and elevation of the first, then of the second station.
-    covariance_rad2 : ndarray, shape (4, 4) or (n, 4, 4), or None
-        Of the errors that differ from instant to instant. None: as the directions' scatter says, alike in all four.
-    consider_partials_rad : ndarray, shape (n, 4, k), or None
-        Consider partials: what one standard deviation of each error that lasts does to the angles.
+    - ``times_s``, shape (n,): after the epoch, equal steps;
+    - ``angles_rad``, shape (n, 4): azimuth and elevation of the first, then of the second station;
+    - ``covariance_rad2``, shape (4, 4): of the errors that differ from instant to instant. None: as the directions'
+      scatter says, alike in all four;
+    - ``consider_partials_rad``, shape (n, 4, k): consider partials: what one standard deviation of each error that
+      lasts does to the angles.
     """
 
     stations: tuple[Station, Station]
@@ -101,14 +95,9 @@ class TwoStationPass:
 class PassPositions:
     """Positions of a pass, celestial axes.
 
-    Attributes
-    ----------
-    plain, smoothed, filtered, proposed, batch : ndarray, shape (n, 3)
-        [m]; ``filtered`` knows the past only, ``proposed`` is after the filter's way back.
-    filtered_covariances, proposed_covariances, batch_covariances : ndarray, shape (n, 3, 3)
-        [m^2]
-    kernel : KernelChoice
-    orbit : OrbitFit
+    - ``plain``, ``smoothed``, ``filtered``, ``proposed``, ``batch``, shape (n, 3): [m]; ``filtered`` knows the past
+      only, ``proposed`` is after the filter's way back;
+    - ``filtered_covariances``, ``proposed_covariances``, ``batch_covariances``, shape (n, 3, 3): [m^2].
     """
 
     plain: FloatArray

@@ -1,8 +1,8 @@
-"""Kalman filter whose noise covariances follow its own innovations and residuals, and the way back.
+"""Adaptive Kalman filter with its backward smoother, and Gaussian smoothing of directions that keeps a pass's ends.
 
-After Akhlaghi, Zhou & Huang, "Adaptive adjustment of noise covariance in Kalman filter for dynamic state estimation",
-IEEE PES General Meeting 2017. The measurement is a position: ``H = [I 0]``. With the innovation
-``d = y - H x-`` and the residual ``e = y - H x+``, a forgetting factor ``alpha`` and the gain ``K``::
+*Filter.* After Akhlaghi, Zhou & Huang, "Adaptive adjustment of noise covariance in Kalman filter for dynamic state
+estimation", IEEE PES General Meeting 2017. The measurement is a position: ``H = [I 0]``. With the innovation ``d = y -
+H x-`` and the residual ``e = y - H x+``, a forgetting factor ``alpha`` and the gain ``K``::
 
     R_k = alpha R_{k-1} + (1 - alpha) (e e^T + H P- H^T)          (residual)
     Q_k = alpha Q_{k-1} + (1 - alpha) (K d d^T K^T)               (innovation)
@@ -21,13 +21,12 @@ states; the states' weights on the measurements are (:func:`weights`)::
 
     w_k = (I - K_k H) F_k w_{k-1} + K_k e_k^T,     ws_k = w_k + G (ws_{k+1} - F_{k+1} w_k)
 
-Gaussian smoothing of direction vectors over time that keeps a pass's ends where they are.
-
-A weighted mean with the weights ``exp(-(t_i - t)^2 / (2 h^2))`` is pulled to the inner side at both ends of the pass,
-where half of its neighbours are missing: by ``0.8 h`` times the direction's rate. Repeating the first and the last
-measurement ("clamping") changes the share but not the fault. Instead, the weights are used to fit a polynomial of
-degree ``p`` around every instant, and its value there is the smoothed one (local polynomial regression; Fan & Gijbels,
-"Local Polynomial Modelling and its Applications", 1996, section 3.1; with equal steps, Savitzky & Golay 1964)::
+*Smoothing of directions.* A weighted mean with the weights ``exp(-(t_i - t)^2 / (2 h^2))`` is pulled to the inner side
+at both ends of the pass, where half of its neighbours are missing: by ``0.8 h`` times the direction's rate. Repeating
+the first and the last measurement ("clamping") changes the share but not the fault. Instead, the weights are used to
+fit a polynomial of degree ``p`` around every instant, and its value there is the smoothed one (local polynomial
+regression; Fan & Gijbels, "Local Polynomial Modelling and its Applications", 1996, section 3.1; with equal steps,
+Savitzky & Golay 1964)::
 
     s(t) = e_0^T (B^T W B)^-1 B^T W y,      B_ij = (t_i - t)^j
 
@@ -65,17 +64,13 @@ Motion = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
 class Track:
     """What a filter gives at every measurement, the measurements along axis 0.
 
-    Attributes
-    ----------
-    states : ndarray, shape (n, ..., m)
-        After the update; the first three numbers are the position.
-    covariances : ndarray, shape (n, ..., m, m)
-    predicted, predicted_covariances, transitions : ndarray
-        Before the update, and the derivative of the prediction by the state before it: what the way back needs.
-    innovations : ndarray, shape (n, ..., 3)
-    gains : ndarray, shape (n, ..., m, 3)
-    r, q : ndarray, shape (..., 3, 3) and (..., m, m)
-        The noise covariances as they stood at the end.
+    - ``states``, shape (n, ..., m): after the update; the first three numbers are the position;
+    - ``covariances``, shape (n, ..., m, m);
+    - ``predicted``, ``predicted_covariances``, ``transitions``: before the update, and the derivative of the prediction
+      by the state before it: what the way back needs;
+    - ``innovations``, shape (n, ..., 3);
+    - ``gains``, shape (n, ..., m, 3);
+    - ``r``, ``q``, shape (..., 3, 3): the noise covariances as they stood at the end.
     """
 
     states: FloatArray
@@ -102,18 +97,13 @@ def filter_positions(
 ) -> Track:
     """Run the filter over measured positions, from first to last.
 
-    Parameters
-    ----------
-    times_s : array_like, shape (n,)
-    positions : array_like, shape (n, ..., 3)
-        Axes between: independent series.
-    r, q : array_like, shape (..., 3, 3) and (..., m, m)
-        Covariance of a measured position, and of what motion adds between two measurements, to begin with.
-    state, covariance : array_like, shape (..., m) and (..., m, m)
-        At the first measurement, before it is used. With adaptation, every series has its own of r, q and this.
-    motion : callable
-    alpha : float
-        Forgetting factor in (0, 1]: the share of the old covariance that is kept.
+    - ``times_s``, shape (n,);
+    - ``positions``, shape (n, ..., 3): axes between: independent series;
+    - ``r``, ``q``, shape (..., 3, 3): covariance of a measured position, and of what motion adds between two
+      measurements, to begin with;
+    - ``state``, ``covariance``, shape (..., m): at the first measurement, before it is used. With adaptation, every
+      series has its own of r, q and this;
+    - ``alpha``: forgetting factor in (0, 1]: the share of the old covariance that is kept.
     """
     t, y = np.asarray(times_s, float), np.asarray(positions, float)
     x = np.asarray(state, float)
@@ -293,13 +283,8 @@ def scatter(times_s: ArrayLike, directions: ArrayLike) -> float:
 def choose_kernel(times_s: ArrayLike, *directions: ArrayLike, widths: int = 16) -> KernelChoice:
     """Return the kernel that the data ask for, one for all series; see the module text.
 
-    Parameters
-    ----------
-    times_s : array_like, shape (n,)
-    *directions : array_like, shape (n, 3)
-        Unit vectors in axes that do not turn against the station, one series for every station.
-    widths : int
-        Candidates between two steps and a quarter of the pass, in equal ratios.
+    ``times_s``, shape (n,); ``*directions``, shape (n, 3): unit vectors in axes that do not turn against the station,
+    one series for every station; ``widths``: candidates between two steps and a quarter of the pass, in equal ratios.
     """
     t = np.asarray(times_s, float)
     step, length = float(np.median(np.diff(t))), float(np.ptp(t))

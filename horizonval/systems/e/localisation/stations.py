@@ -10,10 +10,9 @@ and with longitude ``l`` and geodetic latitude ``p`` the rotation to Earth-fixed
           [ cos l, -sin p sin l, cos p sin l],
           [ 0,      cos p,       sin p      ]]
 
-Right ascension, declination and distance from the Earth's centre, and errors in them.
-
-Axes: celestial (``gcrs``). ``tan a = y / x``, ``sin d = z / |r|``. The error of the right ascension is the angle
-about the axis, not multiplied by the cosine of the declination: an arc on the sky is smaller.
+*Celestial coordinates*: right ascension ``a``, declination ``d`` and distance, in ``gcrs``: ``tan a = y / x``, ``sin d
+= z / |r|``. The error of the right ascension is the angle about the axis, not multiplied by the cosine of the
+declination: an arc on the sky is smaller.
 """
 
 from __future__ import annotations

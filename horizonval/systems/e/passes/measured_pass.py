@@ -40,28 +40,19 @@ a wing of twice that width. Set before any streak was fitted through it."""
 class StationPass:
     """What one station measured; NaN where ``status`` is not ``valid``.
 
-    Attributes
-    ----------
-    frames : Frames
-        Makes any of the exposures again.
-    seconds : ndarray, shape (n,)
-        Nominal middles of the exposures, after the epoch.
-    status : tuple of str
-        ``valid`` or why there is no direction.
-    azimuth_rad, elevation_rad : ndarray, shape (n,)
-        Measured: geometric directions at ``seconds``, refraction and light time taken off.
-    sigma_azimuth_rad, sigma_elevation_rad : ndarray, shape (n,)
-        Claimed; the azimuth's is that of the angle about the vertical, not of the arc.
-    covariance : ndarray, shape (n, 2, 2)
-        Claimed, of (azimuth x cos elevation, elevation) [rad2].
-    true_azimuth_rad, true_elevation_rad : ndarray, shape (n,)
-    error_rad : ndarray, shape (n, 2)
-        Measured minus true, of (azimuth x cos elevation, elevation).
-    centroid_error_px, centroid_covariance_px2, moment_error_px
-        Of the streak's middle in the image: fit, its covariance (n, 2, 2), and plain first moment.
-    pointing_rad, clock_rad : ndarray, shape (n, 2)
-        What the mount's and the clock's errors alone made of the direction.
-    magnitude, satellite_e, sky_e, significance : ndarray, shape (n,)
+    - ``frames``: makes any of the exposures again;
+    - ``seconds``, shape (n,): nominal middles of the exposures, after the epoch;
+    - ``status``: ``valid`` or why there is no direction;
+    - ``azimuth_rad``, ``elevation_rad``, shape (n,): measured: geometric directions at ``seconds``, refraction and
+      light time taken off;
+    - ``covariance``, shape (n, 2, 2): claimed, of (azimuth x cos elevation, elevation) [rad2];
+    - ``true_azimuth_rad``, ``true_elevation_rad``, shape (n,);
+    - ``error_rad``, shape (n, 2): measured minus true, of (azimuth x cos elevation, elevation);
+    - ``centroid_error_px``, ``centroid_covariance_px2``, ``moment_error_px``: of the streak's middle in the image: the
+      fit's error and covariance (n, 2, 2), and the error of the plain first moment;
+    - ``pointing_rad``, ``clock_rad``, shape (n, 2): what the mount's and the clock's errors alone made of the
+      direction;
+    - ``magnitude``, ``satellite_e``, ``sky_e``, ``significance``, shape (n,).
     """
 
     frames: Frames
@@ -69,8 +60,6 @@ class StationPass:
     status: tuple[str, ...]
     azimuth_rad: FloatArray
     elevation_rad: FloatArray
-    sigma_azimuth_rad: FloatArray
-    sigma_elevation_rad: FloatArray
     covariance: FloatArray
     true_azimuth_rad: FloatArray
     true_elevation_rad: FloatArray
@@ -116,16 +105,8 @@ def measure_pass(
 ) -> tuple[StationPass, ...]:
     """Return what every station measured in its frames.
 
-    Parameters
-    ----------
-    cache : TaskCache
-        Its seed is that of all noise and errors.
-    elements : ElementSet
-        The orbit; it is the truth.
-    stations : sequence of Station
-    epoch_utc : datetime
-    seconds : ndarray, shape (n,)
-        Middles of the exposures after the epoch.
+    ``cache``: its seed is that of all noise and errors; ``elements``: the orbit; it is the truth; ``seconds``, shape
+    (n,): middles of the exposures after the epoch.
     """
     scene = PassSetup(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
     skies = rendered_skies(cache, scene)
@@ -266,8 +247,6 @@ def _gathered(scene: PassSetup, station: Station, sky: JsonObject, parts: list[J
         status=tuple(frame["status"] for frame in frames),
         azimuth_rad=measured_az,
         elevation_rad=measured_el,
-        sigma_azimuth_rad=np.sqrt(covariance[:, 0, 0]) / np.cos(elevation),
-        sigma_elevation_rad=np.sqrt(covariance[:, 1, 1]),
         covariance=covariance,
         true_azimuth_rad=azimuth,
         true_elevation_rad=elevation,

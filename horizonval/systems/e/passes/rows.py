@@ -1,7 +1,4 @@
-"""What the frames of system E are worth: rows, tables and figures from the measured passes.
-
-Tables of system E's frames: the error budget, what the stations see, fainter satellites; and what is in them.
-"""
+"""What the frames of system E are worth: rows, tables and figures from the measured passes."""
 
 from __future__ import annotations
 

@@ -97,14 +97,6 @@ def test_the_sky_is_as_bright_as_the_cosine_law_says(frames):
     assert frames.expose(20.0).sky_e == pytest.approx(electrons, rel=1e-5)
 
 
-def test_camera_axes():
-    rotation = cam.cam_from_enu(np.radians(90.0), np.radians(30.0))
-    # Looking east: the right hand is south, the boresight 30 deg up.
-    np.testing.assert_allclose(rotation[0], [0.0, -1.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(rotation[2], [np.cos(np.pi / 6), 0.0, 0.5], atol=1e-15)
-    np.testing.assert_allclose(np.linalg.det(rotation), 1.0, atol=1e-15)
-
-
 def test_a_wing_that_the_fit_does_not_know_of_leaves_the_middle_where_it_is(frames):
     """A fifth of the light in a wing of twice the width: the wing is as wide on all sides, and the middle moves by less
     than a twentieth of a pixel (limit set after 0.02 had been seen)."""

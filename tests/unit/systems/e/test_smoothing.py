@@ -14,7 +14,6 @@ from horizonval.systems.e.localisation.smoothing import (
     smooth_clamped,
     smooth_extended,
     smoother_matrix,
-    straight_pass,
 )
 
 TIMES = np.arange(0.0, 120.25, 0.5)
@@ -70,10 +69,6 @@ def test_carried_on_in_a_straight_line_the_ends_keep_their_place() -> None:
     carried, clamped = (np.linalg.norm(f(TIMES, u, 1.0) - u, axis=1) for f in (smooth_extended, smooth_clamped))
     assert carried.max() < 1e-4
     assert clamped[[0, -1]].min() > 20.0 * carried.max()
-
-
-def test_a_straight_flight_is_found_from_its_directions() -> None:
-    assert np.abs(straight_pass(TIMES, _flight()) - _flight()).max() < 1e-9
 
 
 def test_scatter_is_the_noise() -> None:

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from horizonval.systems.e.ground.detection import Noise, fit_streak, streak_image
+from horizonval.systems.e.ground.detection import (
+    Detection,
+    NoDetection,
+    Noise,
+    WhyNone,
+    find_streak,
+    fit_streak,
+    points_image,
+    streak_image,
+)
 
 SIGMA = 0.9
 SHAPE = (49, 61)
@@ -90,3 +99,58 @@ def test_nothing_there_is_no_streak_that_is_sure_of_itself():
     image = 6.0 * rng.standard_normal(SHAPE)
     fit = fit_streak(image, (0, 0), SIGMA, Noise(6.0), (30.0, 24.0), (15.0, -3.0))
     assert fit is None or abs(fit.light_e) < 6.0 * np.sqrt(fit.covariance[4, 4])
+
+
+SKY = (256, 256)
+READ_E = 6.0
+RUN = (17.0, -4.0)
+
+
+def _image(light: float, middle=(130.3, 120.8), stars=(), seed=1, run=RUN):
+    half = np.array(run) / 2
+    expected = 5.0 + streak_image([middle - half, middle + half], light, SIGMA, SKY)
+    if len(stars):
+        stars = np.asarray(stars, float)
+        expected = expected + points_image(stars[:, :2], stars[:, 2], SIGMA, SKY)
+    rng = np.random.default_rng(seed)
+    return rng.poisson(expected) + READ_E * rng.standard_normal(SKY)
+
+
+def _find(image):
+    return find_streak(image, RUN, SIGMA, Noise(READ_E))
+
+
+@pytest.mark.parametrize("light", [1500.0, 1e5])
+def test_a_streak_is_found(light):
+    found = _find(_image(light))
+    assert isinstance(found, Detection)
+    error = np.abs(np.array(found.fit.middle_uv) - (130.3, 120.8))
+    # Four standard deviations of its own claim, which the fit's test holds to the scatter.
+    assert np.all(error < 4.0 * np.sqrt(np.diag(found.fit.covariance)[:2]))
+
+
+def test_an_empty_sky_gives_nothing():
+    # 6 sigma in 6e4 pixels: 1e-5 false peaks an image.
+    for seed in range(10):
+        found = _find(_image(0.0, seed=seed))
+        assert isinstance(found, NoDetection)
+        assert found.why is WhyNone.FAINT
+
+
+def test_stars_are_no_satellite():
+    rng = np.random.default_rng(3)
+    stars = np.column_stack([rng.uniform(30, 226, (20, 2)), rng.uniform(500, 2e4, 20)])
+    assert isinstance(_find(_image(0.0, stars=stars)), NoDetection)
+
+
+def test_among_brighter_stars_the_streak_is_found():
+    stars = [[60.0, 60.0, 5e4], [200.0, 70.0, 2e4], [70.0, 190.0, 1e4]]
+    found = _find(_image(6e3, stars=stars))
+    assert isinstance(found, Detection)
+    assert np.hypot(*(np.array(found.fit.middle_uv) - (130.3, 120.8))) < 0.3
+
+
+def test_at_the_edge():
+    found = _find(_image(1e5, middle=(9.0, 120.0)))
+    assert isinstance(found, NoDetection)
+    assert found.why is WhyNone.AT_EDGE
