@@ -328,8 +328,7 @@ LANES = 2**19
 SUN_SHARE = 4
 """How many times fewer rays the Sun takes than the Earth."""
 ENERGY_SHARE = 16
-"""How many times fewer rays tell energy radiance from radiance, whose ratio hardly changes over the Earth: pixels of a
-white boom in 0.4 to 0.9 um differ by 4e-4 rms from as many rays, less than either is noisy by."""
+"""How many times fewer rays give the ratio of energy radiance to radiance, which hardly varies over the Earth."""
 
 Image = FloatArray
 

@@ -442,8 +442,7 @@ def refracted_umbra(
 
 BENDING_NODES = 128
 GRID_STEP_M = 25.0
-"""Of the tables over heights, at most: even, so that no place needs a search. Their linear pieces are a model's own, as
-the tables have nodes a tenth as far apart; between them true heights are off by centimetres."""
+"""Largest step of the tables over heights, even so that no place needs a search: true heights within centimetres."""
 ENTERING_NODES = 257
 LEAST_RISE = 1e-9
 """Of the table's coordinate from one direction to the next: above rounding, far below its thousandths between nodes."""

@@ -284,8 +284,7 @@ FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12, 6)
 
 
 LAYERED = replace(STANDARD, n_down=10, particle_degree=12, later_degree=6, first_azimuth=16)
-"""For images with layers of thin cloud, whose particles scatter further forward than haze: with as few directions below
-the horizon as haze has, sums over them would make high moments of smooth light."""
+"""For images with layers of thin cloud, which scatter forward: more directions below the horizon for the high moments."""
 
 _DENSE_STRATOSPHERE = 0.015
 """Optical depth of particles above 12 km: half of it in a quiet stratosphere, twice and more after an eruption."""
@@ -371,8 +370,7 @@ class ShellColumn:
 
 
 HEIGHTS_IN_LAYER = 13
-"""Dense towards a layer's edges: what is seen of a dense one from the side is its outermost hundred metres, where light
-scattered towards the Sun grows from next to nothing."""
+"""Dense towards a layer's edges: a dense one is seen from the side by its outermost hundred metres."""
 
 
 def layer_bands(node: SpectralNode, altitude_m: FloatArray) -> list[tuple[float, float]]:

@@ -221,8 +221,7 @@ class ColumnBatch:
 
 
 THICK_STEP = 0.02
-"""Optical depth from which the source is integrated against exp(-tau) exactly; emission knows its source everywhere, so
-that this is right for isothermal air of any opacity to 1e-6."""
+"""Optical depth from which the source is integrated against exp(-tau) exactly: 1e-6 for isothermal air."""
 _FAR = 0.5 * GAUSS_LOW**2 / (1.0 - 2.0 * GAUSS_LOW)
 _NEAR = GAUSS_LOW + _FAR
 """Optical depth from a step's beginning to its first point is ``h (_NEAR k_a - _FAR k_b)``."""

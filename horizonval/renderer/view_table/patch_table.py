@@ -123,8 +123,7 @@ def spline_weights(w: Number) -> list[Number]:
 
 ROW_PATCHES, AZIMUTH_PATCHES = 8, 8
 FINEST, FINEST_ROWS = 4, 7
-"""Halvings of one of those 8 x 8 patches, at most, along either axis, and along rows where it has none along
-azimuths."""
+"""Halvings of one of the 8 x 8 patches, at most: along either axis, and along rows without any along azimuths."""
 PACKET = 4
 MOST_VALUES = 4_000_000
 """That are marched at once; a bound on memory."""
