@@ -114,17 +114,10 @@ class Lattice:
 
 @dataclass(frozen=True)
 class ColumnAir:
-    """How the air of a batch differs from the batch's column.
+    """How the air of a batch differs from the batch's column; ``places``: positions of the m columns.
 
-    Attributes
-    ----------
-    values : Float32, shape (m * levels * 4 * width,)
-        For every column, level and node: differences of extinction and of molecular scattering [1/m], and the ratios
-        of the optical depths straight up and level.
-    places : ColumnsAround
-        Positions of the m columns.
-    per_m : Float64, size 1
-        Levels per metre.
+    ``values``, (m * levels * 4 * width,): for every column, level and node the differences of extinction and of
+    molecular scattering [1/m], and the ratios of the optical depths straight up and level. ``per_m``: levels per metre.
     """
 
     values: mi.Float32

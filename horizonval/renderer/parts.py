@@ -346,16 +346,8 @@ class PartLight:
 class PartScene:
     """Parts before a camera, and what lights them.
 
-    Attributes
-    ----------
-    triangles : sequence of ndarray, shape (n, 3, 3)
-        Of each part, in camera axes [m].
-    covered : ndarray of bool, shape (H, W)
-        Pixels that need light.
-    samples : int
-        Rays per pixel for the light of the Earth.
-    identity : str
-        Of the frame, for the seeds.
+    ``triangles``: of each part, (n, 3, 3), in camera axes [m]; ``covered``: pixels that need light, (H, W);
+    ``samples``: rays per pixel for the light of the Earth; ``identity``: of the frame, for the seeds.
     """
 
     parts: Sequence[SpacecraftPart]

@@ -46,7 +46,10 @@ from horizonval.renderer.types import Number, Values, Vec, constant, constant_ve
 
 UNDISTORT_STEPS = 8
 _STAGES, _STRONG_STEPS = 16, 32
-"""For strong lenses: stages from the axis to a pixel, one Newton step each, and steps at its end (linear near a fold)."""
+"""For strong lenses.
+
+Stages from the axis to a pixel, one Newton step each, and steps at the end (linear near a fold).
+"""
 _BISECTIONS = 26
 _FISHEYE_STEPS = 4
 
@@ -229,18 +232,10 @@ def _stages(camera: CameraModel) -> int:
 
 @dataclass(frozen=True)
 class MoonInFrame:
-    """The Moon of a frame.
+    """The Moon of a frame; ``disc``: as the camera sees it; ``light``: unit vector from the Earth's centre to the Moon.
 
-    Attributes
-    ----------
-    disc : Disc
-        As the camera sees it.
-    nearness : float
-        Irradiance at the camera over that at the Earth's centre.
-    light : Vec
-        Unit vector from the Earth's centre to the Moon: where moonlight comes from.
-    lights_earth : bool
-        Whether ground and air are to be seen in its light.
+    ``nearness``: irradiance at the camera over that at the Earth's centre; ``lights_earth``: whether ground and air are
+    visible in its light.
     """
 
     disc: Disc

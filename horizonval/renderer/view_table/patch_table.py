@@ -139,19 +139,11 @@ _Patches: TypeAlias = "dict[tuple[int, int], NDArray[np.int64]]"
 
 @dataclass(frozen=True)
 class Tabulated:
-    """What a table holds.
+    """What a table holds: ``values`` from x in [0, 1] and azimuths [rad], each (n,), to (n, ``quantities``).
 
-    Attributes
-    ----------
-    values : callable
-        From places x in [0, 1] and azimuths [rad], each of shape (n,), to values of shape (n, quantities).
-    allowed : callable
-        From values (..., quantities) to the error that each may have between the nodes.
-    quantities : int
-        A multiple of :data:`PACKET`.
-    single : bool
-        Whether coefficients are in single precision, for large tables; differences of frames over a small part of
-        a pixel need double precision.
+    ``allowed``: from values (..., quantities) to the error allowed between the nodes; ``quantities``: a multiple of
+    :data:`PACKET`; ``single``: coefficients in single precision, for large tables; differences of frames over a small
+    part of a pixel need double precision.
     """
 
     values: Callable[[FloatArray, FloatArray], FloatArray]
