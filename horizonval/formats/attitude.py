@@ -24,7 +24,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -42,6 +42,7 @@ from horizonval.formats.ccsds import (
     is_xml,
     lines_of,
     needed,
+    outside,
     seconds_after,
     together,
     utc_of,
@@ -136,12 +137,7 @@ class AttitudeHistory:
                 matrices[inside] = turns(np.clip(t[inside], piece.seconds[0], piece.seconds[-1])).as_matrix()
         if np.isnan(matrices).any():
             first = float(t[int(np.flatnonzero(np.isnan(matrices[:, 0, 0]))[0])])
-            known = zip(self.coverage.begins, self.coverage.ends, strict=True)
-            spans = [f"{self._time(begin)} to {self._time(end)}" for begin, end in known]
-            more = ", ..." if len(spans) > 3 else ""
-            raise UserError(
-                f"no attitude for {self._time(first)}", where=self.where, expected=", ".join(spans[:3]) + more
-            )
+            raise outside("attitude", self.epoch_utc, first, self.coverage, self.where)
         return np.asarray(matrices @ np.swapaxes(gcrs_from(self.axes, self.epoch_utc, t), -1, -2))
 
     def around(self, epoch_utc: datetime, seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -149,9 +145,6 @@ class AttitudeHistory:
         offset = (epoch_utc - self.epoch_utc).total_seconds()
         lo, hi = self.coverage.around(seconds + offset)
         return lo - offset, hi - offset
-
-    def _time(self, seconds: float) -> str:
-        return (self.epoch_utc + timedelta(seconds=float(seconds))).isoformat()
 
 
 def attitudes_of(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +118,17 @@ class Coverage:
             inside = (seconds >= begin - ROUNDING_S) & (seconds <= end + ROUNDING_S)
             lo[inside], hi[inside] = begin, end
         return lo, hi
+
+
+def outside(what: str, epoch_utc: datetime, seconds: float, coverage: Coverage, where: str) -> UserError:
+    """Return the error for a time outside the spans of a file, the first three of which it names."""
+
+    def stamp(t: float) -> str:
+        return (epoch_utc + timedelta(seconds=float(t))).isoformat()
+
+    spans = [f"{stamp(begin)} to {stamp(end)}" for begin, end in zip(coverage.begins, coverage.ends, strict=True)]
+    more = ", ..." if len(spans) > 3 else ""
+    return UserError(f"no {what} for {stamp(seconds)}", where=where, expected=", ".join(spans[:3]) + more)
 
 
 def coverage_of(seconds: FloatArray, gaps: NDArray[np.bool_], usable_s: tuple[float, float] | None = None) -> Coverage:

@@ -1,4 +1,4 @@
-"""Tables of rays: read strictly, and written back with the radiance beside every other column unchanged."""
+"""Tables of rays: read strictly, and written back with the radiance, every other column unchanged."""
 
 from __future__ import annotations
 

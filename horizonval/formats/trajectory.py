@@ -51,6 +51,7 @@ from horizonval.formats.ccsds import (
     is_xml,
     lines_of,
     needed,
+    outside,
     seconds_after,
     together,
     utc_of,
@@ -116,14 +117,8 @@ class Trajectory:
                 r[inside], v[inside] = _between(piece, t[inside])
         if np.isnan(r).any():
             first = float(t[int(np.flatnonzero(np.isnan(r[:, 0]))[0])])
-            known = zip(self.coverage.begins, self.coverage.ends, strict=True)
-            spans = [f"{self._time(begin)} to {self._time(end)}" for begin, end in known]
-            more = ", ..." if len(spans) > 3 else ""
-            raise UserError(f"no state for {self._time(first)}", where=self.where, expected=", ".join(spans[:3]) + more)
+            raise outside("state", self.epoch_utc, first, self.coverage, self.where)
         return r, v
-
-    def _time(self, seconds: float) -> str:
-        return (self.epoch_utc + timedelta(seconds=float(seconds))).isoformat()
 
 
 def piece_of(

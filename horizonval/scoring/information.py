@@ -213,7 +213,7 @@ def limb_motion(
 
 
 INSIDE_PX, OUTSIDE_PX, OUTSIDE_M = 12.0, 12.0, 100e3
-"""More than methods look at: what lies beyond has no slope that hangs on the limb's place."""
+"""Wider than what methods use: pixels farther away have no slope that depends on the limb's position."""
 LIGHT_SIGMA, LIGHT_CORRELATION_RAD = 0.1, 0.1
 """Of the brightness along the limb: Sun, clouds and the lens change it by a tenth."""
 BLUR_VARIANCE_SIGMA = 0.5
@@ -273,7 +273,7 @@ def limb_information(
     keep = expected.reads[rows, columns] & np.isfinite(slopes).all(axis=0)
     columns, rows, slopes, bends = columns[keep], rows[keep], slopes[:, keep], bends[:, keep]
     uv = np.column_stack([columns, rows]).astype(np.float64)
-    # The limb in the image stands above the ground: by what the pixels show that know most.
+    # The limb in the image is above the ground, at the height of the most informative pixels.
     height = 0.0
     for _ in range(2):
         motion = limb_motion(camera, uv, cam_from_itrs, r_itrs, ellipsoid.axes_m + height)

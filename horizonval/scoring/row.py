@@ -305,9 +305,7 @@ class Row(Conditions, Score, _Question):
 
     @property
     def is_failure(self) -> bool:
-        """Whether the outcome is worth a look: a false claim, a crash, a claim where none was due, a refusal where
-        one was.
-        """
+        """Whether the outcome is a false claim, a crash, or a claim or refusal that was not expected."""
         return self.false_valid or self.status == Outcome.CRASHED or self.is_claim != (self.expected == Outcome.VALID)
 
     @property
@@ -364,7 +362,7 @@ def conditions_of(truth: FrameTruth, expected: Expected, band: str, bound: Bound
 
 
 def _of_calibration(truth: FrameTruth) -> dict[str, float]:
-    """Return what was wrong of the camera and the time that an estimator was told; nothing without the table."""
+    """Return the errors of the camera and the time that an estimator was given; nothing without the table."""
     if truth.scene.get("calibration") is None:
         return {}
     errors = errors_of(truth)

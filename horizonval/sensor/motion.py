@@ -1,18 +1,17 @@
-"""A camera that turns while it looks: blur of the exposure, slant of a rolling shutter.
+"""A turning camera: blur of the exposure, slant of a rolling shutter.
 
-The scene stands still in the local vertical frame; the camera turns in it at the angular velocity omega (camera axes).
-What a pixel sees at the time t after the frame's instant is what the still frame has in the direction turned back::
+The scene is fixed in the local vertical frame, in which the camera turns at the angular velocity omega (camera axes).
+At the time t after the frame's instant a pixel sees what the still frame has in the direction turned back::
 
     image(t)(u) = image(0)(project(exp(t [omega]x) unproject(u)))
 
-The pixel's path over the exposure is taken as a parabola through its exact places at both ends; the image is averaged
-along it, bilinear between pixels. Row r of a rolling shutter is exposed
-``(r - (H - 1) / 2) row_time`` after the middle row, whose instant is the frame's.
+The pixel's path over the exposure is a parabola through its exact positions at both ends; the image is averaged along
+it, bilinear between pixels. Row r of a rolling shutter is exposed ``(r - (H - 1) / 2) row_time`` after the middle row,
+whose instant is the frame's.
 
-Neglected: that vignetting and stray light stand still on the detector; the satellite's own motion along its orbit,
-which moves the ground (0.9 deg/s below a satellite at 500 km) but hardly the limb (its azimuth about the nadir turns by
-a part of the 0.06 deg/s of the orbit); light beyond the image's border, taken as that of the border; the Sun's motion
-against the local vertical frame, 0.06 deg/s.
+Neglected: that vignetting and stray light do not move with the scene; the motion along the orbit, which moves the
+ground (0.9 deg/s below a satellite at 500 km) but hardly the limb; radiance beyond the image's border, taken as that of
+the border; the Sun's motion against the local vertical frame, 0.06 deg/s.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ from horizonval.geometry.part import coverage
 
 GM_M3_PER_S2 = 3.986004418e14
 STILL_PX = 0.01
-"""Motion below leaves an image as it is: a hundredth of a pixel changes no edge by more than that."""
+"""Motion below leaves the image unchanged [px]."""
 FARTHEST_RAD = 0.05
-"""Turn at which the parabola is fitted at most; beyond it goes on as it is."""
+"""Largest turn at which the parabola is fitted [rad]."""
 LONG_PX = 4.0
-"""A path from which on instants stand evenly, a pixel apart at most: bilinear tents at that step add up to an even
-line. Shorter ones take Gauss's points, two to a pixel."""
+"""Longer paths use evenly spaced instants, a pixel apart at most: bilinear tents at that step add up to an even line.
+Shorter ones use Gauss's points, two to a pixel."""
 MOST_POINTS = 512
 _GLANCE_PX = 16
-"""Between the pixels that tell at a glance whether anything moves; speeds vary slowly over an image."""
+"""Distance of the pixels that are checked first for motion; speeds vary slowly over an image."""
 
 
 def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
@@ -61,17 +60,9 @@ def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
 def blur_by_motion(
     image: FloatArray, camera: CameraModel, rate_cam_rad_s: FloatArray, exposure_s: float, row_time_s: float = 0.0
 ) -> FloatArray:
-    """Return the mean image over an exposure, shape (H, W).
+    """Return the mean image over an exposure, shape (H, W), from that of a camera at rest.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        As seen by a camera at rest.
-    camera : CameraModel
-    rate_cam_rad_s : ndarray, shape (3,)
-        The camera's angular velocity in its own axes.
-    exposure_s, row_time_s : float
-        ``row_time_s`` is 0 for a global shutter.
+    The camera turns with an angular velocity in its own axes; ``row_time_s`` is 0 for a global shutter.
     """
     path = _Path.of(camera, rate_cam_rad_s, 0.5 * exposure_s + 0.5 * (camera.height - 1) * row_time_s)
     if path is None:
@@ -99,17 +90,11 @@ def mean_over_instants(
 def behind_still_parts(
     still: FloatArray, behind: FloatArray, moved_behind: FloatArray, truth: FrameTruth, camera: CameraModel
 ) -> FloatArray:
-    """Return what a turning camera sees that has parts of the spacecraft in view: they turn with it, shape (H, W).
+    """Return what a turning camera sees that has parts of the spacecraft in view, shape (H, W): they turn with it.
 
-    Only what lies behind them moves, and it shows where they do not cover. The lens has spread all images already; that
-    it does so after the parts have covered what they cover matters within its spread of their edges only.
-
-    Parameters
-    ----------
-    still : ndarray, shape (H, W)
-        With the parts, the camera at rest.
-    behind, moved_behind : ndarray, shape (H, W)
-        Without them, the camera at rest and turning.
+    ``still`` has the parts; ``behind`` and ``moved_behind`` have none, at rest and turning. Only what lies behind the
+    parts moves, and it shows where they do not cover. The lens has spread all images already, which matters within its
+    spread of their edges only.
     """
     if truth.part_outline is None:
         return still

@@ -88,13 +88,7 @@ def observe(
 
 
 def check_camera(camera: CameraSpec) -> None:
-    """Raise if any band of a camera cannot be observed, whatever the frame.
-
-    Raises
-    ------
-    UserError
-        No detector, a band that it cannot see, a point spread wider than a kernel can be.
-    """
+    """Raise UserError if a camera cannot observe a band: no detector, a wrong kind, a too wide point spread."""
     detector = camera.detector
     if detector is None:
         raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
@@ -104,13 +98,7 @@ def check_camera(camera: CameraSpec) -> None:
 
 
 def band_named(camera: CameraSpec, name: str | None) -> Band:
-    """Return a camera's band of a name, its first one without.
-
-    Raises
-    ------
-    UserError
-        There is none.
-    """
+    """Return a camera's band of a name, its first one without; UserError where there is none."""
     if not camera.band:
         raise UserError("the camera has no band", where="band", expected="at least one [[band]] table")
     if name is None:

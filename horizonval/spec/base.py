@@ -24,13 +24,9 @@ from horizonval.core.json_types import JsonObject
 class Model(BaseModel):
     """Base of every specification: unknown keys are refused, values cannot be changed.
 
-    The text below a key is its description in the schema and in the reference.
-
-    Attributes
-    ----------
-    later_keys : frozenset of str
-        Keys that came after files were first archived. Where they hold their default they are left out of
-        ``model_dump``, so that a file that does not use them keeps its identity, hence its noise and its bytes.
+    The docstring below a key is its description in the schema and in the reference. ``later_keys`` came after files
+    were first archived: where they hold their default ``model_dump`` leaves them out, so that a file that does not use
+    them keeps its identity, hence its noise and its bytes.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
@@ -50,8 +46,6 @@ def _later_defaults(model: type[Model]) -> tuple[tuple[str, Any], ...]:
     """Return the later keys of a model with their defaults, which are compared with and never handed out."""
     return tuple((key, model.model_fields[key].get_default(call_default_factory=True)) for key in model.later_keys)
 
-
-DIMENSIONLESS = "1"
 
 SUFFIXES = {
     "deg": "deg",

@@ -179,7 +179,7 @@ class PlatformPrior(Model):
     later_keys: ClassVar[frozenset[str]] = frozenset({"altitude_sigma_km"})
 
     altitude_km: Positive | None = None
-    """Height of the orbit above the ellipsoid. A prior that has an altitude stands in its place."""
+    """Height of the orbit above the ellipsoid. A prior with an altitude replaces it."""
     altitude_sigma_km: Positive | None = None
     """Standard deviation of its error."""
 
@@ -350,13 +350,7 @@ class CameraSpec(Model):
         return self
 
     def chosen_head(self, name: str | None, where: str = "camera.head") -> Head | None:
-        """Return the head of a name; None where the file has no heads and none is asked for.
-
-        Raises
-        ------
-        UserError
-            If the file has heads and this is none of them, or has none and one is asked for.
-        """
+        """Return the head of a name, None for a camera without heads; UserError where the name fits no head."""
         if not self.head:
             if name is None:
                 return None

@@ -28,7 +28,7 @@ class Atmosphere(Model):
     for none. Without the key it is drawn: one northern winter day in ten has one. For `profile = "weather"`.
     """
     profile_file: str | None = None
-    """Temperature and gases from a CSV or JSON file beside this one, in place of `profile`: one profile for everywhere,
+    """Temperature and gases from a CSV or JSON file next to this one, in place of `profile`: one profile everywhere,
     or with columns `latitude_deg` and `longitude_deg` those of up to 1000 places, blended between them. Rays then
     cross the air of every place in sight. See `horizonval.earth.atmosphere.profile_file`.
     """
@@ -66,11 +66,9 @@ class Atmosphere(Model):
     """
     refraction: bool | None = None
     """Whether the air bends light. Without the key it does where its index is known: not with a `file` without
-    `refractivity`, and not with `profile = "none"`. The hard limb is then seen where that of a planet larger by n - 1
-    times its radius would be (1.77 km in visible light, 2.4 arcmin from 500 km). The frame's truth has both horizons;
-    its maps are those of straight lines. Light scattered more than once is computed without refraction. With 128 nodes
-    the march is within 0.5 % of its limit in bright pixels with the Sun up, 0.9 % with the Sun 5 deg below the horizon,
-    and 1.2 % and 4 % down to a thousandth of the brightest.
+    `refractivity`, and not with `profile = "none"`. The hard limb then appears 1.77 km higher in visible light (2.4
+    arcmin from 500 km). The frame's truth has both horizons; its maps are those of straight lines. Light scattered more
+    than once is computed without refraction.
     """
 
     @model_validator(mode="after")

@@ -35,21 +35,10 @@ _SCALES = ("linear", "log", "sine")
 
 @dataclass(frozen=True)
 class Variant:
-    """One partial scene of a table, what tells it from the others, and the orbit that makes several of it.
+    """One partial scene of a table, and the orbit (plain data) that makes several of it.
 
-    Attributes
-    ----------
-    table : str
-        Name of the table.
-    item : str
-        Name of the list's scene, ``""`` without one; a list's scene without a name has none.
-    number : int or None
-        Place in the list from 1, ``None`` without a list.
-    parts : tuple of str
-        The axes with their values, then the number of a Sobol point.
-    scene : dict
-    orbit : dict or None
-        As plain data.
+    ``item`` and ``number`` (from 1) are name and position in the table's list, ``""`` and None without. ``parts`` are
+    the axes with their values, then the number of a Sobol point.
     """
 
     table: str
@@ -72,22 +61,9 @@ class Variant:
 
 
 def variants(table: CasesSpec, seed: int, where: str, frames: int | None = None) -> Iterator[Variant]:
-    """Yield what a table makes, orbits not yet flown.
+    """Yield what a table makes, orbits not yet flown; UserError at ``where`` for a wrong axis or too many cases.
 
-    Parameters
-    ----------
-    table : CasesSpec
-    seed : int
-        The suite's.
-    where : str
-        File and table, for errors.
-    frames : int, optional
-        Number of scenes that a table with a ``share`` makes its part of.
-
-    Raises
-    ------
-    UserError
-        An axis that is neither a list nor a range, a list's scene without a name, too many cases.
+    ``seed`` is the suite's; ``frames`` is the number of scenes of which a table with a ``share`` makes its part.
     """
     bases = _listed(table, where)
     axes = [(key, _axis(value, f"{where}.grid.{key}")) for key, value in _leaves(table.grid or {})]

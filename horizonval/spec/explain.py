@@ -24,15 +24,7 @@ MOST_EXPLAINED = 200
 def explain(error: ValidationError, model: type[BaseModel], file: str, *, inside: str = "") -> UserError:
     """Return the problems of a validation as a user's error, each of them one line.
 
-    Parameters
-    ----------
-    error : ValidationError
-    model : type
-        The model that was validated against.
-    file : str
-        The file, for the message.
-    inside : str
-        What stands before the dotted key, where the data are part of a larger file.
+    ``inside`` comes before the dotted key, where the data are part of a larger file.
     """
     problems = error.errors(include_url=False)
     # An unknown key is nearly always the cause of a missing one (``widht``), so it is told first.
@@ -133,8 +125,7 @@ def show(value: object) -> str:
 def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
     """Follow an error's location; return the schema node there and the dotted key as the file spells it.
 
-    Pydantic puts a union's tag into the location (``detector.cmos.bits``); it is no key of the file and is dropped.
-    List items count from 1, as a reader of the file does.
+    Pydantic's tag of a union (``detector.cmos.bits``) is dropped; list items count from 1.
     """
     node: Schema = _resolve(root, root)
     key = ""
@@ -217,22 +208,7 @@ M = TypeVar("M", bound=Model)
 
 
 def with_option(model: M, key: str, value: Any, option: str) -> M:
-    """Return a table of a file with one key changed.
-
-    Parameters
-    ----------
-    model : Model
-    key : str
-    value
-        As the file would hold it.
-    option : str
-        What the error calls it, as ``"--frames"``.
-
-    Raises
-    ------
-    UserError
-        The file may not hold that value.
-    """
+    """Return a table of a file with one key changed; UserError, at ``option``, where the value is refused."""
     changed = {name: getattr(model, name) for name in model.model_fields_set} | {key: value}
     try:
         return type(model).model_validate(changed, strict=True)

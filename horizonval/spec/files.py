@@ -44,22 +44,10 @@ def shipped_path(kind: Kind, name: str) -> Path:
 
 
 def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> Path:
-    """Return the path of a specification file.
+    """Return the path of a specification file: a path, which wins, or a shipped name.
 
-    Parameters
-    ----------
-    kind : str
-    path_or_name : str or Path
-        A path, or a shipped name. A path wins over a name.
-    beside : Path, optional
-        Folder that relative paths start from; the working folder by default.
-    where : str, optional
-        File and key that mention it, for the error.
-
-    Raises
-    ------
-    UserError
-        With every shipped name, nearest first, when there is no such file.
+    Relative paths start from the folder ``beside``, else the working folder. ``where`` is file and key for the error,
+    which lists every shipped name, nearest first.
     """
     given = Path(path_or_name).expanduser()
     candidate = given if beside is None else beside / given

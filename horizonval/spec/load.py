@@ -48,21 +48,9 @@ _TOO_DEEP = re.compile(r"(?<![\w.\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){64}")
 class Case:
     """One frame of a suite: everything a render needs, with every default filled in.
 
-    Attributes
-    ----------
-    scene : SceneSpec
-    camera : CameraSpec
-    head : str or None
-        The head whose frame it is, where the scene stands for a frame of every head. The scene's name is then that of
-        all of them: the heads look at the same clouds.
-    estimators : tuple of str or None
-        Those of the suite's that run on it, ``None`` all of them.
-    table : str or None
-        Name of the table ``[[cases]]`` that it comes from.
-    variant : str
-        What tells it from the others of its table, samples of an orbit apart.
-    sample : str
-        Number of the orbit's sample, ``""`` without an orbit.
+    ``head``: the head that takes the frame, where the scene makes one for every head; all heads see the same clouds.
+    ``estimators``: those of the suite that run on it, None for all. ``table``, ``variant`` and ``sample``: the table
+    ``[[cases]]`` it comes from, its label there, and the number of the orbit's sample.
     """
 
     scene: SceneSpec
@@ -86,11 +74,9 @@ class Case:
 
 @dataclass(frozen=True)
 class Suite:
-    """A suite with its frames resolved, in the file's order.
+    """A suite with its frames resolved, in the file's order; other fields are those of the file's tables.
 
-    ``programs``, ``keep``, ``draws``, ``seed`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and
-    ``[[estimator]]``. ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
-    ``options``: words of the command line that stood in place of what the file says.
+    ``study``: the frames are those of a trade study. ``options``: words of the command line that replaced keys.
     """
 
     name: str
@@ -119,32 +105,15 @@ class Suite:
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
-    """Read a camera file.
-
-    Parameters
-    ----------
-    path_or_name : str or Path
-        A path, or a shipped camera's name.
-    beside, where
-        See :func:`horizonval.spec.files.find`.
-    """
+    """Read a camera file by path or shipped name; see :func:`horizonval.spec.files.find`."""
     path = find("camera", path_or_name, beside=beside, where=where)
     return validate(CameraSpec, read_toml(path), str(path))
 
 
 def load_scene(path_or_name: str | Path, head: str | None = None) -> tuple[SceneSpec, CameraSpec]:
-    """Read a scene file and the camera it names.
+    """Read a scene file and the camera it names; ``head`` replaces ``camera.head``.
 
-    Parameters
-    ----------
-    path_or_name : str or Path
-    head : str, optional
-        In place of the scene's own ``camera.head``.
-
-    Raises
-    ------
-    UserError
-        Among other mistakes, if the camera has several heads and not exactly one is chosen.
+    UserError: among other mistakes, the camera has several heads and not exactly one is chosen.
     """
     path, scene, camera = _read_scene(path_or_name, head)
     camera.chosen_head(scene.camera.head, where=_head_key(path, head))
@@ -190,20 +159,16 @@ def load_suite(
 ) -> Suite:
     """Read a suite file, lay every frame over the defaults, and load the cameras.
 
-    A frame whose camera has several heads becomes one case for each of them unless it chooses one.
-
-    The suite's seed is the default of every frame's ``scene.seed``. Estimators are checked by who runs them: names
-    of plug-ins are not known here.
+    A frame whose camera has several heads becomes one case for each of them unless it chooses one. The suite's seed is
+    the default of every frame's ``scene.seed``. Estimators are checked by who runs them.
 
     Parameters
     ----------
     path_or_name : str or Path
     fly : callable, optional
-        Makes samples of orbits (:func:`horizonval.suites.suite.load_suite` gives it): this room knows no orbits.
-    frames : int, optional
-        In place of ``suite.frames``.
-    seed : int, optional
-        In place of the suite's own: other Sobol points, other draws of everything random.
+        Makes samples of orbits; :func:`horizonval.suites.suite.load_suite` passes it.
+    frames, seed : int, optional
+        Replace ``suite.frames`` and ``suite.seed``.
     """
     path = find("suite", path_or_name)
     spec = validate(SuiteSpec, read_toml(path), str(path))
@@ -223,16 +188,9 @@ def load_suite(
 
 
 def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Sequence[str] = ()) -> Suite:
-    """Return the suite of a specification. Errors as :func:`load_suite`.
+    """Return the suite of a specification; other files lie next to ``path``. Errors as :func:`load_suite`.
 
-    Parameters
-    ----------
-    spec : SuiteSpec
-    path : Path
-        The file that other files lie beside.
-    fly : callable, optional
-    places : sequence of str, optional
-        What errors call the tables of cases, in place of ``cases[1] (name)``.
+    ``places``: what errors call the tables of cases, in place of ``cases[1] (name)``.
     """
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
@@ -332,21 +290,10 @@ class Shelf:
     def resolve(
         self, data: JsonObject, *, inside: str, camera: CameraSpec | None = None
     ) -> tuple[SceneSpec, CameraSpec]:
-        """Return scene and camera of plain data.
+        """Return scene and camera of plain data; UserError names the file, the position ``inside`` and the key.
 
-        Parameters
-        ----------
-        data : dict
-            A scene, as a TOML file has it; ``camera`` may hold tables of the camera file that change it.
-        inside : str
-            Place in the file, for errors.
-        camera : CameraSpec, optional
-            In place of the file that ``camera.file`` names, which need not exist then.
-
-        Raises
-        ------
-        UserError
-            Naming the file, the place ``inside`` and the key.
+        ``camera`` in the data may hold tables of the camera file that change it. A camera that is passed replaces the
+        file that ``camera.file`` names.
         """
         use = data.get("camera")
         changes = {key: use[key] for key in CAMERA_TABLES if key in use} if isinstance(use, Mapping) else {}

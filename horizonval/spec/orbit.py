@@ -53,8 +53,8 @@ class OrbitAttitude(Model):
     sun_axis: Annotated[Vector, unit("1")] = (0.0, 0.0, -1.0)
     """Axis of the body that `pointing = "sun"` turns towards the Sun; of any length but 0."""
     file: str | None = None
-    """File beside the suite that says how the body was turned, in place of all other keys: an attitude ephemeris
-    message of CCSDS, or a table with `time_utc` and `q_body_from_gcrs_x` to `_w`.
+    """File next to the suite with the body's attitude, in place of all other keys: an attitude ephemeris message
+    of CCSDS, or a table with `time_utc` and `q_body_from_gcrs_x` to `_w`.
     """
     body_axes: str | None = None
     """With the orbit's `kernels`: the frame of the body, whose attitude they say in place of all other keys."""
@@ -113,15 +113,15 @@ class OrbitSpec(Model):
     true_anomaly_deg: Angle = 0.0
     """Angle from the perigee to the first sample."""
     tle: Annotated[list[str], Field(min_length=2, max_length=3)] | str | None = None
-    """Two-line elements: the two lines (a title before them is allowed), or the file beside the suite that holds them.
+    """Two-line elements: the two lines (a title before them is allowed), or the file next to the suite that holds them.
     SGP4 then says where the satellite is.
     """
     ephemeris: str | None = None
-    """File beside the suite that says where the satellite is: an orbit ephemeris or mean-elements message of CCSDS, KVN
+    """File next to the suite with the satellite's positions: an orbit ephemeris or mean-elements message of CCSDS, KVN
     or XML, or a table with `time_utc` and `x_gcrs_km` to `z_gcrs_km`, or the same with `itrs`.
     """
     kernels: Annotated[list[str], Field(min_length=1)] | None = None
-    """SPICE kernels beside the suite: leap seconds, SPK, and what the attitude needs (CK, clock, frames)."""
+    """SPICE kernels next to the suite: leap seconds, SPK, and what the attitude needs (CK, clock, frames)."""
     spacecraft: str | None = None
     """With `kernels`: name or number of the spacecraft."""
     revolutions: Annotated[Positive, unit("1")] | None = None

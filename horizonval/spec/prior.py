@@ -1,4 +1,4 @@
-"""What estimators are given beside the image: the tables ``[prior]`` and ``[calibration]``.
+"""What estimators are given in addition to the image: the tables ``[prior]`` and ``[calibration]``.
 
 A prior is what is known before the image is processed, in a scene, suite or study or in a file of its own. A
 calibration is the error of the camera and the time that estimators are given.
@@ -21,11 +21,11 @@ UNIT_TOLERANCE = 1e-3
 
 
 class PriorSpec(Model):
-    """What is known before the image is looked at, each value with the standard deviation of its error.
+    """What is known before the image is processed, each value with the standard deviation of its error.
 
     With a picture (`horizonval estimate --prior`) values and sigmas go together. In scenes, suites and studies a sigma
     alone is enough: the value is then the truth with an error drawn from it, under the scene's `draw` or name and seed.
-    A value beside it stands as it is. Nothing is known of what has neither, but for the planet's shape.
+    A value next to it is used as it is. What has neither is unknown, but for the planet's shape.
     """
 
     shape: Literal["wgs84", "sphere"] | None = None
@@ -48,14 +48,14 @@ class PriorSpec(Model):
     epoch_utc: Epoch | None = None
     """Date and time of the image, UTC. Where position or attitude are drawn, the scene's own without the key."""
     limb_height_km: Finite | None = None
-    """By how much the limb in the image stands above the horizon of the shape, the mean all round."""
+    """Height of the limb in the image above the horizon of the shape, the mean all round."""
     limb_height_sigma_km: Positive | None = None
     """Standard deviation of its error. A height is drawn for thermal bands only, about the mean height of half the
     plateau of the truth's infrared horizon.
     """
     climate: str | None = None
     """What is known of the air: a name (`horizonval list atmospheres`), a profile file (.csv, .json) or a table of
-    `horizonval templates` (.npz) beside this one, or `by_latitude_month`, which needs position and time.
+    `horizonval templates` (.npz) next to this file, or `by_latitude_month`, which needs position and time.
     """
     sun_sigma_deg: SigmaAngle | None = None
     """Standard deviation of the Sun sensor's reading in each of two directions across it. Without the key the sensor
@@ -106,7 +106,7 @@ class PriorFile(Model):
     """What is known of one picture: one table `[prior]`."""
 
     prior: PriorSpec
-    """What is known before the image is looked at."""
+    """What is known before the image is processed."""
 
 
 Percent = Annotated[float, Field(ge=-50, le=50)]
@@ -119,10 +119,10 @@ SigmaSeconds = Annotated[float, Field(ge=0, le=100)]
 
 
 class CalibrationSpec(Model):
-    """By how much the camera and the time that estimators are told differ from those of the frame.
+    """Errors of the camera and the time that estimators are given.
 
-    An `error` is what is told minus what is true, and stands as it is. A `sigma` adds an error that is drawn from it,
-    and is told to the estimator, which may count on it. Frame, noise and truth are what they are without the table.
+    An `error` is the given value minus the true one. A `sigma` adds an error drawn from it, and estimators are given
+    the sigma. Frame, noise and truth do not change.
     """
 
     draw: FrameName | None = None

@@ -107,32 +107,28 @@ class SceneName(Model):
     seed: Whole = 0
     """Another number draws other clouds and other noise. In a suite the default is the suite's seed."""
     draw: FrameName | None = None
-    """A name that stands in place of the scene's own identity wherever something is drawn. Scenes of the same draw and
-    seed have the same clouds and, with the same camera name, the same noise: common random numbers, for comparing
-    cameras and methods frame by frame.
-    """
+    """A name from which everything random is drawn, instead of the scene's identity. Scenes of the same draw and
+    seed have the same clouds and, with the same camera name, the same noise: for comparisons frame by frame."""
 
 
 class RenderSettings(Model):
     """Accuracy of the march along each ray.
 
-    With 128 nodes the march is within 0.3 % of its limit wherever a pixel has a twentieth of the brightest one's
-    radiance, and within 1 % (in twilight 0.3 %, with particles 1.5 %) down to a thousandth, with the Sun at any height
-    to 8 deg below the horizon.
+    With 128 nodes the march is within 0.3 % of its limit in pixels brighter than a twentieth of the brightest, and
+    within 1 % (1.5 % with particles) down to a thousandth, with the Sun at any height to 8 deg below the horizon.
     """
 
     later_keys: ClassVar[frozenset[str]] = frozenset({"method", "part_samples"})
 
     method: Literal["table", "march"] = "table"
-    """How sunlight is found in solar bands. `table` tabulates it over direction, once for all frames from one place
-    under one Sun, and interpolates. `march` goes along the ray of every cell: the reference for the tables, at many
-    times their cost. Thermal bands come from tables either way.
+    """How sunlight is computed in solar bands. `table` tabulates it over direction, once for all frames of one position
+    and Sun, and interpolates. `march` follows the ray of every cell: the reference for the tables, at many times their
+    cost. Thermal bands always use tables.
     """
     subsamples: Annotated[int, Field(ge=1, le=16), unit("1")] = 2
-    """Rays per pixel along each axis; a pixel has the square of it. The hard edge of the ground needs none: its share
-    of a pixel is worked out. What they average is the soft limb. Where a pixel is wider than the air is deep (160
-    pixels over 57 deg from 500 km, 16 km each) its mean is off by up to 10, 2.8, 1.2 and 0.8 % of the brightest with 1,
-    2, 3 and 4, where it is 5 km wide by 1.0 and 0.3 % with 1 and 2.
+    """Rays per pixel along each axis, to average the soft limb; the ground's share of a pixel is exact. With pixels 16
+    km wide the error is up to 10, 2.8, 1.2 and 0.8 % of the brightest with 1, 2, 3 and 4, with 5 km 1.0 and 0.3 %
+    with 1 and 2.
     """
     nodes: Annotated[int, Field(ge=8, le=4096), unit("1")] = 128
     """Points along each ray at which air is looked up."""
@@ -142,10 +138,9 @@ class RenderSettings(Model):
     """Random rays per pixel on parts of the spacecraft, rounded up to a square, for the light of the Earth on them.
     """
     band_error: Annotated[float, Field(ge=1e-4, le=0.1), unit("1")] = 0.012
-    """Largest relative error of a solar band's radiance, from limb and ground under a high or a low Sun, that too few
-    wavelengths may leave. It decides how many wavelengths a band gets that does not say so itself (`nodes` of the
-    camera's band). With 1.2 % a band of 450 to 750 nm gets 4, and is within 0.4 % but where the Sun stands low; 0.3 %
-    takes 6, and twice the time.
+    """Largest relative error of a solar band's radiance that too few wavelengths may leave. It gives the number of
+    wavelengths of a band without `nodes` in the camera file: 4 for 450 to 750 nm and 1.2 %, 6 for 0.3 %, at twice the
+    time.
     """
 
 
@@ -185,13 +180,11 @@ class SceneSpec(Model):
     render: RenderSettings = RenderSettings()
     """Accuracy of the rendering."""
     prior: PriorSpec | None = None
-    """What is known beside the image; without the table the shape of the planet, and what the camera file says. It
-    changes neither frame nor noise.
+    """What estimators are given; without the table the planet's shape and the camera file. It changes neither frame nor
+    noise.
     """
     calibration: CalibrationSpec | None = None
-    """By how much the camera and the time that estimators are told are wrong; without the table they are right. It
-    changes neither frame nor noise.
-    """
+    """Errors of the camera and the time that estimators are given. It changes neither frame nor noise."""
 
     @model_validator(mode="after")
     def _layers_float_in_air(self) -> SceneSpec:

@@ -45,17 +45,8 @@ Schema = Mapping[str, Any]
 class Key:
     """One key of a table.
 
-    Attributes
-    ----------
-    name : str
-    meaning : str
-    values : str
-        What it may hold, in words.
-    unit : str or None
-        ``"1"`` for a number without a dimension, None for what is no number.
-    default : str or None
-        As it would stand in the file; empty where leaving the key out means something of its own, None where the key
-        must be there.
+    ``values``: what it may hold, in words. ``unit``: "1" without a dimension, None for what is no number. ``default``:
+    as in the file, empty where a missing key has a meaning of its own, None where the key is required.
     """
 
     name: str
@@ -67,17 +58,10 @@ class Key:
 
 @dataclass(frozen=True)
 class KeyTable:
-    """One table of a file.
+    """One table of a file; tables inside it follow as separate tables.
 
-    Attributes
-    ----------
-    header : str
-        ``[optics]``, or ``[[band]]`` where there can be several; empty for the file itself.
-    variant : str
-        ``kind = "cmos"`` where the key ``kind`` decides which keys the table has; otherwise empty.
-    meaning : str
-    keys : tuple of Key
-        Those that hold values; tables inside it follow as tables of their own.
+    ``header``: ``[optics]``, or ``[[band]]`` where there can be several; empty for the file itself. ``variant``:
+    ``kind = "cmos"`` where the key ``kind`` decides which keys the table has.
     """
 
     header: str
@@ -157,11 +141,6 @@ def unit_of(name: str, node: Schema) -> str | None:
     return unit_of_name(name)
 
 
-def holds_numbers(node: Schema) -> bool:
-    """Whether a key holds a number or a list of numbers."""
-    return any(part.get("type") in _NUMBERS for part in _parts(node))
-
-
 def _parts(node: Schema) -> Iterator[Schema]:
     """Yield a node, what it is one of, and the entries of its lists."""
     yield node
@@ -179,8 +158,8 @@ _SUFFIXES = ("Partial", "Axes", "Ranges")
 def json_schema(kind: FileKind) -> JsonObject:
     """Return the schema of a kind of file as plain data.
 
-    Every key has a ``description`` and, where it holds numbers, a ``unit`` (``"1"`` without a dimension). A schema
-    cannot say everything: keys that exclude each other are found by reading the file.
+    Every key has a ``description`` and, where it holds numbers, a ``unit`` (``"1"`` without a dimension). Keys that
+    exclude each other are found only by reading the file.
     """
     definitions = _Definitions()
     name = definitions.add(MODELS[kind])

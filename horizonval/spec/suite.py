@@ -180,7 +180,7 @@ class SuiteHead(Model):
     """
     keep: Keep = "all"
     """Which frames and images stay in the archive: `all`, `failures` (of frames with an outcome that was not the
-    expected one, or false) or `none`. What is not kept can be made again from the suite and the case's name.
+    expected one, or false) or `none`. What is not kept can be recomputed from the suite and the case's name.
     """
     time_limit_s: Positive = 60.0
     """Processor time that one estimate may use, with the processes it starts; by the clock it gets ten times as long,
@@ -200,7 +200,7 @@ class ProgramSpec(Model):
     """Name of the estimator."""
     command: Annotated[str, Field(min_length=1)]
     """The command line. `{image}` and `{camera}` stand for the paths, which otherwise come last, `{prior}` for that of
-    a file with what is known beside the image. A relative path of the program starts from the suite's folder.
+    a file with the prior. A relative path of the program starts from the suite's folder.
     """
     estimates: Literal["geocentric", "geodetic"] = "geocentric"
     """Which nadir it estimates."""
@@ -327,11 +327,11 @@ class SuiteSpec(Model):
     cases: list[CasesSpec] = []
     """Tables that make many frames each."""
     estimator: list[ProgramSpec] = []
-    """Programs, beside the estimators that are known by name."""
+    """Programs, in addition to the estimators that are known by name."""
     figure: list[FigureSpec] = []
     """Figures on a page of their own."""
     stability: StabilitySpec | None = None
-    """A study of the infrared horizon beside the frames."""
+    """A study of the infrared horizon in addition to the frames."""
     regression: RegressionSpec | None = None
     """How `horizonval regress` compares nights."""
     dataset: DatasetSpec | None = None

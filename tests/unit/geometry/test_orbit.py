@@ -8,10 +8,13 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.geometry import orbit
-from horizonval.geometry.frames import lvlh_from_itrs, rotate
+from horizonval.geometry.frames import inverse, lvlh_from_itrs, rotate
+from horizonval.geometry.pose import Pose, pose_from_spec
 from horizonval.geometry.sun_and_moon import sun_itrs
+from horizonval.spec.scene import SceneSpec
 
 EPOCH = datetime(2026, 3, 20, 6, 30, tzinfo=UTC)
 
@@ -75,7 +78,42 @@ def test_velocity_is_the_derivative_of_position():
 def test_heading_gives_the_same_lvlh_as_position_and_velocity():
     elements = orbit.Elements(7.1e6, 0.02, 1.7, 0.4, 2.0, 0.7)
     r, v = orbit.tod_states(elements, np.linspace(0, 5000, 7))
-    for ri, vi, heading in zip(r, v, orbit.heading(r, v), strict=True):
+    for ri, vi, azimuth in zip(r, v, orbit.heading(r, v), strict=True):
         want = orbit.lvlh_matrices(ri[None], vi[None])[0]
         # Rounding of a turn: 1e-12 rad.
-        assert np.abs(rotate(lvlh_from_itrs(ri, float(heading)), np.eye(3)).T - want).max() < 1e-12
+        assert np.abs(rotate(lvlh_from_itrs(ri, float(azimuth)), np.eye(3)).T - want).max() < 1e-12
+
+
+ARCSEC = math.radians(1.0 / 3600.0)
+
+
+def pose_of(latitude_deg: float, heading_deg: float) -> Pose:
+    platform = {"altitude_km": 500.0, "latitude_deg": latitude_deg, "longitude_deg": 25.0, "heading_deg": heading_deg}
+    return pose_from_spec(SceneSpec.model_validate({"camera": {"file": "test"}, "platform": platform}))
+
+
+def axis_itrs(pose: Pose, axis: int) -> FloatArray:
+    return rotate(inverse(pose.q_lvlh_from_itrs), np.eye(3)[axis])
+
+
+@pytest.mark.parametrize("heading_deg", [-135.0, -20.0, 45.0, 100.0])
+@pytest.mark.parametrize("latitude_deg", [-60.0, 0.0, 45.0])
+def test_orbit_of_the_heading_has_the_inclination_of_spherical_trigonometry(
+    latitude_deg: float, heading_deg: float
+) -> None:
+    """Clairaut's relation, ``cos i = cos(geocentric latitude) sin(heading)``, for the plane of position and x."""
+    pose = pose_of(latitude_deg, heading_deg)
+    x, y, z = pose.r_itrs
+    geocentric_latitude = math.atan2(z, math.hypot(x, y))
+    inclination = math.acos(math.cos(geocentric_latitude) * math.sin(math.radians(heading_deg)))
+    normal = np.cross(pose.r_itrs, axis_itrs(pose, 0))
+    assert math.acos(normal[2] / np.linalg.norm(normal)) == pytest.approx(inclination, abs=1e-12)
+
+
+def test_flown_orbits_mean_the_same_azimuth() -> None:
+    """The heading of a velocity, put into a scene, points x along its part across the line to the centre."""
+    r = pose_of(45.0, 0.0).r_itrs
+    velocity = np.array([-3e3, 4.5e3, 5.2e3])
+    x = axis_itrs(pose_of(45.0, math.degrees(float(orbit.heading(r, velocity)))), 0)
+    level = velocity - (velocity @ r) / (r @ r) * r
+    assert x == pytest.approx(level / np.linalg.norm(level), abs=1e-12)

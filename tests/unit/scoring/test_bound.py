@@ -32,8 +32,6 @@ def _pictures() -> ModuleType:
     """Return the pictures that the tests of the likelihood are made with: they share nothing with this package."""
     path = Path(__file__).parents[1] / "estimation" / "likelihood" / "limb_image.py"
     spec = importlib.util.spec_from_file_location("limb_image_of_the_bound", path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
@@ -60,7 +58,6 @@ def _information(picture, reliefs=(), variance: float = SIGMA**2 + 1 / 12) -> Li
     found = limb_information(
         _expected(PICTURES.picture(picture), variance), camera, np.eye(3), r, sphere(PICTURES.RADIUS_M), reliefs
     )
-    assert found is not None
     return found
 
 
@@ -138,7 +135,6 @@ def test_a_straight_edge_has_the_bound_in_closed_form():
     limb_px = 79.5
     mean = 20.0 + 100.0 * ndtr((np.arange(160) - limb_px) / blur)[None, :]
     found = limb_information(_expected(mean, 1.0), camera, np.eye(3), -(6371e3 + altitude) * nadir, sphere(6371e3))
-    assert found is not None
     px_per_rad = 160.0
     expected = (100.0**2 / (2.0 * math.sqrt(math.pi) * blur)) * px_per_rad**2
     # A turn about the camera's y axis carries the limb along the row.
@@ -221,7 +217,6 @@ def test_two_heads_know_what_both_know_and_text_keeps_it():
     both = one + one
     assert both.by_noise == pytest.approx(2.0 * one.by_noise)
     kept = LimbInformation.from_dict(both.to_dict())
-    assert kept is not None
     assert kept.by_knowledge == pytest.approx(both.by_knowledge, rel=1e-11)
     assert LimbInformation.from_dict(None) is None
     assert LimbInformation.from_dict({**both.to_dict(), "schema": 0}) is None
@@ -245,10 +240,6 @@ def test_what_is_known_beside_the_image_is_in_the_bound():
             turned, replace(truth, scene={**truth.scene, "prior": prior}), truth.camera_spec.band[0].name
         )
     free, altitude, limb = (bounds[name] for name in ("free", "altitude", "altitude and limb"))
-    assert free.noise_arcsec is not None
-    assert altitude.noise_arcsec is not None
-    assert limb.known_arcsec is not None
-    assert altitude.known_arcsec is not None
     assert free.noise_arcsec == pytest.approx(55.8, rel=0.03)
     assert altitude.noise_arcsec == pytest.approx(8.0, rel=0.03)
     assert altitude.known_arcsec > 3.0 * limb.known_arcsec
@@ -286,7 +277,6 @@ def test_a_limb_of_one_pixel_says_nothing_in_numbers():
     expected = replace(_expected(mean, 1.0), reads=np.arange(160)[None, :] == 80)
     r = -6871e3 * np.array([math.sin(rho), 0.0, math.cos(rho)])
     found = limb_information(expected, camera, np.eye(3), r, sphere(6371e3))
-    assert found is not None
     assert np.isfinite(found.by_noise).all()
     # A hundred kilometres of height, or a radian of tilt, would be as likely.
     assert np.abs(found.by_knowledge[:3, :3]).max() < 1.0
@@ -301,8 +291,6 @@ def test_a_flattening_with_a_pole_anywhere_is_the_oblateness_of_cones():
     flat = replace(truth, ellipsoid_b_m=truth.ellipsoid_a_m)
     band = truth.camera_spec.band[0].name
     oblate, round_ = (bound_of(turned, one, band).known_rad for one in (truth, flat))
-    assert oblate is not None
-    assert round_ is not None
     rho = math.asin(PICTURES.RADIUS_M / (PICTURES.RADIUS_M + picture.altitude_m))
     around = np.linspace(0.0, 2.0 * math.pi, 360, endpoint=False)
     los = np.column_stack([math.sin(rho) * np.cos(around), math.sin(rho) * np.sin(around), np.full(360, math.cos(rho))])

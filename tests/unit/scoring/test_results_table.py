@@ -169,7 +169,7 @@ def test_a_path_that_duckdb_cannot_be_told_is_refused(tmp_path):
         read_results(write_results([], tmp_path / "a\\b*" / "results.parquet"))
 
 
-@pytest.mark.parametrize("step", [53, pytest.param(7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("step", [211, pytest.param(7, marks=pytest.mark.slow)])
 def test_every_bit_of_a_table_counts(tmp_path, step):
     path = write_results([result_row()], tmp_path / "r.parquet")
     data = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Statistics of rows small enough to be worked out by hand."""
+"""Statistics of rows, rates, noise and headlines, by hand and by closed forms."""
 
 from __future__ import annotations
 
@@ -7,11 +7,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 from synthetic import result_row
 
 from horizonval.estimation.observation import Fit
+from horizonval.report.words import DEG
+from horizonval.report.words import headline as words_of
+from horizonval.scoring import summary as module
 from horizonval.scoring.row import Row
-from horizonval.scoring.summary import mean_noise_nees, noise_nees, summarise
+from horizonval.scoring.summary import (
+    condition_of,
+    headline,
+    mean_noise_nees,
+    noise_nees,
+    proportion,
+    rates,
+    strict_confusion,
+    summarise,
+    upper_bound,
+    why_false,
+)
 
 
 def row(case: str, expected: str, status: str, error: float | None = None, **changes: Any) -> Row:
@@ -126,3 +141,155 @@ def test_a_claim_that_cannot_be_tested_has_no_mean() -> None:
     assert mean_noise_nees(draws(5, claimed=0.0)) is None
     assert mean_noise_nees(draws(5, claimed=np.nan)) is None
     assert mean_noise_nees(draws(5, bias=np.nan)) is None
+
+
+@pytest.mark.parametrize(
+    ("k", "n", "low", "high"),
+    [(81, 263, 0.2527, 0.3676), (15, 148, 0.0578, 0.1617), (0, 20, 0.0, 0.1684), (1, 29, 0.0009, 0.1776)],
+)
+def test_the_exact_interval_is_the_published_one(k, n, low, high):
+    """R. G. Newcombe, Statistics in Medicine 17, 857 (1998), table I, method 5 (four digits)."""
+    assert proportion(k, n)["interval"] == pytest.approx([low, high], abs=6e-5)
+
+
+def outcome_row(expected, status, borderline=False, false=False, estimator="e", error=None):
+    return result_row(
+        estimator=estimator,
+        expected=expected,
+        status=status,
+        borderline=borderline,
+        false_valid=false,
+        nadir_error_arcsec=error,
+    )
+
+
+OUTCOMES = [
+    outcome_row("valid", "valid"),
+    outcome_row("valid", "dark"),
+    outcome_row("valid", "valid", false=True, error=1801.0),
+    outcome_row("valid", "short_arc", borderline=True),
+    outcome_row("dark", "valid", borderline=True, false=True, error=1799.0),
+    outcome_row("dark", "valid"),
+    outcome_row("dark", "dark"),
+    outcome_row("no_limb", "valid", estimator="f"),
+]
+
+
+def test_borderline_frames_are_not_held_against_either_answer():
+    found = rates(OUTCOMES[:7])
+    assert (found["availability"]["n"], found["availability"]["of"]) == (2, 3)
+    assert (found["refusal"]["n"], found["refusal"]["of"]) == (1, 3)
+    assert (found["bonus"]["n"], found["bonus"]["of"]) == (1, 2)
+    assert found["n_borderline"] == 2
+
+
+def test_a_false_claim_counts_on_a_borderline_frame_too():
+    found = rates(OUTCOMES[:7])
+    assert (found["false_valid"]["n"], found["false_valid"]["of"]) == (2, 4)
+    assert (found["false_valid_frames"]["n"], found["false_valid_frames"]["of"]) == (2, 7)
+    assert found["false_valid"]["upper_bound"] > 0.5
+    assert (found["false_valid"]["beyond_limit"], found["false_valid"]["beyond_sigma"]) == (1, 1)
+
+
+@pytest.mark.parametrize("expected", ["valid", "dark"])
+@pytest.mark.parametrize("borderline", [False, True])
+def test_a_crash_is_right_on_no_frame(expected, borderline):
+    crash = outcome_row(expected, "crashed", borderline)
+    assert crash.is_failure
+    found = rates([*OUTCOMES[:7], crash])
+    assert (found["crashed"]["n"], found["crashed"]["of"]) == (1, 8)
+    assert strict_confusion([crash]) == {"borderline" if borderline else expected: {"crashed": 1}}
+
+
+def test_a_claim_that_is_no_number_is_beyond_the_limit():
+    assert why_false(outcome_row("valid", "valid", false=True)) == "false_beyond_limit"
+    assert why_false(outcome_row("valid", "valid", error=1799.0)) is None
+    assert why_false(outcome_row("valid", "valid", error=1000.0, false=True)) == "false_beyond_sigma"
+    assert why_false(outcome_row("valid", "valid", error=1000.0, false=True), {"e"}) == "false_beyond_limit"
+
+
+def test_the_strict_matrix_has_a_line_and_a_column_more():
+    matrix = strict_confusion(OUTCOMES[:7])
+    assert matrix == {
+        "valid": {"valid": 1, "dark": 1, "false_beyond_limit": 1},
+        "dark": {"valid": 1, "dark": 1},
+        "borderline": {"short_arc": 1, "false_beyond_sigma": 1},
+    }
+    assert list(matrix["valid"]) == ["valid", "false_beyond_limit", "dark"]
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 1), (1, 1), (3, 10), (0, 300), (10, 10)])
+def test_bounds_hold_the_chance_they_state(k: int, n: int) -> None:
+    """At the bounds of Clopper and Pearson what was seen, or more of it, has just the chance left outside."""
+    low, high = proportion(k, n)["interval"]
+    if k > 0:
+        assert stats.binom.sf(k - 1, n, low) == pytest.approx(0.025, rel=1e-6)
+    if k < n:
+        assert stats.binom.cdf(k, n, high) == pytest.approx(0.025, rel=1e-6)
+        assert stats.binom.cdf(k, n, upper_bound(k, n)) == pytest.approx(0.05, rel=1e-6)
+    assert proportion(k, n)["rate"] == k / n
+    assert proportion(0, 0) == {"n": 0, "of": 0, "rate": None, "interval": None}
+    assert upper_bound(0, 0) is None
+
+
+def seen_row(case: str, status: str, error_deg: float | None = None, **changes: Any) -> Row:
+    lit = {"epoch_utc": "2026-03-20T12:00:00Z", "lit_fraction": 1.0, "sun_in_frame": False, "borderline": False}
+    error = None if error_deg is None else 3600.0 * error_deg
+    return result_row(**(lit | {"case": case, "status": status, "nadir_error_arcsec": error} | changes))
+
+
+ORBIT = [
+    seen_row("o1", "valid", 0.1),
+    seen_row("o2", "valid", 0.2),
+    seen_row("o3", "valid", 6.6, lit_fraction=0.4, false_valid=True),
+    seen_row("o4", "dark", expected="dark", lit_fraction=0.0),
+    seen_row("o5", "dark", expected="dark", lit_fraction=0.0),
+]
+OTHERS = [
+    seen_row("sun", "sun_glare", expected="sun_glare", sun_in_frame=True),
+    seen_row("space", "crashed", expected="no_limb", lit_fraction=None),
+    seen_row("bright", "valid", 0.3, expected="saturated"),
+]
+
+
+@pytest.mark.parametrize(
+    ("changes", "condition"),
+    [
+        ({}, module.CLEAR),
+        ({"lit_fraction": 0.5}, module.TERMINATOR),
+        ({"lit_fraction": 0.0}, module.NIGHT),
+        ({"lit_fraction": None}, module.NO_LIMB),
+        ({"expected": "short_arc"}, module.NO_LIMB),
+        ({"sun_in_frame": True, "lit_fraction": 0.5}, module.SUN),
+        ({"expected": "saturated"}, module.SATURATED),
+        ({"epoch_utc": None, "lit_fraction": None}, module.NOT_MADE),
+    ],
+)
+def test_what_was_in_view_has_words(changes, condition):
+    assert condition_of(seen_row("a", "dark", **changes)) == condition
+
+
+def test_what_does_not_work_counts_along_the_orbit_whatever_was_to_be_expected():
+    line = headline(ORBIT + OTHERS, {"o1", "o2", "o3", "o4", "o5"})
+    assert (line["orbit"]["n"], line["orbit"]["of"]) == (2, 5)
+    assert (line["due"]["n"], line["due"]["of"]) == (2, 3)
+    assert line["false"] == [[module.TERMINATOR, 1, 1]]
+    assert line["crashed"] == [[module.NO_LIMB, 1, 1]]
+    assert line["silent"] == [[module.NIGHT, 2, 2], [module.SUN, 1, 1]]
+    assert (line["worst_arcsec"], line["n"]) == (6.6 * 3600.0, 4)
+
+
+def test_a_line_says_it_in_degrees():
+    (group,) = summarise(ORBIT + OTHERS, orbit={"o1", "o2", "o3", "o4", "o5"})["groups"]
+    assert words_of(group, DEG) == (
+        "works 40 % of the orbit (2 of 5 frames); crashes with too little limb in view (1 of 1); false at the "
+        "terminator (1 of 1); no answer on the night side (2 of 2) and with the Sun in the frame (1 of 1); "
+        "worst 6.60° (n = 4)."
+    )
+
+
+def test_who_is_told_the_pose_is_counted_apart():
+    told = [seen_row(case, "valid", 0.0, estimator="told") for case in "abcd"]
+    summary = summarise([*ORBIT, *told], given_pose=["told"])
+    assert (summary["rates"]["false_valid"]["n"], summary["rates"]["false_valid"]["of"]) == (1, 3)
+    assert [group["given_pose"] for group in summary["groups"]] == [False, True]

@@ -70,7 +70,6 @@ def test_what_leaves_is_what_the_formulas_say():
     camera = CameraModel(width=201, height=161, fx=170.0, fy=175.0, cx=100.0, cy=80.0)
     lost = lens_spread.lost_share(camera, lens_of("scatter"), BAND, PITCH)[80, 100]
     given = lens_of("scatter").scatter
-    assert given is not None
     inside = scatter.share_in_rectangle(given, 100.5 / 170, 80.5 / 175)
     # Pixels are taken by their centres far from the point: 1e-6 of all light.
     assert lost == pytest.approx(0.02 - inside, abs=1e-6)

@@ -93,11 +93,6 @@ def test_point_spread_leaves_uniform_images_alone_to_the_border():
     assert lens_spread.blur(image, 0.0) is image
 
 
-def test_one_watt_of_green_light():
-    """One joule at 0.5 um is 2.517e18 photons."""
-    assert exposure.photoelectrons(np.array(1.0), 1.0, 1.0, 0.5e-6) == pytest.approx(2.5170e18, rel=1e-4)
-
-
 @pytest.mark.parametrize("full_well", [1.0, 13500.0, 1e9])
 def test_the_sun_saturates_and_does_not_overflow(full_well):
     counts = exposure.count(np.array([0.0, 1e12, 1e25, 1e300]), full_well, np.random.default_rng(1))

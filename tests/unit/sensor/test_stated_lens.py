@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import constants
 
 import horizonval as hv
 from horizonval.estimation.methods.limb_profile import ESTIMATOR
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.sensor.expected_image import stated_lens
+from horizonval.frame import DetectorImage
+from horizonval.report.viewer import heat_of
+from horizonval.sensor.expected_image import black_level_dn, radiance_per_dn, stated_lens
 from horizonval.spec.load import load_camera
 from horizonval.suites.observation import observation_of
 
@@ -19,7 +23,6 @@ def test_it_is_what_the_file_says() -> None:
     """550 nm or so at f/4 on pixels of 5.5 um; 0.6 px in the middle, 1.1 at 40 deg, whose root mean square is 0.886."""
     camera = load_camera("vis-cmos-1024-60deg-full")
     lens = stated_lens(camera, camera.band[0])
-    assert lens is not None
     assert lens.diffraction_px == pytest.approx(0.6 * 4.0 / 5.5, rel=0.03)
     np.testing.assert_allclose(lens.angles_rad, np.radians([0.0, 40.0]))
     np.testing.assert_allclose(lens.ratios, np.array([0.6, 1.1]) / 0.886, rtol=1e-3)
@@ -35,7 +38,6 @@ def test_of_a_plain_lens_nothing_is_said() -> None:
 def test_without_pixels_there_is_no_pitch() -> None:
     camera = load_camera("vis-cmos-1024-60deg-full").model_copy(update={"detector": None})
     lens = stated_lens(camera, camera.band[0])
-    assert lens is not None
     assert lens.diffraction_px == 0.0
 
 
@@ -74,13 +76,13 @@ def frame(tmp_path_factory: pytest.TempPathFactory) -> hv.Frame:
     return hv.render(path)
 
 
+@pytest.mark.slow
 def test_a_profile_seen_through_all_of_a_lens(frame: hv.Frame) -> None:
     """Within three of its sigmas; told nothing of the lens the fit has no answer, or claims half as much more."""
     image = frame.observe(seed=1)
     seen = observation_of(image, ESTIMATOR)
     assert seen.lens is not None
     known = _error_and_claim(seen, image)
-    assert known is not None
     error, claimed = known
     assert claimed < np.radians(180.0 / 3600.0)
     assert error < 3.0 * claimed
@@ -94,3 +96,28 @@ def _error_and_claim(seen: Observation, image: hv.Image) -> tuple[float, float] 
         return None
     cosine = float(result.nadir_cam @ np.array(image.truth.nadir_geocentric_cam))
     return float(np.arccos(min(cosine, 1.0))), float(np.sqrt(np.trace(result.total_covariance_nadir_cam)))
+
+
+def test_a_number_is_the_radiance_that_fills_it(make_truth, camera_tables):
+    truth = make_truth(camera_tables)
+    image = DetectorImage(np.zeros((30, 40), np.uint16), "vis", truth, 1023, {"camera": camera_tables})
+    # 5.5 um pixels behind f/4: solid angle of the pupil from the image, over the pixel's area.
+    focal_m = 20.0 / math.tan(math.radians(30.0)) * 5.5e-6
+    pupil_m2 = math.pi / 4 * (focal_m / 4.0) ** 2
+    watts = pupil_m2 * (5.5e-6 / focal_m) ** 2 * 0.8
+    photon_j = constants.h * constants.c / 0.6e-6
+    electrons_per_radiance = watts * 2e-4 / photon_j * 0.6
+    dn_per_electron = (1023 - 32) / 13500
+    assert radiance_per_dn(image) == pytest.approx(1.0 / (electrons_per_radiance * dn_per_electron), rel=1e-3)
+    assert black_level_dn(image) == 32
+    heat = heat_of(image)
+    assert heat["zero"] + heat["step"] * 32 == pytest.approx(0.0, abs=1e-12)
+    assert heat["width_um"] == pytest.approx(0.3)
+    assert heat["temperature_k"] is None
+
+
+def test_what_does_not_tell_has_none(make_truth):
+    image = DetectorImage(np.zeros((30, 40), np.uint16), "vis", make_truth(), 1023)
+    assert radiance_per_dn(image) is None
+    assert black_level_dn(image) == 0.0
+    assert heat_of(replace(image)) is None
