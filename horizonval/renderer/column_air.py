@@ -40,8 +40,7 @@ from horizonval.renderer.types import Values, Vec, constant, constant_vector
 DepthFactor: TypeAlias = "Callable[[mi.Float64], Values]"
 """By what the optical depth towards the Sun is larger than in a batch's own column, per node, by the Sun's cosine."""
 LEVEL_COSINE2 = 0.0015
-"""Twice the height, in radii, of the air that dims a low Sun: 5 km above the place. Of 0.0015, 0.003 and 0.006 the best
-for the airs that the module text names."""
+"""Twice the height, in radii, of the air that dims a low Sun: 5 km above the place."""
 _EXTINCTION, _MOLECULAR, _UP, _LEVEL = range(4)
 _PARTS = 4
 _LEAST_DEPTH = 1e-12
@@ -115,17 +114,10 @@ class Lattice:
 
 @dataclass(frozen=True)
 class ColumnAir:
-    """How the air of a batch differs from the batch's column.
+    """How the air of a batch differs from the batch's column; ``places``: positions of the m columns.
 
-    Attributes
-    ----------
-    values : Float32, shape (m * levels * 4 * width,)
-        For every column, level and node: differences of extinction and of molecular scattering [1/m], and the ratios
-        of the optical depths straight up and level.
-    places : ColumnsAround
-        Positions of the m columns.
-    per_m : Float64, size 1
-        Levels per metre.
+    ``values``, (m * levels * 4 * width,): for every column, level and node the differences of extinction and of
+    molecular scattering [1/m], and the ratios of the optical depths straight up and level. ``per_m``: levels per metre.
     """
 
     values: mi.Float32

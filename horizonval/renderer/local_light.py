@@ -59,8 +59,7 @@ from horizonval.renderer.types import Values, Vec, Vec3, constant, constant_vect
 SIDE = 640
 SAMPLES = 2
 SHARPEST = 2.0
-"""Finer cells and more looks (1280, 3) change rays over squares of 50 and 100 km by 1 % at most; with 512 cells they
-are up to 4 % off. Between 2 and 4 SHARPEST makes no difference."""
+"""Largest factor of ``sharpening``. With this map rays over squares of 50 and 100 km are within 1 % of finer maps."""
 LIT_AIR_M = 12e3
 """The map ends where air this high can still be seen."""
 _COARSER = 4

@@ -328,8 +328,7 @@ LANES = 2**19
 SUN_SHARE = 4
 """How many times fewer rays the Sun takes than the Earth."""
 ENERGY_SHARE = 16
-"""How many times fewer rays tell energy radiance from radiance, whose ratio hardly changes over the Earth: pixels of a
-white boom in 0.4 to 0.9 um differ by 4e-4 rms from as many rays, less than either is noisy by."""
+"""How many times fewer rays give the ratio of energy radiance to radiance, which hardly varies over the Earth."""
 
 Image = FloatArray
 
@@ -347,16 +346,8 @@ class PartLight:
 class PartScene:
     """Parts before a camera, and what lights them.
 
-    Attributes
-    ----------
-    triangles : sequence of ndarray, shape (n, 3, 3)
-        Of each part, in camera axes [m].
-    covered : ndarray of bool, shape (H, W)
-        Pixels that need light.
-    samples : int
-        Rays per pixel for the light of the Earth.
-    identity : str
-        Of the frame, for the seeds.
+    ``triangles``: of each part, (n, 3, 3), in camera axes [m]; ``covered``: pixels that need light, (H, W);
+    ``samples``: rays per pixel for the light of the Earth; ``identity``: of the frame, for the seeds.
     """
 
     parts: Sequence[SpacecraftPart]

@@ -312,11 +312,9 @@ def way_through(
 
 LAYER_STEPS = 36
 SPARE_OUTER = 3.0 / 8.0
-"""Of tables under a light that no shadow cuts off: of the march's steps outside the highest layer, in place of half.
-With 0.28 a layer of nothing and clear air were 1.3e-4 apart, above what its test allows."""
+"""Share of the march's steps outside the highest layer, instead of half, for tables under a light without a shadow."""
 STEPS_PER_SCALE, MOST_STEPS = 12, 240
-"""In a layer with gaps: steps per scale of the gaps on the longest passage, so that a softened edge, a sixth of the
-scale, has four points; and at most."""
+"""In a layer with gaps: steps per scale of the gaps on the longest passage (four per softened edge), and at most."""
 _RADIUS_M = 6.371e6
 
 

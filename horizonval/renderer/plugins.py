@@ -46,22 +46,11 @@ Direction = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class MoonSettings:
-    """The Moon of a frame, Earth-fixed axes.
+    """The Moon of a frame, unit vectors in Earth-fixed axes.
 
-    Attributes
-    ----------
-    direction_itrs : tuple of float
-        Unit vector from the camera.
-    angular_radius_rad : float
-        As the camera sees it.
-    to_sun_itrs : tuple of float
-        Unit vector from the Moon to the Sun.
-    light_itrs : tuple of float
-        Unit vector from the Earth's centre: where moonlight comes from.
-    nearness : float
-        Irradiance at the camera over that at the Earth's centre.
-    lights_earth : bool
-        Whether ground and air are to be seen in its light.
+    ``direction_itrs``, ``angular_radius_rad``: from the camera; ``to_sun_itrs``: from the Moon; ``light_itrs``: from
+    the Earth's centre to the Moon; ``nearness``: irradiance at the camera over that at the Earth's centre;
+    ``lights_earth``: whether ground and air are visible in its light.
     """
 
     direction_itrs: Direction

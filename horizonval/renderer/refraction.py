@@ -77,24 +77,10 @@ LEAST_SLOPE = 0.05
 class ApparentRadiusAir:
     """A model over apparent heights, in which light goes straight, for the march.
 
-    Attributes
-    ----------
-    model : OpticalModel
-        Over apparent heights ``s (x - n(0) R)``, coefficients per metre of the straight line.
-    planet : Planet
-        The apparent planet.
-    bending_per_m : ndarray, shape (n,)
-        g of the module text.
-    height_m : ndarray, shape (n,)
-        True heights of the model's nodes.
-    dr_dx : ndarray, shape (n,)
-        Metres of the bent ray per metre of the straight one, by which the coefficients are multiplied.
-    altitude_m, rise_m : ndarray
-        True heights, and the apparent radius less the radius.
-    scale : float
-        The s of the module text.
-    true_model, true_planet
-        Without refraction.
+    ``model``: over apparent heights ``s (x - n(0) R)``, coefficients per metre of the straight line, on the apparent
+    ``planet``. Per node (n,): ``bending_per_m``, the g of the module text; ``height_m``, the true height; ``dr_dx``,
+    metres of the bent ray per metre of the straight one. ``altitude_m``, ``rise_m``: true heights, and the apparent
+    radius less the radius. ``scale``: the s of the module text. ``true_model``, ``true_planet``: without refraction.
     """
 
     model: OpticalModel
@@ -235,13 +221,9 @@ class RefractedSunTable:
 
         mu = mu_h(h) + (1 - mu_h(h)) x_mu^2
 
-    Attributes
-    ----------
-    grazing_bending : Float64, shape (n_height,)
-        Bending angle [rad], so far, of light that grazes the ground; mu_h is the cosine of the apparent horizon
-        angle plus this.
-    values : Float64, shape (n_height * n_mu * 2,)
-        Lift of the cosine, and spreading of the beam.
+    ``grazing_bending``, (n_height,): bending angle [rad], up to there, of light that grazes the ground; mu_h is the
+    cosine of the apparent horizon angle plus this. ``values``, (n_height * n_mu * 2,): lift of the cosine, spreading of
+    the beam.
     """
 
     grazing_bending: mi.Float64
@@ -442,8 +424,7 @@ def refracted_umbra(
 
 BENDING_NODES = 128
 GRID_STEP_M = 25.0
-"""Of the tables over heights, at most: even, so that no place needs a search. Their linear pieces are a model's own, as
-the tables have nodes a tenth as far apart; between them true heights are off by centimetres."""
+"""Largest step of the tables over heights, even so that no place needs a search: true heights within centimetres."""
 ENTERING_NODES = 257
 LEAST_RISE = 1e-9
 """Of the table's coordinate from one direction to the next: above rounding, far below its thousandths between nodes."""

@@ -52,8 +52,7 @@ MOST_LARGE_OCTAVES = 5
 """From there on decks have cells, which have kinks."""
 BISECTIONS = 10
 BENDING_NODES_ABOVE = 8
-"""Of the bending above the clouds, seen from inside the air: of 6e-4 rad (rays to the ground) and 1.6e-3 rad (past it)
-at most, good to 4e-6 and 9e-6 rad: 60 m."""
+"""Nodes of the bending above the clouds, seen from inside the air: errors below 9e-6 rad, 60 m."""
 NARROWEST_STEP_M = 250.0
 SQUARES = (16, 8)
 MOST_SKIPPED = 20

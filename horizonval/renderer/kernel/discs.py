@@ -127,20 +127,11 @@ class Disc:
 class DiscCells:
     """Sub-cells of a frame that hold light of a disc.
 
-    Attributes
-    ----------
-    cell : UInt32
-        Cells of the frame, each once.
-    sub : UInt32
-        Sub-cells with light; ``sub // splits^2`` is the index into ``cell``.
-    direction : Vec
-        Rays through the free part of each sub-cell, as the camera sees them.
-    corners : list of (x, y)
-        Corners of each sub-cell, in the disc's plane and radii.
-    free : Float64
-        Share of the sub-cell that is not behind the Earth, over the solid angle of a cell of its pixel [1/sr].
-    phase : Float64 or None
-        Radiance of each sub-cell over the disc's mean; None for a disc that shines.
+    ``cell``: cells of the frame, each once. ``sub``: sub-cells with light; ``sub // splits^2`` is the index into
+    ``cell``. ``direction``: rays through the free part of each sub-cell, as the camera sees them. ``corners``: of each
+    sub-cell, in the disc's plane and radii. ``free``: share of the sub-cell that is not behind the Earth, over the
+    solid angle of a cell of its pixel [1/sr]. ``phase``: radiance of each sub-cell over the disc's mean; None for a
+    disc that shines.
     """
 
     cell: mi.UInt32
@@ -215,23 +206,12 @@ def disc_cells(
 ) -> DiscCells:
     """Return the sub-cells of some cells of a frame that hold light of a disc.
 
-    Parameters
-    ----------
-    cell : UInt32
-        Cells that may touch the disc, each once.
-    centre, pixel : (column, row)
-        Centres of the cells and of their pixels.
-    subsamples : int
-        Cells per pixel and axis.
-    seen : callable
-        Direction of the ray through pixel coordinates, at the camera.
-    limb : callable
-        Smooth function of pixel coordinates, positive where a ray ends on the Earth.
-    height_rad : float or None
-        Angle under which the camera sees :data:`SPLIT_HEIGHT_M` at the limb; None where no air is in front.
-    through : callable, optional
-        Direction of the ray through pixel coordinates outside the air; default ``seen``. Radiance is constant along a
-        bent ray, so that nothing else depends on it.
+    ``cell``: cells that may touch the disc, each once; ``centre``, ``pixel``: (column, row) of the cells' centres and
+    of their pixels'; ``subsamples``: cells per pixel and axis; ``seen``: direction of the ray through pixel
+    coordinates, at the camera; ``limb``: smooth function of pixel coordinates, positive where a ray ends on the Earth;
+    ``height_rad``: angle under which the camera sees :data:`SPLIT_HEIGHT_M` at the limb, None where no air is in front;
+    ``through``: direction outside the air, default ``seen``. Radiance is constant along a bent ray, so that nothing
+    else depends on it.
     """
     through = through or seen
     size = 1.0 / subsamples

@@ -175,32 +175,15 @@ class Bounce:
 
 @dataclass(frozen=True)
 class SolarNodes(_Air):
-    """Air that scatters sunlight.
+    """Air that scatters sunlight. Lists are per node, of size-1 arrays.
 
-    Attributes
-    ----------
-    molecular : Float64, shape (n_altitude * width,)
-        Scattering coefficient of molecules.
-    cos2 : list of Float64, size 1
-        The c of the molecules' phase function ``(1 - c/3 + c cos^2) / (4 pi)``.
-    particles : Particles or None
-        None where no node has any.
-    irradiance : list of Float64, size 1
-        Of the light above the air.
-    reflectance : list of Float64, size 1
-        Ground albedo / pi.
-    sunlight : SunTable or RefractionTables
-        Towards the Sun, along straight lines or with refraction.
-    diffuse : SourceTable or None
-        Light scattered more than once; None for single scattering.
-    bounce : Bounce or None
-        None over a uniform ground: ``diffuse`` then includes its light.
-    glow : GlowNodes or None
-        The airglow of the same nodes.
-    moonlight : list of Float64, size 1, or None
-        The Moon's irradiance, to replace the Sun's.
-    columns : ColumnAir or None
-        How the air differs from ``extinction`` and ``molecular`` from place to place; None where it does not.
+    ``molecular``: scattering coefficient of molecules, (n_altitude * width,). ``cos2``: the c of their phase function
+    ``(1 - c/3 + c cos^2) / (4 pi)``. ``particles``: None where no node has any. ``irradiance``: of the light above the
+    air. ``reflectance``: ground albedo / pi. ``sunlight``: towards the Sun, along straight lines or with refraction.
+    ``diffuse``: light scattered more than once; None for single scattering. ``bounce``: None over a uniform ground,
+    whose light ``diffuse`` includes. ``glow``: the airglow of the same nodes. ``moonlight``: the Moon's irradiance, to
+    replace the Sun's. ``columns``: how the air differs from ``extinction`` and ``molecular`` from place to place; None
+    where it does not.
     """
 
     molecular: mi.Float64

@@ -273,32 +273,15 @@ class Ground:
 
 @dataclass(frozen=True)
 class SurfaceHit:
-    """Where rays end and what is there.
+    """Where rays end (``ends``: on anything at all) and what is there; ``cloud``: whether that is a cloud.
 
-    Attributes
-    ----------
-    ends : Bool
-        Whether a ray ends on anything at all.
-    cloud : Bool
-        Whether that is a cloud.
-    t : Float64
-        Ray parameter of the end on a cloud; elsewhere the ellipsoid decides.
-    sunlit : Float64
-        1 without a cloud before the Sun, else the share that the first transmits: 0 for opaque clouds.
-    shares : dict of Float64
-        Share of every material in the end's area: keys of Albedos. A cloud counts with its brightness.
-    entering : Float64
-        Share of the beam that enters water, over its mean for skylight; scales what comes back from below the surface.
-    glint : Float64
-        Reflectance of the sea's facets [1/sr].
-    forward : Float64
-        Radiance of snow in the Sun's beam over that of a Lambert surface; 1 under clouds, whose light is diffuse.
-    bending : Float64 or None
-        Bending angle of a ray at its end [rad]; None without refraction.
-    lamps : Float64 or None
-        Luminance of cities [lm m-2 sr-1], under the Sun; None where none shine.
-    albedos : list of Albedos
-        Of the spectral nodes at hand; size-1 arrays.
+    ``t``: ray parameter of the end on a cloud; elsewhere the ellipsoid decides. ``sunlit``: 1 without a cloud before
+    the Sun, else the share that the first transmits. ``shares``: of every material in the end's area, keys of Albedos;
+    a cloud counts with its brightness. ``entering``: share of the beam that enters water, over its mean for skylight;
+    scales what comes back from below the surface. ``glint``: reflectance of the sea's facets [1/sr]. ``forward``:
+    radiance of snow in the Sun's beam over that of a Lambert surface; 1 under clouds, whose light is diffuse.
+    ``bending``: angle of a ray at its end [rad]; None without refraction. ``lamps``: luminance of cities [lm m-2 sr-1],
+    under the Sun; None where none shine. ``albedos``: of the spectral nodes at hand; size-1 arrays.
     """
 
     ends: mi.Bool

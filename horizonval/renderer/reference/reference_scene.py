@@ -57,8 +57,7 @@ KM = 1e-3
 RAYLEIGH_COS2 = 0.75
 TABLE_NODES = 4096
 ASYMMETRY_STEP = 0.02
-"""Particles whose asymmetry changes with altitude are blended from phase functions this far apart in g, with weights
-that keep g; the phase function is then within 0.4 % where g = 0.7 (forward peak)."""
+"""Step in g of the phase functions that are blended, weights keeping g: within 0.4 % at g = 0.7 (forward peak)."""
 MARGIN_M = 50e3
 
 Volume = Callable[[str, FloatArray], Any]

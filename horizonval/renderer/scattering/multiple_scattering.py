@@ -365,8 +365,7 @@ class DiffuseMarch:
 
 
 LAST_ORDER = 1e-2
-"""Orders are summed one by one until one adds less than this share anywhere. The geometric rest is then right to 3e-6
-until the Sun is 8 deg below the horizon, and to 2e-4 of the light beyond."""
+"""Orders are summed until one adds less than this share; the geometric rest is then right to 3e-6, 2e-4 in the dark."""
 MOST_ORDERS = 60
 
 

@@ -67,17 +67,10 @@ from horizonval.renderer.types import Number
 class ShellRays:
     """Rays from ``n_r`` radii in ``n_d`` polar directions with ``n_n`` nodes each.
 
-    Attributes
-    ----------
-    radius_m : ndarray, shape (n_r,)
-    cosine, solid_angle : ndarray, shape (n_r, n_d)
-        Of the directions' angle to the zenith; weight of a direction, per radian of azimuth.
-    reaches_ground : ndarray of bool, shape (n_r, n_d)
-    end_m, end_transmittance : ndarray, shape (n_r, n_d)
-        Distance and transmittance to the end of the ray (ground or top).
-    node_radius_m, node_distance_m, node_up, node_weight : ndarray, shape (n_r, n_d, n_n)
-        Radius, distance from the origin, cosine of the ray's angle to the zenith there, and the weight of emission per
-        metre there: the step times the transmittance from the origin.
+    ``radius_m``: (n_r,). Of the directions, (n_r, n_d): ``cosine`` to the zenith, ``solid_angle`` per radian of
+    azimuth, ``reaches_ground``, and ``end_m``, ``end_transmittance``: distance and transmittance to the ground or top.
+    Of the nodes, (n_r, n_d, n_n): ``node_radius_m``, ``node_distance_m`` from the origin, ``node_up``: the ray's cosine
+    to the zenith, ``node_weight`` of emission per metre: the step times the transmittance from the origin.
     """
 
     radius_m: FloatArray
@@ -284,8 +277,7 @@ FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12, 6)
 
 
 LAYERED = replace(STANDARD, n_down=10, particle_degree=12, later_degree=6, first_azimuth=16)
-"""For images with layers of thin cloud, whose particles scatter further forward than haze: with as few directions below
-the horizon as haze has, sums over them would make high moments of smooth light."""
+"""For images with layers of thin cloud, which scatter forward: the high moments need more directions downwards."""
 
 _DENSE_STRATOSPHERE = 0.015
 """Optical depth of particles above 12 km: half of it in a quiet stratosphere, twice and more after an eruption."""
@@ -371,8 +363,7 @@ class ShellColumn:
 
 
 HEIGHTS_IN_LAYER = 13
-"""Dense towards a layer's edges: what is seen of a dense one from the side is its outermost hundred metres, where light
-scattered towards the Sun grows from next to nothing."""
+"""Dense towards a layer's edges: a dense one is seen from the side by its outermost hundred metres."""
 
 
 def layer_bands(node: SpectralNode, altitude_m: FloatArray) -> list[tuple[float, float]]:

@@ -221,8 +221,7 @@ class ColumnBatch:
 
 
 THICK_STEP = 0.02
-"""Optical depth from which the source is integrated against exp(-tau) exactly; emission knows its source everywhere, so
-that this is right for isothermal air of any opacity to 1e-6."""
+"""Optical depth from which the source is integrated against exp(-tau) exactly: 1e-6 for isothermal air."""
 _FAR = 0.5 * GAUSS_LOW**2 / (1.0 - 2.0 * GAUSS_LOW)
 _NEAR = GAUSS_LOW + _FAR
 """Optical depth from a step's beginning to its first point is ``h (_NEAR k_a - _FAR k_b)``."""
@@ -251,25 +250,13 @@ def march_emission(
     nodes: int,
     stations: Stations | None = None,
 ) -> tuple[Values, Values, tuple[mi.Float64, mi.Float64] | None]:
-    """Return what the air of a few g points sends along rays.
+    """Return radiance of the air and transmittance along rays, per g point without padding.
 
-    Parameters
-    ----------
-    o, d : Vec
-        Origins [m, planet-centred] and unit directions.
-    to_ground : Bool
-        Stop at the ground (the ray must hit it).
-    nodes : int
-        Evaluations along each ray (two per step); before the stations if there are any.
-    stations : Stations, optional
-        Then the march ends at the last one.
+    And P, Q at stations or None.
 
-    Returns
-    -------
-    radiance, through : lists of Float64
-        Of the air, and transmittance from the observer to the end of the path; per g point that is not padding.
-    at_stations : tuple of two Float64, shape (count * rays,), or None
-        P and Q, station by station.
+    ``o``, ``d``: origins [m, planet-centred] and unit directions; ``to_ground``: stop at the ground (the ray must hit
+    it); ``nodes``: evaluations along each ray, two per step, before the stations if there are any; ``stations``: the
+    march ends at the last one. P and Q have the shape (count * rays,), station by station.
     """
     path = find_path(planet, top_m, o, d, to_ground)
     count = max(nodes // 2, 3)

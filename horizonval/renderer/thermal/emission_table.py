@@ -183,11 +183,9 @@ COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 33
 COLUMNS_PER_RAD = 82.0
 """The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
 MAP_COLUMNS = 5
-"""Azimuths all round through columns on a map, over those of half a circle: 2.5 times as dense, since the air bends at
-every column. Of 2000 random rays to the ground in a window the worst is off by 0.28 % at most, 0.03 % for 29 of 30."""
+"""Times the azimuths of half a circle, all round through columns on a map, at each of which the air bends."""
 ABOVE_TOPS_M = 3000.0
-"""The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
-root in its height."""
+"""Height of the first station above the highest cloud: at a layer's edge a ray's path has a square root in height."""
 
 
 @dataclass(frozen=True)

@@ -123,8 +123,7 @@ def spline_weights(w: Number) -> list[Number]:
 
 ROW_PATCHES, AZIMUTH_PATCHES = 8, 8
 FINEST, FINEST_ROWS = 4, 7
-"""Halvings of one of those 8 x 8 patches, at most, along either axis, and along rows where it has none along
-azimuths."""
+"""Halvings of one of the 8 x 8 patches, at most: along either axis, and along rows without any along azimuths."""
 PACKET = 4
 MOST_VALUES = 4_000_000
 """That are marched at once; a bound on memory."""
@@ -140,19 +139,11 @@ _Patches: TypeAlias = "dict[tuple[int, int], NDArray[np.int64]]"
 
 @dataclass(frozen=True)
 class Tabulated:
-    """What a table holds.
+    """What a table holds: ``values`` from x in [0, 1] and azimuths [rad], each (n,), to (n, ``quantities``).
 
-    Attributes
-    ----------
-    values : callable
-        From places x in [0, 1] and azimuths [rad], each of shape (n,), to values of shape (n, quantities).
-    allowed : callable
-        From values (..., quantities) to the error that each may have between the nodes.
-    quantities : int
-        A multiple of :data:`PACKET`.
-    single : bool
-        Whether coefficients are in single precision, for large tables; differences of frames over a small part of
-        a pixel need double precision.
+    ``allowed``: from values (..., quantities) to the error allowed between the nodes; ``quantities``: a multiple of
+    :data:`PACKET`; ``single``: coefficients in single precision, for large tables; differences of frames over a small
+    part of a pixel need double precision.
     """
 
     values: Callable[[FloatArray, FloatArray], FloatArray]

@@ -175,14 +175,11 @@ MORE_NODES, MORE_NODES_IN_HAZE = 4, 2
 through layers of thin cloud, which distribute as many above and below. The parabolas of the diffuse source
 (:mod:`horizonval.renderer.kernel.ray_sources`) leave an error of 9e-6 in the median."""
 TOLERANCE, TOLERANCE_IN_TWILIGHT = 5e-4, 2e-3
-"""Of the prediction (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
-where the camera is, and for a low Sun, the Moon and airglow."""
+"""Of the prediction, as a share of the radiance: with the Sun up at the camera, and for a low Sun, Moon and airglow."""
 TOLERANCE_IN_HAZE = 1.7e-4
-"""With the Sun up, but lower than 75 deg from the zenith, in air with particles; with 5e-4 and 2.5e-4 the median of a
-frame under a Sun at 85 deg was 2.8e-5 and 2.1e-5."""
+"""With the Sun up, but lower than 75 deg from the zenith, in air with particles."""
 TOLERANCE_ON_A_MAP = 2e-3
-"""Through columns on a map, whose structure asks for many patches: with 5e-4 frames took 2.2 to 3.2 times the time, and
-their worst pixels under a Sun at 50 and 80 deg were off by 2.4e-4 in place of 5e-4 and 7e-4."""
+"""Through columns on a map, whose structure needs many patches; half of it costs 2.2 to 3.2 times the time."""
 HIGH_SUN, LOW_SUN = math.cos(math.radians(85.5)), math.cos(math.radians(75.0))
 FAINTEST = 1e-6
 """Radiances below this share of the brightest may have its error."""
@@ -420,16 +417,13 @@ def air_table(
 
 STATIONS = 48
 STEPS, STEPS_BEFORE = 1, 48
-"""Of the march: from one station to the next, and up to the first. Fewer before the first leave an error of 2.4e-5 in
-the median where haze of a great eruption lies above the clouds in one dense layer."""
+"""Of the march: from one station to the next, and up to the first, with the dense haze of a great eruption above."""
 STEPS_IN_LAYER = 4
-"""From one station to the next in layers of thin cloud, which few stations cross. With 1, 2 and 4 a frame under clouds
-was off by 4e-3, 5e-4 and 1e-4, in the median by 1.4e-4, 3e-5 and 7e-6."""
+"""From one station to the next in layers of thin cloud, which few stations cross; error 7e-6 in the median."""
 IN_SHADOW, IN_SHADOW_BEFORE = 6, 12
 """How many times as many where the Earth's shadow may cut rays, where each of three pieces has a third of them."""
 ABOVE_TOPS_M = 3000.0
-"""The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
-root in its height."""
+"""Height of the first station above the highest cloud: at a layer's edge a ray's path has a square root in height."""
 LOOSER = 2.0
 """Times the tolerance of the air's other tables, with the Sun at most 75 deg from the zenith: with so few steps from
 station to station the profiles' kinks are visible, and halving a patch halves the error instead of dividing it by 16.

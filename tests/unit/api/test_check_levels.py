@@ -121,7 +121,7 @@ def test_the_level_of_a_thermal_limb(name):
         assert view.level == pytest.approx(np.median(shown(frame, camera, view)), rel=0.15), view.band.name
 
 
-@pytest.mark.parametrize(("level", "clipped"), [(0.1, False), (0.6, False), (0.9, False), (1.5, True), (5.0, True)])
+@pytest.mark.parametrize(("level", "clipped"), [(0.9, False), (1.5, True), (5.0, True)])
 def test_dark_bright_and_saturated_images(level, clipped):
     """The image clips where the prediction says so; within 10 % of full scale nobody can tell."""
     scene, camera = scene_of("day-limb")

@@ -10,7 +10,7 @@ import pytest
 import horizonval as hv
 from horizonval.api.derivatives import image_derivatives, level_axes
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere.air import AS_IT_IS, AirChange
+from horizonval.earth.atmosphere.air import AirChange
 from horizonval.earth.atmosphere.profiles import profile
 
 SIZE = 20
@@ -77,12 +77,6 @@ def test_a_turn_about_the_boresight_moves_the_image_about_its_middle() -> None:
     inner = slice(3, -3)
     difference = np.abs(images["rotation_z"]["vis"] + expected)[inner, inner]
     assert difference.max() < 0.02 * np.abs(expected[inner, inner]).max()
-
-
-def test_air_without_change_is_the_same_to_the_bit() -> None:
-    state = profile("tropical")
-    assert AS_IT_IS.state(state) is state
-    assert np.all(AS_IT_IS.ln_density(state.altitude_m, state.temperature_k) == 0.0)
 
 
 def test_warmer_air_is_in_hydrostatic_balance_over_the_same_pressure() -> None:

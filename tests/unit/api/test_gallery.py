@@ -12,19 +12,8 @@ from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
 from horizonval.frame import RadianceFrame
 from horizonval.spec.camera import CameraSpec
-from horizonval.spec.files import head_comment, shipped_names, shipped_path
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
-
-
-def test_every_shipped_scene_has_a_caption() -> None:
-    names = shipped_names("scene")
-    assert {"day-limb", "terminator", "twilight-18", "night", "glint", "volcanic-limb", "broken-clouds"} <= set(names)
-    assert {"limb-night-ir", "ir-limb-tropical", "ir-cold-cloud", "ir-day-side", "ir-night-side"} <= set(names)
-    for name in names:
-        caption = head_comment(shipped_path("scene", name))
-        assert caption.endswith("."), name
-        assert "#" not in caption
 
 
 @pytest.fixture
@@ -57,11 +46,6 @@ def test_scenes_are_shown_in_what_their_cameras_see(tmp_path: Path, drawn: dict[
     text = page.read_text()
     assert text.index('id="glint"') < text.index('id="ir-limb-tropical"')
     assert sorted(path.name for path in tmp_path.iterdir()) == ["glint.png", "index.html", "ir-limb-tropical.png"]
-
-
-@pytest.mark.parametrize("name", ["glint", "limb-night-ir"])
-def test_a_hall_without_pictures_is_not_there(tmp_path: Path, drawn: dict[str, CameraSpec], name: str) -> None:
-    assert gallery.make_gallery(tmp_path, [name], progress=Silent()).read_text().count("<section") == 1
 
 
 def test_what_cannot_be_shown_is_refused(tmp_path: Path) -> None:

@@ -29,7 +29,11 @@ def run_script(text: str, **environment: str) -> subprocess.CompletedProcess[str
 
 @pytest.mark.parametrize(
     "first",
-    ["import drjit", "import mitsuba; mitsuba.set_variant('scalar_rgb')", "import mitsuba as mi; mi.variant()"],
+    [
+        "import drjit",
+        pytest.param("import mitsuba; mitsuba.set_variant('scalar_rgb')", marks=pytest.mark.slow),
+        pytest.param("import mitsuba as mi; mi.variant()", marks=pytest.mark.slow),
+    ],
 )
 def test_drjit_first_renders_or_is_one_line(first):
     done = run_script(f"{first}\n{RENDER}")
@@ -50,6 +54,7 @@ def test_horizonval_first_names_the_library_that_came_with_it():
     assert int(lines[1]) >= OLDEST_LLVM
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not wheel_libraries(), reason="no library came as a wheel")
 def test_a_library_that_was_named_serves_in_any_order():
     done = run_script(f"import drjit\n{RENDER}", **{LLVM_VARIABLE: wheel_libraries()[0]})

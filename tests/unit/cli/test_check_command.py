@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import pytest
 
@@ -84,12 +82,3 @@ def test_warnings_are_on_the_run_and_a_dry_run_has_them(suite, tmp_path):
     assert [finding.code for finding in counted.warnings] == ["saturated"]
     assert (counted.missing, counted.dry_run.total, counted.summary) == (2, {"frames": 2}, {})
     assert not (tmp_path / "out").exists()
-
-
-def test_the_renderer_is_not_loaded():
-    code = (
-        "import sys; from horizonval.api.check import check; assert check('limb-noon-vis').ok; check('quick');"
-        "print(*{name.partition('.')[0] for name in sys.modules})"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"mitsuba", "drjit"} & set(done.stdout.split())

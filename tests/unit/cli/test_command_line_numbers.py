@@ -20,7 +20,6 @@ LONG = "9" * 5000
     ("arguments", "option", "expected"),
     [
         ("run strict --out o --frames 1000000000", "--frames", "1000000"),
-        (f"run strict --out o --frames {LONG}", "--frames", ""),
         ("run strict --out o --seed -1", "--seed", "0"),
         ("run quick --out o --workers 1000000000", "--workers", "4096"),
         ("run quick --out o --time-limit inf", "--time-limit", "above 0"),
@@ -28,14 +27,9 @@ LONG = "9" * 5000
         ("run quick --out o --shard 1/1000000000", "--shard", "1000000"),
         (f"run quick --out o --shard 1/{LONG}", "--shard", "1000000"),
         ("run quick --out o --dask local:1000000000", "--dask", "4096"),
-        (f"run quick --out o --dask local:{LONG}", "--dask", "4096"),
-        ("study visible-against-infrared --out o --frames 1000000000", "--frames", "1000000"),
-        ("reproduce A --out o --seed -1", "--seed", "0"),
         ("render limb-noon-vis -o a.exr --reference --spp 1000000000", "--spp", "1000000"),
         ("render limb-noon-vis -o a.exr --reference --reference-size 99999x99999", "--reference-size", "16384"),
-        (f"render limb-noon-vis -o a.exr --reference --reference-size {LONG}x1", "--reference-size", "16384"),
         ("sheet a.exr -o a.png --columns 1000000000", "--columns", "40"),
-        ("archive rescore a --out o --workers 1000000000", "--workers", "4096"),
     ],
 )
 def test_a_number_out_of_range_is_one_line_at_once(arguments, option, expected, tmp_path, monkeypatch, capsys):

@@ -46,13 +46,6 @@ def test_an_interruption_is_one_line_and_status_130(kept, line, capsys):
     assert capsys.readouterr().err == line
 
 
-def test_other_errors_pass_unchanged():
-    mistake = ValueError("a defect")
-    with pytest.raises(ValueError, match="a defect") as end, resumable("night"):
-        raise mistake
-    assert end.value is mistake
-
-
 @pytest.mark.parametrize(
     ("end", "status"),
     [(SystemExit(0), 1), (SystemExit(None), 1), (SystemExit(3), 3), (BrokenPipeError(), 1), (KeyboardInterrupt(), 130)],

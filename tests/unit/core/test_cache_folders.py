@@ -78,6 +78,7 @@ def test_a_temporary_folder_stands_in(changes, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_rendering_goes_on_without_any_folder(tmp_path):
     (tmp_path / "small.toml").write_text(CAMERA)
     (tmp_path / "scene.toml").write_text(SCENE)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.core import sealed
-from horizonval.core.cache import cached_arrays, cached_json, keep_arrays, keep_json, read_arrays, write_arrays
+from horizonval.core.cache import cached_arrays, cached_json, keep_arrays, keep_json
 from horizonval.core.errors import DamagedFileError
 
 CONTENT = {"b": [1.5, None, "ü"], "a": {"horizonval:seal": "no", "z": 1}}
@@ -78,11 +78,3 @@ def test_a_cache_that_cannot_be_written_costs_nothing(tmp_path):
     assert cached_json(tmp_path / "a.json") == {"b": 1, "a": 1}
     (tmp_path / "a.json").write_text('{"b": 1}')
     assert cached_json(tmp_path / "a.json") is None
-
-
-def test_arrays_that_count_are_told_of(tmp_path):
-    write_arrays(tmp_path / "a.npz", {"a": np.zeros(3)})
-    assert list(read_arrays(tmp_path / "a.npz")) == ["a"]
-    (tmp_path / "a.npz").write_bytes(b"?" + (tmp_path / "a.npz").read_bytes()[1:])
-    with pytest.raises(DamagedFileError, match="does not match its seal"):
-        read_arrays(tmp_path / "a.npz")

@@ -84,10 +84,6 @@ def test_three_decades_below_white_are_still_seen_and_keep_their_colour() -> Non
     assert dark[2] > dark[0] == dark[1] > 0
 
 
-def test_black_is_black() -> None:
-    assert not tone_mapped(np.zeros((3, 3, 3))).rgb.any()
-
-
 def panel(temperature_k: np.ndarray, title: str = "t") -> ThermalPanel:
     return ThermalPanel(title, temperature_k, temperature_k > 0)
 
@@ -166,20 +162,6 @@ def test_tiles_stand_in_rows(make_image: Any) -> None:
     last = picture.shape[0] - MARGIN_PX - TILE_PX
     assert (picture[last, MARGIN_PX + 20] == 0).all()
     assert (picture[last:, MARGIN_PX + 2 * (TILE_PX + GAP_PX) :] == 255).all()
-
-
-def test_three_colours_make_one_picture(make_image: Any) -> None:
-    red, green, blue = square(300, make_image), square(100, make_image), square(100, make_image)
-    picture = decoded(contact_sheet([Tile("colour", (red, green, blue))], 5))
-    b, g, r = picture[MARGIN_PX + 100, MARGIN_PX + TILE_PX - 20].astype(int)
-    assert r == 255
-    assert b == g < 200
-
-
-def test_a_line_of_pixels_is_a_strip(make_image: Any) -> None:
-    line = replace(make_image(), dn=np.arange(160, dtype=np.uint16)[None, :])
-    picture = decoded(contact_sheet([Tile("line", (line,))], 5))
-    assert (picture[MARGIN_PX : MARGIN_PX + 24, MARGIN_PX] == 0).all()
 
 
 def test_files_and_what_is_refused(make_image: Any, tmp_path: Path) -> None:

@@ -176,13 +176,6 @@ def test_a_name_that_begins_like_another_is_no_head_of_it(tmp_path):
     }  # fmt: skip
 
 
-def test_a_run_without_results(tmp_path):
-    run = write_run(tmp_path / "run", [Case(truth_at(name="only"))])
-    words = plain(build_report(run).read_text())
-    assert "No attitude was claimed" in words
-    assert "There are no results" in words
-
-
 def test_what_is_no_run_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"no run\.json"):
         build_report(tmp_path)

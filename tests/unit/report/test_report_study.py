@@ -6,11 +6,9 @@ import re
 
 import pytest
 from browser import Browser, chromium_path
-from matplotlib.figure import Figure
 
 from horizonval.core.errors import DamagedFileError
-from horizonval.report.plots import plain_ticks
-from horizonval.report.study import axis_words, write_page
+from horizonval.report.study import write_page
 from horizonval.store.folder import write_json
 
 NONE = {"n": 0, "of": 0, "rate": None, "interval": None, "lower": None, "upper": None, "effective": None}
@@ -147,22 +145,6 @@ def test_designs_without_an_answer_have_dashes(page):
     line = costs.split("3 &middot; width [px] = 200")[1].split("</tr>")[0]
     assert re.search(r'data-label="False, of claims">–<small>none', line)
     assert re.search(r'data-label="Exclusion angle \[deg\]">none<', line)
-
-
-def test_axes_that_end_alike_keep_their_whole_key():
-    assert axis_words(["camera.optics.psf_sigma_px", "orbit.altitude_km"]) == {
-        "camera.optics.psf_sigma_px": "psf sigma [px]",
-        "orbit.altitude_km": "altitude [km]",
-    }
-    assert axis_words(["orbit.epoch_utc", "platform.epoch_utc"])["orbit.epoch_utc"] == "orbit.epoch_utc"
-
-
-def test_ticks_of_an_axis_are_of_one_kind():
-    axis = Figure().subplots().xaxis
-    axis.axes.set(xscale="log", xlim=(12_000.0, 250_000.0))
-    plain_ticks(axis)
-    shown = [axis.get_minor_formatter()(x, None) for x in (20_000.0, 30_000.0, 50_000.0, 200_000.0)]
-    assert [*shown, axis.get_major_formatter()(100_000.0)] == ["20000", "", "50000", "200000", "100000"]
 
 
 def test_a_damaged_result_is_told(tmp_path):

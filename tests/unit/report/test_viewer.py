@@ -164,16 +164,6 @@ def test_a_limb_that_leaves_and_enters_again_is_not_joined_across():
     assert path.count("M") >= 2
 
 
-def test_a_limb_outside_the_image_is_no_path():
-    truth = truth_at(roll_deg=150.0)
-    assert viewer.horizon_path(truth) == ""
-    assert viewer.limb_path(truth.camera_model, truth.nadir_geocentric_cam, truth.angular_radius_rad) == ""
-
-
-def test_points_are_dots_and_bad_ones_are_left_out():
-    assert viewer.points_path([[1.0, 2.25], [np.nan, 1.0], [-0.001, 3.0]]) == "M1 2.25h0M0 3h0"
-
-
 def view_of(truth, case="made"):
     return CaseView(case, "lwir", {}, {}, toy_image(truth), "", False, "")
 
@@ -195,14 +185,3 @@ def test_the_infrared_section_says_what_is_stored():
     assert facts == {"infrared horizon in view": "half of the plateau at 40.0 km, steepest fall at 38.0 km, on average"}
     bare = infrared.section_of_frames([view_of(infrared_truth(accuracy=None))])
     assert (bare["places"], bare["notes"], bare["rows"][0]["height"]) == ([], [], "–")
-
-
-def test_runs_without_an_infrared_horizon_have_no_such_section():
-    assert infrared.section_of_frames([view_of(truth_at(THERMAL_CAMERA, roll_deg=66.0))]) is None
-    assert infrared.facts_of(truth_at(THERMAL_CAMERA), "lwir") == []
-
-
-def test_notes_of_several_bands():
-    told = {"b": ["Of b.", "Of all."], "a": ["Of a.", "Of all."]}
-    assert infrared._notes(told) == ["a: Of a.", "b: Of b.", "Of all."]
-    assert infrared._notes({}) == []

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from synthetic import result_row, synthetic_cases, write_run
 
-from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.report import words
 from horizonval.report.load import load_run
@@ -43,10 +42,6 @@ def test_a_page_has_one_unit():
     assert (DEG.text(619.2), ARCSEC.text(12.0), DEG.text(None)) == ("0.172°", "12.0 arcsec", "–")
 
 
-def test_every_outcome_has_words():
-    assert {words.meaning(str(outcome)) for outcome in Outcome} == set(words.OUTCOME_WORDS.values())
-
-
 @pytest.mark.parametrize(
     ("expected", "status", "false", "verdict"),
     [
@@ -66,11 +61,6 @@ def test_verdicts(expected, status, false, verdict):
 
 def test_a_refusal_of_a_borderline_frame_is_fair():
     assert verdict_of(result_row(expected="valid", status="dark", borderline=True)) is words.FAIR
-
-
-def test_verdicts_without_a_result():
-    assert verdict_of(None) is words.NONE
-    assert verdict_of(result_row(status="bad_input"), broken=True) is words.BROKEN
 
 
 def _truth(make_truth: Callable[..., FrameTruth], **atmosphere: Any) -> FrameTruth:
@@ -119,13 +109,6 @@ def test_one_that_is_told_the_pose_has_no_sentence(run):
     assert text.startswith("altitude-free is right in ")
     claims = [row.nadir_error_arcsec for row in run.judged_rows if row.is_claim]
     assert f"the worst {max(claims) / 3600:.3g}" in text
-
-
-def test_two_have_a_sentence_each_the_better_one_first(run):
-    first, second = told(copies(run, {"coarse": 3.0, "fine": 1.0}))
-    assert first.startswith("fine ")
-    assert second.startswith("coarse ")
-    assert first.removeprefix("fine") != second.removeprefix("coarse")
 
 
 def test_of_many_the_best_and_the_worst_are_named(run):

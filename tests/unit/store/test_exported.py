@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import cv2
@@ -134,12 +133,3 @@ def test_damage_is_a_line(exported, name):
             continue
         assert source is None or (source.truth == image.truth and np.array_equal(source.dn, image.dn))
     assert 20 < refused <= asked == 60
-
-
-def test_export_is_not_read_from_a_folder_or_link_loop(exported):
-    (exported / "image.json").unlink()
-    (exported / "image.json").mkdir()
-    assert read_picture(exported / "image.png").source is None
-    shutil.rmtree(exported / "image.json")
-    (exported / "image.json").symlink_to("image.json")
-    assert read_picture(exported / "image.png").source is None

@@ -6,14 +6,14 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import OpenEXR
 import pytest
 
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.frame import FRAME_SCHEMA, FrameTruth
+from horizonval.frame import FRAME_SCHEMA, FrameTruth, RadianceFrame
 from horizonval.store import exr
+from horizonval.store.fits import fits_bytes, read_fits
 
 
 @pytest.fixture
@@ -253,14 +253,6 @@ def test_the_infrared_horizon_survives(tmp_path, make_frame):
     assert again.schema == FRAME_SCHEMA
 
 
-def test_a_truth_of_today_must_be_complete(make_truth):
-    data = make_truth().to_dict()
-    assert FrameTruth.from_dict(data) == make_truth()
-    for key in ("moon_cam", "infrared_horizon"):
-        with pytest.raises(KeyError, match=key):
-            FrameTruth.from_dict({k: v for k, v in data.items() if k != key})
-
-
 def test_pixels_are_checked_against_what_entered_the_library(stored, capfd, monkeypatch):
     """As if the library had scrambled the array on the way: all seals are right."""
     sound = exr.content_digest
@@ -303,19 +295,14 @@ def test_incomplete_truth_is_named(stored, capfd, make_frame):
     refuses(stored, capfd, "no JSON")
 
 
-@pytest.mark.parametrize(("content", "expected"), [(b"", "empty"), (b"v/1\x01", "truncated"), (b"\0" * 99, "not an")])
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [(b"", "empty"), (b"v/1\x01", "truncated"), (b"\0" * 99, "not an"), (b"\x89PNG\r\n\x1a\n", "a PNG")],
+)
 def test_other_files_are_refused(tmp_path, capfd, content, expected):
     path = tmp_path / "a.exr"
     path.write_bytes(content)
     refuses(path, capfd, expected)
-
-
-def test_a_png_named_exr_is_recognised(tmp_path, capfd):
-    path = tmp_path / "a.exr"
-    path.write_bytes(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes())
-    refuses(path, capfd, "a PNG image")
-    with pytest.raises(DamagedFileError, match="PNG"):
-        exr.read_foreign_grey(path)
 
 
 def test_missing_files_and_folders_are_user_errors(tmp_path, make_frame):
@@ -358,15 +345,12 @@ def test_frames_that_are_none_are_not_written(tmp_path, make_frame):
         (replace(frame, radiance={"vis": np.full((30, 40), 1e39)}), "too large"),
         (replace(frame, radiance={"a.b": frame.radiance["vis"]}), "band name"),
         (replace(frame, maps={}), "truth maps missing"),
+        (replace(frame, energy_radiance={"vis": np.full((30, 40), np.nan, np.float32)}), "not finite"),
         (replace(frame, truth=replace(frame.truth, altitude_m=float("nan"))), "JSON"),
     ]:
         with pytest.raises(ValueError, match=expected):
             exr.write_frame(path, bad)
         assert not path.exists()
-
-
-def test_any_viewer_sees_the_first_band(stored, make_frame):
-    np.testing.assert_array_equal(exr.read_foreign_grey(stored), make_frame().radiance["vis"])
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.uint32])
@@ -400,3 +384,55 @@ def test_damaged_foreign_files_are_refused_quietly(tmp_path, capfd):
     OpenEXR.File(window, {"Y": values}).write(str(path))
     with pytest.raises(UserError, match="crop"):
         exr.read_foreign_grey(path)
+
+
+TWO_KINDS = {
+    "camera": {"name": "both", "width": 12, "height": 8, "fov_deg": 60.0},
+    "band": [
+        {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.7},
+        {"name": "lwir", "kind": "thermal", "lo_um": 8.0, "hi_um": 14.0},
+    ],
+}
+
+
+@pytest.fixture
+def both_kinds(make_frame) -> RadianceFrame:
+    made = make_frame({"vis": 3.0, "lwir": 20.0}, TWO_KINDS)
+    energy = np.linspace(2.5, 3.5, 96, dtype=np.float32).reshape(8, 12)
+    return replace(made, energy_radiance={"vis": energy, "lwir": made.radiance["lwir"]})
+
+
+def assert_same_energy(read: RadianceFrame, frame: RadianceFrame) -> None:
+    assert list(read.energy_radiance) == ["vis", "lwir"]
+    np.testing.assert_array_equal(read.energy_radiance["vis"], frame.energy_radiance["vis"])
+    assert read.energy_radiance["lwir"] is read.radiance["lwir"]
+
+
+def test_energy_has_a_channel_and_a_unit_of_its_own(tmp_path, both_kinds):
+    exr.write_frame(tmp_path / "a.exr", both_kinds)
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        header, channels = dict(file.header()), set(file.channels())
+    assert {name for name in channels if "radiance" in name} == {
+        "radiance.vis",
+        "radiance.lwir",
+        "energy_radiance.vis",
+    }
+    assert header["horizonval:unit.energy_radiance.vis"] == "W m-2 sr-1"
+    assert header["horizonval:unit.radiance.lwir"] == "W m-2 sr-1"
+    assert header["horizonval:unit.radiance.vis"] == "W m-2 sr-1 of as many photons of 0.6000 um"
+    assert header["horizonval:unit.Y"] == header["horizonval:unit.radiance.vis"]
+    assert_same_energy(exr.read_frame(tmp_path / "a.exr"), both_kinds)
+
+
+def test_a_frame_without_it_still_reads(tmp_path, both_kinds):
+    exr.write_frame(tmp_path / "a.exr", replace(both_kinds, energy_radiance={}))
+    read = exr.read_frame(tmp_path / "a.exr")
+    assert list(read.energy_radiance) == ["lwir"]
+    assert list(read.radiance) == ["vis", "lwir"]
+
+
+def test_fits_keeps_it(tmp_path, both_kinds):
+    (tmp_path / "a.fits").write_bytes(fits_bytes(both_kinds, ""))
+    source = read_fits(tmp_path / "a.fits")[2]
+    assert isinstance(source, RadianceFrame)
+    assert_same_energy(source, both_kinds)

@@ -86,11 +86,6 @@ def test_filters(store, wanted, count):
     assert len(store.index.select(wanted)) == count
 
 
-def test_a_time_that_is_none_is_refused(store):
-    with pytest.raises(UserError, match="--since: found 'yesterday'; expected a date"):
-        store.index.select(Filter(since="yesterday"))
-
-
 def test_no_damage_of_the_index_gives_a_wrong_list(store, caplog):
     """Truncated, with a block of zeros, with a bit flipped: it is said, and the index is made again."""
     gone = store.path(rows(store)[3].address)

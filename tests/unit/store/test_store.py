@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import UserError
 from horizonval.store.store import Store
 
 
@@ -45,60 +45,6 @@ def test_adding_twice_touches_nothing(store, make_frame):
     after = os.stat(store.path(address))
     assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
     assert len(list(store.root.rglob("*.exr"))) == 1
-
-
-def test_adding_again_mends_a_damaged_entry(store, make_frame):
-    address = store.add_frame(make_frame())
-    store.path(address).write_bytes(b"ruined")
-    assert store.add_frame(make_frame()) == address
-    assert store.verify() == []
-
-
-def test_entries_come_from_the_headers(store, make_frame, make_image):
-    addresses = {store.add_frame(make_frame({"a": 1.0, "b": 2.0})): "frame", store.add_image(make_image()): "image"}
-    broken = store.add_frame(make_frame(3.0))
-    data = store.path(broken).read_bytes()
-    store.path(broken).write_bytes(data[:50])
-    entries = list(store.entries())
-    assert [e.address for e in entries] == sorted([*addresses, broken])
-    for entry in entries:
-        if entry.address == broken:
-            assert (entry.kind, entry.size_bytes) == ("damaged", 50)
-            continue
-        assert entry.kind == addresses[entry.address]
-        assert (entry.scene, entry.camera, entry.scene_id) == ("hand", "small", "c0ffee" * 8)
-        assert entry.bands == (("a", "b") if entry.kind == "frame" else ("vis",))
-        assert entry.size_bytes == store.path(entry.address).stat().st_size
-
-
-def test_verify_finds_everything_odd(store, make_frame):
-    good, flipped, swapped, moved = (store.add_frame(make_frame(float(k))) for k in range(4))
-    data = bytearray(store.path(flipped).read_bytes())
-    data[-3] ^= 4
-    store.path(flipped).write_bytes(data)
-    store.path(swapped).write_bytes(store.path(good).read_bytes())
-    wrong = store.root / ("00" if moved[:2] != "00" else "01")
-    wrong.mkdir(exist_ok=True)
-    store.path(moved).rename(wrong / f"{moved}.exr")
-    (store.root / ".0123.tmp").write_bytes(b"half")
-    (store.root / "notes.txt").write_text("mine")
-    (store.root / "index.parquet").write_text("made from the headers")
-    (wrong / "holiday.exr").write_bytes(b"")
-
-    found = {f.path: f for f in store.verify()}
-    assert {path: f.problem for path, f in found.items()} == {
-        store.path(flipped): "damaged",
-        store.path(swapped): "damaged",
-        wrong / f"{moved}.exr": "foreign",
-        store.root / ".0123.tmp": "leftover",
-        store.root / "notes.txt": "foreign",
-        wrong / "holiday.exr": "foreign",
-    }
-    assert all("\n" not in f.message for f in found.values())
-    assert "pixels do not match" in found[store.path(flipped)].message
-    assert "bytes are not those of its address" in found[store.path(swapped)].message
-    with pytest.raises(DamagedFileError, match="address"):
-        store.read_frame(swapped)
 
 
 def test_unknown_addresses_are_user_errors(store):

@@ -125,11 +125,14 @@ def test_links_and_foreign_folders(tmp_path, make_image):
     second.unlink()
     second.symlink_to(tmp_path / "nowhere")
     (store.root / "more").symlink_to(tmp_path)
+    (store.root / ".0123.tmp").write_bytes(b"half")
+    (store.root / "index.parquet").write_text("made from the headers")
     (store.root / "ab" / "cd").mkdir(parents=True)
     (store.root / "ab" / "cd" / "notes.txt").write_text("mine")
     assert found(store.verify()) == {
         (first, "damaged"),
         (second, "damaged"),
         (store.root / "more", "foreign"),
+        (store.root / ".0123.tmp", "leftover"),
         (store.root / "ab" / "cd" / "notes.txt", "foreign"),
     }
