@@ -217,7 +217,7 @@ SIGNIFICANT = 10
 def significant(values: FloatArray | float, digits: int = SIGNIFICANT) -> FloatArray:
     """Round an array to so many digits of its largest element.
 
-    ``values``: Finite.
+    ``values``: finite.
 
     Returns
     -------

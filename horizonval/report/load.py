@@ -41,7 +41,7 @@ class CaseView:
 class ReportRun:
     """A run as the report needs it: views in the suite's order, the cases without result, the requested figures.
 
-    ``figures``: results of :func:`horizonval.suites.axes.figure_plans`; ``study``: whether it is a trade study;
+    ``figures``: results of :func:`horizonval.suites.record.figure_plans`; ``study``: whether it is a trade study;
     ``command``: the words that repeat the run in its folder; ``programs``: estimators that are programs of the suite's
     file; ``given_pose``: estimators that receive the true pose; ``likelihood``: estimators whose claims are those of a
     likelihood fit; ``orbit``: cases that sample an orbit.

@@ -46,7 +46,7 @@ a sine, which machines disagree on, does not reach a scene's identity."""
 def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[JsonObject]:
     """Return a partial scene for every sample: ``platform`` and ``attitude``.
 
-    Raises ``UserError``: Elements that no satellite has, or that SGP4 refuses.
+    Raises ``UserError``: elements that no satellite has, or that SGP4 refuses.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ def refuse_mistakes(suite: Suite, plan: CasePlan) -> None:
     """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
 
     Thousands of cases share few cameras and atmospheres, and each of those is looked at once. Raises ``UserError``:
-    Naming the suite, the frame and the key.
+    naming the suite, the frame and the key.
     """
     from horizonval.earth.optical import optical_model
 

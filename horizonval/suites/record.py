@@ -1,20 +1,27 @@
-"""The record of a case: its rows, where frame and images lie, what the report draws; or why there is none of that."""
+"""What is written of a run: records of cases, the plans of its figures, and the command that makes it again."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from horizonval.core.code import code_version
+from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit
 from horizonval.frame import FrameTruth
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
-from horizonval.spec.load import Case
+from horizonval.spec.files import Kind, shipped_names, shipped_path
+from horizonval.spec.load import Case, Suite
+from horizonval.spec.suite import FigureSpec
+from horizonval.store.index import Filter
 from horizonval.suites.plan import CasePlan
 
 CASE_SCHEMA = 1
@@ -115,3 +122,127 @@ def _truth_or_none(case: Case) -> FrameTruth | None:
         return truth_of(case.scene, case.camera, infrared=False)
     except Exception:  # Whatever broke the case may break its truth as well; the error is reported already.
         return None
+
+
+HERE = ["--out", "."]
+
+
+def command_of_suite(suite: Suite, root: Path) -> list[str]:
+    """Return the words of ``run`` or ``study`` for a suite's run in the folder ``root``."""
+    kind: Kind = "study" if suite.study else "suite"
+    return ["horizonval", "study" if suite.study else "run", target_of(kind, suite.source, root), *suite.options, *HERE]
+
+
+def command_of_rescoring(
+    archive: Path, root: Path, estimators: Sequence[str], wanted: Filter | None, time_limit_s: float
+) -> list[str]:
+    """Return the words of ``archive rescore`` for images of an archive, scored again in the folder ``root``."""
+    words = ["horizonval", "archive", "rescore", relative(archive, root)]
+    words += [word for name in estimators for word in ("--estimator", name)]
+    for field in fields(wanted or Filter()):
+        value = getattr(wanted, field.name, None)
+        if field.name != "kind" and value is not None:
+            words += [f"--{field.name}", value]
+    return [*words, "--time-limit", f"{time_limit_s:g}", *HERE]
+
+
+def target_of(kind: Kind, source: str, root: Path) -> str:
+    """Return a shipped file's name, or the path of a user's own file from a folder on."""
+    path = Path(source).resolve()
+    if path.stem in shipped_names(kind) and path == shipped_path(kind, path.stem).resolve():
+        return path.stem
+    return relative(path, root)
+
+
+def relative(path: Path, root: Path) -> str:
+    """Return a path from a folder on, or the absolute one where none leads there (another drive)."""
+    try:
+        text = Path(os.path.relpath(path.resolve(), root.resolve())).as_posix()
+    except ValueError:
+        return str(path.resolve())
+    return f"./{text}" if text.startswith("-") else text
+
+
+def figure_plans(suite: Suite) -> list[JsonObject]:
+    """Return the plan of every figure of a suite: one for each value of its key ``by``.
+
+    Raises ``UserError``: a figure's key is no number in one of its cases.
+
+    Returns
+    -------
+    list of dict
+        ``kind``, ``title``, ``x`` and ``y`` (the keys, or None), and ``cases``: by the name of the case its values
+        ``[x, y]``, those without an axis left out. All heads of a scene together, which some estimators want, go by
+        the scene's name.
+    """
+    plans = []
+    for number, figure in enumerate(suite.figures, start=1):
+        where = f"{suite.source}: figure[{number}]"
+        chosen = [case for case in suite.cases if figure.cases in (None, case.table)]
+        for value, cases in _groups(chosen, figure, where).items():
+            title = figure.title or figure.cases or suite.title or suite.name
+            plans.append(
+                {
+                    "kind": figure.kind,
+                    "title": title if value is None else f"{title}, {figure.by} {value}",
+                    "x": figure.x,
+                    "y": figure.y,
+                    "cases": {
+                        name: values
+                        for case in cases
+                        for values in (_values(case, figure, where),)
+                        for name in (case.name, case.scene_name)
+                    },
+                }
+            )
+    return plans
+
+
+def value_at(case: Case, key: str) -> Any:
+    """Return what a case has under a dotted key: of its scene, or ``camera.<table>.<key>`` of its camera file.
+
+    Raises ``KeyError``: there is nothing of that name.
+    """
+    parts = key.split(".")
+    tree: Any = case.scene.model_dump(mode="json")
+    if parts[0] == "camera" and len(parts) > 2:
+        tree, parts = case.camera.model_dump(mode="json"), parts[1:]
+    for part in parts:
+        if isinstance(tree, list):
+            # Bands and heads are known by their names.
+            tree = {item.get("name"): item for item in tree if isinstance(item, dict)}
+        if not isinstance(tree, dict) or part not in tree:
+            raise KeyError(key)
+        tree = tree[part]
+    return tree
+
+
+def _groups(cases: Sequence[Case], figure: FigureSpec, where: str) -> dict[Any, list[Case]]:
+    if figure.by is None:
+        return {None: list(cases)}
+    groups: dict[Any, list[Case]] = {}
+    for case in cases:
+        value = _found(case, figure.by, f"{where}.by")
+        groups.setdefault(f"{value:g}" if isinstance(value, float) else str(value), []).append(case)
+    return groups
+
+
+def _values(case: Case, figure: FigureSpec, where: str) -> list[float]:
+    values = []
+    for axis, key in (("x", figure.x), ("y", figure.y)):
+        if key is None:
+            continue
+        value = _found(case, key, f"{where}.{axis}")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise UserError(f"{key} of {case.name} is {value!r}", where=f"{where}.{axis}", expected="a number")
+        values.append(float(value))
+    return values
+
+
+def _found(case: Case, key: str, where: str) -> Any:
+    try:
+        return value_at(case, key)
+    except KeyError:
+        raise UserError(
+            f"{case.name} has no {key!r}", where=where, expected="a key of the scene, or camera.<table>.<key>"
+        ) from None

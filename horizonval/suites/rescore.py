@@ -26,11 +26,10 @@ from horizonval.store.index import Filter
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
 from horizonval.store.verify import files_of_run, withdraw_manifest, write_manifest
-from horizonval.suites.again import command_of_rescoring
-from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
 from horizonval.suites.plan import CasePlan
-from horizonval.suites.record import Record
+from horizonval.suites.record import Record, command_of_rescoring
+from horizonval.suites.run import conclude
 from horizonval.suites.units.archived import Item, archived_record, cases_of_heads, climates_of, items_of
 
 RESCORE_SCHEMA = 1
@@ -85,7 +84,7 @@ def rescore(
 ) -> Rescored:
     """Score the images of an archive, or finish what an earlier call left in ``out``.
 
-    Raises ``UserError``: Unknown estimators, no images, or a folder that holds something else.
+    Raises ``UserError``: unknown estimators, no images, or a folder that holds something else.
 
     Parameters
     ----------

@@ -16,23 +16,77 @@ from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.engine import Done, OnStart, Record, stream
+from horizonval.jobs.engine import Done, OnStart, Record, stream, take_over
 from horizonval.jobs.pool import Execution
+from horizonval.scoring.row import Row
 from horizonval.spec.load import Suite
-from horizonval.store.folder import RunFolder, intact_json, write_json
+from horizonval.store.entry import INDEX_PREFIX
+from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 from horizonval.store.index import Index
 from horizonval.store.verify import files_of_run, withdraw_manifest, write_manifest
-from horizonval.suites.again import command_of_suite
-from horizonval.suites.axes import figure_plans
-from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import suite_identity
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
-from horizonval.suites.shards import adopt
+from horizonval.suites.record import command_of_suite, figure_plans
 from horizonval.suites.stability import run_stability
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.work import Brief, UnitWork
 from horizonval.suites.worker_memory import within_memory
+
+
+def conclude(
+    folder: RunFolder,
+    suite: str | None,
+    rows: Sequence[Row],
+    failed: Mapping[str, str],
+    more: Mapping[str, Any] | None = None,
+) -> tuple[dict[str, Any], list[Path]]:
+    """Write table, summary and report; return the summary and the report's pages, the first one first.
+
+    Parameters
+    ----------
+    suite : str or None
+        Name of the suite, where it is known.
+    failed : mapping of str to str
+        Cases without a result, and why.
+    more : mapping, optional
+        What else the summary holds.
+    """
+    from horizonval.report.build import write_report
+    from horizonval.scoring.row import write_results
+    from horizonval.scoring.summary import summarise
+
+    about = read_json(folder.suite) or {}
+    statistics = summarise(
+        rows, about.get("given_pose") or (), frozenset(about.get("orbit") or ()), about.get("likelihood") or ()
+    )
+    summary = {"suite": suite, "version": code_version(), "failed": dict(failed), **statistics, **(more or {})}
+    write_results(rows, folder.results)
+    write_json(folder.summary, summary)
+    return summary, write_report(folder.root)
+
+
+ROOMS = ("archive", "cases", "state", "stability")
+
+
+def adopt(source: RunFolder, target: RunFolder, suite: Suite) -> None:
+    """Copy the results of a run of the same suite that ``target`` does not have.
+
+    They are looked at like the folder's own: what is damaged or of other code is made again. The archive's index is not
+    copied; that of ``target`` catches up with the files. Raises ``UserError`` if ``source`` is no folder of a run, or
+    of another suite's.
+    """
+    run = read_json(source.suite)
+    if run is None:
+        raise UserError("no run.json", where=str(source.root), expected="the folder of a run")
+    if run.get("suite_sha256") != suite_identity(suite):
+        raise UserError(
+            f"holds a run of other frames, cameras or estimators (suite {run.get('suite')!r})",
+            where=str(source.root),
+            expected=f"a run of {suite.name!r} as it is now",
+        )
+    take_over(source.root, target.root, ROOMS, lambda path: not path.name.startswith((".", INDEX_PREFIX)))
+
 
 RUN_SCHEMA = 1
 

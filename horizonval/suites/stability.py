@@ -107,7 +107,7 @@ class StabilityWork(Recorded[int]):
 
 
 def check(suite: Suite) -> None:
-    """Refuse bands that the tables of absorption do not cover. Raises ``UserError``: Naming the suite and the table."""
+    """Refuse bands that the tables of absorption do not cover. Raises ``UserError``: naming the suite and the table."""
     if suite.stability is not None:
         try:
             month_model(suite.stability, suite.stability.months[0])

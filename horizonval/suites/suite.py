@@ -23,7 +23,7 @@ from horizonval.suites.flight import fly
 def load_suite(path_or_name: str | Path, frames: int | None = None, seed: int | None = None) -> Suite:
     """Read a suite file as :func:`horizonval.spec.load.load_suite` does; ``[cases.orbit]`` becomes scenes.
 
-    ``frames`` stands in place of ``suite.frames``, ``seed`` in place of the suite's own. Raises ``UserError``: Naming
+    ``frames`` stands in place of ``suite.frames``, ``seed`` in place of the suite's own. Raises ``UserError``: naming
     the file, the key, and what was expected.
     """
     return load.load_suite(path_or_name, fly=fly_scene, frames=frames, seed=seed)

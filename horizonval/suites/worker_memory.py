@@ -21,7 +21,7 @@ def largest_frame(suite: Suite) -> Case | None:
 def within_memory(execution: Execution, suite: Suite) -> Execution:
     """Return an execution with as many workers of this machine as memory holds, at least one.
 
-    A cluster's workers, on other machines, are left as they are. Raises ``UserError``: More workers were asked for than
+    A cluster's workers, on other machines, are left as they are. Raises ``UserError``: more workers were asked for than
     memory holds.
     """
     largest = largest_frame(suite)

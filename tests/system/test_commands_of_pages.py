@@ -14,7 +14,7 @@ from page_commands import cards_of, commands_of, words_of
 
 from horizonval import cli
 from horizonval.spec import files
-from horizonval.suites.again import target_of
+from horizonval.suites.record import target_of
 
 SUITE = MINI_SUITE.partition("[[frame]]")[0].replace(
     "[defaults]", '[defaults]\nrender = { subsamples = 1, nodes = 16, orders = "single" }'

@@ -46,7 +46,7 @@ from horizonval.core.errors import UserError
 def slopes(axis: FloatArray, level: tuple[bool, bool]) -> FloatArray:
     """Return what makes slopes of values at the places of an axis, shape (n, n).
 
-    ``axis`` (shape (n,)): Rising. ``level`` (booleans): whether the slope is 0 at the first place and at the last.
+    ``axis`` (shape (n,)): rising. ``level`` (booleans): whether the slope is 0 at the first place and at the last.
     """
     n = len(axis)
     if n == 1:

@@ -54,7 +54,7 @@ class Circle:
 def fit_circle(uv: FloatArray) -> Circle | None:
     """Return the circle through image points, shape (n, 2), n >= 3; None for points on a straight line or in one place.
 
-    Raises ``ValueError``: With fewer than three points.
+    Raises ``ValueError``: with fewer than three points.
     """
     if len(uv) < 3:
         raise ValueError(f"a circle needs three points, not {len(uv)}")

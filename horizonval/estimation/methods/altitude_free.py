@@ -107,7 +107,7 @@ def start_from(los_cam: FloatArray) -> tuple[Rotation, FloatArray]:
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Return nadir (3,), angular radius [rad] and iterates (k, 3) of (phi, theta, rho) in the camera's own axes.
 
-    Raises ``LinAlgError``: Undetermined, or no convergence within :data:`MAX_STEPS`.
+    Raises ``LinAlgError``: undetermined, or no convergence within :data:`MAX_STEPS`.
     """
     turn, start = start_from(los_cam)
     steps = newton(turn.apply(los_cam), start)

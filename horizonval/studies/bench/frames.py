@@ -53,7 +53,7 @@ def bench_suite(seed: int | None = None, frames_per_cell: int = FRAMES_PER_CELL,
     """Return the suite of one group of the benchmark.
 
     ``seed`` (optional): of a sealed suite; without it the public one. ``frames_per_cell``: fewer than all are the first
-    of all. Raises ``UserError``: More frames than a cell has, or none.
+    of all. Raises ``UserError``: more frames than a cell has, or none.
     """
     if not 1 <= frames_per_cell <= FRAMES_PER_CELL:
         raise UserError(

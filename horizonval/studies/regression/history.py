@@ -115,7 +115,7 @@ class Piece:
 def pieces(values: Sequence[float], fewest: int = FEWEST) -> list[Piece]:
     """Return the pieces of a series in its order; a single one where there is no step.
 
-    ``values``: Finite. ``fewest``: shortest piece.
+    ``values``: finite. ``fewest``: shortest piece.
     """
     y = np.asarray(values, dtype=np.float64)
     n = len(y)

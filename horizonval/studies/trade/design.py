@@ -32,7 +32,7 @@ from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
 from horizonval.spec.suite import CasesSpec, Requirement, StudyHead, StudySpec, SuiteHead, SuiteSpec
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.trade import cost
-from horizonval.suites.axes import value_at
+from horizonval.suites.record import value_at
 from horizonval.suites.suite import fly_scene
 
 ESTIMATOR_AXIS = "estimator"
@@ -121,7 +121,7 @@ class Study(StudyPlan):
 def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[StudySpec, Path]:
     """Read a study file; ``frames`` stands in place of the Sobol points, or else of the orbit's samples.
 
-    Raises ``UserError``: Naming the file, the key, and what was expected.
+    Raises ``UserError``: naming the file, the key, and what was expected.
     """
     path = find("study", path_or_name)
     spec = validate(StudySpec, read_toml(path), str(path))

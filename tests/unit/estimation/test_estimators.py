@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.cone import cone_uncertainty
-from horizonval.estimation.limb.crossing import _width, row_noise, sub_pixel_crossing
+from horizonval.estimation.limb.crossing import row_noise, sub_pixel_crossing
 from horizonval.estimation.methods import ideal
 from horizonval.estimation.methods.altitude_free import ESTIMATOR as ALTITUDE_FREE
 from horizonval.estimation.methods.altitude_free import fit_of_cone, solve
@@ -271,13 +271,6 @@ def test_a_rows_noise_is_measured_beside_its_edge(sigma: float) -> None:
     assert row_noise(np.rint(np.where(pixels < 200, 900.0, 20.0)), 200) == pytest.approx(1 / math.sqrt(12.0))
     assert row_noise(np.where(pixels < 200, 900.3, 20.1), 200) == 0.0
     assert row_noise(scene[190:215] + 0.5, 10) == 0.0, "too short to know"
-
-
-@pytest.mark.parametrize("length", [1.0, 4.0, 9.0])
-def test_the_width_of_a_slope_is_three_fifths_of_it(length: float) -> None:
-    share = np.clip(1.0 - (np.arange(30.0) - 10.0) / length, 0.0, 1.0)
-    assert _width(share) == pytest.approx(0.6 * length)
-    assert _width(np.ones(5)) == 0.0
 
 
 @pytest.mark.parametrize("scale", [0.5, 40.0])

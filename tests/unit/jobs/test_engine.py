@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import json
 import os
 import signal
 import time
@@ -12,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from horizonval.core import progress, sealed
+from horizonval.core import progress
 from horizonval.core.progress import Silent
 from horizonval.jobs import engine
-from horizonval.jobs.engine import ExpectedTime, Record, Recorded, Remaining, SpentTime, do, keep, kept, stream
+from horizonval.jobs.engine import ExpectedTime, Record, Recorded, Remaining, SpentTime, do, stream
 from horizonval.jobs.pool import Execution, parse_shard
 from horizonval.jobs.progress import Stopwatch
 from horizonval.renderer.backend import compiling_counted
@@ -141,16 +140,6 @@ def test_shards_make_the_whole(tmp_path: Path) -> None:
         do(Squares(tmp_path), [1, 2, 3, 4], Execution(1, shard=(i, 3)), Silent())
     assert made(tmp_path) == [1, 4, 2, 3]
     assert parse_shard("2/3") == (2, 3)
-
-
-def test_a_record_says_what_it_is_of(tmp_path: Path) -> None:
-    path = tmp_path / "deep" / "a.json"
-    keep(path, "x", {"value": 1})
-    assert set(json.loads(path.read_text())) == {"identity", "value", sealed.KEY}
-    assert kept(path, "x") == {"identity": "x", "value": 1}
-    assert kept(path, "y") is None
-    keep(path, "x", {"error": "it broke"})
-    assert kept(path, "x") is None
 
 
 class Left(Telling):

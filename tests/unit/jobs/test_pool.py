@@ -82,10 +82,6 @@ def _all_by(turns: Turns[str], order: list[int]) -> dict[int, list[str]]:
     raise AssertionError
 
 
-def test_alone_a_worker_takes_group_after_group_in_the_order_of_their_first_items():
-    assert _all_by(Turns(["b1", "a1", "b2", "c1", "a2"], _group), [0]) == {0: ["b1", "b2", "a1", "a2", "c1"]}
-
-
 def test_every_group_goes_to_one_worker_while_there_are_others():
     items = [f"{letter}{number}" for number in range(3) for letter in "abcd"]
     taken = _all_by(Turns(items, _group), [0, 1])

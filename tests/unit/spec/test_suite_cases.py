@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.suites.axes import figure_plans
+from horizonval.suites.record import figure_plans
 from horizonval.suites.suite import load_suite
 
 HEAD = """

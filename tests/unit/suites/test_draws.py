@@ -89,13 +89,6 @@ def test_every_draw_is_another_seed_and_the_first_one_is_the_row(take):
     assert "draws" in watch.seconds
 
 
-def test_only_one_draw_costs_nothing_more(take):
-    taken, seen, *_, watch = take([1e-3], 1)
-    assert len(seen) == 1
-    assert taken.redrawn == {"vis": []}
-    assert "draws" not in watch.seconds
-
-
 def test_refused_draws_are_left_out(take):
     (row,) = take([0.0, None, 2e-4, None], 4)[0].rows
     assert (row.nees_noise, row.noise_draws) == (pytest.approx(2.0, rel=1e-4), 2)

@@ -141,13 +141,6 @@ def test_a_steady_horizon_costs_an_edge_nothing():
     assert found["field"]["max_pitch_deg"] < 0.004
 
 
-def test_a_season_that_is_the_same_everywhere_is_no_error_of_attitude():
-    found = sensors(month(limb(38.0)), month(limb(42.0)))
-    # 2 km in all heads; the half per cent between their distances is left: 1e-4 deg.
-    assert found["edge-half"]["max_pitch_deg"] < 4e-4
-    assert found["edge-half"]["std_km"] == pytest.approx(2.0, abs=0.01)
-
-
 def test_a_higher_horizon_ahead_costs_half_of_its_angle_in_pitch():
     found = sensors(*2 * [month(limb(42.0), limb(40.0))])["edge-half"]
     assert found["max_pitch_deg"] == pytest.approx(0.5 * math.degrees(2.0 / DISTANCE_KM), rel=0.015)

@@ -17,9 +17,9 @@ from horizonval.core.errors import UserError
 from horizonval.earth import optical
 from horizonval.plugins import registry
 from horizonval.spec.files import shipped_root
-from horizonval.suites.axes import figure_plans
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import of_heads, plan_of, units_of
+from horizonval.suites.record import figure_plans
 from horizonval.suites.suite import load_suite
 from horizonval.systems.c import frames
 

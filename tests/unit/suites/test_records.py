@@ -4,32 +4,35 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from synthetic import THERMAL_CAMERA, estimator, fit_of, result_row, toy_image, truth_at
+from synthetic import THERMAL_CAMERA, estimator, result_row, toy_image, truth_at
 
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.jobs.engine import keep, kept, take_over
+from horizonval.jobs.engine import take_over
 from horizonval.jobs.pool import local_workers, parse_shard
 from horizonval.plugins import registry
 from horizonval.store.entry import StoreEntry
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.store.store import Store
-from horizonval.suites.axes import figure_plans, value_at
-from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity, suite_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads, oracle_pose
 from horizonval.suites.plan import plan_of
-from horizonval.suites.record import MAX_POINTS, camera_name, details_of, failed_record, record_of
+from horizonval.suites.record import (
+    camera_name,
+    failed_record,
+    figure_plans,
+    record_of,
+    value_at,
+)
+from horizonval.suites.run import conclude
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.archived import Item, cases_of_heads, climates_of, items_of
 
@@ -104,20 +107,6 @@ def test_what_broke_has_a_row_for_every_estimator(suite) -> None:  # type: ignor
     assert record["rows"][1]["expected"] == "valid", "who is given the pose can always answer"
     assert (record["image"], record["images"], record["truth_frame"]) == (None, {}, None)
     assert camera_name(case) == case.camera.camera.name
-
-
-def test_points_are_thinned_evenly_and_end_with_the_last() -> None:
-    truth = truth_at()
-    many = np.column_stack([np.arange(5000.0), np.zeros(5000)])
-    details = details_of(fit_of(truth, points=many, angular_radius_rad=1.1))
-    assert len(details["points"]) == MAX_POINTS
-    assert (details["points"][0], details["points"][-1]) == ([0.0, 0.0], [4999.0, 0.0])
-    steps = np.diff(np.array(details["points"])[:, 0])
-    assert set(steps) <= {2.0, 3.0}
-    assert details["fit"]["angular_radius_rad"] == 1.1
-    few = np.array([[1.23456, 2.0], [np.nan, 1.0], [3.0, np.inf]])
-    assert details_of(Refusal(Outcome.DARK, "x", few)) == {"points": [[1.235, 2.0]], "fit": None}
-    assert details_of(fit_of(truth))["fit"]["angular_radius_rad"] is None
 
 
 def test_an_observation_has_what_a_flight_computer_knows() -> None:
@@ -217,19 +206,6 @@ def test_the_summary_knows_what_the_record_says_of_orbit_and_estimators(tmp_path
             conclude(folder, "s", rows, {})
         found[key] = [set(x) for x in calls[0][1:]]
     assert found == {"plain": [set()] * 3, "told": [{"ideal"}, {"a", "b"}, {"est"}]}
-
-
-def test_a_kept_record_has_its_keys_in_order_or_as_they_were(tmp_path: Path) -> None:
-    for sort, order in ((True, ["a", "b", "identity"]), (False, ["b", "a", "identity"])):
-        path = tmp_path / str(sort) / "deep" / "r.json"
-        keep(path, "me", {"b": 1, "a": 2}, sort_keys=sort)
-        found = kept(path, "me")
-        assert found is not None
-        assert [key for key in json.loads(path.read_text()) if key in order] == order
-    assert next(iter(json.loads((tmp_path / "True/deep/r.json").read_text()))) == "a", "by default"
-    keep(tmp_path / "d.json", "me", {"b": 1, "a": 2})
-    assert next(iter(json.loads((tmp_path / "d.json").read_text()))) == "a"
-    assert kept(tmp_path / "none.json", "me") is None
 
 
 def test_what_another_folder_has_is_taken_over_and_nothing_replaced(tmp_path: Path) -> None:

@@ -52,14 +52,6 @@ def test_two_levels_are_read_on_the_two_sides() -> None:
     assert (steps == 1).all() or (steps == -1).all(), "azimuths go along the limb"
 
 
-def test_what_lies_outside_the_image_has_no_level_and_spoils_none() -> None:
-    """A limb along the image's upper edge: what would be read above it is missing."""
-    high = CameraModel(256, 200, 180.0, 180.0, 127.5, 30.0)
-    sides = read_sides(Picture(scene(300.0, 40.0, high)), high, limb(200, 0.1), AXIS)
-    assert sides.inner == pytest.approx(np.full(200, 300.0))
-    assert sides.outer == pytest.approx(np.full(200, 40.0))
-
-
 def sides_of(inner: np.ndarray, outer: np.ndarray, spread: np.ndarray | float = 0.0) -> Sides:
     n = len(inner)
     return Sides(inner, outer, inner + 10.0, np.broadcast_to(spread, (n,)), np.linspace(0.0, 1.5, n))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, fit_circle, longest_chain
+from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, fit_circle
 from horizonval.estimation.limb.edges import find_edges, refine
 from horizonval.estimation.limb.finder import find_limb, find_sun
 from horizonval.estimation.limb.picture import SMALLEST_SIDE_PX, Picture, check_image, noise_sigma, saturated_pixels
@@ -187,14 +187,6 @@ def test_a_slow_ramp_and_noise_alone_have_no_edges() -> None:
     assert len(find_edges(grain, 5).uv) < 20
 
 
-def test_the_longest_chain_is_the_largest_group_that_touches() -> None:
-    diagonal = np.array([[k, k] for k in range(10)], dtype=float)
-    row = np.array([[k, 30] for k in range(8)], dtype=float)
-    mixed = np.random.default_rng(0).permutation(np.vstack([diagonal, row]))
-    assert {tuple(p) for p in longest_chain(mixed, (40, 50))} == {tuple(p) for p in diagonal}
-    assert len(longest_chain(np.empty((0, 2)), (40, 50))) == 0
-
-
 def test_the_arc_of_a_disc_is_its_circle_in_order() -> None:
     image = np.where(disc(160, 70.0, 190.0, 120.0), 200.0, 20.0)
     arc = find_arc(image)
@@ -268,11 +260,3 @@ def test_the_fit_of_a_noisy_short_arc_is_not_biased_towards_small_circles() -> N
     error = np.std(radii) / np.sqrt(200)
     assert np.mean(radii) == pytest.approx(1000.0, abs=4 * error)
     assert np.mean(shrunk) < 1000.0 - 4 * error
-
-
-def test_lines_and_single_places_have_no_circle() -> None:
-    line = np.column_stack([np.arange(50.0), 7.0 + 0.5 * np.arange(50.0)])
-    assert fit_circle(line) is None
-    assert fit_circle(np.full((5, 2), 3.0)) is None
-    with pytest.raises(ValueError, match="three"):
-        fit_circle(line[:2])

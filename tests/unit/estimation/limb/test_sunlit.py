@@ -9,7 +9,6 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from horizonval.estimation.guard.sunlit import (
-    blur_rad,
     cone_perturbation,
     heights_of,
     steepest_height,
@@ -17,7 +16,6 @@ from horizonval.estimation.guard.sunlit import (
     sunlit_limb,
 )
 from horizonval.estimation.likelihood.templates import FOLDER, load_templates
-from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import tangent_basis
 
@@ -25,7 +23,6 @@ RADIUS_M = 6371008.8
 BLUE_UM, RED_UM = (load_templates(FOLDER / f"limb-{name}.npz").band_um for name in ("blue", "red"))
 RHO = math.asin(RADIUS_M / (RADIUS_M + 500e3))
 NADIR = np.array([0.1, 0.8, 0.5]) / np.linalg.norm([0.1, 0.8, 0.5])
-CAMERA = CameraModel(width=256, height=256, fx=128.0, fy=128.0, cx=127.5, cy=127.5)
 
 
 def arc(width: float = 1.6, n: int = 161) -> np.ndarray:
@@ -89,15 +86,6 @@ def test_heights_move_the_cone_as_a_fit_to_raised_points_does() -> None:
     moved = cone_perturbation(los, NADIR, RHO, height[None, :], RADIUS_M)[0]
     # To first order; the second is a hundredth of it.
     assert basis.T @ (cone.axis_cam - NADIR) == pytest.approx(moved[:2], abs=0.03 * float(np.abs(moved).max()))
-
-
-def test_the_blur_in_angle_gets_less_off_the_axis_of_a_plane_image() -> None:
-    """Along the radius a pixel of a plane image spans cos^2 of what it does in the middle."""
-    los = np.array([[0.0, math.sin(math.radians(40.0)), math.cos(math.radians(40.0))]])
-    axis = np.array([0.0, math.sin(math.radians(40.0) + RHO), math.cos(math.radians(40.0) + RHO)])
-    assert blur_rad(CAMERA, los, axis, 0.0)[0] == pytest.approx(
-        0.8 / 128.0 * math.cos(math.radians(40.0)) ** 2, rel=1e-3
-    )
 
 
 def test_the_steepest_place_of_a_blurred_profile_is_that_of_a_convolution() -> None:

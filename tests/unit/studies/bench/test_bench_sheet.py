@@ -72,14 +72,6 @@ def test_other_frames_cannot_be_ranked() -> None:
         ranking({"x": TABLE, "y": TABLE[1:]})
 
 
-def test_fewer_frames_are_the_first_of_more() -> None:
-    few = {case.name.rpartition("_")[0]: case.scene for case in bench_suite(frames_per_cell=1).cases}
-    more = {case.name.rpartition("_")[0]: case.scene for case in reversed(bench_suite(frames_per_cell=2).cases)}
-    assert {name: scene.platform for name, scene in few.items()} == {
-        name: scene.platform for name, scene in more.items()
-    }
-
-
 def test_a_passphrase_draws_other_frames_and_always_the_same() -> None:
     seed = sealed_seed("four words at random\n")
     assert seed == sealed_seed("four words at random")

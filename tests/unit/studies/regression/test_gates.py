@@ -361,13 +361,6 @@ def test_an_error_further_from_its_bound_is_caught(lane):
     assert better["verdict"] == "IMPROVED"
 
 
-def test_without_bounds_nothing_is_decided_about_them():
-    """Baselines from before they were kept."""
-    now, base = bounded(100.0, 120.0), bounded(None, 120.0)
-    (gate,) = judge([("accepted", measure(gate_of("error_over_bound"), GateInputs(now), GateInputs(base)))])
-    assert (gate["verdict"], gate["estimate"]) == ("INCONCLUSIVE", None)
-
-
 def test_a_method_that_the_baseline_has_not_changes_nothing():
     base = bounded(100.0, 120.0)
     new = [replace(row, estimator="new", nadir_error_arcsec=5000.0) for row in base]

@@ -210,12 +210,6 @@ def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
     assert run_night(wanted)["verdict"] == "PASS"
 
 
-def test_rows_survive_their_columns(accepted):
-    rows = list(read_baseline(accepted.baseline, "tiny").results.rows)
-    assert from_columns(json.loads(json.dumps(to_columns(rows)))) == rows
-    assert from_columns(to_columns([])) == []
-
-
 def test_frozen_images_are_those_of_the_night(accepted, night):
     pack = read_pack(pack_path(accepted.baseline))
     for image in pack.images:

@@ -397,7 +397,3 @@ def test_the_limb_of_a_claim_is_a_circle_about_the_claimed_nadir(base, three):
     # The digits of path data are 0.01 px.
     off = np.arccos(d @ claimed) - truth.angular_radius_rad
     assert np.abs(off).max() < 0.02 * math.radians(110.0) / truth.camera_model.width
-
-
-def test_a_night_without_images_shows_none():
-    assert shown_of([], {}, lambda key: None) == {"sentences": [], "frames": [], "kept": 0, "estimators": ()}

@@ -198,16 +198,6 @@ def test_what_frames_have_in_common_takes_no_part(make_sample):
     assert high - low > 0.01
 
 
-def test_an_easy_frame_favours_none(make_sample):
-    # The second design refuses the four frames on which both would be bad: on the others they are alike.
-    error = np.array([0.01] * 6 + [1.0] * 2)
-    bold, shy = make_sample(error), make_sample(np.where(error > 0.1, np.nan, 1.001 * error))
-    found = effects_of([("x", {"a": 0}, bold), ("y", {"a": 1}, shy)], DRAWS)
-    assert (found["basis"], found["n"]) == ("common", 6)
-    factors = [line["factor"] for line in found["levels"]["a"]]
-    assert factors == pytest.approx([1 / 1.001**0.5, 1.001**0.5], rel=1e-9)
-
-
 def test_gaps_and_silent_designs(make_sample):
     logs = np.random.default_rng(7).normal(-1, 0.5, (2, 3))
     grid = designs(make_sample, logs)

@@ -132,12 +132,6 @@ SEASONS = STUDY.replace(
 )
 
 
-def test_a_mistake_in_the_conditions_names_the_design(load):
-    with pytest.raises(UserError) as e:
-        load(STUDY.replace("platform.latitude_deg", "platform.latitude_degrees"))
-    assert "s.toml: design psf_sigma_px_0.5, frames: frames_000: platform.latitude_degrees" in e.value.where
-
-
 def test_the_season_is_an_axis_and_flights_are_clusters(load):
     study = load(SEASONS)
     assert {case.scene.platform.epoch_utc.month for case in study.suite.cases} == {3, 6}
