@@ -338,16 +338,6 @@ def test_render_by_reference(horizonval, scene):
     assert (scene / "a.exr").read_bytes() == (scene / "b.exr").read_bytes()
 
 
-def test_render_by_reference_in_the_infrared(horizonval, scene):
-    call = ("render", "limb-night-ir", "--reference", "--reference-size", "16x12", "--spp", "64", "-o", "a.exr")
-    done = horizonval(*call)
-    assert done.returncode == 0, done.stderr
-    frame = exr.read_frame(scene / "a.exr")
-    assert frame.render["integrator"] == "emission_walk"
-    assert abs(frame.render["deterministic_frame_differs"]["lwir"]["mean"]) < 3.0
-    assert frame.maps["standard_error.lwir"].max() > 0.0
-
-
 def test_a_smaller_reference_shows_the_same_picture(horizonval, scene):
     assert horizonval("render", "one.toml", "-o", "full.exr").returncode == 0
     small = ("--reference", "--reference-size", "24x20", "--spp", "2")
