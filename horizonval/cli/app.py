@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def _command_name(arguments: list[str]) -> str:
-    """Return the words that name the command, as far as they can be told before anything is parsed."""
+    """Return the words that name the command, as far as they are known before parsing."""
     words = [word for word in arguments[:2] if not word.startswith("-")]
     return " ".join(words if words[:1] in (["archive"], ["baseline"], ["bench"]) else words[:1]) or "it"
 

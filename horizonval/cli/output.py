@@ -100,7 +100,7 @@ def print_dry_run(counted: DryRun, as_json: bool) -> None:
 def print_summary(summary: dict[str, Any]) -> None:
     """Print the table of a run, one line for every estimator and camera, and what that says in words.
 
-    Estimators that are told the true pose stand last: they test the scoring, and are counted in no other line.
+    Estimators that receive the true pose come last: they test the scoring, and count in no other line.
     """
     from horizonval.report.words import headline, unit_of
 

@@ -105,7 +105,7 @@ _LONGEST = (1000, 500, 1000, 500)
 
 
 MOST_MISTAKES = 20
-"""Mistakes that are told at once; of more the number."""
+"""Largest number of mistakes in one message; further ones are counted."""
 
 
 class SeveralMistakesError(UserError):

@@ -138,7 +138,7 @@ def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _in_order(groups: Sequence[Mapping[str, Any]], run: ReportRun) -> list[Mapping[str, Any]]:
-    """Return groups in the suite's order of estimators; those that are told the true pose last."""
+    """Return groups in the suite's order of estimators; those that receive the true pose last."""
     return sorted(groups, key=lambda group: (group["given_pose"], run.estimators.index(group["estimator"])))
 
 

@@ -197,7 +197,7 @@ def _size_by_pillow(path: Path) -> tuple[int, int]:
     from PIL import Image
 
     limit = Image.MAX_IMAGE_PIXELS
-    # The library's own limit would hide the size, which is told in our words; it decodes nothing here.
+    # The library's own limit would hide the size, which our message states; nothing is decoded here.
     Image.MAX_IMAGE_PIXELS = None
     try:
         with Image.open(path) as picture:

@@ -195,7 +195,7 @@ def groups_of(target: Suite | Study) -> list[Group]:
         try:
             key = (name, *_what_runs(case, plan))
         except UserError:
-            # An estimator that does not exist is told by the check for mistakes.
+            # The check for mistakes reports estimators that do not exist.
             key = (name, 0, "image")
         members.setdefault(key, []).append(case)
     return [Group(name, tuple(cases), count, needs) for (name, count, needs), cases in members.items()]
