@@ -69,60 +69,46 @@ class FrameTruth:
     """Exact truth of one frame: float64, closed form, made without the renderer.
 
     Vectors are tuples of Python floats so that equality and JSON are exact. ``*_cam`` in camera axes, ``*_itrs`` in
-    Earth-fixed axes, quaternions scalar last and mapping components from the second frame to the first.
+    Earth-fixed axes, quaternions scalar last and mapping components from the second frame to the first. Directions to
+    Sun, Moon and nadir are unit vectors; yaw, pitch and roll are those of the body against lvlh (zyx).
 
     Attributes
     ----------
-    scene : dict
-        The resolved scene specification (plain data).
-    camera : dict
-        The resolved camera specification (plain data); enough to observe and estimate again.
+    scene, camera : dict
+        The resolved specifications (plain data), enough to observe and estimate again.
     scene_id : str
-        Hex digest identifying the resolved scene and camera.
+        Hex digest identifying them.
     epoch_utc : str
         ISO 8601.
-    ellipsoid_a_m, ellipsoid_b_m : float
-        Equatorial and polar radius (equal for a sphere).
     r_itrs : tuple of 3 floats
         Camera position [m].
     altitude_m : float
         Geodetic height of the camera.
-    sun_itrs, sun_cam : tuple of 3 floats
-        Unit vector towards the Sun's centre.
-    sun_angular_radius_rad : float
     sun_visible_fraction : float
         Share of the Sun's disc seen past the Earth from the camera: 1 lit, 0 umbra.
-    nadir_geocentric_cam, nadir_geodetic_cam : tuple of 3 floats
-        Unit vectors.
-    yaw_rad, pitch_rad, roll_rad : float
-        Body attitude against lvlh (zyx).
     angular_radius_rad : float
         Asin(R / distance) for a sphere; for the ellipsoid the mean over the horizon of its angle to the geocentric
         nadir.
-    schema : int
-        Version of these fields.
     moon_itrs, moon_cam : tuple of 3 floats or None
-        Unit vector from the camera towards the Moon's centre; None where the scene has no Moon.
-    moon_angular_radius_rad : float
-        0 without a Moon, as the fields below.
+        From the camera towards the Moon's centre; None, and the numbers below 0, where the scene has no Moon.
     moon_visible_fraction : float
         Share of the Moon's disc, lit or not, seen past the Earth from the camera.
     moon_phase_angle_rad : float
         Angle at the Moon between Sun and camera: 0 full, pi new.
     infrared_horizon : dict
-        By thermal band, where its radiance drops all round the clear-sky horizon; plain data, as
-        :func:`horizonval.truth.frame_truth.with_infrared_horizon` says. Empty without thermal bands, without air, and
-        for cameras inside it.
+        By thermal band, where its radiance drops all round the clear-sky horizon
+        (:func:`horizonval.truth.frame_truth.with_infrared_horizon`). Empty without thermal bands, without air, and for
+        cameras inside it.
     horizon_rise_m : float
-        By how much the refracted horizon, the tangent of the apparent ellipsoid, stands above the geometric one, the
-        tangent of the ellipsoid: :mod:`horizonval.earth.limb_heights`. 0 where light is not bent.
+        Height of the refracted horizon, the tangent of the apparent ellipsoid, above the geometric one, the tangent of
+        the ellipsoid (:mod:`horizonval.earth.limb_heights`). 0 where light is not bent.
     refracted_angular_radius_rad : float
         As ``angular_radius_rad``, of the refracted horizon; 0 in truths older than this field.
     parts : dict
-        Of a scene with parts of the spacecraft, what they hide: ``outline``, plain data of
-        :class:`horizonval.geometry.part.Outline`; ``names``; ``hidden_limb``, the share of the horizon in the
-        image that lies behind them, by azimuth about the nadir, None without horizon in the image; ``hidden_sun``, the
-        share of the Sun's disc behind them, whether in the image or not. Empty without parts, and then not written.
+        What parts of the spacecraft hide: ``outline`` (:class:`horizonval.geometry.part.Outline`); ``names``;
+        ``hidden_limb``, the share of the horizon in the image behind them, by azimuth about the nadir, None without
+        horizon in the image; ``hidden_sun``, the share of the Sun's disc behind them, in the image or not. Empty
+        without parts, and then not written.
     """
 
     scene: dict[str, Any]

@@ -14,8 +14,7 @@ from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.gases import ozone, rayleigh
 from horizonval.earth.optical import optical_model
-from horizonval.earth.surface import surface
-from horizonval.earth.surface.ground_map import ground_cover
+from horizonval.earth.surface import ground_map, surface
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -85,7 +84,8 @@ def black_body_band(lo_um: ArrayLike, hi_um: ArrayLike, temperature_k: ArrayLike
 
 
 def is_land(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> np.ndarray:
-    return ground_cover(latitude_deg, longitude_deg, 7.0).land
+    kinds, weights = ground_map.kinds_around(latitude_deg, longitude_deg)
+    return np.sum(weights * (kinds != ground_map.SEA), axis=0) > 0.5
 
 
 def snow_factor(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> FloatArray:

@@ -50,6 +50,25 @@ def vector(row: dict[str, Any], name: str) -> np.ndarray:
     return np.array([float(row[key]) for key in VECTORS if key.startswith(name)])
 
 
+class RayTable:
+    """A table of rays: its columns as numbers, and the vectors of all rays."""
+
+    def __init__(self, name: str) -> None:
+        with (DATA / name).open(newline="") as file:
+            self.rows = list(csv.DictReader(file))
+
+    def __getitem__(self, key: str) -> np.ndarray:
+        return np.array([float(row[key]) for row in self.rows])
+
+    @property
+    def vectors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Observers [m], directions and directions to the Sun, shapes (n, 3)."""
+        observer, direction, sun = (
+            np.stack([vector(row, name) for row in self.rows]) for name in ("obs", "dir", "sun")
+        )
+        return 1e3 * observer, direction, sun
+
+
 def fill(
     path: Path, jobs: Iterable[dict[str, Any]], key: tuple[str, ...], work: Callable[[dict[str, Any]], Any]
 ) -> None:

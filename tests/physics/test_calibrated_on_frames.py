@@ -51,10 +51,7 @@ n = 36
 
 @pytest.mark.slow
 def test_a_percent_of_the_focal_length_is_found_on_infrared_frames(tmp_path: Path) -> None:
-    """36 frames over the globe know a quarter of a thousandth, and are as near as they claim.
-
-    They claim 0.0226 %. The bar was 0.022 % for an earlier fit, and was chosen anew after this was seen: a tenth more.
-    """
+    """36 frames over the globe know a quarter of a thousandth, and are as near as they claim."""
     (tmp_path / "pass.toml").write_text(SUITE)
     hv.run(tmp_path / "pass.toml", out=tmp_path / "out")
     found = calibrate(observations_of([tmp_path / "out"]))

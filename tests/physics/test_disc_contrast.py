@@ -107,8 +107,7 @@ def test_contrast_of_the_channels(discs: list[Disc]) -> None:
 def test_centre_to_limb(discs: list[Disc]) -> None:
     """Limb over centre, the draws' mean, within 15 % of that of two photographs, by the power of the contrasts.
 
-    One draw scatters by 9 %, the mean of four by half of that. Seed 3 alone, which stood here before twelve draws were
-    looked at, is 19 % dark; the first four are 6 %, all twelve 8 %.
+    One draw scatters by 9 %, the mean of four by half of that.
     """
     ours = [limb_over_centre(disc["green"], _radius()) ** power_of(disc) for disc in discs]
     assert np.mean(ours) == pytest.approx(np.mean(CENTRE_TO_LIMB), rel=0.15)

@@ -169,7 +169,6 @@ def test_frames_equal_the_integrals() -> None:
             window = frame.radiance["window"][row, column] / window_radiance(model, *path[:2])
             green = frame.radiance["green"][row, column] / green_radiance(model, *path, sun)
             off.append((window - 1.0, green - 1.0))
-    # twice what was seen: 1.6e-3 and 2e-4
     assert np.abs(off).max() < 3e-3
     assert np.median(np.abs(off)) < 5e-4
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import drjit as dr
 import numpy as np
 import pytest
 from make_tables import hazy_columns
+from reference_rays import DATA, RayTable
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.earth.column import OpticalModel
@@ -35,7 +34,6 @@ from horizonval.renderer.scattering.shells import (  # noqa: E402
 )
 from horizonval.renderer.tables import AltitudeGrid, SunTable  # noqa: E402
 
-DATA = Path(__file__).parents[1] / "data"
 RADIUS_M = 6371e3
 WGS84_A_M, WGS84_B_M = 6378137.0, 6356752.314245
 NODES = 1024
@@ -50,7 +48,7 @@ def model_of(name: str) -> OpticalModel:
     return file_model(read_atmosphere(DATA / name), thermal=False)
 
 
-class Table:
+class Table(RayTable):
     """A reference table and our radiance along its rays."""
 
     def __init__(
@@ -61,18 +59,8 @@ class Table:
         polar_radius_m: float = RADIUS_M,
         quality: Quality = STANDARD,
     ) -> None:
-        with (DATA / name).open() as file:
-            self.rows = list(csv.DictReader(file))
-        observer, direction, sun = (self.vectors(v, u) for v, u in (("obs", "_km"), ("dir", ""), ("sun", "")))
-        self.ours = radiance_along_rays(
-            model, radius_m, observer * 1e3, direction, sun, NODES, quality, polar_radius_m=polar_radius_m
-        )
-
-    def vectors(self, name: str, unit: str) -> np.ndarray:
-        return np.stack([self[f"{name}_{axis}{unit}"] for axis in "xyz"], axis=1)
-
-    def __getitem__(self, key: str) -> np.ndarray:
-        return np.array([float(row[key]) for row in self.rows])
+        super().__init__(name)
+        self.ours = radiance_along_rays(model, radius_m, *self.vectors, NODES, quality, polar_radius_m=polar_radius_m)
 
 
 def sun_table(model: OpticalModel, extinction: np.ndarray) -> SunTable:
@@ -166,24 +154,16 @@ def test_haze_in_twilight_equals_monte_carlo() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("aerosol", ["background", "volcanic_high"])
 def test_particles_with_the_sun_set_equal_monte_carlo(aerosol: str) -> None:
-    """The Sun 5 to 12 deg below the horizon, 450 and 850 nm, 10 to 40 km, from all sides, columns of scenes: 5 %.
-
-    Beside three standard errors of the Monte Carlo, which are 3 % at most. Background: worst 2.4 %, rms 0.6 %.
-    Volcanic, 850 nm: away from the Sun worst 4.6 %; towards it 6.4 % in a ray whose standard error is 3.4 %.
-    """
-    with (DATA / "limb_hazy_twilight_montecarlo.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if row["aerosol"] == aerosol]
-    assert {row["sza"] for row in rows} == {"95.0", "98.0", "100.0", "102.0"}
-    observer, direction, sun = (
-        np.array([[float(row[f"{name}_{axis}{unit}"]) for axis in "xyz"] for row in rows])
-        for name, unit in (("obs", "_km"), ("dir", ""), ("sun", ""))
-    )
+    """5 % and three standard errors: the Sun 5 to 12 deg below the horizon, 450 and 850 nm, 10 to 40 km, all sides."""
+    table = RayTable("limb_hazy_twilight_montecarlo.csv")
+    table.rows = [row for row in table.rows if row["aerosol"] == aerosol]
+    assert {row["sza"] for row in table.rows} == {"95.0", "98.0", "100.0", "102.0"}
     model = hazy_columns(aerosol)
     quality = for_images(model)
     assert (quality == LAYERED) is (aerosol == "volcanic_high")
-    found = radiance_along_rays(model, RADIUS_M, observer * 1e3, direction, sun, 512, quality)
-    ours = np.array([found[row["wavelength_nm"]][k] for k, row in enumerate(rows)])
-    truth, error = (np.array([float(row[key]) for row in rows]) for key in ("radiance", "se"))
+    found = radiance_along_rays(model, RADIUS_M, *table.vectors, 512, quality)
+    ours = np.array([found[row["wavelength_nm"]][k] for k, row in enumerate(table.rows)])
+    truth, error = table["radiance"], table["se"]
     assert (error < 0.035 * truth).all()
     assert (np.abs(ours - truth) < 0.05 * truth + 3 * error).all()
 

@@ -68,11 +68,7 @@ def brightness_k(model: OpticalModel, observer: FloatArray, direction: FloatArra
     "days", [[{"profile": "by_latitude_month"}], [{"profile": "weather", "seed": seed} for seed in range(1, 5)]]
 )
 def test_the_limb_over_the_south_pole_in_september_is_cold(days: list[dict[str, Any]]) -> None:
-    """12 km inside the limb, 8.6 and 12.4 um, mean of four days of weather: within 8 K of the station's 213.8 K.
-
-    It was 235 and 239 K while air went down to sea level there and was a subarctic climate's; both causes were found
-    from real states and heights of the ice, not from this figure.
-    """
+    """12 km inside the limb, 8.6 and 12.4 um, mean of four days of weather: within 8 K of the station's 213.8 K."""
     latitude = np.radians(-69.3)
     e2 = 1.0 - (WGS84.b_m / WGS84.a_m) ** 2
     n = WGS84.a_m / np.sqrt(1.0 - e2 * np.sin(latitude) ** 2)

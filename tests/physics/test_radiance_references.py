@@ -4,51 +4,37 @@ from __future__ import annotations
 
 import csv
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from brute_force import single_scatter
+from reference_rays import DATA, RayTable
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.renderer.backend import activate
 from horizonval.renderer.rays import RAY_NODES, radiance_along_rays, thermal_radiance
 
-DATA = Path(__file__).parents[1] / "data"
 BANDS = ("450nm", "550nm", "850nm")
 
 
-@cache
-def table_of(name: str) -> Table:
-    """Return a table; several tests read one."""
-    return Table(name)
-
-
-class Table:
+class Table(RayTable):
     """A reference table and our radiance along its rays."""
 
     def __init__(self, name: str) -> None:
-        with (DATA / name).open() as file:
-            self.rows = list(csv.DictReader(file))
+        super().__init__(name)
         activate()
         atmosphere = read_atmosphere(DATA / "atm_rayleigh.json")
-        self.observer, self.direction, self.sun = (
-            self.vectors("obs", "_km") * 1e3,
-            self.vectors("dir", ""),
-            self.vectors("sun", ""),
-        )
+        self.observer, self.direction, self.sun = self.vectors
         model = file_model(atmosphere, thermal=False)
-        self.ours = radiance_along_rays(model, atmosphere.planet_radius_m, self.observer, self.direction, self.sun)
-
-    def vectors(self, name: str, unit: str) -> np.ndarray:
-        return np.stack([self[f"{name}_{axis}{unit}"] for axis in "xyz"], axis=1)
-
-    def __getitem__(self, key: str) -> np.ndarray:
-        return np.array([float(row[key]) for row in self.rows])
+        self.ours = radiance_along_rays(model, atmosphere.planet_radius_m, *self.vectors)
 
     @property
     def ground(self) -> np.ndarray:
         return np.array([row["kind"] == "ground" for row in self.rows])
+
+
+table_of = cache(Table)
+"""Tables that several tests read."""
 
 
 @pytest.mark.parametrize("band", BANDS)

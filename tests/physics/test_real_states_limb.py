@@ -51,13 +51,7 @@ def climate(latitude_deg: float, month: int) -> str:
     northern = month if latitude_deg > 0 else (month + 5) % 12 + 1
     season = "summer" if 4 <= northern <= 9 else "winter"
     zone = group(latitude_deg, month)
-    return (
-        "tropical"
-        if zone == "tropics"
-        else f"midlatitude_{season}"
-        if zone == "midlatitudes"
-        else f"subarctic_{season}"
-    )
+    return "tropical" if zone == "tropics" else f"{'midlatitude' if zone == 'midlatitudes' else 'subarctic'}_{season}"
 
 
 @functools.cache

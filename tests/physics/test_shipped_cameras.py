@@ -1,4 +1,4 @@
-"""Every shipped camera on the laboratory's bench: photon transfer curve, exposure of the Earth, NETD.
+"""Every shipped camera on the bench, photon transfer, exposure of the Earth and NETD, and before a limb.
 
 The image is a small window on the axis whose pixels all look within 0.1 deg: what a pixel gets from an even scene
 depends on its pitch and on the f-number alone. Models: Janesick, *Photon Transfer* (2007), eq. 5.1; the definition of
@@ -14,12 +14,17 @@ import numpy as np
 import pytest
 from scipy import constants, integrate
 
+from horizonval.frame import Hit
+from horizonval.geometry.frames import inverse, rotate
+from horizonval.geometry.pose import pose_from_spec
+from horizonval.renderer.frame import render_frame
 from horizonval.sensor.detector import bayer
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos, LinearArray, Microbolometer, Thermopile
 from horizonval.spec.files import shipped_names
 from horizonval.spec.load import load_camera
+from horizonval.spec.scene import SceneSpec
 
 H_C = constants.h * constants.c
 SOLAR = [
@@ -231,10 +236,6 @@ def test_colours_are_where_the_mosaic_says() -> None:
 
 def test_the_pair_looks_across_the_longitudinal_axis() -> None:
     """Perpendicular to each other and to the body's z."""
-    from horizonval.geometry.frames import inverse, rotate
-    from horizonval.geometry.pose import pose_from_spec
-    from horizonval.spec.scene import SceneSpec
-
     camera = load_camera("vis-pair-1024-60deg")
     axes, downs = [], []
     for head in camera.head:
@@ -258,3 +259,59 @@ def test_the_four_heads_have_the_horizon_of_400_km_in_the_middle() -> None:
     assert [head.mount_yaw_deg for head in camera.head] == [45, 135, 225, 315]
     assert {head.mount_pitch_deg for head in camera.head} == {70.22}
     assert math.degrees(1 / camera.camera.focal_px) == pytest.approx(0.1, rel=1e-12)
+
+
+MOST_PX = 32
+
+
+def fewer_pixels(name: str) -> CameraSpec:
+    """Return the camera with its field on at most 32 x 32 pixels; a line of detectors keeps its own."""
+    spec = load_camera(name)
+    tables = spec.model_dump(mode="json")
+    geometry = tables["camera"]
+    if spec.camera.height > 1:
+        step = max(1.0, max(spec.camera.width, spec.camera.height) / MOST_PX)
+        width, height = round(spec.camera.width / step), round(spec.camera.height / step)
+        fx = spec.camera.focal_px / step
+        geometry |= {"width": width, "height": height, "fx": fx, "fov_deg": None, "focal_length_mm": None}
+        geometry["fy"] = None if spec.camera.fy is None else spec.camera.fy / step
+    return CameraSpec.model_validate(tables)
+
+
+def scene_of(name: str, spec: CameraSpec) -> SceneSpec:
+    """A limb by day: from the geostationary ring for the full disc, else from 400 km."""
+    camera: dict[str, Any] = {"file": name, "head": spec.head[0].name if spec.head else None}
+    altitude_km = 400.0
+    if "geo" in name:
+        altitude_km = 35786.0
+    elif spec.camera.projection != "fisheye" and (not spec.head or spec.head[0].name == "right"):
+        # A head to the right looks where the housing is mounted; others have mountings of their own.
+        camera["mount_roll_deg"] = 70.0
+    return SceneSpec.model_validate(
+        {
+            "camera": camera,
+            "platform": {"altitude_km": altitude_km},
+            "atmosphere": {"profile": "none"},
+            "sun": {"zenith_deg": 20.0},
+            "render": {"orders": "single"},
+        }
+    )
+
+
+@pytest.mark.parametrize("name", shipped_names("camera"))
+def test_limb_of_a_bare_earth(name: str) -> None:
+    spec = fewer_pixels(name)
+    frame = render_frame(scene_of(name, spec), spec)
+    ground, space = frame.maps["hit"] == Hit.SURFACE, frame.maps["hit"] == Hit.SPACE
+    assert ground.any()
+    assert space.any()
+    for band in spec.band:
+        image = observe(frame, spec, band.name, seed=1)
+        bright, dark = np.median(image.dn[ground]), np.median(image.dn[space])
+        assert dark < 0.1 * image.full_scale
+        # A bare ground of albedo 0.3 is darker than a limb with its air; 300 K is little of a range up to 573 K.
+        if band.kind == "solar":
+            least = 0.1 * image.full_scale
+        else:
+            least = 10 * image.observation["sigma_radiance"] / image.observation["radiance_per_dn"]
+        assert bright - dark > least

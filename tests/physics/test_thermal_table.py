@@ -94,7 +94,13 @@ def test_every_interval_and_height_as_published(climate: str, co2_ppm: int) -> N
         assert error[i] < most(interval), f"{climate}, {co2_ppm} ppm: {report}"
 
 
-@pytest.mark.parametrize("climate", CLIMATES)
+@pytest.mark.parametrize(
+    "climate",
+    [
+        pytest.param(name, marks=() if name in ("tropical", "subarctic_winter") else pytest.mark.slow)
+        for name in CLIMATES
+    ],
+)
 def test_every_climate_equals_another_integrator(climate: str) -> None:
     """0.1 % from the nadir to 95 km, at heights between the table's, bands 8 and 9 0.2 %; four times as much below the
     jump at 95.58 hPa.

@@ -76,10 +76,7 @@ def test_illuminance_of_twilight_in_clear_air(sun_depression_deg, published_lx, 
 @pytest.mark.slow
 @pytest.mark.parametrize(("sun_depression_deg", "more"), [(6.0, 1.12), (12.0, 1.66)])
 def test_haze_brightens_twilight(sun_depression_deg, more):
-    """Particles scatter forwards, on towards the ground beyond: the background's by 6 and 33 % when this was written.
-
-    No table says how much haze its skies had, so none is a bar; double the background's share is the limit here.
-    """
+    """Particles scatter forwards, on towards the ground beyond; the limit is double the background's share."""
     ratio = _illuminance(sun_depression_deg, "background") / _illuminance(sun_depression_deg, "none")
     assert 1.0 < ratio < more
 

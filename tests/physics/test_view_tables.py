@@ -142,8 +142,7 @@ DRAWS = 200
 LAST_OF_DAY_DEG = 85.0
 BANDS = (BLUE, GREEN, RED, NIR)
 CORNERS = (154, 179)
-"""Draws with a cell whose part above the limb is a corner that no line across met: its ray was one into the Earth,
-which tables know nothing of, and one pixel was off by 2.7e-3 and 1.1e-3."""
+"""Draws with a cell of which only a corner is above the limb."""
 
 
 class Draw:

@@ -42,12 +42,8 @@ def offered(words: str, folder: Path) -> list[str]:
     ("words", "expected"),
     [
         ("horizonval re", ["regress", "render", "report", "reproduce"]),
-        ("horizonval run qui", ["quick"]),
         ("horizonval render my", ["my.toml", "mydir/"]),
         ("horizonval estimate i.png --estimator guarded-v", ["guarded-video-vertical"]),
-        ("horizonval list d", ["detectors"]),
-        ("horizonval run --fra", ["--frames"]),
-        ("horizonval archive ver", ["verify"]),
     ],
 )
 def test_names_are_offered(tmp_path, words, expected):

@@ -112,21 +112,14 @@ def test_the_bytes_are_those_of_render_and_observe(served, folder, horizonval):
         first = client.image(**POSE, seed=5, truth=True, radiance=True)
         client.image(roll_deg=40.0, latitude_deg=-50.0)
         again = client.image(**POSE, seed=5, truth=True, radiance=True)
+        other = client.image(**POSE, seed=5, exposure_s=1e-4).dn
     for found in (first, again):
         np.testing.assert_array_equal(found.dn, expected)
         frame, image = hv.open_frame(folder / "f.exr"), hv.open_image(folder / "i.exr")
         np.testing.assert_array_equal(found.radiance, frame.radiance["vis"])
         assert found.truth == frame.truth
         assert found.image.observation["camera"] == image.observation["camera"]
-
-
-def test_the_same_bytes_by_tcp_and_with_another_exposure(folder, horizonval):
-    expected = by_commands(folder, horizonval, "1e-4")
-    running = Served(folder, "--port", "0")
-    assert running.address.startswith("tcp://127.0.0.1:")
-    with running.client() as client:
-        np.testing.assert_array_equal(client.image(**POSE, seed=5, exposure_s=1e-4).dn, expected)
-    assert running.stop(signal.SIGINT)[:2] == (0, "1 images served\n")
+    np.testing.assert_array_equal(other, by_commands(folder, horizonval, "1e-4"))
 
 
 def test_a_pose_along_earth_fixed_axes_is_the_same_pose(served):
@@ -242,7 +235,7 @@ def test_a_killed_servers_socket_is_taken_over(folder, tmp_path):
     assert (running.process.returncode, output) == (0, "2 images served\n")
 
 
-@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("kind", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_start_that_is_interrupted_leaves_no_socket(folder, tmp_path, kind):
     words = [str(PROGRAM), "serve", "--scene", "one.toml", "--socket", str(tmp_path / "s.sock")]
     with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

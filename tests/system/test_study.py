@@ -12,37 +12,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from conftest import assert_one_line
+from conftest import MINI_CAMERA, assert_one_line
 
 from horizonval import cli
 from horizonval.store.verify import verify_folder
 
-CAMERA = """
-[camera]
-name = "tiny"
-width = 48
-height = 48
-fov_deg = 90.0
-[optics]
-f_number = 4.0
-transmission = 0.7
-psf_sigma_px = 0.7
-[[band]]
-name = "vis"
-kind = "solar"
-lo_um = 0.5
-hi_um = 0.7
-nodes = 2
-[detector]
-kind = "cmos"
-pixel_pitch_um = 5.5
-exposure_s = 2.2e-4
-quantum_efficiency = 0.6
-full_well_e = 13500.0
-read_noise_e = 13.0
-bits = 10
-black_level_dn = 32.0
-"""
+CAMERA = MINI_CAMERA.replace("mini", "tiny").replace("96", "48").replace("80", "48").replace("60.0", "90.0")
 
 STUDY = """
 [study]
@@ -54,7 +29,7 @@ requirement = { error_deg = 0.5, availability = 0.9 }
 camera = { file = "camera.toml", mount_roll_deg = 65.0 }
 platform.altitude_km = 500.0
 atmosphere.profile = "us_standard"
-render = { subsamples = 1, nodes = 64 }
+render = { subsamples = 1, nodes = 16, orders = "single" }
 [design.grid]
 "camera.optics.psf_sigma_px" = [0.5, 1.0]
 [frames.sobol]

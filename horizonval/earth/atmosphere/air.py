@@ -28,8 +28,6 @@ a polar winter would leave.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -46,6 +44,7 @@ from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
 from horizonval.earth.atmosphere.placed_profiles import PlacedProfiles
 from horizonval.earth.atmosphere.profiles import GASES, AtmosphereProfile, names, profile, us76
 from horizonval.earth.clouds.layers import ThinLayer, layers_of
+from horizonval.earth.clouds.relief import seed_of
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.weather import hydrostatic, real_states, zonal_climate
@@ -126,8 +125,7 @@ def weather_of(scene: SceneSpec) -> WeatherField | None:
         return None
     seed = a.seed
     if seed is None:
-        identity = json.dumps(["weather", scene.scene.draw or scene.scene.name, scene.scene.seed])
-        seed = int.from_bytes(hashlib.sha256(identity.encode()).digest()[:4], "little")
+        seed = seed_of(scene, "weather")
     return WeatherField(seed, climate.month_of_rows(scene), a.warming_k)
 
 

@@ -267,6 +267,9 @@ def _range(key: str) -> str:
 
 
 def _check(table: _Table) -> None:
+    def refused(what: str, key: str, i: int, expected: str) -> UserError:
+        return UserError(what, where=table.where(key, i), expected=expected)
+
     for key, values in table.columns.items():
         for i, value in enumerate(values):
             good = math.isfinite(value)
@@ -277,7 +280,7 @@ def _check(table: _Table) -> None:
             elif key in _AIR:
                 good = good and value > 0
             if not good:
-                raise UserError(f"is {value:g}", where=table.where(key, i), expected=_range(key))
+                raise refused(f"is {value:g}", key, i, _range(key))
     z = table.columns["altitude_km"]
     if len(z) < MIN_LEVELS:
         raise UserError(
@@ -286,37 +289,23 @@ def _check(table: _Table) -> None:
             expected=f"at least {MIN_LEVELS} levels",
         )
     if z[0] != 0:
-        raise UserError(f"is {z[0]:g}", where=table.where("altitude_km", 0), expected="0, the ground")
+        raise refused(f"is {z[0]:g}", "altitude_km", 0, "0, the ground")
     for i, (below, above) in enumerate(pairwise(z), start=1):
         if not below < above <= below + MAX_STEP_KM:
-            raise UserError(
-                f"{above:g} follows {below:g}",
-                where=table.where("altitude_km", i),
-                expected=f"rising altitudes, at most {MAX_STEP_KM:g} km from one to the next",
-            )
+            expected = f"rising altitudes, at most {MAX_STEP_KM:g} km from one to the next"
+            raise refused(f"{above:g} follows {below:g}", "altitude_km", i, expected)
     if z[-1] < MIN_TOP_KM:
-        raise UserError(
-            f"ends at {z[-1]:g} km",
-            where=table.where("altitude_km", len(z) - 1),
-            expected=f"levels up to {MIN_TOP_KM:g} km or more",
-        )
+        raise refused(f"ends at {z[-1]:g} km", "altitude_km", len(z) - 1, f"levels up to {MIN_TOP_KM:g} km or more")
     pressure = _pressure(table)
     key = next(key for key in _AIR if key in table.columns)
     if not GROUND_PRESSURE_PA[0] <= pressure[0] <= GROUND_PRESSURE_PA[1]:
         low, high = (_in_units_of(key, p, table.columns["temperature_K"][0]) for p in GROUND_PRESSURE_PA)
-        raise UserError(
-            f"is {table.columns[key][0]:g} at the ground",
-            where=table.where(key, 0),
-            expected=f"{low:g} to {high:g} there",
-        )
+        raise refused(f"is {table.columns[key][0]:g} at the ground", key, 0, f"{low:g} to {high:g} there")
     rising = np.flatnonzero(np.diff(pressure) >= 0)
     if rising.size:
         i = int(rising[0]) + 1
-        raise UserError(
-            f"is {table.columns[key][i]:g}, and the pressure does not fall from the level below",
-            where=table.where(key, i),
-            expected="a pressure that falls with altitude",
-        )
+        what = f"is {table.columns[key][i]:g}, and the pressure does not fall from the level below"
+        raise refused(what, key, i, "a pressure that falls with altitude")
 
 
 def _in_units_of(key: str, pressure_pa: float, temperature_k: float) -> float:

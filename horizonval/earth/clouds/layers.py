@@ -66,8 +66,6 @@ everywhere.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -86,7 +84,7 @@ from horizonval.earth.clouds.earth_pattern import (
     numpy_split,
     ranked,
 )
-from horizonval.earth.clouds.relief import tropopause_m
+from horizonval.earth.clouds.relief import seed_of, tropopause_m
 from horizonval.earth.tables import json_object
 from horizonval.spec.earth import FINE_ICE_UM, CloudLayer
 from horizonval.spec.scene import SceneSpec
@@ -267,12 +265,6 @@ class LayerGaps:
         return min(SOFT, self.cover, 1.0 - self.cover)
 
 
-def gap_seed_of(scene: SceneSpec, index: int) -> int:
-    """Return the seed of a scene's layer without an explicit seed."""
-    identity = json.dumps(["layer", index, scene.scene.draw or scene.scene.name, scene.scene.seed])
-    return int.from_bytes(hashlib.sha256(identity.encode()).digest()[:4], "little")
-
-
 def gap_noise(
     gaps: LayerGaps,
     position: tuple[Any, Any, Any],
@@ -376,7 +368,7 @@ def layers_of(scene: SceneSpec) -> tuple[ThinLayer, ...]:
             radius = kind.effective_radius_um if phase == kind.phase else _USUAL_UM[phase]
         gaps = None
         if layer.scale_km is not None and cover < 1.0:
-            seed = gap_seed_of(scene, i) if layer.seed is None else layer.seed
+            seed = seed_of(scene, "layer", i) if layer.seed is None else layer.seed
             gaps = LayerGaps(cover, layer.scale_km * 1e3, seed)
         found.append(ThinLayer(base, top, depth * cover / (top - base), particle(phase, radius), gaps))
     return tuple(found)

@@ -94,6 +94,12 @@ class CloudField:
         return max(1, 1 + math.floor(math.log2(self.scale_m / FINEST_M) + 1e-9))
 
 
+def seed_of(scene: SceneSpec, *what: str | int) -> int:
+    """Return a seed for something random in a scene, from what it is and the scene's draw (or name) and seed."""
+    identity = json.dumps([*what, scene.scene.draw or scene.scene.name, scene.scene.seed])
+    return int.from_bytes(hashlib.sha256(identity.encode()).digest()[:4], "little")
+
+
 def cloud_field(scene: SceneSpec) -> CloudField | None:
     """Return the clouds of a scene, None without."""
     clouds = scene.clouds
@@ -101,8 +107,7 @@ def cloud_field(scene: SceneSpec) -> CloudField | None:
         return None
     seed = clouds.seed
     if seed is None:
-        identity = json.dumps(["clouds", scene.scene.draw or scene.scene.name, scene.scene.seed])
-        seed = int.from_bytes(hashlib.sha256(identity.encode()).digest()[:4], "little")
+        seed = seed_of(scene, "clouds")
     mean_km = clouds.mean_top_km if clouds.mean_top_km is not None else 0.4 * clouds.highest_top_km + 0.3
     cover = None if clouds.cover == "climate" else clouds.cover
     earth = clouds.like_the_earth

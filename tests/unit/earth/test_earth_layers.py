@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -56,22 +54,6 @@ def test_air_scatters_by_its_layers():
 def test_dustier_air_has_the_same_cloud():
     changed = air_of(scene({"kind": "cirrus"}), change=AirChange(dustier=1.0))
     assert np.trapezoid(changed.aerosol.extinction_550_per_m[-1], GRID_M) == pytest.approx(0.2, rel=1e-6)
-
-
-def test_optics_are_the_tables():
-    table = json.loads((files("horizonval.earth") / "data" / "cloud_optics.json").read_text(encoding="utf-8"))
-    for phase in ("ice", "water"):
-        rows = table[phase]
-        for i, radius in enumerate(rows["effective_radius_um"]):
-            kind = layers.particle(phase, radius)
-            mass = np.array(rows["mass_extinction_m2_kg"][i])
-            extinction, scattering, g = layers.sunlit(kind, rows["wavelength_um"])
-            np.testing.assert_allclose(extinction, mass / mass[1], rtol=1e-12)
-            np.testing.assert_allclose(1 - scattering / extinction, rows["one_minus_ssa"][i], atol=1e-9)
-            np.testing.assert_allclose(g, rows["asymmetry"][i], rtol=1e-12)
-            absorbed = layers.infrared_absorption(kind, [1e4 / 900.0, 1e4 / 660.0])
-            expected = np.array(rows["infrared_absorption_m2_kg"][i])[[3, 1]] / mass[1]
-            np.testing.assert_allclose(absorbed, expected, rtol=1e-12)
 
 
 def test_infrared_depth_is_about_half_the_visible_one():

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from earth_forms import camera, scene
 
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.profile_file import read_profiles
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.optical import optical_model
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
 
+EMPTY = '{"altitude_km": %s, "temperature_K": [], "pressure_Pa": [], "ozone_ppmv": []}'
 KM = [*range(0, 30), *range(30, 101, 2)]
 
 
@@ -117,16 +117,13 @@ def change(key: str, i: int, value: Any) -> Callable[[dict[str, list[Any]]], Non
 @pytest.mark.parametrize(
     ("edit", "key", "expected"),
     [
-        (change("pressure_Pa", 3, -5.0), "pressure_Pa", "a finite number above 0"),
         (change("pressure_Pa", 3, 0.0), "pressure_Pa", "a finite number above 0"),
         (change("pressure_Pa", 3, float("nan")), "pressure_Pa", "a finite number above 0"),
         (change("pressure_Pa", 3, float("inf")), "pressure_Pa", "a finite number above 0"),
         (change("pressure_Pa", 3, "x"), "pressure_Pa", "a finite number above 0"),
         (change("ozone_ppmv", 3, -0.1), "ozone_ppmv", "a finite number of 0 or more"),
         (change("temperature_K", 3, 15.0), "temperature_K", "100 to 400 K"),
-        (change("temperature_K", 3, float("nan")), "temperature_K", "100 to 400 K"),
         (change("altitude_km", 3, 2.0), "altitude_km", "rising altitudes"),
-        (change("altitude_km", 3, 1.5), "altitude_km", "rising altitudes"),
         (change("pressure_Pa", 3, 99_000.0), "pressure_Pa", "a pressure that falls"),
     ],
 )
@@ -178,21 +175,9 @@ def test_refusals(written: Callable[..., Path], edit: Callable[[dict[str, Any]],
         ("{", "a.json", "not JSON"),
         ("[1]", "a.json", "not a profile"),
         ('{"altitude_km": 3}', "a.json", "missing: temperature_K"),
-        (
-            '{"altitude_km": 3, "temperature_K": [], "pressure_Pa": [], "ozone_ppmv": []}',
-            "a.json",
-            "altitude_km: is no list",
-        ),
-        (
-            '{"altitude_km": [0], "temperature_K": [], "pressure_Pa": [], "ozone_ppmv": []}',
-            "a.json",
-            "temperature_K: has 0 values; expected 1",
-        ),
-        (
-            '{"altitude_km": [true], "temperature_K": [], "pressure_Pa": [], "ozone_ppmv": []}',
-            "a.json",
-            "altitude_km, level 1: is true",
-        ),
+        (EMPTY % "3", "a.json", "altitude_km: is no list"),
+        (EMPTY % "[0]", "a.json", "temperature_K: has 0 values; expected 1"),
+        (EMPTY % "[true]", "a.json", "altitude_km, level 1: is true"),
     ],
 )
 def test_files_that_are_no_profile(written: Callable[..., Path], text: str, name: str, message: str) -> None:
@@ -210,15 +195,10 @@ def test_a_scene_with_a_profile_of_its_own(written: Callable[..., Path]) -> None
     path = written(columns("us_standard"), "tropical.csv")
     vis = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
     tir = {"name": "tir", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
-    camera = CameraSpec.model_validate({"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [vis, tir]})
 
     def model(**atmosphere: Any) -> Any:
-        tables = {
-            "camera": {"file": "c"},
-            "platform": {"altitude_km": 500},
-            "atmosphere": {"aerosol": "none"} | atmosphere,
-        }
-        return optical_model(SceneSpec.model_validate(tables), camera, base_dir=path.parent)
+        air = {"aerosol": "none"} | atmosphere
+        return optical_model(scene(atmosphere=air), camera(vis, tir), base_dir=path.parent)
 
     mine, standard = model(profile_file=path.name), model(profile="us_standard")
     low = slice(0, 291)

@@ -35,14 +35,6 @@ def test_us76_number_density_at_sea_level() -> None:
     assert profiles.us76(0.0).number_density == pytest.approx(2.5470e25, rel=2e-5)
 
 
-def test_us76_has_no_steps() -> None:
-    z = np.arange(0.0, 86_000.0, 1.0)
-    state = profiles.us76(z)
-    assert np.abs(np.diff(state.temperature_k)).max() < 0.0066
-    assert np.diff(np.log(state.pressure_pa)).max() < 0
-    assert np.diff(np.log(state.pressure_pa)).min() > -2.3e-4
-
-
 @pytest.mark.parametrize("altitude", [-1.0, 86_001.0, np.nan])
 def test_us76_ends_at_86_km(altitude: float) -> None:
     with pytest.raises(ValueError, match="altitude must lie between 0 and 86000"):
@@ -102,8 +94,5 @@ def test_outside_the_table() -> None:
 
 
 def test_unknown_name_lists_the_nearest_first() -> None:
-    with pytest.raises(UserError) as error:
+    with pytest.raises(UserError, match=r"scene\.toml: atmosphere\.profile: .*'us_standart'.* one of us_standard,"):
         profiles.profile("us_standart", where="scene.toml: atmosphere.profile")
-    assert str(error.value).startswith("scene.toml: atmosphere.profile: unknown atmosphere profile 'us_standart'")
-    assert "one of us_standard," in str(error.value)
-    assert all(name in str(error.value) for name in profiles.names())

@@ -114,12 +114,6 @@ def test_a_pole_has_one_column(pole: float) -> None:
     np.testing.assert_allclose(state.vmr["o3"], state.vmr["o3"][:1].repeat(5, axis=0), rtol=1e-12)
 
 
-def test_the_date_line_is_no_line() -> None:
-    weather = WeatherField(4, 1.5)
-    pair = weather.at(np.array([50.0, 50.0]), np.array([-180.0, 180.0]), Z_M).temperature_k
-    np.testing.assert_allclose(pair[0], pair[1], rtol=0, atol=1e-9)
-
-
 def test_the_same_seed_draws_the_same_air() -> None:
     atmosphere = {"profile": "weather"}
     one, again = (air_of(scene(atmosphere=atmosphere)).state for _ in range(2))

@@ -118,14 +118,6 @@ def test_signal_noise_and_veil_are_those_of_the_sensor(detector: dict[str, Any],
         assert (signal.veil_filling == 0.0).all()
 
 
-def test_half_a_sun_makes_half_a_veil_and_none_behind_the_earth() -> None:
-    tables = camera(PLAIN, stray=BAFFLE)
-    veils = [seen(tables, sun_visible_fraction=share)[3].veil_filling for share in (1.0, 0.5, 0.0)]
-    assert veils[1] == pytest.approx(0.5 * veils[0])
-    assert veils[0].min() > 0
-    assert (veils[2] == 0.0).all()
-
-
 def test_the_wings_of_the_sun_are_harveys_law() -> None:
     """Of the light through a flat pupil, the share that a surface of given total scatter sends to a pixel."""
     tis, shoulder = 0.02, 0.01
@@ -267,11 +259,3 @@ def test_reflectance_goes_evenly_from_the_side_to_ahead_and_behind() -> None:
     middle = limb_reflectance(zenith, np.zeros(5), 0.5, air=True)
     assert middle == pytest.approx((bright + dark) / 2), "the ground's part is proportional to its albedo"
     assert (brightest_reflectance(zenith, np.zeros(5), 0.8, air=True) > bright).all()
-    assert (
-        brightest_reflectance(zenith, np.zeros(5), 0.0, air=True)
-        == limb_reflectance(zenith, np.zeros(5), 0.0, air=True)
-    ).all()
-    assert (
-        brightest_reflectance(zenith, np.zeros(5), 0.5, air=False)
-        == limb_reflectance(zenith, np.zeros(5), 0.5, air=False)
-    ).all()

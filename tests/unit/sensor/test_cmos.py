@@ -128,16 +128,6 @@ def test_hot_pixels(shoot):
     assert shoot(0.0, noise=False, **keys).max() == 0.0
 
 
-def test_smear_of_a_frame_transfer():
-    rate = np.zeros((60, 5))
-    rate[10, 2] = 1e6
-    smeared = readout.smear_e(rate, 1e-6)
-    expected = np.zeros((60, 5))
-    expected[:, 2] = 1.0
-    expected[10, 2] = 0.0
-    np.testing.assert_allclose(smeared, expected, atol=1e-12)
-
-
 def test_smear_in_an_image(shoot):
     """A bright spot leaves its row time over exposure in every pixel of its column, nothing beside it."""
     scene = np.zeros((96, 128))

@@ -96,15 +96,6 @@ def test_blur_comes_before_the_noise(seen):
     assert abs(neighbours) < 5 / np.sqrt(noise.size)
 
 
-def test_dark_current_adds_its_mean_and_its_shot_noise(seen):
-    settings = {"radiance": 0.0, "detector__read_noise_e": 0.0, "detector__gain_e_per_dn": 1.0, "detector__bits": 16}
-    off = seen(**settings, detector__dark_current_e_per_s=0.0)
-    on = seen(**settings, detector__dark_current_e_per_s=1e6)
-    assert (off == 32).all()
-    assert on.mean() - 32 == pytest.approx(200, rel=0.01)  # 1200 pixels: standard error 0.2 %
-    assert on.var() == pytest.approx(200, rel=0.14)  # 3.5 standard errors of 4 %
-
-
 def test_a_stage_does_not_shift_another_stages_noise(seen):
     """Read noise off: photon noise stays the same electron by electron."""
     settings = {"radiance": 10.0, "detector__gain_e_per_dn": 1.0, "detector__bits": 16}

@@ -107,13 +107,6 @@ def test_counts_below_the_cap_are_untouched_by_it():
     np.testing.assert_array_equal(low, np.random.default_rng(1).poisson(expected))
 
 
-def test_readout():
-    np.testing.assert_array_equal(readout.saturate(np.array([0.0, 99.0, 101.0]), 100.0), [0, 99, 100])
-    noisy = readout.add_read_noise(np.zeros(40000), 13.0, np.random.default_rng(1))
-    assert noisy.std() == pytest.approx(13, rel=0.02)  # 0.35 % standard error
-    assert abs(noisy.mean()) < 0.3
-
-
 def test_converter():
     gain = readout.default_gain(13500.0, 10, 32.0)
     dn = readout.digitise(np.array([-1e6, 0.0, 0.49 * gain, 0.51 * gain, 13500.0, 1e9]), gain, 32.0, 10)
