@@ -37,7 +37,7 @@ from horizonval.store.store import Store
 
 PLACES, SHARES = ("field_deg", "radius_px"), ("relative_illumination", "vignetting")
 BRIGHTER = 1.02
-"""Over the law of the pupil: what the measurement of a lens may be off by."""
+"""Largest transmission over the law of the pupil, which allows for errors of the measurement."""
 
 
 def calibrate(

@@ -35,11 +35,10 @@ ROTATION_STEP_PX = 1e-3
 SHIFT_STEP_PX, LARGEST_SHIFT_M = 0.02, 30.0
 """Step of shifts, in pixels at the limb, and its upper limit."""
 SKYLIGHT_FACTOR = 10.0
-"""Longer steps of shifts where sunlight is scattered more than once. Each position has tables of its own, and skylight
-is found in single precision: over the shorter steps rounding errors reach a per cent of the derivative."""
+"""Factor of the steps of shifts with multiple scattering. Each position has separate tables in single precision: with
+shorter steps rounding errors reach one per cent of the derivative."""
 LARGEST_BEND = 0.2
-"""Difference of the slopes to both sides that counts as a jump, as a share of their sum. A limb that fades over 8 km
-has 0.02 over the longest step."""
+"""Difference of the slopes to both sides that counts as a jump, as a share of their sum; 0.02 at a limb 8 km wide."""
 _RADIANCE = "W m-2 sr-1"
 UNITS = (
     dict.fromkeys(ROTATIONS, f"{_RADIANCE} rad-1")

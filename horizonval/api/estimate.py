@@ -58,10 +58,10 @@ AnyPrior: TypeAlias = Prior | PriorSpec | str | Path
 Source: TypeAlias = DetectorImage | RadianceFrame
 
 ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "altitude_error_km", "false_valid")
-"""What is said of an answer whose image carries the truth, named as the columns of the results."""
+"""Keys of an answer whose image carries the truth, named as the columns of the results."""
 
 BOUNDS = ("bound_noise_arcsec", "bound_arcsec")
-"""What the limb allows at best, of an image that carries its information; named alike."""
+"""Keys of the smallest errors that the limb allows, named as the columns of the results."""
 
 
 def estimate(

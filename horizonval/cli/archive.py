@@ -69,9 +69,9 @@ def archive_show(
 
 @archive_app.command("verify")
 def archive_verify(folder: Archive, as_json: Json = False) -> int:
-    """Read everything and compare with checksums, index and results, those of the run's folder included.
+    """Read everything and compare it with checksums, index and results, including those of the run's folder.
 
-    The folder of a night or of results that were scored again is looked at as well. Exit status 1 if anything is wrong.
+    Also for the folder of a night or of rescored results. Exit status 1 if anything is wrong.
     """
     from horizonval.store.folder import RunFolder
     from horizonval.store.named import archive_of_results, named_addresses, open_archive, run_folder_of

@@ -1,7 +1,7 @@
-"""Where what is expensive to make is kept between runs, and files of it that are sealed.
+"""The cache of expensive tables, and its sealed files.
 
-A cache costs no run its result: what cannot be written is made again the next time, and what is not what was written is
-made anew, which is logged.
+Results do not depend on the cache: what cannot be written is computed again the next time, and a damaged file is
+replaced, which is logged.
 """
 
 from __future__ import annotations

@@ -45,10 +45,7 @@ DRJIT_CAME_FIRST = "drjit" in sys.modules
 
 
 def llvm_candidates() -> list[str]:
-    """Return LLVM libraries to try, best first: the user's choice alone, else the wheel's, else what Dr.Jit finds.
-
-    An empty string stands for Dr.Jit's own search of the system.
-    """
+    """Return LLVM libraries to try, best first: the user's alone, else the wheel's, else empty for Dr.Jit's search."""
     return [USERS_LIBRARY] if USERS_LIBRARY else [*wheel_libraries(), ""]
 
 
@@ -86,10 +83,7 @@ def is_usable(folder: Path) -> bool:
 
 
 def settle_libraries() -> None:
-    """Name a temporary folder to libraries whose own one cannot be used, before they are imported.
-
-    Those that keep something: Matplotlib (its fonts) and Dr.Jit (compiled kernels).
-    """
+    """Give Matplotlib (fonts) and Dr.Jit (kernels) a temporary cache folder if theirs is unusable, before import."""
     config, cache, home = _base("XDG_CONFIG_HOME", ".config"), _base("XDG_CACHE_HOME", ".cache"), _home()
     for variable, folders in (
         ("MPLCONFIGDIR", (config / "matplotlib", cache / "matplotlib")),

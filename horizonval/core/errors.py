@@ -1,7 +1,7 @@
-"""Errors a user can act on, and the line that tells how.
+"""Errors that a user can correct, with advice.
 
-Every mistake a user can make ends in a :class:`UserError`; the command line prints it as one line and exits with
-status 2. Anything else that escapes is a defect of this package.
+Every mistake of a user is a :class:`UserError`; the command line prints it as one line and exits with status 2. Any
+other exception is a defect of this package.
 """
 
 from __future__ import annotations
@@ -17,13 +17,8 @@ from typing import Any, Self
 
 
 def printable(text: str) -> str:
-    r"""Return text that a terminal shows as it is, and in one line.
+    r"""Return text as one line that a terminal can show; control characters and invalid bytes are escaped as in Python.
 
-    Names of files and texts of headers may hold line ends, commands to the terminal or bytes that are no text: such
-    characters are written as Python escapes them.
-
-    Examples
-    --------
     >>> printable("a\x1b[2Jb\n\udcffä")
     'a\\x1b[2Jb\\n\\udcffä'
     """
@@ -38,10 +33,8 @@ def excerpt(text: str, most: int = 40) -> str:
 
 
 def command_line(*words: object) -> str:
-    """Return a command line to be printed, as it can be typed: words that a shell would take apart are quoted.
+    """Return a command line as it can be typed, quoted for a shell.
 
-    Examples
-    --------
     >>> command_line("archive", "ls", "my folder")
     "`horizonval archive ls 'my folder'`"
     """

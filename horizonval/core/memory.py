@@ -1,7 +1,7 @@
-"""How much memory this process can still have, and the refusal of work that would need more.
+"""The memory that this process can allocate, and the refusal of work that needs more.
 
-What a user asks for in numbers (pixels, samples, columns) is estimated before anything is allocated: a process that
-runs out of memory is killed by its host, or dies inside a library that does not look at what it is given.
+The size of work (pixels, samples, columns) is estimated before anything is allocated, because a process without memory
+is killed by its host, or dies inside a library.
 """
 
 from __future__ import annotations

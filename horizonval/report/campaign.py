@@ -255,14 +255,14 @@ def _worst(rows: Sequence[Row], link: Link) -> list[JsonObject]:
 # ------------------------------------------------------------------------------------------------------------ figures
 
 THIN_CELL = 3
-"""A cell of a map with fewer frames than this is hatched: its number is no statistics."""
+"""Cells of a map with fewer frames are hatched."""
 MOST_WORDY_CELLS = 60
-"""Maps of more cells have no numbers in them."""
+"""Largest number of cells of a map with numbers in them."""
 TAIL = 20
-"""So many of the largest errors of an estimator are marked in the figure of its tail."""
+"""Number of an estimator's largest errors that are marked in the figure of its tail."""
 LIMIT_DEG = math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
 LEAST_SHOWN_DEG = 1e-3
-"""Smaller errors are drawn here in timelines: 4 arcsec, far below what any of these cameras can do."""
+"""Smallest error in timelines; smaller ones are drawn here."""
 STRIP_IN, PANEL_IN, EMPTY_IN = 0.2, 1.05, 0.25
 """Heights of a line of verdicts, of an estimator's panel, and of one without a claim."""
 _PAIR_COLOURS = {"roll": "#0072b2", "pitch": "#d55e00"}

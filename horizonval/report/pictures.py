@@ -132,8 +132,8 @@ LOW_LIMB_M = 15e3
 def frame_picture(frame: RadianceFrame) -> NDArray[np.uint8]:
     """Return a picture of a frame, shape (H, W, 3), sRGB.
 
-    Three solar bands make one in colour, the longest wavelengths red; of other numbers the first is grey. Without solar
-    bands all thermal ones are shown as brightness temperatures, with their scale.
+    Three solar bands give colour, the longest wavelength red; other numbers of solar bands give the first in grey.
+    Without solar bands all thermal ones are shown as brightness temperatures with their scale.
     """
     shown = [band for band in frame.truth.camera_spec.band if band.name in frame.radiance]
     solar = [band for band in shown if band.kind == "solar"]

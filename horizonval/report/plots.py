@@ -43,11 +43,11 @@ MARKERS = ("o", "s", "^", "D", "P", "v", "*")
 LINE_STYLES = ("-", "--", ":", "-.")
 INK, GREY, RED = "#333333", "#555555", "#b34700"
 LIMIT: dict[str, Any] = {"color": RED, "lw": 1.1, "ls": "--"}
-"""Look of the line at a limit."""
+"""Style of the line at a limit."""
 SMALL = 8.5
 """Size of the text of legends and titles [pt]."""
 FLOOR_ARCSEC = 0.36
-"""Smaller errors, exact zeros among them, are drawn here: a log axis has no zero."""
+"""Smallest error on a logarithmic axis; smaller ones, and zeros, are drawn here."""
 
 _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "horizonval",
@@ -65,7 +65,7 @@ _STYLE: dict[Any, Any] = {
     "path.simplify": False,
 }
 _MOST_NAMES = 45
-"""Frames whose names stand on an axis."""
+"""Largest number of frames with names on an axis."""
 _SHORT, _LONG = 2.0, 300.0
 """Ratios of the ends of a log axis below which all its ticks are labelled, and up to which those at 2 and 5 are."""
 

@@ -162,10 +162,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def file_below(root: Path, address: str) -> Path | None:
-    """Return the file below a folder that an address names; ``None`` where it names none, or leads out of it.
-
-    No name on the way may begin with a dot, and no link may lead out.
-    """
+    """Return the file below a folder that an address names; ``None`` for leading dots or links that leave it."""
     parts = unquote(address).split("/")[1:]
     if any(not part or part.startswith(".") or "\\" in part or "\0" in part for part in parts):
         return None

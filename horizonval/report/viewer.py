@@ -1,4 +1,4 @@
-"""What the frame viewer is given: every frame's digital numbers, exactly, the exact truth, and curves over the image.
+"""Data of the frame viewer: every frame's exact digital numbers, the exact truth, and curves over the image.
 
 *Numbers.* A page is one file, so the numbers are inside it: differences along each line, modulo 2**16, low bytes first
 and high bytes after them, deflated, in base64. The viewer's code undoes this; nothing of it passes through a picture,

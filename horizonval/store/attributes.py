@@ -1,9 +1,8 @@
-"""What a file tells other programs: OpenEXR's standard attributes, typed ones of ours, and masks.
+"""Attributes and masks for other programs: OpenEXR's standard attributes and typed ones of ours.
 
-All of it is made from the truth, its maps and the camera file, and nothing here is read back: what scoring reads is the
-truth in ``horizonval:truth``. The standard attributes are float32 and cannot say everything (lens distortion); meanings
-and units are those of https://openexr.com/en/latest/StandardAttributes.html. Ours are doubles where the format allows.
-A mask is 1 where pixels have something in common, and 0 elsewhere.
+They come from the truth, its maps and the camera file, and are never read back: scoring reads ``horizonval:truth``. The
+standard attributes are float32 and cannot state everything (lens distortion); meanings and units are those of
+https://openexr.com/en/latest/StandardAttributes.html. Ours are doubles where the format allows. A mask is 1 or 0.
 """
 
 from __future__ import annotations
@@ -213,10 +212,7 @@ def _times(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _camera_to_ndc(camera: CameraModel) -> FloatArray:
-    """Return the matrix from the format's camera axes to the image, whose last component divides the others.
-
-    The third component, a depth, is 1 everywhere: no plane of the scene is nearest or farthest.
-    """
+    """Return the homogeneous matrix from the format's camera axes to the image; the depth (third component) is 1."""
     matrix = np.zeros((4, 4))
     matrix[0, 0] = camera.fx / camera.width
     matrix[1, 1] = -camera.fy / camera.height
@@ -236,10 +232,7 @@ def _screen_window(camera: CameraModel) -> dict[str, Any]:
 
 
 def _sensor(camera: CameraModel, pitch_um: float) -> dict[str, Any]:
-    """Return the sensor's size and the focal length in millimetres, from the pitch of its pixels.
-
-    The focal length of a distorting lens is that on its axis. Equal-angle grids are made by scanning and have none.
-    """
+    """Return the sensor's size and the focal length on the axis [mm]; equal-angle grids are scanned and have none."""
     size = np.array([camera.width, camera.height])
     off_centre = (size - 1) / 2 - np.array([camera.cx, camera.cy])
     attributes: dict[str, Any] = {

@@ -190,10 +190,7 @@ def _tiffs(source: RadianceFrame | DetectorImage, name: str, address: str) -> It
 
 
 def _about(source: RadianceFrame | DetectorImage, address: str) -> str:
-    """Return camera and truth as a text of plain signs, which TIFF wants.
-
-    ``shape`` is there for tifffile, which takes any description with such a word in it for its own, and needs it then.
-    """
+    """Return camera and truth as ASCII for TIFF; tifffile requires ``shape`` in descriptions with that word."""
     pixels = source.dn if isinstance(source, DetectorImage) else next(iter(source.radiance.values()))
     about: dict[str, Any] = {"address": address, "shape": list(pixels.shape), "truth": source.truth.to_dict()}
     if isinstance(source, DetectorImage):
@@ -238,10 +235,7 @@ def _png(pixels: NDArray[np.uint16]) -> bytes:
 
 
 def _json(source: RadianceFrame | DetectorImage, pixels: NDArray[np.uint16], about: dict[str, Any]) -> bytes:
-    """Return what a PNG cannot say: ``value = scale * count`` in ``unit``, camera, and the truth.
-
-    :func:`horizonval.store.exported.read_beside` reads it back.
-    """
+    """Return what a PNG cannot hold: ``value = scale * count`` in ``unit``, camera, and the truth."""
     if isinstance(source, DetectorImage):
         observation = source.observation
         about = about | {"full_scale": source.full_scale, "observation": observation}

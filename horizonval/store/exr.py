@@ -1,9 +1,9 @@
-"""The one gate to EXR files: nothing else in the package reads or writes them.
+"""The one module that reads and writes EXR files.
 
-A file holds a frame or a detector image, with its truth; it alone is enough to score again. Channels (float32 unless
-said otherwise)::
+A file holds a frame or a detector image with its truth; it is sufficient to score again. Channels (float32 unless
+stated otherwise)::
 
-    Y                   the first band once more, so that any viewer shows something
+    Y                   copy of the first band, for viewers
     radiance.<band>     W m-2 sr-1; of solar bands counted by photons, see horizonval.earth.spectral.bands
     energy_radiance.<band>  W m-2 sr-1, of solar bands: the plain integral over wavelength
     behind.<band>       W m-2 sr-1, as radiance, without parts of the spacecraft; in frames that have some
@@ -11,24 +11,23 @@ said otherwise)::
     mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.attributes)
     dn.<band>           digital numbers
 
-``horizonval:unit.<channel>`` is the unit of a channel. Digital numbers are stored as floating point, float16 up to a
-full scale of 2048 and float32 above: both hold these integers exactly, and every reader shows them as they are, while
-many divide the format's own 32-bit integers by 2^32. Y of an image is of the same type.
+``horizonval:unit.<channel>`` is the unit of a channel. Digital numbers are floating point, float16 up to a full scale
+of 2048 and float32 above: both hold these integers exactly, and every reader shows them unchanged, while many divide
+the format's 32-bit integers by 2^32.
 
-Every codec here keeps every bit. Frames are HTJ2K256, a third of the size of ZIP for sunlit bands and two thirds for
-thermal ones; it is read by OpenEXR 3.4 and newer and what is built on it (OpenImageIO 3.1, Blender 5). Detector images
-are ZIP, which every reader knows, and which is a third of HTJ2K's size for digital numbers in floating point. A frame
-for an older reader is written with ``codec="zip"``.
+All codecs are lossless. Frames are HTJ2K256, a third of the size of ZIP for sunlit bands and two thirds for thermal
+ones; it needs OpenEXR 3.4 (OpenImageIO 3.1, Blender 5), older readers need ``codec="zip"``. Detector images are ZIP,
+which every reader supports, and which is a third of HTJ2K's size for digital numbers.
 
-Header keys: the standard ones and ours, named ``horizonval:*`` (:mod:`horizonval.store.attributes`). What is read
-back travels in JSON strings, because the format's own attributes turn Python floats into float32 and integers from 2^31
-into 0; the typed keys and the masks are made from it, for other programs.
+Header keys are the standard ones and ours, named ``horizonval:*`` (:mod:`horizonval.store.attributes`). Data that is
+read back is in JSON strings, because the format's attributes turn Python floats into float32 and integers from 2^31
+into 0; typed keys and masks are derived from it for other programs.
 
-Two guards, for two dangers. The seal (:mod:`horizonval.store.header`) covers the file's bytes: damage on the disk.
-``horizonval:sha256`` is the digest of the arrays and JSON as they were before they went into the library: damage by
-the library itself (it scrambles non-contiguous arrays, for one), and an identity that survives recompression.
+The seal (:mod:`horizonval.store.header`) covers the file's bytes, against damage on the disk. ``horizonval:sha256`` is
+the digest of the arrays and JSON before they enter the library: it detects damage by the library (which scrambles
+non-contiguous arrays, for example), and identifies the content after recompression.
 
-Writing is atomic: a temporary file in the same folder, flushed, then renamed. Equal content gives equal bytes.
+Writing is atomic. Equal content gives equal bytes.
 """
 
 from __future__ import annotations
@@ -144,10 +143,7 @@ def write_frame(path: str | os.PathLike[str], frame: RadianceFrame, *, codec: Co
 def with_thermal(
     truth: FrameTruth, radiance: dict[str, NDArray[np.float32]], solar: dict[str, NDArray[np.float32]]
 ) -> dict[str, NDArray[np.float32]]:
-    """Return the energy radiance of all bands, in their order: a thermal band's radiance is energy as it stands.
-
-    Files of older versions hold none of solar bands; these are left out.
-    """
+    """Return the energy radiance of all bands in order; thermal radiance is energy. Old files lack solar bands."""
     thermal = {band.name for band in truth.camera_spec.band if band.kind == "thermal"}
     energy = {band: radiance[band] for band in radiance if band in thermal} | solar
     return {band: energy[band] for band in radiance if band in energy}
@@ -289,10 +285,7 @@ def read_foreign_grey(path: str | os.PathLike[str]) -> NDArray[np.float64]:
 
 
 def content_digest(channels: Channels, own: dict[str, Any]) -> str:
-    """Return the sha256 of content: every channel's name, type, shape and bytes, then every text and integer of ours.
-
-    The other keys are made from these.
-    """
+    """Return the sha256 of every channel's name, type, shape and bytes, and of every text and integer of ours."""
     digest = hashlib.sha256()
     for name in sorted(channels):
         values = channels[name]
@@ -460,10 +453,7 @@ def _refuse_too_large(header: exr_header.Header, path: Path) -> None:
 
 
 def _decode_pixels(path: Path) -> tuple[str | None, Channels]:
-    """Return the data window, if it differs from the display window, and the channels of the first part.
-
-    ``separate_channels``: the library would otherwise merge bands called R, G and B into one array.
-    """
+    """Return the data window, if it differs from the display window, and the separate channels of the first part."""
     try:
         with _quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
             header = file.header()
@@ -477,11 +467,7 @@ def _decode_pixels(path: Path) -> tuple[str | None, Channels]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Discard what C++ code writes to the process's standard output and error: the user gets our one line instead.
-
-    The library prints through Python's ``sys.stdout`` and through C++ streams. The C library's own buffers are flushed
-    around it, or the text would come out afterwards.
-    """
+    """Discard what the library prints, through Python and C++ streams; C buffers are flushed before and after."""
     with _quiet_lock, open(os.devnull, "wb") as sink, contextlib.redirect_stdout(io.StringIO()):
         _flush_c_streams()
         kept = [(number, os.dup(number)) for number in (1, 2)]

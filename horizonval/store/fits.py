@@ -2,15 +2,14 @@
 
 An image has its digital numbers in the first unit; a frame has one extension for each band (``RADIANCE.<band>``) and
 each truth map (``TRUTH.<map>``). Masks (``MASK.EARTH``, ``MASK.SUNLIT``, of an image ``MASK.SATURATED``) are 1 and 0.
-Beside the standard keywords of time, place (``OBSGEO-*``), units and detector stands a celestial coordinate system, so
-that a pixel has a right ascension and a declination: ``TAN`` for pinholes and ``ARC``
-for fisheyes, after Calabretta and Greisen 2002 (A&A 395, 1077), with the lens distortion as SIP polynomials (Shupe et
-al. 2005, ASP 347, 491) fitted to the exact model; ``WCSERR`` says how far they stay from it at most. Where that is more
-than 0.1 px, and for equal-angle grids, there is none. The last extension holds the full truth as JSON, and with it a
-digest of everything: such a file can be read back.
+Standard keywords state time, place (``OBSGEO-*``), units and detector, and a celestial coordinate system: ``TAN`` for
+pinholes and ``ARC`` for fisheyes, after Calabretta and Greisen 2002 (A&A 395, 1077), with the lens distortion as SIP
+polynomials (Shupe et al. 2005, ASP 347, 491) fitted to the exact model; ``WCSERR`` is the largest difference. If it
+exceeds 0.1 px, and for equal-angle grids, there is no coordinate system. The last extension holds the full truth as
+JSON with a digest of everything, so that the file can be read back.
 
-Rows stand in the file as in the image, the upper one first (``ROWORDER``); programs that draw the first row at the
-bottom show the picture upside down, with coordinates that are right.
+The upper row of the image comes first (``ROWORDER``). Programs that draw the first row at the bottom show the picture
+upside down, with correct coordinates.
 """
 
 from __future__ import annotations

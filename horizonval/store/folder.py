@@ -112,10 +112,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self, shard: tuple[int, int] | None = None) -> Iterator[None]:
-        """Keep a second run out. The system drops the lock with the process, so a killed run leaves none.
-
-        Different shards work beside each other; none of them does beside a run of the whole.
-        """
+        """Lock the folder against a second run, not other shards; the system drops the lock of a killed process."""
         try:
             import fcntl
         except ImportError:  # Windows: two runs in one folder are then the user's care.

@@ -1,18 +1,17 @@
 """Headers of EXR files: parsed without the library, and with digests of the file, so that an altered byte is noticed.
 
-The format guards little by itself: a flipped byte in a header, or in pixels under most codecs, is read without
-complaint, and a truncated file opens. Two digests in the header close every gap::
+The format does not detect a flipped byte in a header, or in pixels under most codecs, and opens truncated files. Two
+digests in the header close these gaps::
 
     horizonval:body = "<length of the file>:<sha256 of every byte after the header>"
     horizonval:seal = "<sha256 of the header, the seal's own 64 characters blanked>"
 
-The seal covers the header and, through ``horizonval:body`` inside it, the rest; so a header can be trusted without
-reading the pixels. Both are written as placeholders of the right length and filled in afterwards.
+The seal covers the header and, through ``horizonval:body`` in it, the rest, so that a header can be verified without
+the pixels. Both are written as placeholders of the right length and filled in afterwards.
 
-Headers are parsed here and not by OpenEXR, because the library prints to the terminal on damage, opens some broken
-files without an error, and should not meet damaged bytes before they are known to be damaged. The layout (magic
-number, version, then ``name NUL type NUL size value`` until an empty name) is that of *OpenEXR File Layout*,
-https://openexr.com/en/latest/OpenEXRFileLayout.html.
+OpenEXR does not parse these headers, because it prints to the terminal on damage, opens some broken files without an
+error, and must not process damaged bytes. The layout (magic number, version, then ``name NUL type NUL size value``
+until an empty name) is that of *OpenEXR File Layout*, https://openexr.com/en/latest/OpenEXRFileLayout.html.
 """
 
 from __future__ import annotations

@@ -82,10 +82,7 @@ class Index:
         return {row.address: row for row in rows}
 
     def update(self, progress: Progress | None = None) -> dict[str, StoreEntry]:
-        """Add the rows of entries that are not in the index, and return all; nothing is dropped.
-
-        An index that cannot be written is left as it is, and of no entries none is made.
-        """
+        """Add the rows of new entries and return all rows; an unwritable index stays, an empty one is not made."""
         known, damage = {}, None
         try:
             known = self.known() or {}
@@ -116,9 +113,9 @@ class Index:
         self._write({address: row for address, row in rows.items() if address not in gone})
 
     def select(self, wanted: Filter | None = None, progress: Progress | None = None) -> list[StoreEntry]:
-        """Return the entries that a filter leaves, in the order of addresses, those of files that are gone included.
+        """Return the entries of a filter in the order of addresses, including missing files.
 
-        The index catches up first. Where it cannot be written, the headers are read each time.
+        The index is completed first. If it cannot be written, the headers are read each time.
         """
         there = {path.stem for path in places(self.root)}
         rows = self.update(progress)

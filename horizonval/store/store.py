@@ -1,9 +1,8 @@
 """Content-addressed folder of frames and detector images.
 
-Because equal content gives equal bytes (:mod:`horizonval.store.exr`), a frame rendered twice is stored once, and two
-processes that add at the same time can only write the same bytes to the same name: no lock is needed. Everything is
-written beside its place and renamed, so that a crash leaves a temporary file, never a broken entry. Where an entry lies
-is said in :mod:`horizonval.store.entry`; the index beside the entries is that of :mod:`horizonval.store.index`.
+Equal content gives equal bytes (:mod:`horizonval.store.exr`), so a frame rendered twice is stored once, and two
+processes that add at the same time can only write the same bytes to the same name: no lock is needed. Writing is
+atomic: a crash leaves a temporary file, never a broken entry.
 """
 
 from __future__ import annotations
@@ -53,11 +52,7 @@ class Store:
         return address
 
     def _make_way(self, path: Path) -> None:
-        """Make an entry's folder, and see that the entry can take its place there; nothing outside is touched.
-
-        A file, a FIFO or a link where the folder should be goes: what it leads to stays. A folder where the entry
-        should be may hold anything, so that it is the user's to remove.
-        """
+        """Make an entry's folder; remove a file, FIFO or link (not its target) in the way, refuse a folder."""
         try:
             if files.kind_at(path.parent) not in ("a folder", ""):
                 path.parent.unlink()

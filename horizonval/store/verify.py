@@ -1,16 +1,16 @@
-"""Everything in an archive or a folder of results that should not be so, and everything that is missing there.
+"""Everything wrong in an archive or a folder of results.
 
 An entry of an archive is named by the digest of its bytes. For the rest of a folder of results ``manifest.json`` has
-one digest per file; it is written last, and withdrawn before anything in the folder changes. So a folder with a
-manifest is whole, and one without was cut off (or is being worked on): then only sealed files
-(:mod:`horizonval.core.sealed`) can be checked. The index of the archive is sealed and may change at any time, so the
-manifest has its name alone. Findings::
+one digest per file; it is written last, and removed before anything in the folder changes. So a folder with a manifest
+is complete, and one without was interrupted (or is in use): then only sealed files (:mod:`horizonval.core.sealed`) can
+be checked. The index of the archive is sealed and may change at any time, so the manifest has its name alone.
+Findings::
 
-    damaged     not what was written there; a link, a folder, a FIFO or a device included
-    missing     not there, though the manifest, the index or somebody else names it
+    damaged     changed since it was written; also a link, a folder, a FIFO or a device
+    missing     not there, though the manifest, the index or a result names it
     foreign     anything that does not belong there
     leftover    of an interrupted write
-    unreadable  a folder that may not be looked into, or an entry that may not be read: nobody knows what is there
+    unreadable  a folder or an entry without read permission
     index       the index cannot be used
     unfinished  there is no manifest
 

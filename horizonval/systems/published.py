@@ -1,7 +1,7 @@
 """What the sources print (``published.toml``) and the texts of the pages (``page/text.toml``), for every system.
 
 ``published.toml`` holds the printed figures with their units and the place where each stands; nothing in it is ours.
-What this package measures stands beside them on the pages (:mod:`horizonval.systems.pages`).
+The pages (:mod:`horizonval.systems.pages`) compare it with our measurements.
 
 Rows, tables and figures of a system are made here alone, so that the experiments hold numbers and no prose. Texts have
 fields of :meth:`str.format`, filled with the numbers of the run. A page's summary is a template beside it,
@@ -76,7 +76,7 @@ class PrintedTable(_PublishedModel):
 
 
 class Published(_PublishedModel):
-    """All that is kept of one source.
+    """What one source prints.
 
     ``source``: authors, title, year.
     """

@@ -33,7 +33,7 @@ SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
 
 
 def chosen(names: list[str]) -> list[str]:
-    """Return the letters that the user asked for, in order; none, or ``all``, are all of them.
+    """Return the letters that the user asked for, in order; none, or ``all``, means all of them.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Do the experiments of the chosen systems, one after the other, and write the pages."""
+"""Run the experiments of the chosen systems one after the other and write the pages."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def reproduce_quick(
 ) -> list[JsonObject]:
     """Return the key figures of the chosen systems and those of committed pages; see :func:`quick_figures`.
 
-    What is finished is kept in the folder ``out``, where an interrupted call resumes.
+    An interrupted call resumes from the folder ``out``.
     """
     work = out / WORK
     work.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Where the experiments work: items go to worker processes, and what each gave is kept in a file of its own.
+"""Cache of the experiments' tasks: items go to worker processes, and each result is stored in a file.
 
 ``each`` is the only idea: a function of plain data, applied to many items. The result of an item lies under the digest
 of (function, item, seed, code), so that a run that was cut off goes on where it stopped, and a change of the item, the

@@ -46,13 +46,6 @@ SET_UPS = [
 def test_published_set_ups_converge_in_four_steps(pixels: int, fov_deg: float, altitude_km: float) -> None:
     fit, nadir = _fit(pixels, fov_deg, altitude_km, 20.0, 30.0)
     updates = np.abs(np.diff(fit.steps, axis=0)).max(axis=1)
-    assert fit.altitude_m is not None
-    print(  # noqa: T201
-        f"\n{pixels} px, {fov_deg:g} deg, {altitude_km:g} km: roll"
-        f" {np.degrees(fit.roll_rad) * 3600 - 72000:+.1f} arcsec,"
-        f" pitch {np.degrees(fit.pitch_rad) * 3600 - 108000:+.1f} arcsec,"
-        f" altitude {fit.altitude_m / 1e3 - altitude_km:+.3f} km; updates {', '.join(f'{u:.0e}' for u in updates)}"
-    )
     assert np.all(updates[3:] < NEWTON_RAD)
     # a fiftieth of a pixel, the worst a sub-pixel point should be off on a clean hard edge, at 400 px and more
     pixel_arcsec = fov_deg * 3600.0 / pixels
@@ -66,7 +59,6 @@ def test_sharp_camera_in_low_orbit_is_good_to_five_arcsec_rms() -> None:
         fit, nadir = _fit(1024, 60.0, 500.0, roll, pitch)
         errors.append(_arcsec(fit.nadir_cam, nadir))
     rms = float(np.sqrt(np.mean(np.square(errors))))
-    print(f"\nnadir error {rms:.2f} arcsec rms of {np.round(errors, 2)}")  # noqa: T201
     assert rms < 5.0
 
 
@@ -95,7 +87,6 @@ def test_whole_pixels_claim_what_they_are_off_by() -> None:
         assert fit.altitude_m is not None
         assert fit.sigma_altitude_m is not None
         altitudes.append((fit.altitude_m - altitude_km * 1e3) / fit.sigma_altitude_m)
-    print(f"\n{len(squares)} fits: {np.mean(squares):.2f}, altitude {np.std(altitudes):.2f}")  # noqa: T201
     assert len(squares) >= 50
     assert 1.0 < np.mean(squares) < 3.0
     assert 0.4 < np.sqrt(np.mean(np.square(altitudes))) < 1.5

@@ -15,7 +15,6 @@ from astropy.utils import iers
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.orbit import ElementSet, gcrs_states, itrs_states, teme_states
-from horizonval.geometry.rotation import itrs_from_gcrs
 
 ENVISAT = ElementSet(
     "1 27386U 02009A   20001.54192287  .00000005  00000-0  15038-4 0  9994",
@@ -86,12 +85,6 @@ def test_celestial_velocity_is_the_derivative_of_the_position() -> None:
     assert np.abs(r[2] - r[0] - v[1]).max() < 0.01
     r, v = itrs_states(ENVISAT, START, np.array([-0.5, 0.0, 0.5]))
     assert np.abs(r[2] - r[0] - v[1]).max() < 0.01
-
-
-def test_matrices_are_rotations() -> None:
-    m = itrs_from_gcrs(START, np.linspace(0.0, 86400.0, 5))
-    assert np.abs(m @ np.swapaxes(m, -1, -2) - np.eye(3)).max() < 1e-14
-    assert np.linalg.det(m) == pytest.approx(np.ones(5))
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,11 @@ def brightness_k(model: OpticalModel, observer: FloatArray, direction: FloatArra
 
 
 @pytest.mark.parametrize(
-    "days", [[{"profile": "by_latitude_month"}], [{"profile": "weather", "seed": seed} for seed in range(1, 5)]]
+    "days",
+    [
+        [{"profile": "by_latitude_month"}],
+        pytest.param([{"profile": "weather", "seed": seed} for seed in range(1, 5)], marks=pytest.mark.slow),
+    ],
 )
 def test_the_limb_over_the_south_pole_in_september_is_cold(days: list[dict[str, Any]]) -> None:
     """12 km inside the limb, 8.6 and 12.4 um, mean of four days of weather: within 8 K of the station's 213.8 K."""

@@ -108,6 +108,7 @@ HALF_PLATEAU_KM = {
 """Number, mean, standard deviation, least and largest height, mean plateau [W m-2 sr-1], as published."""
 
 
+@pytest.mark.slow
 def test_half_plateau_of_all_states() -> None:
     """0.05 km in mean, standard deviation and range of every class (what one decimal allows), 0.5 % of the plateau."""
     found = [half_plateau(number) for number in range(96)]

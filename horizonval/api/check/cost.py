@@ -35,27 +35,26 @@ from horizonval.spec.scene import SceneSpec
 
 SOLAR_S_PER_EVALUATION, SOLAR_FRAME_S = 1.1e-8, 0.1
 CHUNK = 4
-"""Spectral nodes that are worked on together."""
+"""Spectral nodes that are computed together."""
 TABLE_S_PER_LOOK, TABLE_S_PER_NODE, TWILIGHT_TABLES = 3e-8, 1.8e-3, 11.0
-"""Of view tables: of a cell, and of each node along the rays of a table, both for a chunk of spectral nodes; and how
-much longer the tables take where the edge of the Earth's shadow is in view."""
+"""View tables: seconds of a cell and of a node along the rays, for a chunk of spectral nodes, and the factor of tables
+with the edge of the Earth's shadow in view."""
 CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
-"""Of a cell that ends on a cloud, for a chunk of spectral nodes; and how much longer tables take with those of the air
-before clouds."""
+"""Seconds of a cell that ends on a cloud, for a chunk of spectral nodes, and the factor of tables with clouds."""
 TWILIGHT_RAD = math.radians(18.0)
-"""How low the Sun still lights air."""
+"""Depression of the Sun below which no air is sunlit."""
 SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 6.0
-"""Of air without and with particles, whose phase function has more moments."""
+"""Seconds of a table of air without and with particles, whose phase function has more moments."""
 THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.009, 4e-5
-"""Of a g point, and of each node along its rays."""
+"""Seconds of a g point, and of each node along its rays."""
 BY_LATITUDE = 2.5
-"""How much longer thermal bands take through air that changes with latitude."""
+"""Factor of thermal bands through air that changes with latitude."""
 OBSERVE_S_PER_PIXEL = 1.2e-7
 ESTIMATE_S, ESTIMATE_S_PER_PIXEL = 0.1, 5e-7
 FRAME_BYTES, FRAME_BYTES_PER_VALUE, FRAME_BYTES_PER_THERMAL_VALUE = 2e4, 0.65, 3.4
-"""Of radiance and truth maps, and of thermal radiance; under clouds, which have edges, twice as much."""
+"""Bytes of a frame, a value of radiance or a truth map, and a value of thermal radiance; twice that with clouds."""
 IMAGE_BYTES, IMAGE_BYTES_PER_PIXEL, IMAGE_BYTES_PER_FINE_PIXEL = 1.5e4, 0.7, 2.3
-"""Of up to 11 bits, and of more."""
+"""Bytes of an image, of a pixel of up to 11 bits, and of one with more."""
 RECORD_BYTES = 1e4
 TRUTH_MAPS = 4
 
@@ -219,7 +218,7 @@ def frame_cost(
 
 
 LAYERED_TABLES = 5.0
-"""How much longer light scattered more than once takes with layers of thin cloud than with haze."""
+"""Factor of multiple scattering with layers of thin cloud, compared with haze."""
 
 
 def _view_tables_s(truth: FrameTruth, nodes: int, clouds: bool) -> float:
@@ -257,7 +256,7 @@ def _by_place(scene: SceneSpec) -> bool:
 
 
 def column_key(scene: SceneSpec, camera: CameraSpec) -> tuple[Any, ...]:
-    """Return what the tables of multiple scattering depend on: equal keys share theirs."""
+    """Return the key of the tables of multiple scattering; equal keys share tables."""
     place: tuple[Any, ...] = ()
     if _by_place(scene) and scene.atmosphere.latitude_deg is None:
         place = (scene.scene.name,)

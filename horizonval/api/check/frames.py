@@ -29,13 +29,13 @@ from horizonval.suites.record import camera_name
 from horizonval.truth.frame_truth import truth_of
 
 MOST_FRAMES = 400
-"""Frames that a check looks at; some 0.05 s each."""
+"""Frames that a check examines; about 0.05 s each."""
 FEW_FRAMES = 32
-"""Frames that are looked at before a run: it must not start more than some two seconds later."""
+"""Frames that are examined before a run, in about two seconds."""
 FEW_LINEAR = 2
-"""Of each linear array before a run: its horizon is followed in steps of a thousandth of a pixel, for some 0.2 s."""
+"""Frames of each linear array before a run; about 0.2 s each."""
 FRAMES_FOR_COST = 3
-"""Frames of every camera from which the time that a run takes is told."""
+"""Frames of every camera from which the time of a run is predicted."""
 PER_PLACE_OR_FILE = ("view_tables_s", "frame_bytes", "image_bytes")
 
 Spectral: TypeAlias = dict[tuple[str, ...], dict[str, int]]
@@ -54,7 +54,7 @@ class Group:
 
 @dataclass
 class Look:
-    """What was seen of a group: by band a view of every frame that was looked at, their costs, and frames that fail."""
+    """Result of a group: by band a view of every examined frame, the costs, and errors of frames."""
 
     views: dict[str, list[LimbView]] = field(default_factory=dict)
     costs: list[FrameCost] = field(default_factory=list)

@@ -1,18 +1,18 @@
-"""What a camera will see of the horizon and how bright it will be, from the truth of a frame alone.
+"""The horizon in a camera's view and its brightness, predicted from the truth of a frame.
 
-Nothing is rendered: the horizon comes from :mod:`horizonval.scoring.horizon_view`, its light from
-:mod:`horizonval.scoring.limb_signal`, the outcome from :mod:`horizonval.scoring.expected`, so that a check says before
-a run what its score would say after it.
+Nothing is rendered: the horizon comes from :mod:`horizonval.scoring.horizon_view`, its radiance from
+:mod:`horizonval.scoring.limb_signal`, the outcome from :mod:`horizonval.scoring.expected`, so that a check agrees with
+the later score.
 
-**Level** of a solar band: light at the limb or some ten kilometres below it, with the Sun's veil, over full scale above
-the black level. Where clouds or snow may be in view there are two: over ground of the Earth's albedo, and over the
-brightest thing there can be. Rendered and observed limbs by day are within 5 % in clear air and with the default haze,
-those before clouds and the brightest of them within 30 %, in twilight within a factor of two: what the table of
-:mod:`horizonval.scoring.limb_signal` promises.
+**Level** of a solar band: the largest radiance at the limb or some ten kilometres below it, with the Sun's veil, over
+full scale above the black level. Where clouds or snow may be in view there are two: over ground of the Earth's albedo,
+and over the brightest possible ground or cloud. The prediction is within 5 % of rendered limbs by day in clear air and
+with the default haze, 30 % with clouds, and a factor of two in twilight: the accuracy of the table of
+:mod:`horizonval.scoring.limb_signal`.
 
-**Level** of a thermal band: the plateau of the limb between the converter's ends, from the truth's infrared horizon.
-Rendered limbs are within 10 % in the clear: the warmer ground below adds, the blur of the edge takes. Without the
-infrared horizon there is none.
+**Level** of a thermal band: the plateau of the truth's infrared horizon between the converter's ends, within 10 % in
+clear air. The warmer ground below adds to a rendered limb, and the blur of the edge reduces it. Without the infrared
+horizon there is no level.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ class LimbView:
     ----------
     band : Band
     expected : Expected
-        What an estimator should report, and what it follows from.
+        The outcome that an estimator should report, with its reasons.
     shortest_px : float
-        Arc that an estimator needs.
+        Shortest arc that an estimator needs.
     level : float or None
         Median along the limb in view, over full scale, without clouds and snow; None without a limb, a detector or an
         infrared horizon.
     highest : float or None
-        The largest along the limb in view, with clouds and snow where the scene can have them.
+        Largest along the limb in view, with clouds and snow where the scene can have them.
     saturated_share : float
         Of the limb in view, with clouds and snow.
     patchy : bool
@@ -63,13 +63,13 @@ class LimbView:
     plateau_k : float or None
         Brightness temperature of a thermal limb.
     sun_outside_deg : float or None
-        How far outside the image the Sun's centre is; None where the Sun is in the frame or behind the Earth.
+        Angle of the Sun's centre outside the image; None where the Sun is in the frame or behind the Earth.
     sun_visible_fraction : float
         0 in the Earth's shadow.
     exposure_s : float or None
         A fixed exposure; None for automatic and thermal ones.
     ray_spacing_m : float
-        Between the rays of a pixel on the axis, at the distance of the limb.
+        Distance of the rays of a pixel on the axis, at the limb.
     """
 
     band: Band
@@ -106,7 +106,7 @@ class LimbView:
         return self.expected.limb_snr
 
     def line(self) -> str:
-        """Return what is in view of the frame, and how bright it will be."""
+        """Return the view of the frame and its brightness as text."""
         parts = [
             f"{self.arc_deg:.0f} deg of horizon in view ({self.arc_px:.0f} px)" if self.arc_px else "no horizon in view"
         ]
@@ -207,7 +207,7 @@ def _thermal_levels(found: Examined, truth: FrameTruth, camera: CameraSpec, band
 
 
 def _plain_ground(scene: dict[str, Any]) -> dict[str, Any] | None:
-    """Return a scene with the Earth's mean albedo and no clouds; None where that is as bright as what it has."""
+    """Return a scene with the Earth's mean albedo and no clouds; None if its ground and clouds are no brighter."""
     _, albedo, brightest = ground_and_air(scene)
     if brightest <= albedo:
         return None

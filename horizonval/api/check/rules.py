@@ -19,28 +19,25 @@ from horizonval.core.outcome import Outcome
 from horizonval.scoring import limits
 
 TARGET_LEVEL = 0.7
-"""Level that a proposed exposure puts the brightest limb at: the prediction is good to 30 %."""
+"""Level of the brightest limb with a proposed exposure; the prediction is within 30 %."""
 HIGH_LEVEL = limits.STRICT.filling
 DIM_LEVEL = 0.05
 """Below it nineteen twentieths of the converter are unused."""
 NEAR_DEG = 10.0
-"""Angle outside the image at which lenses and baffles are not yet free of the Sun: the wings of a lens scatter it,
-and few baffles of small cameras reject it that near."""
+"""Angle outside the image below which sunlight is scattered by the lens and rejected by few baffles."""
 
 LARGEST_SPACING_M = 7.5e3
-"""Between rays at a thermal limb, a scale height of the air. Errors of fits of the limb whose pixels have them 8 to 22
-km apart were up to twice as large as with 2.5 to 7.5 km. Chosen after seeing those."""
+"""Largest distance of rays at a thermal limb, a scale height of the air. With wider rays errors of fits double."""
 MOST_SUBSAMPLES = 16
 
 MOSTLY, SOME = 0.5, 0.2
-"""Share of frames from which a problem of many frames is a warning: of what the Sun's place does, and of what the
-design does, which can be mended."""
+"""Shares of frames from which a problem is a warning: caused by the Sun's position, and by the design."""
 
 
 Views: TypeAlias = Sequence[LimbView]
-"""Of the frames that have a problem, the worst first."""
+"""The frames that have a problem, the worst first."""
 Problem: TypeAlias = tuple[float | None, float | None, str]
-"""What a rule found in a frame: a value, its limit, and their unit."""
+"""A value, its limit, and their unit."""
 
 
 @dataclass(frozen=True)

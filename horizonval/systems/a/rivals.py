@@ -52,7 +52,7 @@ PIXELS, FIELD_DEG = 400, 60.0
 
 @dataclass(frozen=True)
 class SeenPixels:
-    """Whole pixels of one camera: lines of sight (n, 3) and places (n, 2), the camera, and what the method is told."""
+    """Whole pixels of one camera: lines of sight (n, 3) and places (n, 2), the camera, and the given angular radius."""
 
     los: FloatArray
     uv: FloatArray

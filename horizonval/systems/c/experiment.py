@@ -1,8 +1,8 @@
 """System C: the ideal horizon-sensor module of a space simulator, held against the exact horizon.
 
 The module that ships is compared with two other ways to the same reading (:mod:`horizonval.systems.c.poses`), and with
-what rendered pictures say without any pose (:mod:`horizonval.systems.c.frames`). What image estimators make of other
-frames stands beside: their errors are theirs, no test of the module.
+what rendered pictures say without any pose (:mod:`horizonval.systems.c.frames`). Errors of image estimators
+on other frames are reported too; they do not test the module.
 """
 
 from __future__ import annotations

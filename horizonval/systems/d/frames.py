@@ -1,4 +1,4 @@
-"""Frames of the four linear heads: scenes, the pipeline, and what is kept of an attitude.
+"""Frames of the four linear heads: scenes, the pipeline, and the results stored for an attitude.
 
 The housing is turned by 90 deg about the vertical, so that the published azimuths and signs are those of the body (see
 :mod:`horizonval.estimation.methods.linear_heads`). The published order of the angles, "roll, pitch, yaw", is taken as

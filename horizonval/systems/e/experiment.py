@@ -91,10 +91,9 @@ def _three(figures: FloatArray | Figures) -> str:
 
 
 DRAWS = 200
-"""Independent passes behind every figure of the noise table, and rounding grids behind those with the grid at
-random."""
+"""Independent passes for every figure of the noise table, and random rounding grids for the rounding table."""
 FEWER_DRAWS = 40
-"""Behind what stands beside the tables: the reading with the most noise, and noise on top of measured streaks."""
+"""Draws for the reading with the most noise, and for noise on top of measured streaks."""
 
 _CLAMPED_S = 5.0
 

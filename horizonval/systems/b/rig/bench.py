@@ -166,7 +166,7 @@ def signs() -> FloatArray:
 
 
 def benches(stated: BenchErrors) -> list[BenchErrors]:
-    """Return the sixteen benches; equal ones, where errors are zero, are kept."""
+    """Return the sixteen benches, equal ones included."""
     return [stated.times(row) for row in signs()]
 
 

@@ -28,7 +28,7 @@ from horizonval.systems.task_cache import TaskCache
 TILTS_DEG = (-20.0, -10.0, 0.0, 10.0, 20.0)
 REST_S, RATE_DEG_S, FRAME_S, SAMPLE_HZ = 5.0, 1.0, 1.0, 100.0
 BENCH = 1
-"""Which of the sixteen: the first after the one with all signs alike."""
+"""Which of the sixteen: the first one whose signs differ."""
 
 
 @dataclass(frozen=True)

@@ -164,7 +164,7 @@ def _radiance(
     blur_px: float,
     magnify_at: tuple[int, int] | None,
 ) -> NDArray[np.float32]:
-    """Return the radiance on the camera's pixels; kept, for benches that differ in their noise alone."""
+    """Return the radiance on the camera's pixels, cached for benches that differ in their noise only."""
     from horizonval.renderer.backend import activate
 
     activate()

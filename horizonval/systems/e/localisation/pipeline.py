@@ -3,9 +3,9 @@
 ``plain``: two-ray least squares at every instant. ``proposed``: the published order, rotate, smooth, least
 squares, adaptive Kalman filter, celestial coordinates; then the filter's way back. ``batch``: all angles at once.
 
-The filter is given smoothed positions, whose errors hang together over the smoother's width, and takes them as
-independent. Its states are hardly touched by that, but what it says of them counts the same news many times. What is
-claimed here is therefore not the filter's own covariance: every state is a weighted sum of the smoothed positions,
+The filter is given smoothed positions, whose errors are correlated over the smoother's width, and takes them as
+independent. Its states hardly change by that, but its covariance is too small. The covariance claimed here is
+therefore not the filter's: every state is a weighted sum of the smoothed positions,
 these are one of the angles, and the angles' errors are independent from instant to instant::
 
     P_k = sum_j V_kj C_j V_kj^T,     V_kj = sum_i w_ki S_ij D_j

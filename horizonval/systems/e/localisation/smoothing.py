@@ -39,8 +39,8 @@ some candidates, the one with the least expected mean square error, which is a b
   its direction is that of ``a + b t``; ``a`` and ``b`` (up to a common factor) come from the measurements by a singular
   value decomposition of ``u x (a + b t) = 0``. Only the pilot's high derivatives matter;
 * noise: ``|row of the smoother|^2 sigma^2`` with sigma from the scatter about a polynomial of degree 9 over the whole
-  pass. For measurements with independent errors this is exact. Rounding errors hang together where the angle
-  moves slowly; they are smoothed less than the rule believes.
+  pass. For measurements with independent errors this is exact. Rounding errors are correlated where the angle
+  moves slowly; they are smoothed less than the rule assumes.
 """
 
 from __future__ import annotations
