@@ -1,20 +1,15 @@
-"""Do items, keep each result, go on after a break: the one engine of suites, nights, studies and experiments.
+"""The engine of suites, nights, studies and experiments: it makes items, stores each result, and resumes.
 
-What the items are is said by a :class:`Work`: how one is made, and where its result is kept. The engine asks for what
-is kept already, has the rest made by processes of this machine or of a cluster, and hands every result over as it
-comes. What goes wrong with an item is that item's result: the others are made all the same. Whatever ends the engine,
-the same call goes on from what is kept.
+A :class:`Work` says how an item is made and where its result is stored. The engine reads the stored results, has the
+rest made by processes of this machine or of a cluster, and yields every result as it comes. A failure of an item is
+that item's result. After an interruption the same call resumes.
 
-How long the rest of some work will take, from what its items were expected to cost and what the finished ones took.
+The time left follows from the expected costs of the items, scaled by the ratio of measured to expected time, since a
+mean over the first items says little of the others. What is spent once for all (compiling kernels, making a table) is
+counted separately.
 
-Items differ: a mean over the first ones says little of the others. So the expected costs, where there are some, are
-scaled by the ratio of measured to expected time. What is spent once for all (a process compiles its kernels, a table
-is made for many frames) is counted apart, or it would be taken for the pace of all.
-
-Results in files: each whole or not at all, each with the digest of everything that it depends on.
-
-A record is a JSON object in a file of its own. It says its identity, so that one that was made of something else, or by
-other code, is known for what it is; and it is sealed, so that one that was altered is never taken for a result.
+A record is a JSON object in a file, written whole or not at all. It states the digest of everything that it depends on,
+and is sealed: results of other inputs or code, and altered ones, are recognised.
 """
 
 from __future__ import annotations
@@ -48,12 +43,8 @@ FEWEST_UNKNOWN = 3
 class ExpectedTime:
     """What an item is expected to take.
 
-    Attributes
-    ----------
-    seconds : float
-        Without what is made once.
-    once : mapping of str to float
-        What it needs that is made once for all items, by name, and the seconds that this takes.
+    ``seconds``: without what is made once. ``once``: what it needs that is made once for all items, by name, and the
+    seconds that this takes.
     """
 
     seconds: float

@@ -1,21 +1,14 @@
 """Worker processes that may be killed, may crash, and never outlive the run.
 
 Items go to spawned processes one at a time. When a worker dies (out of memory, a crash inside a library) the others
-finish what they are at; the items whose workers died are then tried once more, each alone, and only one that kills its
-worker again is given up.
+finish their items; the items of dead workers are then tried once more, each alone, and only one that kills its worker
+again is given up.
 
-A sign of life: one line on standard error where a command has loaded for a while and not yet said anything.
+**Turns.** Items of a group go to one worker, so that what they share is found in memory. An idle worker takes over the
+later half of the longest group in work. Results do not depend on it.
 
-The renderer, and what reads tables and draws figures, take seconds to load from a cold disk. Who shows progress calls
-:func:`hush`, and nothing is said.
-
-Whose turn it is: which item each of several workers takes next, so that what items share is found in memory.
-
-Items of a group go to one worker, one after another, groups in the order of their first items. A worker that would be
-idle takes over the later half of the longest group that another one is at; a last item stays where it is, for what it
-shares is there already. No result depends on any of it.
-
-Where work is done: processes, shards, a cluster.
+**Sign of life.** One line on standard error if a command loads for a while before it says anything; :func:`hush`
+suppresses it.
 """
 
 from __future__ import annotations

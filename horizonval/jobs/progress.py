@@ -45,16 +45,8 @@ def shown(progress: bool | Progress, what: str = "", unit: str = "frames") -> It
 class Terminal:
     """A bar with rate and time left where standard error is a terminal, else one line per item.
 
-    Steps of unknown length are shown in a line that changes; in a log file, when they begin.
-
-    Parameters
-    ----------
-    what : str
-        The work that is shown.
-    unit : str
-        What is counted of it.
-    log : bool
-        False for work of which a log file need say nothing.
+    Steps of unknown length are shown in a line that changes; in a log file, when they begin. ``what``: the work that is
+    shown. ``unit``: what is counted of it. ``log``: false for work of which a log file need say nothing.
     """
 
     def __init__(self, what: str = "", unit: str = "frames", *, log: bool = True) -> None:

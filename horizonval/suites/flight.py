@@ -46,16 +46,9 @@ a sine, which machines disagree on, does not reach a scene's identity."""
 def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[JsonObject]:
     """Return a partial scene for every sample: ``platform`` and ``attitude``.
 
-    Raises ``UserError``: elements that no satellite has, or that SGP4 refuses.
-
-    Parameters
-    ----------
-    ellipsoid : Ellipsoid
-        Latitude and altitude refer to it.
-    seed : int
-        The suite's; the pointing error is drawn from it and the name.
-    beside : Path
-        Folder that a file of two lines lies in.
+    Raises ``UserError``: elements that no satellite has, or that SGP4 refuses. ``ellipsoid``: latitude and altitude
+    refer to it. ``seed``: the suite's; the pointing error is drawn from it and the name. ``beside``: folder that a file
+    of two lines lies in.
     """
     track = _track(spec, beside)
     epoch, states, itrs = track.epoch_utc, track.states, track.itrs

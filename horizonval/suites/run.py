@@ -43,14 +43,8 @@ def conclude(
 ) -> tuple[dict[str, Any], list[Path]]:
     """Write table, summary and report; return the summary and the report's pages, the first one first.
 
-    Parameters
-    ----------
-    suite : str or None
-        Name of the suite, where it is known.
-    failed : mapping of str to str
-        Cases without a result, and why.
-    more : mapping, optional
-        What else the summary holds.
+    ``suite``: name of the suite, where it is known. ``failed``: cases without a result, and why. ``more`` (optional):
+    what else the summary holds.
     """
     from horizonval.report.build import write_report
     from horizonval.scoring.row import write_results

@@ -79,14 +79,9 @@ def everywhere(lengths_rad: ArrayLike, count: int) -> FloatArray:
 def correlations(lengths_rad: FloatArray, up: FloatArray, pole: FloatArray) -> FloatArray:
     """Return how alike functions are at places.
 
-    Parameters
-    ----------
-    lengths_rad : ndarray, shape (n, k, 2)
-        Of every place and function, along the meridian and along the parallel; angles at the Earth's centre.
-    up : ndarray, shape (n, 3)
-        Unit vectors from the Earth's centre, in any frame.
-    pole : ndarray, shape (3,)
-        The Earth's axis in the same frame.
+    ``lengths_rad`` (shape (n, k, 2)): of every place and function, along the meridian and along the parallel; angles at
+    the Earth's centre. ``up`` (shape (n, 3)): unit vectors from the Earth's centre, in any frame. ``pole`` (shape
+    (3,)): the Earth's axis in the same frame.
 
     Returns
     -------

@@ -153,16 +153,9 @@ def sphere_knowledge(
     """Return the planet, a pose and the information of a fit of a sphere, in axes that are the camera's at the start.
 
     The unknowns are two tilts, the altitude and the height of the limb; a turn about the nadir, and a position off the
-    vertical, change nothing of a sphere's limb but what the tilts do, and are fixed.
-
-    Parameters
-    ----------
-    nadir_cam : ndarray, shape (3,)
-        Unit vector at the start.
-    altitude_sigma_m : float
-        Infinite where the altitude is not known.
-    height_m, height_sigma_m : float
-        Of the limb.
+    vertical, change nothing of a sphere's limb but what the tilts do, and are fixed. ``nadir_cam`` (shape (3,)): unit
+    vector at the start. ``altitude_sigma_m``: infinite where the altitude is not known. ``height_m``,
+    ``height_sigma_m``: of the limb.
     """
     n = nadir_cam
     along = np.outer(n, n)
@@ -180,14 +173,8 @@ def placed_knowledge(
 ) -> tuple[Ellipsoid, LimbPose, FloatArray]:
     """Return the planet, the pose that the prior states, and the information on it.
 
-    Parameters
-    ----------
-    observation : Observation
-        With position and attitude in its prior, and their sigmas.
-    height_m, height_sigma_m : float
-        Of the limb.
-    in_body_axes : bool
-        Pose and turns are those of the spacecraft in place of the camera's.
+    ``observation``: with position and attitude in its prior, and their sigmas. ``height_m``, ``height_sigma_m``: of the
+    limb. ``in_body_axes``: pose and turns are those of the spacecraft in place of the camera's.
     """
     prior = observation.prior
     assert prior.r_itrs is not None

@@ -67,14 +67,9 @@ class EdgeProfile:
 def edge_profile(x: FloatArray, blur: float, scale: FloatArray | None = None) -> EdgeProfile:
     """Return the levels of pixels across the limb.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Distance of the pixels' centres inside the limb [px].
-    blur : float
-        Standard deviation of lens and pixel together [px].
-    scale : ndarray, shape (n,), optional
-        Scale height of the soft limb as it is seen [px]; None for a hard one.
+    ``x`` (shape (n,)): distance of the pixels' centres inside the limb [px]. ``blur``: standard deviation of lens and
+    pixel together [px]. ``scale`` (shape (n,), optional): scale height of the soft limb as it is seen [px]; None for a
+    hard one.
     """
     z = x / blur
     bell = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
@@ -131,14 +126,8 @@ SHADING_PX = 8.0
 def light_basis(edge: FloatArray, x: FloatArray, along: FloatArray) -> FloatArray:
     """Return what a sector's levels are multiplied with, shape (6, n): one, edge, its shading (2), and along it (2).
 
-    Parameters
-    ----------
-    edge : ndarray, shape (n,)
-        Level of the edge profile.
-    x : ndarray, shape (n,)
-        Pixels inside the limb.
-    along : ndarray, shape (n,)
-        Place in the sector, from -1/2 to 1/2.
+    ``edge`` (shape (n,)): level of the edge profile. ``x`` (shape (n,)): pixels inside the limb. ``along`` (shape
+    (n,)): place in the sector, from -1/2 to 1/2.
     """
     shaded = edge * x
     return np.array([np.ones_like(x), edge, shaded, edge * (x * x / SHADING_PX), edge * along, shaded * along])

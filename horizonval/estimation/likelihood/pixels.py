@@ -193,16 +193,10 @@ def near_pixels(
 ) -> NearPixels:
     """Return the pixels within a distance of the limb; those that see nothing, or have such neighbours, are left out.
 
-    An image of one row has no change from row to row: a distance in it is one along the row.
-
-    Parameters
-    ----------
-    cam_from_itrs, r_itrs, axes_m : ndarray
-        As for :func:`.limb_angle.limb_angle`.
-    outside_px, inside_px : float
-        How far from the limb pixels are taken, towards space and towards the Earth.
-    most : int, optional
-        One to two times so many squares' pixels, evenly spread, where there are more.
+    An image of one row has no change from row to row: a distance in it is one along the row. ``cam_from_itrs``,
+    ``r_itrs``, ``axes_m``: as for :func:`.limb_angle.limb_angle`. ``outside_px``, ``inside_px``: how far from the limb
+    pixels are taken, towards space and towards the Earth. ``most`` (optional): one to two times so many squares'
+    pixels, evenly spread, where there are more.
     """
     directions = PIXEL_DIRECTIONS.of(camera)
     columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)

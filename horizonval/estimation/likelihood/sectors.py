@@ -152,14 +152,8 @@ class Sectors:
 def sectors_of(azimuth: FloatArray, limb_px: int, limb_rad: float = 0.0) -> Sectors:
     """Return sectors of equally many pixels.
 
-    Parameters
-    ----------
-    azimuth : ndarray, shape (n,)
-        Of the pixels about the nadir [rad].
-    limb_px : int
-        Length of the limb in view [px].
-    limb_rad : float
-        The same in the sky.
+    ``azimuth`` (shape (n,)): of the pixels about the nadir [rad]. ``limb_px``: length of the limb in view [px].
+    ``limb_rad``: the same in the sky.
     """
     count = max(limb_px // PIXELS_ALONG, int(limb_rad / WIDEST_RAD))
     return divided(azimuth, int(np.clip(count, 1, MOST_SECTORS)))

@@ -38,16 +38,10 @@ from horizonval.geometry.horizon import fit_cone
 def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid: Ellipsoid) -> FloatArray:
     """Return the position [m] in Earth-fixed axes, shape (3,), from which points of the limb are seen.
 
-    Raises ``LinAlgError`` if the points determine no cone narrower than a half space.
-
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-        Unit lines of sight, n >= 3.
-    cam_from_itrs : ndarray, shape (3, 3)
-        Rotation matrix. Of a sphere any will do, the identity say: the position is then in camera axes.
-    ellipsoid : Ellipsoid
-        Whose limb is seen: the Earth raised by the height of the limb.
+    Raises ``LinAlgError`` if the points determine no cone narrower than a half space. ``los_cam`` (shape (n, 3)): unit
+    lines of sight, n >= 3. ``cam_from_itrs`` (shape (3, 3)): rotation matrix. Of a sphere any will do, the identity
+    say: the position is then in camera axes. ``ellipsoid``: whose limb is seen: the Earth raised by the height of the
+    limb.
     """
     scaled = (los_cam @ cam_from_itrs) / ellipsoid.axes_m
     cone = fit_cone(scaled / np.linalg.norm(scaled, axis=1)[:, None])

@@ -1,22 +1,19 @@
 """Where one row of a linear array crosses the limb.
 
-**As published** (Cui and others 2016): median filter; the pixel E of the largest first difference is the coarse
+**As published** (Cui and others 2016): after a median filter the pixel E of the largest first difference is the coarse
 crossing; the row is interpolated linearly on E-2..E+2 every 0.1 pixel, and the largest difference of that is the fine
-crossing. The difference of a piecewise linear function is the same ten times over within a pixel, so that the fine
-crossing is the coarse one plus a constant: whole pixels, and an error spread evenly over +-1/2 pixel.
+crossing. The difference of a piecewise linear function is constant within a pixel, so that the fine crossing is the
+coarse one plus a constant: whole pixels, with an error uniform over +-1/2 pixel.
 
-**By area**, for edges that the array does not resolve. A spread function moves light but loses none, so that the light
-on the row says where the edge lies, whatever the blur::
+**By area**, for edges that the array does not resolve. A spread function conserves the light, so that its sum on the
+row gives the edge for any blur that ends within the window::
 
     x = x_first - 1/2 + sum_i (L_i - L_right) / (L_left - L_right)
 
-exact for a step seen through any spread that ends within the window.
+**By half level**, for limbs wider than a pixel, where the area would count the whole curve down to space: the position
+where a cubic spline through the pixels falls to half of the step, the usual definition of the infrared horizon.
 
-**By half level**, for limbs that are wide against a pixel: the area would then count the whole curve down to space. The
-place where a cubic spline through the pixels falls to half of the step is what the infrared horizon is usually called
-(half of the plateau, at about 40 km in the 15 um band).
-
-Which of the two suits is read from the row: the distance between its levels of 20 % and 80 %.
+The distance between the row's levels of 20 % and 80 % decides between the last two.
 """
 
 from __future__ import annotations

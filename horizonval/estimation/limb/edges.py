@@ -1,29 +1,22 @@
 """Edge points of an image: whole pixels by Canny, and their positions below the pixel.
 
-**Whole-pixel edge points: Canny on the image stretched to eight bits.**
+**Canny** works on the image stretched to eight bits (:class:`horizonval.estimation.limb.picture.Picture`). The upper
+threshold is the largest of three: a multiple of the measured noise, a share of the image's strong gradients, and a
+floor that excludes slow ramps such as the terminator.
 
-Canny (1986) wants eight bits (:class:`horizonval.estimation.limb.picture.Picture`). The upper threshold is the largest
-of three: a multiple of the measured noise, a share of the image's own strong gradients, and a floor that keeps out slow
-ramps such as the terminator (a limb rises within a few pixels, a terminator within hundreds).
-
-**Sub-pixel position of an edge: the area under its profile.**
-
-A pixel holds the area of itself that the bright side covers. Along one column (for an edge that is closer to
-horizontal; else along one row) let ``a`` and ``b`` be the levels before and behind the edge. Every pixel of the column
-contributes its covered share, so ::
+**Sub-pixel position** by the area under the profile. A pixel holds the share of itself that the bright side covers.
+Along one column (for an edge closer to horizontal; else along one row), with the levels ``a`` and ``b`` before and
+behind the edge, ::
 
     p = sum_k (I_k - b) / (a - b) - h - 1/2,      k = -h .. h
 
-is the mean position of the edge across that column, measured from the window's centre. The identity is exact for a
-straight hard edge of any slope, and any symmetric point spread leaves it unbiased, because it moves light without
-making any. (Partial-area idea: Trujillo-Pino et al., Image and Vision Computing 31, 72, 2013; here in its simplest
-form, with levels measured at both ends of the window.)
+is the mean position of the edge across that column, measured from the window's centre. It is exact for a straight hard
+edge of any slope, and unbiased by any symmetric point spread (partial areas: Trujillo-Pino et al., Image and Vision
+Computing 31, 72, 2013; here in its simplest form, with levels measured at both ends of the window). The window is one
+pixel wide, so that the noise of neighbouring points is independent; it is centred on the edge once.
 
-The window is one pixel wide, so that neighbouring points share no pixel and their noise is independent; it is moved
-once to be centred on the edge.
-
-Neglected: curvature across one pixel (1/24 px times the curvature: 0.003 px on a disc of 18 px radius) and shading of
-the inner side within the window, which on a real limb is a matter of what "the limb" is.
+Neglected: curvature across one pixel (1/24 px times the curvature, 0.003 px on a disc of 18 px radius) and shading of
+the inner side within the window.
 """
 
 from __future__ import annotations
@@ -59,12 +52,8 @@ LOW_TO_HIGH = 0.4
 class Edges:
     """Edge pixels of an image.
 
-    Attributes
-    ----------
-    uv : ndarray, shape (n, 2)
-        (column, row), whole pixels.
-    gradient : ndarray, shape (n, 2)
-        Unit gradient of the grey level: points to the brighter side.
+    ``uv`` (shape (n, 2)): (column, row), whole pixels. ``gradient`` (shape (n, 2)): unit gradient of the grey level:
+    points to the brighter side.
     """
 
     uv: FloatArray
@@ -123,14 +112,8 @@ def half_window(shape: tuple[int, ...]) -> int:
 def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
     """Move whole-pixel edge points to sub-pixel positions.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Linear grey levels (not the eight-bit copy).
-    uv : ndarray, shape (n, 2)
-        Whole-pixel (column, row), at least ``half_window + 1`` from the rim.
-    gradient : ndarray, shape (n, 2)
-        Unit gradient.
+    ``image`` (shape (H, W)): linear grey levels (not the eight-bit copy). ``uv`` (shape (n, 2)): Whole-pixel (column,
+    row), at least ``half_window + 1`` from the rim. ``gradient`` (shape (n, 2)): unit gradient.
 
     Returns
     -------

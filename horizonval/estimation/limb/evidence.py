@@ -1,22 +1,20 @@
-"""Is there a limb along this curve? The likelihood of the pixels across it, against that of no limb.
+"""The likelihood of a limb along a curve, against that of no limb.
 
 The limb of a cone is cut into sectors, and the picture is read across each of them, ``x`` pixels inside of it, as the
-mean of neighbouring profiles. Two models are fitted to a sector by least squares, with as many free levels each::
+mean of neighbouring profiles. Two models with equally many free levels are fitted by least squares::
 
     limb      I = b + a E(x - d) + c E(x - d) (x - d),     E(x) = Phi(x / s)
     no limb   I = b + a x + c x^2      or      I = b + a x + c E(x - d) (x - d)
 
-``b`` is space, ``a`` the Earth's brightness above or below it, ``c`` its shading. A smooth ramp is no limb, nor is a
-ramp that begins, as the terminator does. The width ``s`` is that of all sectors together, of a few; the shift ``d`` is
-a sector's own, up to two pixels. With the mean squares ``m`` that they leave, and the noise unknown, the logarithm of
-their likelihood ratio is ::
+``b`` is space, ``a`` the Earth's brightness relative to it, ``c`` its shading. A smooth ramp is no limb, nor is a ramp
+that begins, as the terminator does. The width ``s`` is common to all sectors, one of a few; the shift ``d`` is fitted
+per sector, up to two pixels. With the mean squared residuals ``m``, and the noise unknown, the log likelihood ratio is
+::
 
     (n / 2) ln (m_none + f) / (m_limb + f),     f = noise^2 + (share of a)^2
 
-where ``f`` is what no predicted profile is better than: shading, clouds and the air's layers are in it.
-
-A width is only tried where it is a lens's or an air's: half of the brightness of a sunlit or a glowing limb comes from
-within some tens of kilometres, which the cone itself says how many pixels are. The terminator takes thousands.
+where ``f`` is the least misfit of any predicted profile (shading, clouds, layers of the air). Only widths of a lens or
+of the air, some tens of kilometres at the cone, are tried.
 """
 
 from __future__ import annotations

@@ -1,19 +1,18 @@
 """Image in, limb points out: the limb that makes the picture most probable, coarse to fine.
 
-1. The picture is made smaller by halves (:mod:`.pyramid`); on sizes that are cheap, cones through agreeing edge
-   points are proposed (:mod:`.proposals`).
-2. Each is judged by the likelihood of the pixels across it, with a limb there and without (:mod:`.evidence`),
-   the Earth the brighter side or the darker. The best goes on to the larger sizes, its cone fitted anew to what each
-   shows.
-3. A limb is claimed where most of what the cone predicts in view shows, where outside of it there is space, and where
-   it determines a nadir. Another cone with half of its likelihood and another nadir makes it ambiguous.
-4. Its points are read off the finest size that still shows it (:mod:`.locate`).
+1. The picture is reduced by halves (:mod:`.pyramid`); at small sizes cones through agreeing edge points are proposed
+   (:mod:`.proposals`).
+2. Each is judged by the likelihood of the pixels across it, with a limb there and without (:mod:`.evidence`), the Earth
+   the brighter side or the darker. The best is fitted anew at each larger size.
+3. A limb is claimed where most of the cone in view shows, with space outside of it, and where it determines a nadir.
+   Another cone with half of its likelihood and another nadir makes it ambiguous.
+4. Its points are measured at the finest size that still shows it (:mod:`.locate`).
 
-``find_limb`` does all of it. ``find_edges_only`` and ``find_canny_pixels`` are the published methods' own: every edge
-of the image, right only where the limb is the one edge in it.
+``find_limb`` does all of it. ``find_edges_only`` and ``find_canny_pixels`` are the published methods' searches: every
+edge of the image, right only where the limb is the only edge.
 
-The Sun is a distractor: a compact blob of saturated pixels, whose rim is a perfect circle with a flat sky outside,
-everything a limb is, only far too small.
+The Sun is a compact saturated blob whose rim is a perfect circle before a flat sky: a limb, except that it is too
+small.
 """
 
 from __future__ import annotations
@@ -166,14 +165,9 @@ DARK_CONTRAST = 0.02
 def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
     """Return the sub-pixel points of the Earth's limb, or why there are none.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Grey levels that grow, or fall, with radiance. Anything else is refused, not raised.
-    camera : CameraModel
-        Its width and height must be the image's.
-    full_scale : float, optional
-        Digital number at which the converter saturates.
+    ``image`` (shape (H, W)): grey levels that grow, or fall, with radiance. Anything else is refused, not raised.
+    ``camera``: its width and height must be the image's. ``full_scale`` (optional): digital number at which the
+    converter saturates.
 
     Returns
     -------

@@ -1,23 +1,23 @@
-"""The limb's place below the pixel, from profile to profile: where the fitted edge has half of its step.
+"""The limb's position below the pixel, profile by profile: where the fitted edge has half of its step.
 
-Of every profile across the limb the least squares of ::
+For every profile across the limb Gauss-Newton finds the least squares of ::
 
     I = b + a E(x - d) + c S(x - d),     E(x) = Phi(x / s)
 
-are sought by Gauss-Newton, with the width ``s`` that all of them have together (:mod:`.evidence`): space, brightness
-and shading of each are its own. The edge is even about its middle, and so an error of the width moves nothing; what
-the air's lower layers make uneven moves all of a limb alike, and changes its height.
+with the width ``s`` common to all profiles (:mod:`.evidence`) and separate levels. The edge is odd about its middle, so
+that an error of the width does not move it; asymmetry by the air moves all of a limb equally, which is a change of
+height.
 
-**Shading.** Where air softens the limb, ``S = E x``. On bare ground an angle ``x`` inside the limb the line of sight
-meets the ground at an arc from the tangent point that goes with the root of ``x``: ground that changes smoothly is seen
-as ``L + c sqrt(x)``, which rises infinitely steeply at the limb, and a straight line in its place is off by some
-hundredths of a pixel under an overhead Sun. On an edge that is as sharp as a lens makes it, ``S`` is that root,
-blurred. There a profile by itself would pay for its own ``c`` with several times the noise: on a Lambert sphere it is
-linear in the limb's direction ``t`` about the nadir, and three numbers do for all profiles.
+**Shading.** Where air softens the limb, ``S = E x``. On bare ground the radiance an angle ``x`` inside the limb goes as
+``L + c sqrt(x)``, because the arc from the tangent point does; a straight line in its place is off by some hundredths
+of a pixel. On an edge as sharp as the lens, ``S`` is therefore that root, blurred. Its ``c`` would raise the noise of a
+single profile several times. On a Lambert sphere it is linear in the limb's direction ``t`` about the nadir, and three
+numbers suffice for all profiles.
 
-**Sharper than a lens.** Between pixels that an edge cuts hard, interpolation is wrong by up to a tenth of a pixel, and
-alike along a stretch of limb that runs with the rows. There the place is read off whole pixels, by the area under a row
-or column of them (:mod:`horizonval.estimation.limb.edges`), with levels and shading of samples away from the edge.
+**Edges sharper than the lens.** Between pixels that an edge cuts hard, interpolation errs by up to a tenth of a pixel,
+with the same sign along a stretch of limb parallel to the rows. The position is then measured by the area under a row
+or column of whole pixels (:mod:`horizonval.estimation.limb.edges`), with levels and shading of samples away from the
+edge.
 """
 
 from __future__ import annotations

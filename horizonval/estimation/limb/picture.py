@@ -1,36 +1,16 @@
-"""An image before any search: one grey plane, checked, its noise, its percentiles, its smaller copies and directions.
+"""An image before any search: one grey plane, checked, with its noise, percentiles, smaller copies and directions.
 
-**The least noise of digital numbers: a converter that rounds to whole steps leaves ``1 / sqrt(12)`` of one.**
+Colour becomes the plain mean of its channels: luminance weights would mute the blue of the daylight limb, and the order
+of channels does not matter. The checks ensure what later steps assume: two dimensions, a few pixels, finite numbers,
+and some pixels between darkness and saturation.
 
-Where the noise before it is small beside a step, nearly all pixels of an even field get one number. What they scatter
-by is then next to nothing, and the few that got another number seem to be far outliers.
+**Least noise.** A converter that rounds to whole steps leaves ``1 / sqrt(12)`` of a step. Where the noise is smaller,
+nearly all pixels of an even field have one number, and the few others look like outliers.
 
-**Medians and percentiles of a picture's pixels: NumPy's, to the bit, in a fifth of the time.**
+**Percentiles** equal NumPy's to the bit in a fifth of the time: a single rank is selected per call, and for whole
+numbers of up to sixteen bits counts suffice, for the percentiles and for the stretch.
 
-NumPy parts values at several places at once, the last among them, to see NaN too. At a single place that is many times
-as fast; and of a detector's whole numbers it is enough to know how often each occurs.
-
-**Any picture array to one grey plane.**
-
-Colour becomes the plain mean of its channels: the limb is looked for where *any* channel changes, and luminance
-weights would mute the blue of the daylight limb. Channel order (RGB or BGR) then does not matter either.
-
-**Is this an image at all? Checks that need no search for edges.**
-
-An estimator must answer anything with a typed refusal, so whatever later steps assume is asked for here: two
-dimensions, a few pixels, finite numbers, and some pixels between darkness and saturation.
-
-**Smaller copies of an image: what a detector with wider pixels would have seen.**
-
-**The directions of a camera's pixels, kept for the next image of the same camera.**
-
-A flight of images has one camera, and to undistort a million pixels takes longer than most of what is asked of an
-image.
-
-**One image on its way through a search: what several steps ask of it is worked out once.**
-
-A detector gives whole numbers. Where an image holds nothing else, up to sixteen bits of them, its percentiles come from
-counts and its stretch from a table, which are the same numbers sooner.
+**Directions** of a camera's pixels are cached, because images of a flight share one camera.
 """
 
 from __future__ import annotations
@@ -265,14 +245,9 @@ deviations to either side."""
 class Picture:
     """A grey image, and what is asked of it more than once.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Finite, not constant: see :func:`horizonval.estimation.limb.picture.check_image`.
-    full_scale : float, optional
-        Digital number at which the converter saturates.
-    saturated : ndarray of bool, shape (H, W), optional
-        Where the image is saturated, if that is known better than from its levels.
+    ``image`` (shape (H, W)): Finite, not constant: see :func:`horizonval.estimation.limb.picture.check_image`.
+    ``full_scale`` (optional): digital number at which the converter saturates. ``saturated`` (shape (H, W), booleans,
+    optional): where the image is saturated, if that is known better than from its levels.
     """
 
     def __init__(

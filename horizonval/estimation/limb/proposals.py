@@ -1,14 +1,10 @@
-"""Cones that may be the limb, and the form in which a search gives its limb back.
+"""Cones that may be the limb: through three edge points of one level whose gradients agree.
 
-**Cones that may be the limb: through three edge points of one level whose gradients agree.**
-
-Edge points are Canny's (IEEE Trans. PAMI 8, 679, 1986) where the gradient stands out of the noise. Of them those come
-first that have a calm side, since space is calm: mean gradient of the calmer side over their own. Three lines of sight
-determine a cone (:mod:`horizonval.geometry.horizon`); of random triples (Fischler and Bolles, Communications of the ACM
-24, 381, 1981) those are kept whose gradients stand across the cone's limb, all with the bright side on the same side of
-it, and they are asked how many of the other points agree.
-
-Nothing is decided here: what is proposed is judged by its likelihood (:mod:`.evidence`).
+Edge points are Canny's (IEEE Trans. PAMI 8, 679, 1986) with gradients above the noise. Points with a calm side come
+first, since space is calm: mean gradient of the calmer side over their own. Three lines of sight determine a cone
+(:mod:`horizonval.geometry.horizon`). Of random triples (Fischler and Bolles, Communications of the ACM 24, 381, 1981)
+those are used whose gradients are normal to the cone's limb with the bright side on the same side, and the other points
+that agree are counted. Proposals are judged by their likelihood (:mod:`.evidence`).
 """
 
 from __future__ import annotations

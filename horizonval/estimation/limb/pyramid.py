@@ -1,15 +1,11 @@
 """A picture at several sizes, and where the limb of a cone runs in it.
 
-**A picture at several sizes: what is tens of pixels deep in one is an edge in another.**
+A limb tens of pixels deep at one size is an edge at another. Each level has half of the pixels a side of the one
+before, each the mean of its neighbours with the weights (1, 4, 6, 4, 1) / 16 both ways (Burt and Adelson, IEEE Trans.
+Communications 31, 532, 1983). A position ``uv`` of level ``k`` is ``2^k uv`` of the picture.
 
-Each level has half of the pixels a side of the one before, each the mean of its neighbours with the weights
-(1, 4, 6, 4, 1) / 16 both ways (Burt and Adelson, IEEE Trans. Communications 31, 532, 1983). A place ``uv`` of level
-``k`` is ``2^k uv`` of the picture.
-
-Pixels that hold no measurement are left out of all of them: rows and columns that a link lost and filled with one
-value, rectangles of one value, and what a lens does not fill.
-
-**Where the limb of a cone runs in an image, and which way across it the Earth lies.**
+Pixels without a measurement are excluded at all levels: rows, columns and rectangles that a link lost and filled with
+one value, and what a lens does not fill.
 """
 
 from __future__ import annotations

@@ -1,38 +1,28 @@
 """Points where a soft limb is steepest, and the covariance that the detector's noise gives a cone through them.
 
-**Sub-pixel position of a soft limb: where the profile along the limb's own normal is steepest.**
+**Position.** The area under a profile (:mod:`horizonval.estimation.limb.edges`) is exact for a hard edge and any
+symmetric spread. Air has a tail of tens of kilometres, and how much of it counts depends on the window and the field
+angle. The steepest position is where a ray's optical depth passes one, which depends on the air and hardly on window,
+saturation, clouds or Sun. The profile is read by bilinear interpolation in equal steps of angle towards the cone's
+axis, smoothed by a Gaussian of one pixel, and differentiated; a parabola through the largest step and its neighbours
+gives the position.
 
-The area under a profile (:mod:`horizonval.estimation.limb.edges`) is exact for a hard edge and for any symmetric
-spread. Air is neither: its tail goes on for tens of kilometres, and how much of it counts depends on the window's
-length across the limb, which changes with the slant of a column against it and with the field angle. The steepest
-place is where a ray's optical depth passes one. That is a property of the air and hardly of window, saturation, clouds
-or Sun. On rendered limbs seen from 300 to 1500 km the bow that is left along an arc pulls the nadir by 0.03 deg
-(median); with the area it is 0.11 deg.
-
-The profile is read by bilinear interpolation in equal steps of angle along the direction to the cone's axis, smoothed
-by a Gaussian of one pixel, and differentiated; a parabola through the largest step and its neighbours gives the place.
-
-**What the detector's noise alone makes of a limb: the covariance of a cone through its steepest places.**
-
-Residuals of sub-pixel points hold more than noise: the phase of the pixels, clouds and the shape of the Earth leave
-patterns that another exposure repeats. The noise is therefore not taken from them but carried through the search
-(:mod:`horizonval.estimation.limb.steepest`), which is linear in the image but for its last step. With slopes
-``s-, s0, s+`` about the steepest sample, ``c = s- - 2 s0 + s+`` and the parabola's top ``p = (s- - s+) / (2 c)``, a
-small change of the image moves a point by
+**Covariance.** Residuals of the points hold patterns that another exposure repeats (phase of the pixels, clouds, shape
+of the Earth). The noise is therefore propagated through the search, which is linear in the image except for its last
+step. With slopes ``s-, s0, s+`` about the steepest sample, ``c = s- - 2 s0 + s+`` and the parabola's top ``p = (s- -
+s+) / (2 c)``, a small change of the image moves a point by
 
     dp = ((1/2 - p) ds- + 2 p ds0 - (1/2 + p) ds+) / c
 
 and, slopes being sums over pixels, by ``A dI``. With ``G`` the least-squares gain of a cone's (axis, axis, half-angle)
-and independent pixels of variance ``v`` the covariance is ``G A diag(v) A^T G^T``; pixels that neighbouring points
-share count as what they are.
+and independent pixels of variance ``v`` the covariance is ``G A diag(v) A^T G^T``, shared pixels included.
 
-**The pixels' noise** is read off the image beside the limb, by Immerkaer's operator, which is blind to edges and smooth
-shading: one variance in space, and one that grows in proportion to the grey level over it, as counted electrons have
-it. Where space is cut off at the converter's lowest level its noise cannot be seen, and that of the Earth's side is
-taken for all. Texture of the ground finer than two pixels counts as noise.
+**Noise of the pixels** is measured near the limb by Immerkaer's operator, which is blind to edges and smooth shading:
+one variance in space, and one that grows in proportion to the grey level, as for counted electrons. Where space is cut
+off at the converter's lowest level, that of the Earth's side is used for all. Texture of the ground finer than two
+pixels counts as noise.
 
-Neglected: the direction of the profiles and the choice of points, which noise changes too. On rendered visible and
-infrared frames the scatter of draws about their mean agrees within a factor of two, cameras of every kind apart.
+Neglected: the effect of noise on the direction of the profiles and the choice of points.
 """
 
 from __future__ import annotations

@@ -1,18 +1,14 @@
-"""Which of the limb points that a search has found may be trusted to lie at one height above the Earth.
+"""The selection of limb points that lie at one height above the Earth.
 
-A point is as good as the two sides of its profile. Read across the limb, outside and inside of every point:
+Levels are read outside and inside of every point across the limb. Points are left out that are
 
-* *saturated*: where the bright side reaches full scale the edge stands where the tail of the air crosses full scale,
-  kilometres too high, and higher where the scene is brighter;
-* *faded*: towards the terminator the limb darkens and rises (its lowest lit layer is the Earth's shadow), so points
-  where the step is a small share of what it is elsewhere on the limb are left out. The terminator itself bounds nothing
-  but darkness: the step across it is no edge;
-* *faint*: where the Sun's direction is known, by a coarse sensor, the limb's height towards the terminator is too
-  (:mod:`horizonval.estimation.guard.sunlit`), and a point need only stand out of the noise;
-* *restless*: where the outer side varies (Sun's halo, Moon, ghost) by more than a share of the step;
-* *alone*: points that no longer belong to an unbroken stretch of some length.
-
-What remains is handed to a method, or nothing is.
+* *saturated*: where the bright side reaches full scale the edge is that of the air's tail, kilometres too high;
+* *faded*: towards the terminator the limb darkens and rises, so that points whose step is a small share of the step
+  elsewhere on the limb are left out;
+* *faint*: where the Sun's direction is known, so is the height towards the terminator
+  (:mod:`horizonval.estimation.guard.sunlit`), and a point need only exceed the noise;
+* *restless*: the outer side varies (Sun's halo, Moon, ghost) by more than a share of the step;
+* *alone*: points outside of any unbroken stretch of some length.
 """
 
 from __future__ import annotations

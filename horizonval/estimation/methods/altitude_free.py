@@ -6,21 +6,19 @@ angle eta from the optical axis and azimuth alpha gives one equation, their (8):
     cos rho = -sin eta cos alpha sin theta + sin eta sin alpha cos theta sin phi + cos eta cos theta cos phi
 
 in the unknowns ``x = (phi, theta, rho)``: roll, pitch, angular radius. Stacked over all pixels, F(x) = 0 is solved by
-Newton-Raphson with the pseudo-inverse ``(A^T A)^-1 A^T`` of the Jacobian; then ``H = R / sin rho - R``.
+Newton-Raphson with the pseudo-inverse ``(A^T A)^-1 A^T`` of the Jacobian; then ``H = R / sin rho - R``. The right side
+is the line of sight ``u`` times the nadir ``n = (-sin theta, cos theta sin phi, cos theta cos phi)``: limb directions
+lie on a cone about the nadir.
 
-The bracket is the line of sight ``u`` times the nadir ``n = (-sin theta, cos theta sin phi, cos theta cos phi)``: the
-equation says that limb directions lie on a cone about the nadir. It knows no altitude and no Earth radius until the
-very last step.
-
-**Start.** The paper does not give one. Three pixels are the fewest that determine the unknowns, so the start is the
-cone through three of them, a sixth, a half and five sixths along the arc.
+**Start.** The paper does not give one. Here it is the cone through three pixels, a sixth, a half and five sixths along
+the arc.
 
 **Pole.** Roll and pitch degenerate at theta = +-90 deg. The iteration runs in axes turned about the optical axis so
 that the guessed nadir has theta = 0, and the result is turned back; with the guess on the optical axis these are the
-paper's own axes.
+paper's axes.
 
-Spherical Earth, geocentric nadir; on the ellipsoid the fitted cone is tilted by up to 0.1 deg. Refraction and the
-height of the visible limb above the ground go into rho, hence into the altitude.
+Neglected: the Earth is a sphere (on the ellipsoid the fitted cone is tilted by up to 0.1 deg); refraction and the
+height of the visible limb go into rho, hence into the altitude.
 """
 
 from __future__ import annotations
@@ -60,16 +58,9 @@ def step_by_qr(jacobian: FloatArray, f: FloatArray) -> FloatArray:
 def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -> FloatArray:
     """Return the iterates of the published method, shape (k, 3): start first, the solution last.
 
-    Raises ``LinAlgError`` if the pixels do not determine the three unknowns.
-
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-        Unit lines of sight to the limb, n >= 3.
-    start : ndarray, shape (3,)
-        (phi, theta, rho) [rad].
-    step_of : callable
-        How the linear equations of a step are solved.
+    Raises ``LinAlgError`` if the pixels do not determine the three unknowns. ``los_cam`` (shape (n, 3)): unit lines of
+    sight to the limb, n >= 3. ``start`` (shape (3,)): (phi, theta, rho) [rad]. ``step_of``: how the linear equations of
+    a step are solved.
     """
     steps = [np.asarray(start, dtype=float)]
     for _ in range(MAX_STEPS):

@@ -1,19 +1,17 @@
-"""The altitude-free horizon sensor exactly as published (Raeisy and Ghofrani 2021): the yardstick of the improved one.
+"""The altitude-free horizon sensor as published (Raeisy and Ghofrani 2021).
 
-Every pixel that Canny marks, at its centre, is a point of the limb. Newton-Raphson on ``x = (phi, theta, rho)`` with
-the pseudo-inverse as printed, ``(A^T A)^-1 A^T``, in the paper's own axes; see
-:mod:`horizonval.estimation.methods.altitude_free` for the equation. Edges of anything but the limb are taken for limb.
+Every pixel that Canny marks, at its centre, is a point of the limb. Newton-Raphson on ``x = (phi, theta, rho)`` uses
+the pseudo-inverse as printed, ``(A^T A)^-1 A^T``, in the paper's axes; see
+:mod:`horizonval.estimation.methods.altitude_free` for the equation. Any other edge is taken for limb.
 
-**Start.** The paper gives none; here it is ``phi = theta = 0`` and rho = 45 deg, the middle of what satellites see. The
-choice of rho hardly matters: at ``phi = theta = 0`` the linearised equation is ``u_y dphi - u_x dtheta + u_z = const``,
-the plane through the sight lines' tips with its normal scaled to ``n_z = 1``; its ``dphi`` and ``dtheta`` are the
-tangents of the angles sought whatever rho is. The limit is that tangent: beyond some 60 deg off the optical axis the
-first step overshoots, and the iteration may end at the mirrored cone (-n, pi - rho), or nowhere.
+**Start.** The paper gives none; here it is ``phi = theta = 0`` and rho = 45 deg. The choice of rho hardly matters: at
+``phi = theta = 0`` the linearised equation is ``u_y dphi - u_x dtheta + u_z = const``, whose ``dphi`` and ``dtheta``
+are the tangents of the angles for any rho. Beyond some 60 deg off the optical axis the first step overshoots, and the
+iteration may end at the mirrored cone (-n, pi - rho), or nowhere.
 
-**Covariance.** A whole-pixel point is off by up to half a pixel. Where the limb runs along the pixels its neighbours
-are off alike; :func:`horizonval.estimation.limb.cone.cone_uncertainty` counts the correlation that the residuals
-show along the arc (on most arcs there is little: the staircase's saw teeth cancel). They do not show what all points
-share, Canny's preference for one of two equally steep pixels and the pull of shaded ground: see
+**Covariance.** A whole-pixel point is off by up to half a pixel, with correlation where the limb runs along the pixels;
+:func:`horizonval.estimation.limb.cone.cone_uncertainty` counts the correlation of the residuals along the arc. Errors
+common to all points (Canny's choice between equally steep pixels, the pull of shaded ground) are
 :data:`COMMON_OFFSET_PX`.
 """
 

@@ -76,14 +76,9 @@ class HorizonReading:
 def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: float) -> HorizonReading:
     """Return the reading of an ideal sensor over a sphere.
 
-    Parameters
-    ----------
-    r : ndarray, shape (3,)
-        Sensor position from the Earth's centre [m], in any reference axes.
-    q_cam_from_ref : ndarray, shape (4,)
-        Attitude, scalar last. The boresight is the camera's +z, its right axis +x, its up axis -y.
-    radius_m : float
-        Earth radius.
+    ``r`` (shape (3,)): sensor position from the Earth's centre [m], in any reference axes. ``q_cam_from_ref`` (shape
+    (4,)): Attitude, scalar last. The boresight is the camera's +z, its right axis +x, its up axis -y. ``radius_m``:
+    Earth radius.
     """
     undefined = np.zeros(3)
     distance = float(np.linalg.norm(r))

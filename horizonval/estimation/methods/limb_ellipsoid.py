@@ -1,14 +1,10 @@
 """The limb of the Earth's ellipsoid by maximum likelihood of the pixels across it, position and coarse attitude known.
 
-Where the satellite stands over the ellipsoid, and which way the camera is turned about the nadir to a degree or two,
-says how the limb departs from a circle: by up to 400 arcsec in low orbit, which methods of a cone take for tilt. What a
-prior knows is rows of the fit: position (3), attitude (3), height of the limb. It claims the geocentric nadir, as the
-methods of a cone do, so that they can be compared; roll and pitch are against it.
-
-It needs a position and an attitude, and refuses without: a sphere of the local radius would be another method, with
-other errors (``limb-sphere``).
-
-Where it starts: :mod:`horizonval.estimation.likelihood.start`.
+Position and turn about the nadir (to a degree or two) give the limb's departure from a circle, up to 400 arcsec in low
+orbit, which methods of a cone take for tilt. The prior is rows of the fit: position (3), attitude (3), height of the
+limb. The method claims the geocentric nadir, as the methods of a cone do. It refuses without a position and an
+attitude: a sphere of the local radius would be another method (``limb-sphere``). Start:
+:mod:`horizonval.estimation.likelihood.start`.
 """
 
 from __future__ import annotations

@@ -1,20 +1,18 @@
 """The whole profile of the limb by maximum likelihood, against rendered profiles of the air of the place and month.
 
-``limb-ellipsoid`` takes the limb for an edge of one shape at a height that is not known. Here the brightness over
-height, from the ground to where nothing shines any more, is that of tables made with the renderer: the mean of air,
-haze, cloud and ground at a latitude and in a month (or under a Sun), and how far and in which shapes they differ from
-it. The shapes' coefficients are unknowns that vary along the limb, each with its own prior, so that the height of the
-limb comes from its brightness and softness too, and the claim holds what the air leaves open.
+``limb-ellipsoid`` fits an edge of one shape at an unknown height. Here the brightness over height is that of tables
+made with the renderer: the mean of air, haze, cloud and ground at a latitude and in a month (or under a Sun), and its
+modes. Their coefficients are unknowns that vary along the limb, each with a prior, so that brightness and softness
+determine the height, and the claim includes the uncertainty of the air.
 
-It needs a position, an attitude to some degrees, a time and the wavelengths of the camera, and refuses without; what
-is told of the lens, its blur over the field and its diffraction, is in the prediction. The
-tables are those that are shipped, or the file of `horizonval templates` that the prior's ``climate`` names. The
-start is the tilt near the prior's attitude at which the predicted picture is most like the image: no search for edges.
+The method refuses without a position, an attitude to some degrees, a time and the wavelengths of the camera. Stated
+blur over the field and diffraction of the lens are in the prediction. Tables are the shipped ones, or the file of
+`horizonval templates` that the prior's ``climate`` names. The start is the tilt near the prior's attitude whose
+prediction fits the image best.
 
-What it refuses: an image that no tilt makes like a limb, or of which the fit explains less than
-:data:`LEAST_EXPLAINED`; an air more than :data:`MOST_IMPROBABLE` from its tables; an attitude more than
-:data:`MOST_SIGMA` standard deviations from the prior's; a lens whose blur changes along the limb by
-more than is told of it (:func:`.uneven_lens`).
+It also refuses an image that no tilt predicts, or of which the fit explains less than :data:`LEAST_EXPLAINED`; an air
+more than :data:`MOST_IMPROBABLE` from its tables; an attitude more than :data:`MOST_SIGMA` standard deviations from the
+prior's; a lens whose blur changes along the limb by more than stated (:func:`.uneven_lens`).
 """
 
 from __future__ import annotations

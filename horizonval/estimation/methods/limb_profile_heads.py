@@ -1,14 +1,9 @@
 """The whole profile of the limb in all heads of a housing at once: one pose, one air.
 
-``limb-profile`` for several cameras: their pixels are fitted together
-(:mod:`horizonval.estimation.likelihood.profile.heads`), with an air that the limbs in all of them share. What one
-camera cannot tell apart, a tilt and the height of its limb, another one at right angles can. Each head is fitted alone
-first; heads that show no limb, or something that is none, are left out, and one head that does show it is enough.
-
-It needs what ``limb-profile`` needs. Linear arrays show no profile with a shape along it: with one among the heads the
-method is ``limb-heads``.
-
-What it refuses: what ``limb-profile`` does, of all heads together.
+``limb-profile`` for several cameras, fitted together (:mod:`horizonval.estimation.likelihood.profile.heads`): a tilt
+and the height of the limb, which one camera cannot distinguish, differ in another one at right angles. Each head is
+fitted alone first; heads without a limb are left out, and one with a limb suffices. Requirements and refusals are those
+of ``limb-profile``. With a linear array among the heads the method is ``limb-heads``.
 """
 
 from __future__ import annotations

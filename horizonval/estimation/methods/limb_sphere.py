@@ -1,12 +1,10 @@
 """The limb of a sphere by maximum likelihood of the pixels across it.
 
-Points of the search for the limb give a cone, and the cone a start; from there on the pixels themselves are fitted
-(:mod:`horizonval.estimation.likelihood.fit`): two tilts, the altitude, the height of the limb, blur and softness, and
-levels by sector. Altitude and height of the limb change a sphere's limb alike, and only priors tell them apart: without
-one of the altitude the limb is taken for the sphere itself, as the other methods of a cone do.
-
-The Earth's flattening is left out. How it may bend the limb, the pole being anywhere, is in the fit as a relief, and so
-in what is claimed.
+A cone through the points of the search gives the start; then the pixels are fitted
+(:mod:`horizonval.estimation.likelihood.fit`): two tilts, altitude, height of the limb, blur and softness, and levels by
+sector. Altitude and height change a sphere's limb equally, and only priors distinguish them: without a prior of the
+altitude the limb is taken for the sphere, as in the methods of a cone. The effect of the Earth's flattening, with poles
+anywhere, is a relief of the fit and part of the claim.
 """
 
 from __future__ import annotations

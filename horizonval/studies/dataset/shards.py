@@ -192,12 +192,8 @@ class Shard:
 class Drawing:
     """What the frames of all shards are drawn from.
 
-    Attributes
-    ----------
-    digest : str
-        Of the list of seeds and of the code: what every shard depends on beside its name.
-    source : str
-        The suite's file, for errors.
+    ``digest``: of the list of seeds and of the code: what every shard depends on beside its name. ``source``: the
+    suite's file, for errors.
     """
 
     digest: str

@@ -110,14 +110,8 @@ def compare_images(
 ) -> dict[str, Any]:
     """Return what a re-rendered scene and band is like beside the base's.
 
-    Parameters
-    ----------
-    now, base : mapping
-        The bands' records: ``radiance_sha256``, ``images``, ``noise_dn``.
-    radiance : ndarray, shape (H, W), or None
-        Of now; needed where the digests differ.
-    frozen : FrozenFrame or None
-        Of the base, to 12 bits.
+    ``now``, ``base``: the bands' records: ``radiance_sha256``, ``images``, ``noise_dn``. ``radiance`` (shape (H, W)):
+    of now; needed where the digests differ. ``frozen``: of the base, to 12 bits.
 
     Returns
     -------

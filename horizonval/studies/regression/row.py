@@ -28,13 +28,7 @@ class ReplicateRow(Row):
 
     ``image_address`` is the digest of the image's digital numbers. A row holds the stored columns only, so that one of
     tonight and one of a baseline can be compared; of ``expected`` it says no more than whether an answer is due.
-
-    Attributes
-    ----------
-    replicate : int
-        Seed of the noise.
-    table : str
-        The suite's table that the scene comes from: its stratum.
+    ``replicate``: seed of the noise. ``table``: the suite's table that the scene comes from: its stratum.
     """
 
     replicate: int = 0

@@ -275,14 +275,9 @@ def decide(
 ) -> list[tuple[Verdict, float | None]]:
     """Return the verdict and the adjusted p-value of every gate of a night.
 
-    Parameters
-    ----------
-    estimates : sequence of Estimate or None
-        None where there is too little to estimate from: INCONCLUSIVE.
-    margins : sequence of float
-        Above 0, in the estimates' units.
-    looks : int
-        How often the data may be looked at before the verdict is final; the level is shared among them.
+    ``estimates``: none where there is too little to estimate from: INCONCLUSIVE. ``margins``: above 0, in the
+    estimates' units. ``looks``: how often the data may be looked at before the verdict is final; the level is shared
+    among them.
     """
     known = [i for i, estimate in enumerate(estimates) if estimate is not None]
     chances = [_chances(estimates[i], two_sided[i]) for i in known]

@@ -64,14 +64,9 @@ def cheapest(
 ) -> JsonObject:
     """Return the answer to "which is the cheapest design that meets the requirement?".
 
-    Parameters
-    ----------
-    designs : sequence of mapping
-        ``name``, ``within`` and ``misses`` (:func:`horizonval.studies.trade.sample.misses_of`) of each.
-    by : str
-        The expression that the prices are of.
-    prices : mapping
-        By name, as :func:`horizonval.studies.trade.cost.price_of`; designs without a price come last.
+    ``designs``: ``name``, ``within`` and ``misses`` (:func:`horizonval.studies.trade.sample.misses_of`) of each.
+    ``by``: the expression that the prices are of. ``prices``: by name, as
+    :func:`horizonval.studies.trade.cost.price_of`; designs without a price come last.
 
     Returns
     -------

@@ -85,12 +85,8 @@ class Design:
 class StudyPlan:
     """Designs, conditions and frames of a study: what its results follow from, with the rows.
 
-    Attributes
-    ----------
-    conditions : dict
-        Cluster of every condition: samples of one flight belong together where there are several flights.
-    frames : dict
-        Entry and condition of every frame, by the case's name.
+    ``conditions``: cluster of every condition: samples of one flight belong together where there are several flights.
+    ``frames``: entry and condition of every frame, by the case's name.
     """
 
     head: StudyHead

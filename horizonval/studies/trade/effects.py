@@ -1,17 +1,14 @@
 """Which axis matters: main effects and interactions of two axes on the logarithm of the error.
 
-The response of a design is the mean of log10 of its nadir error, over the frames that all compared designs answered, so
-that an easy frame which only some of them answered favours none. Designs that stand in the way of frames in common are
-left out, a quarter of them at most; where that is not enough it is over each design's own claims. The sum of squares of
-a term is by how much the residual grows when the term is taken out of the model that has all terms of its order and
-below ("type II": R. Langsrud, Statistics and Computing 13, 163, 2003). On a full grid these are the classical ones and
-add up to the total; on a grid with gaps they need not.
+The response of a design is the mean of log10 of its nadir error over the frames that all compared designs answered, so
+that an easy frame favours none. Up to a quarter of the designs are left out to obtain common frames; where that is not
+enough each design's claims are used. The sum of squares of a term is the growth of the residual when the term is
+removed from the model with all terms of its order and below ("type II": R. Langsrud, Statistics and Computing 13, 163,
+2003). On a full grid these are the classical ones and add up to the total; on a grid with gaps they need not.
 
-Every design is one number here: what the shares owe to the choice of frames shows in their intervals, by drawing the
-conditions anew. A share cannot be negative, and a term that does nothing still gets a little: compare the lower end.
-
-Also here: two designs compared on the same frames (:func:`compare`), and the designs that no other beats in every
-respect (:func:`front`).
+The uncertainty of the shares comes from resampling the conditions. A share cannot be negative, and a term without
+effect still gets a little: compare the lower end. Also here: two designs compared on the same frames (:func:`compare`),
+and the designs that no other beats in every respect (:func:`front`).
 """
 
 from __future__ import annotations

@@ -46,16 +46,9 @@ LARGEST_LOG_STEP = 0.5
 class ProfileFrame:
     """A frame on the way to the most probable camera.
 
-    Raises ``LinAlgError``: no limb, too little of it, or no fit with the camera that was told.
-
-    Parameters
-    ----------
-    camera : CameraModel
-        As it was told.
-    turn_sigma_rad : float
-        Of the mounting: so much farther than the attitude's prior the limb may lie.
-    bends : bool
-        Whether its distortion may be wrong.
+    Raises ``LinAlgError``: no limb, too little of it, or no fit with the camera that was told. ``camera``: as it was
+    told. ``turn_sigma_rad``: of the mounting: so much farther than the attitude's prior the limb may lie. ``bends``:
+    whether its distortion may be wrong.
     """
 
     def __init__(self, known: KnownProfile, camera: CameraModel, turn_sigma_rad: float, *, bends: bool = False) -> None:

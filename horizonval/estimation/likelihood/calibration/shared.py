@@ -63,16 +63,9 @@ def prior_sigmas(observation: Observation, height_sigma_m: float) -> FloatArray:
 def off_priors(priors: int, height: int, own: int) -> FloatArray:
     """Return how far a frame's unknowns are off their priors, as rows of its own unknowns and of what is shared.
 
-    Its turn is counted from that of the mounting, and its height from that of all limbs.
-
-    Parameters
-    ----------
-    priors : int
-        Of its own unknowns, the first so many have one.
-    height : int
-        Number of its height among them.
-    own : int
-        How many unknowns of its own there are.
+    Its turn is counted from that of the mounting, and its height from that of all limbs. ``priors``: of its own
+    unknowns, the first so many have one. ``height``: number of its height among them. ``own``: how many unknowns of its
+    own there are.
     """
     rows = np.zeros((priors, own + SHARED))
     rows[:, :priors] = np.eye(priors)

@@ -206,13 +206,7 @@ thermal ones; of visible ones data sheets and integrating spheres are right to s
 
 @dataclass(frozen=True)
 class KnownProfile:
-    """A picture, and what is known of its limb.
-
-    Attributes
-    ----------
-    tilt_sigma_rad : float
-        Of the attitude that is stated.
-    """
+    """A picture, and what is known of its limb. ``tilt_sigma_rad``: of the attitude that is stated."""
 
     picture: Picture
     knowledge: ProfileKnowledge

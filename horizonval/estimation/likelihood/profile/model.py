@@ -136,16 +136,9 @@ class Equations:
 class ProfileModel:
     """The pixels that see the profile at a pose.
 
-    Raises ``LinAlgError``: too little limb in view.
-
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        NaN where a pixel tells nothing.
-    blur_px : float
-        Of the lens, for how wide the window is.
-    most : int, optional
-        About so many pixels of the image, evenly spread.
+    Raises ``LinAlgError``: too little limb in view. ``image`` (shape (H, W)): NaN where a pixel tells nothing.
+    ``blur_px``: of the lens, for how wide the window is. ``most`` (optional): about so many pixels of the image, evenly
+    spread.
 
     Attributes
     ----------
