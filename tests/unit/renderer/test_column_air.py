@@ -18,7 +18,7 @@ from horizonval.renderer.frame import render_frame  # noqa: E402
 
 CAMERA = CameraSpec.model_validate(
     {
-        "camera": {"width": 40, "height": 40, "fov_deg": 60.0},
+        "camera": {"width": 24, "height": 24, "fov_deg": 60.0},
         "band": [{"name": "b", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 2}],
     }
 )
