@@ -61,10 +61,7 @@ def test_one_column_serves_where_air_is_the_same(atmosphere: dict[str, Any]) -> 
 
 
 def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With refraction and particles; single precision and the sum of two numbers are all that is between them.
-
-    Marched: view tables have a border where one column's air ends, and where those of many do only at the model's top.
-    """
+    """With refraction and particles, marched, to single precision: view tables have other borders."""
     from horizonval.renderer import description
 
     scene = _scene(CLIMATES, method="march")

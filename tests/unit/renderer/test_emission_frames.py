@@ -189,10 +189,7 @@ def _cloudy(air: OpticalModel, emissivity: float, spec: Any, **changes: Any) -> 
 
 
 def _uncut(hit: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return the pixels through which no outline runs: all around them meet the same.
-
-    Pixels are at most 3 km here: no more than slivers of a cloud hide between two centres.
-    """
+    """Return the pixels through which no outline runs: all around them meet the same."""
     return np.asarray(minimum_filter(hit, 3) == maximum_filter(hit, 3))
 
 
@@ -200,8 +197,7 @@ def _uncut(hit: NDArray[np.uint8]) -> NDArray[np.bool_]:
 def test_clouds_between_opaque_and_invisible() -> None:
     """Emissivity 0 is a clear sky; a half is the mean of that and opaque clouds, radiance being linear in it: 1e-6.
 
-    Where the outline of the clouds cuts a pixel it is two rays, each through the middle of its part, instead of one
-    through the centre. Their mean lies between the extremes of the clear centres around, radiance falling with height.
+    Pixels that the outline cuts are two rays; their mean lies between the extremes of the clear centres around.
     """
     spec = camera(WINDOW, fov_deg=4.0)
     limb = {"camera": {"file": "test", "mount_roll_deg": 68.0}}
@@ -222,10 +218,7 @@ def test_clouds_between_opaque_and_invisible() -> None:
 
 @pytest.mark.slow
 def test_opaque_clouds_straight_down_have_the_closed_form() -> None:
-    """Air above the top, summed on 10 m by hand, and a black body as warm as the air there: 1e-3.
-
-    The distance map says how high a top is; the camera looks straight down on half a degree.
-    """
+    """Air above the top, summed on 10 m here, and a black body as warm as the air there: 1e-3."""
     spec = camera(WINDOW, fov_deg=0.5, pixels=16)
     down = {"camera": {"file": "test", "mount_roll_deg": 0.0}, "clouds": CLOUDS | {"cover": 1.0}}
     seen = scene(**down, render={"subsamples": 1})
@@ -245,10 +238,7 @@ def test_opaque_clouds_straight_down_have_the_closed_form() -> None:
 
 @pytest.mark.slow
 def test_no_sky_shines_through_clouds_past_the_horizon() -> None:
-    """By night over black ground, without airglow: a ray that ends on a cloud beyond the horizon is dark.
-
-    Of pixels that the outline of the clouds cuts a part is sky; they are left out.
-    """
+    """By night over black ground, without airglow: a ray that ends on a cloud beyond the horizon is dark."""
     seen = scene(
         camera={"file": "test", "mount_roll_deg": 68.0},
         sun={"zenith_deg": 150.0},
@@ -268,12 +258,7 @@ def test_no_sky_shines_through_clouds_past_the_horizon() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("spectrum", [CO2, WINDOW], ids=["co2", "window"])
 def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any], monkeypatch: Any) -> None:
-    """P and Q of rays at random, halfway between stations too: 4e-3 of the brightest, 0.4 K of a cloud top.
-
-    The worst is where a top stands at a kink of the temperature, the tropopause.
-
-    Tops at 12 km at most; limb rays that pass below 10 km, and rays to the ground.
-    """
+    """P and Q of random rays, halfway between stations too: 4e-3 of the brightest, worst at the tropopause's kink."""
     from horizonval.renderer.tables import vectors
     from horizonval.renderer.thermal import emission_table
 
