@@ -126,16 +126,17 @@ def test_who_does_not_read_is_given_up(pair):
         send(theirs, bytes(1 << 24), 0.2)
 
 
+TEXT = st.text("a\n\0\u00e9\u20ac\U0001f600")
 VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers(-(1 << 63), (1 << 64) - 1) | st.floats(allow_nan=False) | st.text()
+    st.none() | st.booleans() | st.integers(-(1 << 63), (1 << 64) - 1) | st.floats(allow_nan=False) | TEXT
     | st.binary(),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(TEXT, inner, max_size=4),
     max_leaves=20,
 )  # fmt: skip
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.dictionaries(st.text(), VALUES, max_size=6))
+@given(st.dictionaries(TEXT, VALUES, max_size=6))
 def test_a_map_comes_back(message):
     assert unpack(pack(message)) == message
 
