@@ -138,7 +138,7 @@ def test_who_has_gone_costs_no_rendering(run):
 
 def test_who_does_not_read_holds_up_nobody_and_is_given_up(run):
     def large(request: ImageRequest) -> dict[str, Any]:
-        return {**answered(request), "dn": array_to_map(np.zeros((4000, 4000), np.uint16))}
+        return {**answered(request), "dn": array_to_map(np.zeros((1500, 1500), np.uint16))}
 
     running = run(large, time_limit_s=0.5)
     with running.raw() as lazy, running.client() as busy:
