@@ -20,6 +20,7 @@ SOLAR = {"name": "b", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
 THERMAL = {"name": "b", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
 CO2 = {"name": "b", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
 LENS = {"width": 320, "height": 320, "distortion": [-0.12, 0.03, 4e-4, -3e-4, -0.004]}
+SMALL = {"width": 40, "height": 30}
 EARTH = {"kind": "earth"}
 CLOUDS = {"cover": 0.5, "seed": 5, "scale_km": 200.0}
 CLIMATES = {"profile": "by_latitude_month"}
@@ -28,9 +29,10 @@ ONCE = {"orders": "single", "nodes": 128}
 FRAMES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
     "sunlight": ({}, SOLAR, {}),
     "thermal": ({}, THERMAL, {}),
-    "clouds over the Earth": ({"surface": EARTH, "clouds": CLOUDS}, SOLAR, {}),
-    "clouds over even ground": ({"surface": {"albedo": 0.2}, "clouds": CLOUDS}, SOLAR, {}),
-    "thermal clouds": ({"clouds": CLOUDS}, CO2, {"width": 40, "height": 30}),
+    "clouds over the Earth": ({"surface": EARTH, "clouds": CLOUDS, "render": ONCE}, SOLAR, SMALL),
+    "clouds over the Earth, all orders": ({"surface": EARTH, "clouds": CLOUDS}, SOLAR, {}),
+    "clouds over even ground": ({"surface": {"albedo": 0.2}, "clouds": CLOUDS, "render": ONCE}, SOLAR, SMALL),
+    "thermal clouds": ({"clouds": CLOUDS}, CO2, SMALL),
     "whole pixels": ({"render": ONCE}, SOLAR, LENS),
     "whole pixels, marched": ({"render": ONCE | {"method": "march"}}, SOLAR, LENS),
     "climates under clouds": ({"atmosphere": CLIMATES, "surface": EARTH, "clouds": CLOUDS}, CO2, {}),
@@ -38,7 +40,14 @@ FRAMES: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
     "moonlight": ({"sun": {"zenith_deg": 130.0}, "moon": {"zenith_deg": 60.0, "azimuth_deg": 10.0}}, SOLAR, {}),
     "refraction": ({"sun": {"zenith_deg": 93.0}, "atmosphere": {"refraction": True}}, SOLAR, {}),
 }
-SLOW = ("climates under clouds", "terminator", "moonlight", "refraction")
+SLOW = (
+    "clouds over the Earth, all orders",
+    "whole pixels, marched",
+    "climates under clouds",
+    "terminator",
+    "moonlight",
+    "refraction",
+)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in FRAMES])

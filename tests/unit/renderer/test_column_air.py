@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import horizonval as hv
 from horizonval.earth.optical import optical_model
 from horizonval.renderer.backend import activate
 from horizonval.spec.camera import CameraSpec
@@ -18,7 +19,7 @@ from horizonval.renderer.frame import render_frame  # noqa: E402
 
 CAMERA = CameraSpec.model_validate(
     {
-        "camera": {"width": 40, "height": 40, "fov_deg": 60.0},
+        "camera": {"width": 24, "height": 24, "fov_deg": 60.0},
         "band": [{"name": "b", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 2}],
     }
 )
@@ -61,10 +62,7 @@ def test_one_column_serves_where_air_is_the_same(atmosphere: dict[str, Any]) -> 
 
 
 def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With refraction and particles; single precision and the sum of two numbers are all that is between them.
-
-    Marched: view tables have a border where one column's air ends, and where those of many do only at the model's top.
-    """
+    """With refraction and particles, marched, to single precision: view tables have other borders."""
     from horizonval.renderer import description
 
     scene = _scene(CLIMATES, method="march")
@@ -85,7 +83,7 @@ def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.Monke
     assert images[0] == pytest.approx(images[1], rel=2e-6)
 
 
-@pytest.mark.parametrize("atmosphere", [CLIMATES, WEATHER], ids=["rows", "map"])
+@pytest.mark.parametrize("atmosphere", [CLIMATES, pytest.param(WEATHER, marks=pytest.mark.slow)], ids=["rows", "map"])
 def test_tables_are_the_march(atmosphere: dict[str, Any]) -> None:
     table, march = (
         render_frame(_scene(atmosphere, method=method, nodes=nodes), CAMERA).radiance["b"]
@@ -93,3 +91,41 @@ def test_tables_are_the_march(atmosphere: dict[str, Any]) -> None:
     )
     bright = march > 1e-3 * march.max()
     assert table[bright] == pytest.approx(march[bright], rel=1e-3)
+
+
+SMALL = {"width": 24, "height": 24}
+
+
+def _frame(profile: str, sun_zenith_deg: float, *, refraction: bool) -> np.ndarray:
+    camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera=SMALL)
+    scene = hv.Scene(
+        camera=camera,
+        altitude_km=500,
+        mount_roll_deg=65,
+        sun={"zenith_deg": sun_zenith_deg, "azimuth_deg": 90.0},
+        atmosphere={"profile": profile, "refraction": refraction},
+        render={"orders": "single", "subsamples": 1, "nodes": 48},
+    )
+    return np.asarray(hv.render(scene).radiance["vis"])
+
+
+def _by_refraction(profile: str, sun_zenith_deg: float) -> float:
+    """Return what refraction changes, median of bright pixels."""
+    seen, straight = (_frame(profile, sun_zenith_deg, refraction=refraction) for refraction in (True, False))
+    assert np.isfinite(seen).all()
+    assert (seen >= 0.0).all()
+    bright = straight > 0.1 * straight.max()
+    return float(np.median(np.abs(seen[bright] / straight[bright] - 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("state", "sun_zenith_deg"),
+    [
+        ("ec2008-59", 89.5),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("ec2008-16", 89.5), ("ec2008-59", 50.0))),
+    ],
+)
+def test_states_with_strong_inversions(state: str, sun_zenith_deg: float) -> None:
+    """Refraction changes their light about as much as that of smoother air: bending at the ground differs by a half."""
+    changed, of_smooth = (_by_refraction(name, sun_zenith_deg) for name in (f"weather:{state}", "us_standard"))
+    assert of_smooth / 1.5 < changed < 1.5 * of_smooth

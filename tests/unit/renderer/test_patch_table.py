@@ -83,9 +83,9 @@ def test_a_kink_is_within_the_tolerance_in_small_patches() -> None:
     assert table.patches > 2 * _patches_of(_smooth)
 
 
-def _patches_of(function) -> int:
+def _patches_of(function, count: int = 2000) -> int:
     table = _table(function)
-    _looked(table, *_draws(2000))
+    _looked(table, *_draws(count))
     return table.patches
 
 
@@ -115,13 +115,7 @@ def test_what_is_read_does_not_depend_on_what_was_seen_before(function) -> None:
     grown = _table(function)
     for part in np.array_split(np.random.default_rng(1).permutation(len(x)), 7):
         assert np.array_equal(_looked(grown, x[part], azimuth[part]), whole[part])
-    assert grown.patches == _grown_at_once(function, x, azimuth)
-
-
-def _grown_at_once(function, x: FloatArray, azimuth: FloatArray) -> int:
-    table = _table(function)
-    _looked(table, x, azimuth)
-    return table.patches
+    assert grown.patches == _patches_of(function, 3000)
 
 
 def test_patches_are_made_where_rays_fall_and_nowhere_else() -> None:

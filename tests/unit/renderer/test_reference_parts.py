@@ -63,12 +63,6 @@ def test_a_coarser_detector_keeps_the_lens() -> None:
         reference.resized(camera, 64, 64, "")
 
 
-def test_seeds_belong_to_scene_node_and_pass() -> None:
-    seeds = {reference._seed(scene, i, k) for scene in ("c0ffee" * 8, "c0ffef" * 8) for i in range(4) for k in range(8)}
-    assert len(seeds) == 64
-    assert reference._seed("c0ffee" * 8, 1, 2) == reference._seed("c0ffee" * 8, 1, 2)
-
-
 @pytest.mark.parametrize(("spp", "pixels"), [(2, 1), (7, 100), (64, 512**2), (4096, 512**2), (3, 10**8)])
 def test_passes_are_bounded_and_give_no_less_than_asked(spp: int, pixels: int) -> None:
     passes, each = reference._passes(spp, pixels)

@@ -33,10 +33,7 @@ def test_all_inhabitants_are_on_the_map() -> None:
 
 
 def test_light_upwards_is_that_of_the_lamps() -> None:
-    """Garstang's intensity over the upper hemisphere: what the ground reflects of the lamps, and what goes past it.
-
-    0.554 is his constant by which the second part is F; a tenth is lost within 6 deg of the level.
-    """
+    """Garstang's intensity over the upper hemisphere; a tenth is lost within 6 deg of the level."""
     x, w = np.polynomial.legendre.leggauss(200)
     mu = 0.5 * (x + 1.0)
     flux = 2.0 * np.pi * float(np.sum(0.5 * w * mu * luminance_per_density(mu)))

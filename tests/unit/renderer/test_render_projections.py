@@ -95,11 +95,7 @@ def test_both_sides_see_the_same_image_circle(mi: Any, projection: Any) -> None:
 
 
 def test_a_fisheye_frame_shows_the_exact_horizon(mi: Any) -> None:
-    """190 deg, tilted so that the limb runs from in front of the camera to behind it.
-
-    The hit map is exact but for pixels whose centre lies within 1e-6 rad of the horizon. Radiance over that of ground
-    is the covered share: 1 or 0 a pixel (1.2 deg, 21 mrad) and more away from the horizon.
-    """
+    """190 deg, the limb from before to behind the camera: hits exact to 1e-6 rad, shares beyond a pixel (21 mrad)."""
     frame, camera = frame_of(FISHEYE, THERMAL, camera={"file": "t", "mount_roll_deg": 75.0})
     inside, angle = in_image_circle(camera), limb_angle(frame, camera)
     hit = frame.maps["hit"]
@@ -128,8 +124,7 @@ def test_a_fisheye_frame_shows_the_exact_horizon(mi: Any) -> None:
 def test_the_whole_earth_fills_its_solid_angle(mi: Any, geometry: dict[str, Any], roll_deg: float) -> None:
     """Looking down from 500 km, the radiance adds up over pixels to ``2 pi (1 - cos rho)``: 1e-4.
 
-    Pixels of 1.0 deg and 1.5 deg: the midpoint rule errs by their square over 24, 1.3e-5 and 2.9e-5; the edges' own
-    errors are random and smaller. Looking up the missing part is space: ``2 pi (1 + cos rho)`` less what is not seen.
+    The midpoint rule errs by 1.3e-5 and 2.9e-5. Looking up the missing part is space, ``2 pi (1 + cos rho)``.
     """
     scene: dict[str, Any] = {"camera": {"file": "t", "mount_roll_deg": roll_deg}, "earth": {"shape": "sphere"}}
     frame, camera = frame_of(geometry, THERMAL, **scene)
@@ -152,9 +147,8 @@ def test_the_sun_carries_its_irradiance_wherever_it_stands(
 ) -> None:
     """1e-4 of the Sun's irradiance on a surface that faces it, also behind the camera plane of a 190 deg fisheye.
 
-    The shares of cells are exact, and the pixel's solid angle is the polygon of its corners in the renderer but the
-    Jacobian here, which differ by the pixel angle squared (1.2 deg: 4.6e-4) over 12. In the pinhole
-    the disc is a few cells across, and its outline in a cell is taken as a parabola: 1 %.
+    The renderer's solid angle of a pixel is the polygon of its corners, here the Jacobian: 4.6e-4 / 12 apart. In the
+    pinhole the disc is a few cells across, and its outline in a cell is a parabola: 1 %.
     """
     scene: dict[str, Any] = {
         "camera": {"file": "t", "mount_roll_deg": 180.0},
@@ -185,10 +179,7 @@ def test_a_line_of_pixels_sees_the_limb(mi: Any) -> None:
 
 
 def test_the_full_disc_from_the_geostationary_orbit(mi: Any) -> None:
-    """An equal-angle grid of 17.4 deg: the hit map is exact, and the Earth's solid angle right to 1e-5.
-
-    Pixels of 0.087 deg err by 1e-7 of the midpoint rule; 200 of them across the disc leave 1e-6 of edge errors.
-    """
+    """An equal-angle grid of 17.4 deg: the hit map is exact, and the Earth's solid angle right to 1e-5."""
     geometry = {"width": 200, "height": 200, "fov_deg": 17.8, "projection": "equal_angle"}
     scene: dict[str, Any] = {"earth": {"shape": "sphere"}, "camera": {"file": "t", "mount_yaw_deg": 20.0}}
     frame, camera = frame_of(geometry, THERMAL, altitude_km=35786.0, **scene)

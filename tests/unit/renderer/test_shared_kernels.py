@@ -16,12 +16,14 @@ activate()
 
 import drjit as dr  # noqa: E402
 
-VISIBLE = {"name": "v", "kind": "solar", "nodes": 4}
+VISIBLE = [{"name": "v", "kind": "solar", "nodes": 4, "lo_um": a, "hi_um": b} for a, b in ((0.45, 0.75), (0.5, 0.65))]
+INFRARED = [{"name": "i", "kind": "thermal", "lo_um": a, "hi_um": b} for a, b in ((14.0, 16.0), (13.5, 15.0))]
+ONCE = {"render": {"orders": "single"}}
 LENS = {"width": 96, "height": 64, "fov_deg": 60.0, "distortion": [-0.12, 0.03, 4e-4, -3e-4, -0.004]}
 OTHER_LENS = {"width": 80, "height": 90, "fov_deg": 70.0, "distortion": [-0.1, 0.02, 1e-4, 1e-4, -0.001]}
-CLOUDS = {"surface": {"kind": "earth"}, "clouds": {"cover": 0.5}, "render": {"orders": "single"}}
-OTHER_CLOUDS = {"surface": {"kind": "earth"}, "clouds": {"cover": 0.7, "top_km": 9.0}, "render": {"orders": "single"}}
-CLIMATES = {"atmosphere": {"profile": "by_latitude_month"}, "render": {"orders": "single"}}
+CLOUDS = {"surface": {"kind": "earth"}, "clouds": {"cover": 0.5}} | ONCE
+OTHER_CLOUDS = {"surface": {"kind": "earth"}, "clouds": {"cover": 0.7, "top_km": 9.0}} | ONCE
+CLIMATES = {"atmosphere": {"profile": "by_latitude_month"}} | ONCE
 """Two scenes see different numbers of rows of latitude."""
 
 
@@ -39,35 +41,14 @@ def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapp
 @pytest.mark.parametrize(
     ("band", "other_band", "changes", "other_changes", "most", "marches"),
     [
-        ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, {}, {}, 55, 1),
-        pytest.param(
-            {**VISIBLE, "lo_um": 0.45, "hi_um": 0.75},
-            {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65},
-            CLOUDS,
-            OTHER_CLOUDS,
-            80,
-            4,  # two by day, and two with pieces on either side of the shadow's edge
-            marks=pytest.mark.slow,
-        ),
-        (
-            {"name": "i", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.0},
-            {"name": "i", "kind": "thermal", "lo_um": 13.5, "hi_um": 15.0},
-            {},
-            {},
-            50,
-            0,
-        ),
-        pytest.param(
-            {**VISIBLE, "lo_um": 0.45, "hi_um": 0.75},
-            {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65},
-            CLIMATES,
-            CLIMATES,
-            55,
-            1,
-            marks=pytest.mark.slow,
-        ),
+        (*VISIBLE, ONCE, ONCE, 55, 1),
+        pytest.param(*VISIBLE, {}, {}, 55, 1, marks=pytest.mark.slow),
+        # two marches by day, and two with pieces on either side of the shadow's edge
+        pytest.param(*VISIBLE, CLOUDS, OTHER_CLOUDS, 80, 4, marks=pytest.mark.slow),
+        (*INFRARED, {}, {}, 50, 0),
+        pytest.param(*VISIBLE, CLIMATES, CLIMATES, 55, 1, marks=pytest.mark.slow),
     ],
-    ids=["air", "clouds", "thermal", "climates"],
+    ids=["air", "all orders", "clouds", "thermal", "climates"],
 )
 def test_another_scene_of_the_kind_compiles_nothing(
     band: dict[str, Any],

@@ -1,8 +1,9 @@
-"""Tables over rays: cubic interpolation up to the ends of both axes, and nodes made where rays look."""
+"""Tables over rays, cubic up to the ends of both axes and made where rays look; the store that drops old ones."""
 
 from __future__ import annotations
 
 import math
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from horizonval.renderer.backend import activate
 activate()
 import mitsuba as mi  # noqa: E402
 
+from horizonval.renderer.table_store import TableStore  # noqa: E402
 from horizonval.renderer.tables import NodeGrid, SplineTable, StationTable  # noqa: E402
 
 GRID = NodeGrid(9, 7)
@@ -102,3 +104,71 @@ def test_stations_along_a_ray_up_to_the_first_and_the_last() -> None:
     place = 9.0 * np.clip(along, 0.0, 1.0)
     assert np.array(p) == pytest.approx(3.25 + place**2, rel=1e-13)
     assert np.array(q) == pytest.approx(5.0 - place, rel=1e-13)
+
+
+def _get(store: TableStore, key: str, nbytes: int = 40) -> bytearray:
+    return store.get_or_make(key, lambda: bytearray(nbytes), len)
+
+
+def test_a_table_is_made_once() -> None:
+    store = TableStore(100)
+    assert _get(store, "a") is _get(store, "a")
+    assert _get(store, "b") is not _get(store, "a")
+    assert store.nbytes == 80
+
+
+def test_what_was_used_longest_ago_goes_first() -> None:
+    store = TableStore(100)
+    for key in ("a", "b", "a", "c"):
+        _get(store, key)
+    assert ["a" in store, "b" in store, "c" in store] == [True, False, True]
+
+
+def test_a_table_that_grew_pushes_others_out_when_the_next_is_asked_for() -> None:
+    store = TableStore(100)
+    _get(store, "a")
+    grown = _get(store, "b")
+    grown.extend(bytes(41))
+    assert _get(store, "b") is grown
+    assert "a" not in store
+    assert store.nbytes == 81
+
+
+def test_one_table_larger_than_the_bound_is_kept_as_long_as_it_is_the_last() -> None:
+    store = TableStore(100)
+    large = _get(store, "a", 500)
+    assert _get(store, "a") is large
+    _get(store, "b")
+    assert "a" not in store
+    assert len(store) == 1
+
+
+def test_a_failure_leaves_nothing_behind_and_making_may_ask_for_another() -> None:
+    store = TableStore(100)
+
+    def fail() -> bytearray:
+        raise ValueError("no table")
+
+    with pytest.raises(ValueError, match="no table"):
+        store.get_or_make("a", fail, len)
+    assert "a" not in store
+    assert store.get_or_make("a", lambda: _get(store, "b") + b"1", len) == bytes(40) + b"1"
+    assert len(store) == 2
+    store.clear()
+    assert store.nbytes == 0
+
+
+def test_threads_share_one_table() -> None:
+    store = TableStore(100)
+    made: list[bytearray] = []
+
+    def make() -> bytearray:
+        made.append(bytearray(40))
+        return made[-1]
+
+    threads = [Thread(target=store.get_or_make, args=("a", make, len)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) == 1

@@ -49,8 +49,10 @@ def _numbers(*ends: float) -> tuple:
     return tuple(constant(n) for n in (0.0, *ends))
 
 
-@pytest.mark.parametrize("sun_itrs", [(0.6, 0.8, 0.0), (-0.2, -0.98, 0.0)])
-@pytest.mark.parametrize(("down", "to_ground"), [(0.9, True), (0.385, True), (0.367, False)])
+@pytest.mark.parametrize(
+    ("down", "to_ground", "sun_itrs"),
+    [(0.9, True, (0.6, 0.8, 0.0)), (0.385, True, (-0.2, -0.98, 0.0)), (0.367, False, (-0.2, -0.98, 0.0))],
+)
 def test_stations_tell_what_marches_find_that_end_there(
     lit_air, down: float, to_ground: bool, sun_itrs: tuple[float, float, float]
 ) -> None:

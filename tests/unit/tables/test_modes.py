@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.arrays import FloatArray
-from horizonval.tables.modes import HEIGHT_M, edge_weights, empirical_modes, kept_arrays, scene_mode, smoothed
+from horizonval.tables.modes import empirical_modes, kept_arrays, scene_mode, smoothed
 
 HEIGHT = np.linspace(-20e3, 60e3, 41)
 
@@ -78,12 +78,6 @@ def test_smoothing_keeps_what_is_the_same_everywhere_and_closes_the_year():
     peak = np.zeros((1, 12, 1))
     peak[0, 0] = 1.0
     np.testing.assert_allclose(smoothed(peak, around=True)[0, [11, 0, 1, 2], 0], [0.25, 0.5, 0.25, 0.0])
-
-
-def test_heights_count_by_their_kilometres():
-    weights = edge_weights(HEIGHT_M)
-    assert (weights[HEIGHT_M < -30e3] == 0.0).all()
-    assert weights[HEIGHT_M == 20e3][0] == 1.0
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", b"\x93NUMPY"])

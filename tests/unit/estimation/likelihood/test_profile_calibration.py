@@ -107,6 +107,7 @@ def test_all_errors_of_the_camera_are_found(found: CameraCalibration) -> None:
     assert found.left_out == ()
 
 
+@pytest.mark.slow
 def test_where_the_camera_starts_changes_little(found: CameraCalibration, climate: Path) -> None:
     """To half of what is claimed: pixels and their weights are those of the fifth step, wherever that is."""
     right = calibrate(a_pass(12, 1, climate))
