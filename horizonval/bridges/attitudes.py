@@ -54,18 +54,11 @@ def request_of_state(
     sigma_bn: ArrayLike,
     omega_bn_body: ArrayLike = (0.0, 0.0, 0.0),
 ) -> dict[str, Any]:
-    """Return the pose keywords of :meth:`horizonval.Client.image` for a spacecraft's state.
+    """Return the pose keywords of :meth:`horizonval.Client.image` for a spacecraft's state at ``epoch_utc``.
 
-    Parameters
-    ----------
-    epoch_utc : datetime
-        From 1960 to 2099, or ``UserError``.
-    r_gcrs, v_gcrs : array_like, shape (3,)
-        Position [m] from the Earth's centre and velocity [m/s].
-    sigma_bn : array_like, shape (3,)
-        Modified Rodrigues parameters.
-    omega_bn_body : array_like, shape (3,)
-        Inertial angular velocity in body axes [rad/s]; it blurs the exposure.
+    ``r_gcrs``, ``v_gcrs``: position [m] from the Earth's centre and velocity [m/s]; ``sigma_bn``: modified Rodrigues
+    parameters; ``omega_bn_body``: inertial angular velocity in body axes [rad/s], which blurs the exposure. ``UserError``
+    for an epoch outside 1960 to 2099.
     """
     turn = itrs_from_gcrs(epoch_utc)
     r_itrs = turn @ np.asarray(r_gcrs, float)

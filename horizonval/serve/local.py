@@ -24,7 +24,7 @@ from horizonval.spec.pose import TABLE_OF, TURNS
 from horizonval.wire import SCHEMA, array_to_map
 
 MOST_PLACES = 4
-"""Sessions that are kept: as many clients can fly at places of their own without making tables anew for each image."""
+"""Most sessions in memory: as many clients can fly at different places without new tables for each image."""
 
 
 class ImageSource:

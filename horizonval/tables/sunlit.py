@@ -246,12 +246,12 @@ def band_profiles(
 PROFILES = "profiles"
 VERSION = 1
 FAINT = 1e-5
-"""Share of a profile's largest value below which its own spectrum is of no account."""
+"""Share of a profile's largest value below which the spectrum of the base is not corrected."""
 
 
 @dataclass(frozen=True)
 class SunlitKind:
-    """A kind of states: how many modes it has, and how far along the limb they stay alike [rad]."""
+    """A kind of states: its number of modes, and its correlation length along the limb [rad]."""
 
     name: str
     states: tuple[SunlitState, ...]

@@ -259,7 +259,7 @@ LEAST_ALIKE, MOST_ALIKE = 0.05, 0.99
 """Correlations of places apart that some 70 states can tell from none, and from all."""
 KEPT = ("calm", "air", "aside", "below")
 VERSION = 3
-"""Of the states: raised where they change, so that months made before are made again."""
+"""Version of the states: raised where they change, so that stored months are recomputed."""
 
 
 def thermal_month(some_bands: list[Band], month: float, progress: Progress) -> dict[str, FloatArray]:
