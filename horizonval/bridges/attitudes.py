@@ -57,8 +57,8 @@ def request_of_state(
     """Return the pose keywords of :meth:`horizonval.Client.image` for a spacecraft's state at ``epoch_utc``.
 
     ``r_gcrs``, ``v_gcrs``: position [m] from the Earth's centre and velocity [m/s]; ``sigma_bn``: modified Rodrigues
-    parameters; ``omega_bn_body``: inertial angular velocity in body axes [rad/s], which blurs the exposure. ``UserError``
-    for an epoch outside 1960 to 2099.
+    parameters; ``omega_bn_body``: inertial angular velocity in body axes [rad/s], which blurs the exposure.
+    ``UserError`` for an epoch outside 1960 to 2099.
     """
     turn = itrs_from_gcrs(epoch_utc)
     r_itrs = turn @ np.asarray(r_gcrs, float)

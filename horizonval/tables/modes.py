@@ -110,9 +110,9 @@ def empirical_modes(
 ) -> Modes:
     """Return the modes of an ensemble.
 
-    ``departures``, (A, B, N, H): of N states from anything that is the same for all states of a place; ``weights``, (H,);
-    ``count``: K; ``around``: whether the second axis is a circle; ``shares``, (N,): probabilities of the states, equal by
-    default; ``beside``: weight of a place's neighbours, above 0 where states of a place are few.
+    ``departures``, (A, B, N, H): of N states from anything that is the same for all states of a place; ``weights``,
+    (H,); ``count``: K; ``around``: whether the second axis is a circle; ``shares``, (N,): probabilities of the states,
+    equal by default; ``beside``: weight of a place's neighbours, above 0 where states of a place are few.
     """
     share = np.full(departures.shape[2], 1.0 / departures.shape[2]) if shares is None else shares
     mean = smoothed(np.einsum("n,abnh->abh", share, departures), around=around, beside=beside)
