@@ -10,7 +10,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.cone import noise_bias
 from horizonval.estimation.methods import altitude_free_closed_form as closed_form
 from horizonval.estimation.methods import altitude_free_published as published
-from horizonval.estimation.methods.altitude_free import newton, solve
+from horizonval.estimation.methods.altitude_free import newton, solve, step_by_qr
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, project
@@ -70,6 +70,13 @@ def test_the_mounting_turns_the_nadir_into_body_axes(module) -> None:  # type: i
     fit = _fit(module, los, observation)
     assert isinstance(fit, Fit)
     assert (fit.roll_rad, fit.pitch_rad) == pytest.approx((np.radians(20.0), np.radians(30.0)), abs=1e-10)
+
+
+def test_the_printed_pseudo_inverse_takes_the_steps_of_the_qr() -> None:
+    los = _noisy(np.random.default_rng(3), 1.0, 200, 1e-3)
+    one = newton(los, published.START, published.step_by_pseudo_inverse)
+    other = newton(los, published.START, step_by_qr)
+    assert one == pytest.approx(other, abs=1e-9)
 
 
 @pytest.mark.parametrize("start_rho_deg", [15.0, 45.0, 80.0])

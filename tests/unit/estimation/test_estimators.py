@@ -27,6 +27,42 @@ from horizonval.plugins import registry
 
 RADIUS_M = 6_371_008.8
 R = np.array([RADIUS_M + 500e3, 0.0, 0.0])
+RHO = np.arcsin(RADIUS_M / R[0])
+
+
+def _attitude(elevation_rad: float, roll_rad: float = 0.0) -> np.ndarray:
+    """Return a camera whose boresight is ``elevation`` above the horizon and whose right axis is level, then rolled."""
+    nadir, side = np.array([-1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    off = RHO + elevation_rad
+    forward = np.cos(off) * nadir + np.sin(off) * side
+    up = np.sin(off) * -nadir + np.cos(off) * side
+    right = np.cross(forward, up)
+    down = -up
+    itrs_from_cam = np.stack([right, down, forward], axis=1)
+    roll = Rotation.from_euler("z", roll_rad)
+    return (roll * Rotation.from_matrix(itrs_from_cam).inv()).as_quat()
+
+
+def test_ideal_sensor_reads_zero_on_the_level_horizon() -> None:
+    reading = ideal_horizon_sensor(R, _attitude(0.0), RADIUS_M)
+    assert reading.status is ReadingStatus.DEFINED
+    assert abs(reading.roll_error_rad) < 1e-9
+    assert abs(reading.pitch_error_rad) < 1e-9
+    assert reading.horizon_cam == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("elevation_rad", [-0.3, -1e-4, 1e-4, 0.2])
+def test_pitch_error_is_the_signed_height_above_the_horizon(elevation_rad: float) -> None:
+    reading = ideal_horizon_sensor(R, _attitude(elevation_rad), RADIUS_M)
+    assert reading.pitch_error_rad == pytest.approx(elevation_rad, abs=1e-9)
+
+
+@pytest.mark.parametrize("roll_rad", [-0.4, 0.4])
+def test_roll_error_changes_sign_with_the_roll(roll_rad: float) -> None:
+    reading = ideal_horizon_sensor(R, _attitude(0.0, roll_rad), RADIUS_M)
+    assert abs(reading.roll_error_rad) == pytest.approx(0.4, abs=1e-9)
+    other = ideal_horizon_sensor(R, _attitude(0.0, -roll_rad), RADIUS_M)
+    assert other.roll_error_rad == pytest.approx(-reading.roll_error_rad, abs=1e-9)
 
 
 def test_boresight_at_nadir_zenith_and_inside_are_statuses() -> None:
@@ -40,6 +76,17 @@ def test_boresight_at_nadir_zenith_and_inside_are_statuses() -> None:
 def _observation(**changes: object) -> Observation:
     values = {"image": np.zeros((48, 64)), "camera": CameraModel(64, 48, 55.0, 55.0, 31.5, 23.5)} | changes
     return Observation(**values)  # type: ignore[arg-type]
+
+
+def test_newton_recovers_exact_points_to_rounding() -> None:
+    nadir = nadir_of_roll_pitch(0.9, -0.4)
+    basis = np.linalg.svd(nadir[None, :])[2][1:]
+    angle = np.linspace(0.3, 1.8, 200)
+    los = np.cos(RHO) * nadir + np.sin(RHO) * (np.cos(angle)[:, None] * basis[0] + np.sin(angle)[:, None] * basis[1])
+    found, rho, steps = solve(los)
+    assert found == pytest.approx(nadir, abs=1e-11)
+    assert rho == pytest.approx(RHO, abs=1e-11)
+    assert steps[-1][:2] == pytest.approx([0.9, -0.4], abs=1e-11)
 
 
 def _noise() -> np.ndarray:
@@ -152,7 +199,9 @@ def test_the_oracle_knows_its_pose() -> None:
     for inside in (0.0, RADIUS_M_OF_METHOD_CLAIMS * 0.999, np.nan):
         hidden = replace(seen, oracle=replace(pose, r_itrs=np.array([0.0, inside, 0.0])))
         assert not isinstance(ideal.run(hidden), Fit)
-    assert not isinstance(ideal.run(replace(seen, oracle=None)), Fit)
+    without_pose = ideal.run(replace(seen, oracle=None))
+    assert isinstance(without_pose, Refusal)
+    assert without_pose.status is Outcome.BAD_INPUT
 
 
 def arc(nadir: np.ndarray, rho: float, width_rad: float = 1.2, n: int = 150) -> np.ndarray:

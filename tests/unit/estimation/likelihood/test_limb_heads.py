@@ -138,6 +138,14 @@ def test_heads_together_reach_the_bound_of_all_their_pixels(width, height, fov_d
     assert float(np.median(claims)) == pytest.approx(known, rel=0.35)
 
 
+def test_two_heads_know_more_than_one_of_them():
+    """Of two arcs on opposite sides the altitude is no tilt any more: ten times better than one arc, altitude free."""
+    nadir = np.array([0.0, 0.0, 1.0])
+    both = _bounds_rad(_heads(nadir, 160, 120, 57.0, 2), nadir, 2)[0]
+    # 56 arcsec: the figure of one arc of 160 x 120 px at 57 deg.
+    assert both < 0.2 * 56.0 * ARCSEC
+
+
 BAND_UM = (0.45, 0.75)
 
 

@@ -231,6 +231,12 @@ def test_points_lie_on_the_edge(sigma_px: float, noise: float, limit_px: float) 
     assert np.abs(uv - found.uv).max() < 1e-9
 
 
+def test_an_inverted_picture_gives_the_same_limb() -> None:
+    found = find_limb(1023.0 - _picture(0.8, 0.0), CAMERA_OF_FIND_LIMB, None)
+    assert isinstance(found, LimbPoints)
+    assert np.sqrt(np.mean(_distance_px(found) ** 2)) < 0.06
+
+
 def test_the_suns_blob_is_no_limb() -> None:
     picture = _picture(0.8, 2.0)
     v, u = np.indices(picture.shape)

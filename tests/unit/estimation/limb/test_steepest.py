@@ -202,6 +202,25 @@ def test_it_is_the_covariance_of_draws(bright_inside):
     assert ratios.max() < 1.7
 
 
+def test_twice_the_variance_is_twice_the_covariance():
+    image = picture_of_steepest_noise()
+    los, _ = to_steepest(
+        image,
+        CAMERA_OF_STEEPEST_NOISE,
+        limb_directions(CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE, NEEDED_PX),
+        NADIR,
+        True,
+    )
+    one, two = (
+        noise_covariance(
+            image, CAMERA_OF_STEEPEST_NOISE, los, NADIR, RHO_OF_STEEPEST_NOISE, k * true_variance(image), True
+        )
+        for k in (1.0, 2.0)
+    )
+    assert two == pytest.approx(2.0 * one, rel=1e-12)
+    assert np.linalg.eigvalsh(one)[0] > 0.0
+
+
 def test_points_that_determine_no_cone_raise():
     image = picture_of_steepest_noise()
     los = np.repeat(limb_directions(CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE, NEEDED_PX)[:1], 5, axis=0)
