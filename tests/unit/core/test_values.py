@@ -64,19 +64,11 @@ def _caught(error: BaseException) -> str:
         return one_line(e)
 
 
-def test_a_users_mistake_is_told_in_its_own_words() -> None:
-    assert _caught(UserError("found 3", where="a.toml", expected="4")) == "a.toml: found 3; expected 4"
-
-
 def test_a_defect_is_told_with_its_place_and_without_folders() -> None:
     line = _caught(ValueError("two\n  lines"))
     assert line.startswith("ValueError at test_values.py:")
     assert line.endswith(": two lines")
     assert "/" not in line
-
-
-def test_an_error_that_was_never_raised_has_no_place() -> None:
-    assert one_line(ValueError("x")) == "ValueError: x"
 
 
 def test_a_mistake_is_told_at_another_place() -> None:

@@ -154,14 +154,6 @@ def test_none_and_above_the_top() -> None:
     assert aerosol.aerosol("background", np.array([100_001.0])).at(0.55)[0] == 0
 
 
-def test_refusals() -> None:
-    with pytest.raises(UserError, match=r"atmosphere\.aerosol: unknown aerosol 'volcanic'; expected one of volcanic_"):
-        aerosol.aerosol("volcanic", Z, where="s: atmosphere.aerosol")
-    for wavelength in (0.19, 18.6, np.nan):
-        with pytest.raises(UserError, match=r"within 0\.2 to 18\.5 um"):
-            aerosol.optics("rural_rh70", [0.5, wavelength])
-
-
 def test_solar_nodes_hold_molecules_and_particles() -> None:
     clear, hazy = (model_of(GREEN, atmosphere={"aerosol": name}).nodes[0] for name in ("none", "volcanic_high"))
     extinction, scattering, asymmetry = aerosol.aerosol("volcanic_high", Z).at(hazy.wavelength_um)

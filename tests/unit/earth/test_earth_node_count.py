@@ -8,7 +8,6 @@ from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere import air, node_count, solar_rule
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.optical import node_counts, optical_model
-from horizonval.earth.spectral import bands, sunlight
 from horizonval.spec.camera import Band
 from horizonval.spec.files import shipped_names
 from horizonval.spec.load import load_camera
@@ -100,16 +99,3 @@ def test_out_of_reach() -> None:
 def test_below_the_ozone_table_without_ozone() -> None:
     model = model_of(solar(0.26, 0.27), atmosphere={"ozone": False, "aerosol": "background"})
     assert all(n.particle_per_m.any() for n in model.nodes)
-
-
-def test_energy_of_a_band() -> None:
-    # The same spectrum summed elsewhere: 756.8 W m-2 in the 501 bins of 1 nm around 400 to 900 nm.
-    lo_um, hi_um = 0.3995, 0.9005
-    assert sunlight.band_irradiance(lo_um, hi_um) == pytest.approx(756.8, abs=0.1)
-    model = model_of(solar(lo_um, hi_um))
-    assert sum(n.weight for n in model.nodes) == pytest.approx(hi_um - lo_um, rel=1e-12)
-    # Counted as photons at the mean wavelength: energy times lambda / lambda_ref.
-    knots = np.linspace(lo_um, hi_um, 500_001)
-    reference = bands.reference_wavelength_um(Band.model_validate(solar(lo_um, hi_um)))
-    counted = np.trapezoid(sunlight.irradiance(knots) * knots / reference, knots)
-    assert sum(n.weight * n.solar_irradiance for n in model.nodes) == pytest.approx(counted, rel=1e-6)

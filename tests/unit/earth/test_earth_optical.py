@@ -127,13 +127,6 @@ def test_carbon_dioxide_raises_the_absorption() -> None:
     np.testing.assert_allclose(ratio, 420 / 330, rtol=1e-3)
 
 
-def test_ground_temperature_is_taken_from_the_scene() -> None:
-    model = optical_model(scene(surface={"temperature_k": 310.0, "emissivity": 0.95, "albedo": 0.1}), camera(TIR))
-    assert model.emission is not None
-    assert set(model.emission.land_k + model.emission.water_k + model.emission.snow_k) == {310.0}
-    assert (model.emission.emissivity, model.albedo) == (0.95, 0.1)
-
-
 def test_no_atmosphere() -> None:
     model = optical_model(scene(atmosphere={"profile": "none"}), camera(VIS, TIR))
     assert [n.band for n in model.nodes] == ["vis"]
@@ -192,18 +185,6 @@ def test_atmosphere_file_beside_the_scene(tmp_path: Path) -> None:
     assert model.emission.land_k[0] == pytest.approx(288.15, abs=1e-4)
 
 
-def test_particles_of_an_atmosphere_file(tmp_path: Path) -> None:
-    data = file_content()
-    n = len(data["altitude_km"])
-    data["bands"][0] |= {"phase": "rayleigh", "particle_scattering_per_m": [2e-5] * n, "asymmetry": 0.7}
-    (tmp_path / "air.json").write_text(json.dumps(data))
-    (node,) = optical_model(scene(atmosphere={"file": "air.json"}), camera(VIS), base_dir=tmp_path).nodes
-    np.testing.assert_array_equal(node.particle_per_m, [2e-5] * n)
-    np.testing.assert_array_equal(node.asymmetry, [0.7] * n)
-    np.testing.assert_allclose(node.molecular_per_m, data["bands"][0]["scattering_per_m"], rtol=1e-12)
-    np.testing.assert_allclose(node.extinction_per_m, node.molecular_per_m + 2e-5, rtol=1e-12)
-
-
 def test_file_without_the_cameras_band(tmp_path: Path) -> None:
     (tmp_path / "air.json").write_text(json.dumps(file_content()))
     with pytest.raises(UserError, match=r"air\.json: bands: no band 'red'.*the file has tir, vis"):
@@ -232,8 +213,3 @@ def test_file_without_the_cameras_band(tmp_path: Path) -> None:
 def test_refusals(tables: dict[str, Any], band: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
         optical_model(scene(**tables), camera(band))
-
-
-def test_camera_without_bands() -> None:
-    with pytest.raises(UserError, match=r"cam.toml: band: the camera has no bands"):
-        optical_model(scene(), camera())

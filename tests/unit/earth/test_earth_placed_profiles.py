@@ -87,12 +87,6 @@ def test_between_places_of_a_lattice(written: Callable[..., Path]) -> None:
         assert abs(pair[0] - pair[1]) < 0.01
 
 
-def test_two_places_and_half_way(written: Callable[..., Path]) -> None:
-    path = written(table_of([(0.0, 0.0), (0.0, 60.0)], lambda lat, lon: 240.0 if lon == 0 else 280.0))
-    middle = PlacedProfiles(read_profiles(path)).columns(np.zeros(2), np.array([30.0, -150.0]), Z)
-    np.testing.assert_allclose(middle.temperature_k, 260.0, rtol=1e-9)
-
-
 def test_latitudes_alone_hold_all_around_and_beyond_the_last(written: Callable[..., Path]) -> None:
     air = PlacedProfiles(read_profiles(written(table_of([(-30.0,), (90.0,), (30.0,)], lambda lat: 260.0 + lat / 3.0))))
     latitude = np.array([-90.0, -30.0, 0.0, 0.0, 48.590378, 90.0])

@@ -185,11 +185,6 @@ def test_files_that_are_no_profile(written: Callable[..., Path], text: str, name
         read_profile(written(text, name))
 
 
-def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"none\.csv: no such file"):
-        read_profile(tmp_path / "none.csv")
-
-
 def test_a_scene_with_a_profile_of_its_own(written: Callable[..., Path]) -> None:
     # A file's name means nothing, not even a climate's.
     path = written(columns("us_standard"), "tropical.csv")

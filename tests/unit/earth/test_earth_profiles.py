@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere import profiles
 
 # U.S. Standard Atmosphere 1976, table 4 values at the bases of its layers: geopotential km, K, Pa, kg m-3.
@@ -70,13 +69,6 @@ def test_every_profile_is_a_gas_and_nearly_hydrostatic(name: str) -> None:
     assert weight == pytest.approx(p.pressure_pa[0], rel=0.02)
 
 
-@pytest.mark.parametrize(("name", "dobson"), [("tropical", 282), ("us_standard", 345), ("midlatitude_winter", 378)])
-def test_ozone_columns(name: str, dobson: float) -> None:
-    state = profiles.profile(name).at(np.arange(0.0, 100_001.0, 100.0))
-    column = np.trapezoid(state.number_density_o3, state.altitude_m) / 2.6867e20
-    assert column == pytest.approx(dobson, rel=0.01)
-
-
 def test_levels_are_kept_and_gases_follow_the_air() -> None:
     p = profiles.profile("tropical")
     same = p.at(p.altitude_m)
@@ -91,8 +83,3 @@ def test_levels_are_kept_and_gases_follow_the_air() -> None:
 def test_outside_the_table() -> None:
     with pytest.raises(ValueError, match="between 0 and 120000 m"):
         profiles.profile("us76").at([120_001.0])
-
-
-def test_unknown_name_lists_the_nearest_first() -> None:
-    with pytest.raises(UserError, match=r"scene\.toml: atmosphere\.profile: .*'us_standart'.* one of us_standard,"):
-        profiles.profile("us_standart", where="scene.toml: atmosphere.profile")

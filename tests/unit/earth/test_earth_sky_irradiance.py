@@ -72,16 +72,6 @@ def test_round_earth(climate: str, lo: float, hi: float) -> None:
     assert abs(error @ ground / ground.sum()) < 5e-4
 
 
-def test_shape_over_rows() -> None:
-    platform, air = {"altitude_km": 500, "latitude_deg": 40}, {"profile": "by_latitude_month", "month": 1}
-    (band,) = model_of(thermal(10.5, 12.0), platform=platform, atmosphere=air).thermal
-    sky = band.sky_irradiance()
-    assert sky.shape == (band.count, len(band.sin_latitude))
-    # The moist tropics have a brighter sky than the winter of the north.
-    total = sky.sum(axis=0)
-    assert total[np.argmin(np.abs(band.sin_latitude))] > 5 * total[-1]
-
-
 @pytest.mark.parametrize("ground_m", [0.0, 40.0, 1000.0, 2890.0])
 def test_a_column_begins_at_its_ground(ground_m: float) -> None:
     band = replace(grey(0.5, 250.0), ground_m=np.array([ground_m]))

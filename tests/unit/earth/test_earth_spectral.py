@@ -11,7 +11,6 @@ from earth_forms import black_body_band
 from scipy import constants
 from scipy.integrate import quad
 
-from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.solar_rule import gauss, solar_measure
 from horizonval.earth.spectral import bands, planck, sunlight
 from horizonval.earth.spectral.bands import response
@@ -74,12 +73,6 @@ def test_inverse_square_and_disc() -> None:
     assert near == pytest.approx(5.670374e-8 * 5772**4 / np.pi, rel=0.003)
     # 32.0 arc minutes across.
     assert sunlight.disc_projected_solid_angle() == pytest.approx(np.pi * np.radians(32.0 / 60 / 2) ** 2, rel=0.003)
-
-
-@pytest.mark.parametrize("wavelength_um", [0.2499, 20.01, np.nan])
-def test_outside_the_table(wavelength_um: float) -> None:
-    with pytest.raises(UserError, match=r"within 0\.25 to 20 um"):
-        sunlight.irradiance(wavelength_um)
 
 
 def test_composite_rule_is_exact_on_every_interval() -> None:

@@ -7,7 +7,6 @@ import pytest
 from earth_forms import black_body_band
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
 from horizonval.earth.gases import afgl
 from horizonval.earth.spectral import planck
 from horizonval.earth.spectral import thermal_absorption as ta
@@ -93,23 +92,3 @@ def test_more_carbon_dioxide(ppm: float) -> None:
     beside = np.abs(here / table * 420 / ppm - 1)[:, chosen].max(axis=1)
     assert beside[8:].max() < 1e-3
     assert 1e-3 < beside[:8].max() < 0.5
-
-
-def test_names_and_wavelengths() -> None:
-    points = ta.g_points(band(lo_um=14.0, hi_um=16.3))
-    assert points.name[0] == "rrtmg3g01"
-    assert points.name[-1] == "rrtmg5g16"
-    assert 1e4 / 630 < points.wavelength_um[0] < 16.3
-    assert 14.0 < points.wavelength_um[-1] < 1e4 / 700
-
-
-@pytest.mark.parametrize(("lo", "hi"), [(7.0, 9.0), (15.0, 20.1), (3.0, 30.0)])
-def test_outside_the_tables(lo: float, hi: float) -> None:
-    with pytest.raises(UserError) as error:
-        ta.g_points(band(lo_um=lo, hi_um=hi), where="camera.toml: band[0]")
-    assert "camera.toml: band[0]: thermal band 'tir'" in str(error.value)
-    assert "within 7.195 to 20 um" in str(error.value)
-
-
-def test_the_whole_range_is_inside() -> None:
-    assert len(ta.g_points(band(lo_um=1e4 / 1390, hi_um=20.0)).name) == 112

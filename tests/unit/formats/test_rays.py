@@ -41,6 +41,10 @@ def test_values_and_pass_through(tmp_path):
         (HEAD + ",dir_x\n", ["dir_x is there more than once"]),
         (f"{HEAD}\n{ROW}\n{ROW.replace('7000.5', 'high')}\n", ["line 3, column obs_z_km", 'found "high"', "number"]),
         (f"{HEAD}\n{ROW.replace('7000.5', 'nan')}\n", ["line 2, column obs_z_km", 'found "nan"', "number from"]),
+        *(
+            (f"{HEAD}\n{ROW.replace('7000.5', value)}\n", ["line 2, column obs_z_km", "a number from -1e+12 to 1e+12"])
+            for value in ("1e308", "-1e13", "inf", "9" * 400)
+        ),
         (f"{HEAD}\n{ROW.replace('7000.5', '')}\n", ["line 2, column obs_z_km", 'found ""']),
         (f"{HEAD}\n{ROW},1\n", ["line 2", "12 fields", "11"]),
         (f"{HEAD}\n{ROW.replace('1,0,-1', '0,0,0')}\n", ["line 2", "dir_x, dir_y, dir_z", "length 0"]),

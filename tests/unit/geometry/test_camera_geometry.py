@@ -5,31 +5,20 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import CameraModel, check_invertible, pixel_solid_angle, project, unproject
 
-LENS = (-0.2, 0.06, 8e-4, -5e-4, -0.012)
-CAMERA = CameraModel(800, 600, 610.0, 615.0, 402.3, 297.1, LENS)
-
-
-def test_projection_is_opencvs() -> None:
-    """1e-9 px: the same closed form in float64."""
-    rng = np.random.default_rng(np.random.SeedSequence(1))
-    d = np.column_stack([rng.uniform(-0.6, 0.6, 400), rng.uniform(-0.45, 0.45, 400), np.ones(400)])
-    matrix = np.array([[610.0, 0, 402.3], [0, 615.0, 297.1], [0, 0, 1]])
-    theirs, _ = cv2.projectPoints(d, np.zeros(3), np.zeros(3), matrix, np.array(LENS))
-    ours, in_front = project(CAMERA, d)
-    assert in_front.all()
-    assert np.abs(ours - theirs[:, 0]).max() < 1e-9
-
 
 @pytest.mark.parametrize(
     "lens",
-    [(-0.38, 0.21, 2e-3, -3e-3, -0.06), (0.45, 0.12, -4e-3, 2e-3, 0.08), (0.62, 0.01, -0.012, -0.01, -0.14)],
-    ids=["barrel", "pincushion", "moustache"],
+    [
+        (-0.2, 0.06, 8e-4, -5e-4, -0.012),
+        (-0.38, 0.21, 2e-3, -3e-3, -0.06),
+        (0.45, 0.12, -4e-3, 2e-3, 0.08),
+        (0.62, 0.01, -0.012, -0.01, -0.14),
+    ],
+    ids=["mild", "barrel", "pincushion", "moustache"],
 )
 def test_strong_distortion_is_opencvs_and_is_undone(lens: tuple[float, float, float, float, float]) -> None:
     """Up to tens of per cent of distortion: 1e-9 px of OpenCV's closed form, and 1e-9 px there and back."""
@@ -43,15 +32,6 @@ def test_strong_distortion_is_opencvs_and_is_undone(lens: tuple[float, float, fl
     assert in_front.all()
     assert np.abs(ours - theirs[:, 0]).max() < 1e-9
     assert np.abs(theirs[:, 0] - pixels).max() < 1e-9
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.floats(-0.5, 799.5), st.floats(-0.5, 599.5))
-def test_unproject_then_project_comes_back(u: float, v: float) -> None:
-    """1e-9 px, three thousandths of a milliarcsecond here."""
-    uv, in_front = project(CAMERA, unproject(CAMERA, [[u, v]]))
-    assert in_front.all()
-    assert np.abs(uv - [u, v]).max() < 1e-9
 
 
 def test_pixel_centre_convention_and_field_of_view() -> None:

@@ -211,9 +211,3 @@ def test_limb_darkening_is_that_of_the_disc_in_strips():
     dark = (flat @ p) ** 2 > (p @ p - 1.0) * (flat**2).sum(-1)
     seen = 1.0 - (dark * weight).sum() / weight.sum()
     assert float(sun_visible_fraction(r, s, SUN_RAD, WGS84, darkening)) == pytest.approx(seen, abs=1e-3)
-
-
-def test_shape_of_the_answer():
-    r = np.full((2, 3, 3), 7e6)
-    assert sun_visible_fraction(r, [0.0, 0.0, 1.0], SUN_RAD).shape == (2, 3)
-    assert sun_visible_fraction(r[0, 0], [0.0, 0.0, 1.0], SUN_RAD).shape == ()

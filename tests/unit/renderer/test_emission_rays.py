@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from emission_models import RADIUS_M, band, black, camera, isothermal, model, scene
+from emission_models import RADIUS_M, band, black, isothermal, model
 from scipy.integrate import quad
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.optical import optical_model
 from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.renderer.rays import cloud_top_radiance, thermal_radiance
@@ -44,20 +41,6 @@ def test_opaque_air_is_seen_on_the_near_side() -> None:
     observer = np.stack([at - 2.5e6 * north, at + 2.5e6 * north])
     seen = thermal_radiance(air, RADIUS_M, observer, np.stack([north, -north]))["b"]
     assert seen == pytest.approx([black(300.0, 1), black(200.0, 1)], rel=1e-3)
-
-
-def test_rows_that_are_all_the_same_are_one_row() -> None:
-    one = optical_model(scene(), camera({"name": "b", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}))
-    b = one.thermal[0]
-    same = replace(
-        b,
-        sin_latitude=np.linspace(-1.0, 1.0, 5),
-        ln_extinction=np.repeat(b.ln_extinction, 5, axis=1),
-        temperature_k=np.repeat(b.temperature_k, 5, axis=0),
-    )
-    observer, direction = _rays(np.array([-50e3, 10e3, 40e3]))
-    five = thermal_radiance(replace(one, thermal=(same,)), RADIUS_M, observer, direction)["b"]
-    assert five == pytest.approx(thermal_radiance(one, RADIUS_M, observer, direction)["b"], rel=1e-12)
 
 
 def test_the_oblate_planet_is_round_along_the_equator_and_flatter_at_the_pole() -> None:

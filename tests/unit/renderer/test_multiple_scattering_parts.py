@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from horizonval.core.progress import Silent
 from horizonval.earth.column import SpectralNode
 from horizonval.renderer.backend import activate
 
@@ -93,8 +92,8 @@ def _sun_table(nodes: Sequence[SpectralNode]) -> SunTable:
     return SunTable(mi.Float64(np.log(depth + 1e-12).ravel()), 24, 24, PLANET_M, 1e5)
 
 
-def _solved(node: SpectralNode, planet_m: float = PLANET_M, progress: Silent | None = None) -> MultipleScattering:
-    return multiple_scattering([node], ALTITUDE_M, planet_m, COARSE, _sun_table, progress)[0]
+def _solved(node: SpectralNode, planet_m: float = PLANET_M) -> MultipleScattering:
+    return multiple_scattering([node], ALTITUDE_M, planet_m, COARSE, _sun_table)[0]
 
 
 @pytest.fixture
@@ -102,34 +101,6 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(solver, "_memory", type(solver._memory)())
     return tmp_path
-
-
-def test_tables_are_kept_and_damage_is_noticed(store: Path) -> None:
-    class Listening(Silent):
-        def __init__(self, told: list[str]) -> None:
-            self.told = told
-
-        def step(self, what: str, state: str = "") -> None:
-            self.told.append(state.split(",")[0])
-
-    def solved(told: list[str]) -> np.ndarray:
-        solver._memory.clear()
-        return _solved(_node(), progress=Listening(told)).air.moments
-
-    told: list[str] = []
-    first = solved(told)
-    assert told[:2] == ["order 1", "order 2"]
-    told = []
-    np.testing.assert_array_equal(solved(told), first)
-    assert told == []
-    (path,) = store.rglob("*.npz")
-    whole = path.read_bytes()
-    for damaged in (whole[:1000], b"", bytes(reversed(whole))):
-        path.write_bytes(damaged)
-        told = []
-        np.testing.assert_array_equal(solved(told), first)
-        assert told[0] == "order 1"
-        assert path.read_bytes() == whole
 
 
 def test_any_altered_bit_of_a_table_makes_it_anew(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,13 +138,6 @@ def test_a_store_that_cannot_be_written_costs_only_time(tmp_path: Path, monkeypa
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(solver, "_memory", type(solver._memory)())
     assert _solved(_node()).spherical_albedo > 0
-
-
-def test_the_key_is_the_content() -> None:
-    key = content_key(_node(), ALTITUDE_M, PLANET_M, COARSE)
-    assert key == content_key(_node(), ALTITUDE_M.copy(), PLANET_M, COARSE)
-    assert key != content_key(_node(1.0 + 1e-15), ALTITUDE_M, PLANET_M, COARSE)
-    assert key != content_key(_node(), ALTITUDE_M, PLANET_M + 1.0, COARSE)
 
 
 def test_columns_are_solved_together_and_alike(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:

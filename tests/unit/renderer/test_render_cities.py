@@ -32,15 +32,6 @@ def test_all_inhabitants_are_on_the_map() -> None:
     assert people == pytest.approx(1e3 * tables.csv("cities.csv")[2].sum(), rel=1e-3)
 
 
-def test_light_upwards_is_that_of_the_lamps() -> None:
-    """Garstang's intensity over the upper hemisphere; a tenth is lost within 6 deg of the level."""
-    x, w = np.polynomial.legendre.leggauss(200)
-    mu = 0.5 * (x + 1.0)
-    flux = 2.0 * np.pi * float(np.sum(0.5 * w * mu * luminance_per_density(mu)))
-    share = city_lights.GROUND_REFLECTANCE * (1.0 - city_lights.UPWARD_SHARE) + city_lights.UPWARD_SHARE
-    assert 0.89 < flux / (city_lights.LUMENS_PER_HEAD * share) < 0.93
-
-
 def test_paris_is_as_bright_as_seen() -> None:
     """The night band of VIIRS has 100 to 200 nW cm-2 sr-1 over the middle of the largest cities; a factor of two."""
     density = float(city_lights.inhabitants_per_m2()[int((48.85 + 90) * 10), int((2.35 + 180) * 10)])
@@ -101,10 +92,3 @@ def test_a_city_shines_by_night_and_by_night_only() -> None:
     assert lit.max() == pytest.approx(straight_down * spectrum * 0.1, rel=0.1)
     assert lit.max() > 3.0 * lit.min()
     assert np.array_equal(_frame(40.0), _frame(40.0, city_lights=True))
-
-
-def test_a_uniform_ground_has_no_cities() -> None:
-    with pytest.raises(ValueError, match='city_lights applies to kind = "earth" only'):
-        SceneSpec.model_validate(
-            {"camera": {"file": "c"}, "platform": {"altitude_km": 500.0}, "surface": {"city_lights": True}}
-        )

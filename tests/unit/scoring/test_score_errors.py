@@ -15,7 +15,7 @@ from synthetic import estimator, fit_of, result_row, toy_image, truth_at
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.methods import ideal
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.geometry.rotation import angle_between, tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 from horizonval.plugins import registry
 from horizonval.scoring import limits
 from horizonval.scoring.errors import ARCSEC, METHOD_RADIUS_M, is_false, score, sigma_nadir_rad
@@ -43,12 +43,6 @@ def test_nadir_error_is_the_angle_of_the_rotation(error_arcsec):
     truth = truth_at(roll_deg=50.0)
     s = score(truth, estimator(), fit_of(truth, error_rad=(0.6 * error_arcsec * ARCSEC, 0.8 * error_arcsec * ARCSEC)))
     assert s.nadir_error_arcsec == pytest.approx(error_arcsec, rel=1e-9, abs=ROUNDING_ARCSEC)
-
-
-def test_small_angles_keep_their_digits():
-    # acos of a dot product would give 0 or 3e-3 arcsec here.
-    a, b = np.array([1.0, 0.0, 0.0]), np.array([1.0, 1e-10, 0.0])
-    assert angle_between(a, b) == pytest.approx(1e-10, rel=1e-12)
 
 
 def test_roll_and_pitch_errors_are_claim_minus_truth():

@@ -11,8 +11,6 @@ from scipy import stats
 from synthetic import result_row
 
 from horizonval.estimation.observation import Fit
-from horizonval.report.words import DEG
-from horizonval.report.words import headline as words_of
 from horizonval.scoring import summary as module
 from horizonval.scoring.row import Row
 from horizonval.scoring.summary import (
@@ -82,12 +80,6 @@ def test_numbers_by_hand():
 def test_a_summary_is_plain_json_in_any_order_of_rows():
     text = json.dumps(summarise(ROWS), allow_nan=False)
     assert json.dumps(summarise(ROWS[::-1]), allow_nan=False) == text
-
-
-def test_nothing_at_all():
-    nothing = summarise([])
-    assert nothing.pop("rates")["false_valid"]["rate"] is None
-    assert nothing == {"schema": 1, "n_cases": 0, "n_rows": 0, "groups": []}
 
 
 def test_noise_over_frames_counts_each_by_its_degrees_of_freedom():
@@ -277,15 +269,6 @@ def test_what_does_not_work_counts_along_the_orbit_whatever_was_to_be_expected()
     assert line["crashed"] == [[module.NO_LIMB, 1, 1]]
     assert line["silent"] == [[module.NIGHT, 2, 2], [module.SUN, 1, 1]]
     assert (line["worst_arcsec"], line["n"]) == (6.6 * 3600.0, 4)
-
-
-def test_a_line_says_it_in_degrees():
-    (group,) = summarise(ORBIT + OTHERS, orbit={"o1", "o2", "o3", "o4", "o5"})["groups"]
-    assert words_of(group, DEG) == (
-        "works 40 % of the orbit (2 of 5 frames); crashes with too little limb in view (1 of 1); false at the "
-        "terminator (1 of 1); no answer on the night side (2 of 2) and with the Sun in the frame (1 of 1); "
-        "worst 6.60° (n = 4)."
-    )
 
 
 def test_who_is_told_the_pose_is_counted_apart():

@@ -10,10 +10,8 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import CameraModel
-from horizonval.sensor.lens import image_plane, lens_spread, optics, scatter
-from horizonval.sensor.lens.stray_light import band_irradiance
-from horizonval.sensor.observe import observe
-from horizonval.spec.camera import Band, CameraSpec
+from horizonval.sensor.lens import image_plane, lens_spread, scatter
+from horizonval.spec.camera import Band
 from horizonval.spec.optics import Optics
 
 CAMERA = CameraModel(width=200, height=160, fx=170.0, fy=175.0, cx=99.5, cy=79.5)
@@ -127,54 +125,6 @@ ABLATIONS: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("stage", ABLATIONS)
-def test_each_stage_changes_the_image_as_its_formula_says(stage):
-    point = np.zeros((160, 200))
-    point[40, 60] = 1.0
-    plain, changed = (
-        image_plane.pixel_power_w(point, CAMERA, Optics.model_validate({"f_number": 4.0, **keys}), PITCH, BAND)
-        for keys in ({}, ABLATIONS[stage])
-    )
-    here = changed[40, 60] / plain[40, 60]
-    total = changed.sum() / plain.sum()
-    theta = float(optics.field_angles(CAMERA)[40, 60])
-    if stage == "vignetting":
-        assert here == total == pytest.approx(1 - 0.5 * math.degrees(theta) / 20)
-    elif stage == "pupil":
-        assert here == total == pytest.approx(1 / math.cos(theta))
-    elif stage == "ghost":
-        assert (here, total) == (1, pytest.approx(1.05))
-        assert changed[119, 139] / plain[40, 60] == pytest.approx(0.05)
-    elif stage == "scatter":
-        assert here == pytest.approx(0.98, abs=2e-4)  # And what it scatters into itself.
-        assert 0.98 < total < 1
-    elif stage == "defocus":
-        # Disc of 40 um / f4 = 10 um = 1.82 pixels across: the pixel keeps its own area of it, 0.385.
-        assert here == pytest.approx(1 / (math.pi * (10 / 5.5 / 2) ** 2), rel=0.02)
-        assert total == pytest.approx(1, abs=1e-9)
-    else:
-        # The Airy disc's radius is 0.54 pixels: its 84 % and little of the rings on the pixel itself.
-        assert here == pytest.approx(0.84, abs=0.03)
-        assert 0.998 < total < 1
-
-
 def test_diffraction_needs_the_band_and_the_pitch():
     with pytest.raises(UserError, match="diffraction"):
         image_plane.radiance_on_axis(scene(), CAMERA, Optics(diffraction=True))
-
-
-def test_observation_with_all_stages(make_frame, camera_tables):
-    """The Sun of the frame's truth is outside the image: the veil of a table is even over it."""
-    camera_tables["optics"] |= LENSES["scatter"]
-    plain = observe(make_frame(), CameraSpec.model_validate(camera_tables), noise=False).dn.astype(float)
-    sun = make_frame().truth.sun_cam
-    angle = math.degrees(math.acos(sun[2]))
-    camera_tables["optics"]["stray"] = {"angle_deg": [angle], "pst": [1e-5]}
-    veiled = observe(make_frame(), CameraSpec.model_validate(camera_tables), noise=False).dn.astype(float)
-    below = (veiled < 1023) & (plain < 1023)
-    added = (veiled - plain)[below]
-    irradiance = band_irradiance(BAND, 0.00465) * 1e-5
-    electrons = irradiance * 5.5e-6**2 * 2e-4 * 0.6 * 0.6e-6 / (6.62607015e-34 * 299792458)
-    gain = 13500 / (1023 - 32)
-    assert np.abs(added - electrons / gain).max() <= 1.01  # Both images are rounded.
-    assert added.mean() == pytest.approx(electrons / gain, abs=0.2)

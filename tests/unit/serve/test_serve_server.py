@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import socket
 import stat
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -238,16 +236,6 @@ def test_a_socket_is_this_users_alone_and_goes_with_its_server(tmp_path):
             pass
         address.connect(1.0).close()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_stale_socket_is_taken_over(tmp_path):
-    path = tmp_path / "s.sock"
-    script = f"import os, socket; s = socket.socket(socket.AF_UNIX); s.bind({str(path)!r}); s.listen(); os._exit(1)"
-    subprocess.run([sys.executable, "-c", script], check=False)
-    assert stat.S_ISSOCK(path.stat().st_mode)
-    with listening(Address(path)):
-        Address(path).connect(1.0).close()
-    assert not path.exists()
 
 
 def test_a_file_that_is_no_socket_is_left_alone(tmp_path):

@@ -9,8 +9,6 @@ from horizonval.core.files import (
     LONGEST_FRAME_NAME,
     LONGEST_GENERATED_NAME,
     LONGEST_NAME,
-    shortened,
-    usable_name,
 )
 from horizonval.core.sealed import json_bytes
 from horizonval.store.folder import RunFolder, write_json
@@ -95,12 +93,3 @@ def test_names_of_a_study_are_bounded(tmp_path):
     cases = expand(*read_study(tmp_path / "s.toml")).suite.cases
     assert len({case.name for case in cases}) == 2
     assert all(len(case.name) <= LONGEST_FRAME_NAME for case in cases)
-
-
-def test_a_shortened_name_keeps_its_beginning():
-    assert shortened("a" * 10, 10) == "a" * 10
-    long = shortened("ab" * 40, 30)
-    assert long.startswith("ab" * 8)
-    assert len(long) == 30
-    assert long != shortened("ab" * 40 + "c", 30)
-    assert usable_name("console") == "console"

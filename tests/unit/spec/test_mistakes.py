@@ -112,6 +112,7 @@ SCENES = [
         ('[surface]\nkind = "earth"\nalbedo = 0.2', "surface: albedo"),
         ('[surface]\nkind = "earth"\nemissivity = 0.9', "surface: emissivity"),
         ("[surface]\nwind_speed_m_s = 5.0", "surface: wind_speed_m_s"),
+        ("[surface]\ncity_lights = true", "surface: city_lights"),
         ('[surface]\nkind = "earth"\nwind_speed_m_s = -1.0', "surface.wind_speed_m_s"),
         ('[clouds]\npattern = "uniform"', "clouds: "),
         ("[clouds]\nscale_km = 50.0", "clouds: mean_top_km and scale_km"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -199,12 +198,6 @@ def test_what_is_no_map_is_one_line(body):
 def test_what_is_no_array_is_one_line(packed):
     with pytest.raises(UserError, match="reply: dn"):
         array_of_map(packed, "reply: dn")
-
-
-def test_without_the_package_it_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "msgpack", None)
-    with pytest.raises(UserError, match=r"pip install 'horizonval\[serve\]'"):
-        pack({})
 
 
 @pytest.mark.parametrize("text", ["ipc:///run/x.sock", "ipc://x.sock", "tcp://127.0.0.1:5000", "tcp://[::1]:5000"])
