@@ -192,10 +192,7 @@ def _mistake(problem: Any, file: str) -> UserError:
 def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
     """Return the checked content of an atmosphere file from its parsed JSON.
 
-    Raises
-    ------
-    UserError
-        Naming ``file``, the first offending keys and what was expected there.
+    Raises ``UserError``: naming ``file``, the first offending keys and what was expected there.
     """
     if not isinstance(data, dict) or not AtmosphereFile.model_fields.keys() & data:
         raise UserError("not an atmosphere file", where=file, expected="a JSON object of the format's keys")
@@ -208,10 +205,7 @@ def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
 def read_atmosphere(path: Path | str) -> AtmosphereFile:
     """Read and check an atmosphere file.
 
-    Raises
-    ------
-    UserError
-        File missing, not JSON, or not in the format.
+    Raises ``UserError``: file missing, not JSON, or not in the format.
     """
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="an atmosphere file (JSON)")
     return parse_atmosphere(files.parse_json(text, path), str(path))
@@ -261,10 +255,7 @@ def scatterers(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArra
 def refractivity(file: AtmosphereFile, altitude_m: FloatArray, where: str) -> FloatArray:
     """Return n - 1 on other altitudes.
 
-    Raises
-    ------
-    UserError
-        The file has no refractivity.
+    Raises ``UserError``: the file has no refractivity.
     """
     if file.refractivity is None:
         raise UserError(

@@ -101,6 +101,8 @@ def systematic_covariance(
 
     The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis.
 
+    Raises ``numpy.linalg.LinAlgError``: if the points do not determine a cone.
+
     Parameters
     ----------
     los_cam : ndarray, shape (n, 3)
@@ -114,11 +116,6 @@ def systematic_covariance(
     gain : ndarray, shape (3, n), optional
         Derivative of (axis 1, axis 2, half-angle) by the outward shift [rad] of the limb at each point, for methods
         that do not fit a cone; all points are then used.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the points do not determine a cone.
     """
     thin = gain is None and len(los_cam) > 3
     some = los_cam[:: max(1, -(-len(los_cam) // MOST_POINTS))] if thin else los_cam
@@ -193,10 +190,7 @@ def air_refractivity(
 def file_refractivity(scene: SceneSpec, file: AtmosphereFile, altitude_m: FloatArray, where: str) -> FloatArray | None:
     """Return n - 1 of an atmosphere file on other altitudes; None without refraction.
 
-    Raises
-    ------
-    UserError
-        The scene asks for refraction, and the file has no refractivity.
+    Raises ``UserError``: the scene asks for refraction, and the file has no refractivity.
     """
     wanted = scene.atmosphere.refraction
     if wanted is False or (wanted is None and file.refractivity is None):
@@ -211,6 +205,8 @@ def horizon_rise_m(
 
     Inside the air, at index n(h), the planet appears larger by ``(n(0) - n(h)) R``.
 
+    Raises ``UserError``: as :func:`horizonval.earth.optical.optical_model` for the air.
+
     Parameters
     ----------
     scene, camera altitude_m : float
@@ -219,11 +215,6 @@ def horizon_rise_m(
         Of the planet.
     base_dir : Path, optional
         Folder against which files of the atmosphere are resolved; default the current one.
-
-    Raises
-    ------
-    UserError
-        As :func:`horizonval.earth.optical.optical_model` for the air.
     """
     atmosphere = scene.atmosphere
     if not camera.band or atmosphere.refraction is False:

@@ -74,6 +74,9 @@ def optical_model(
     Where the air varies over the globe, solar nodes have the column below the satellite and the differences from it of
     the columns in sight (:mod:`horizonval.earth.atmosphere.sunlit_gases`).
 
+    Raises ``UserError``: camera without bands; unknown profile; band outside the tables; an invalid file; an atmosphere
+    file without a band of the camera's name; ``render.band_error`` out of reach.
+
     Parameters
     ----------
     scene : SceneSpec
@@ -84,12 +87,6 @@ def optical_model(
         Folder against which ``atmosphere.file`` and ``profile_file`` are resolved; default the current one.
     change : AirChange
         How the air differs from the scene's; spectral nodes and ground are those of the scene.
-
-    Raises
-    ------
-    UserError
-        Camera without bands; unknown profile; band outside the tables; an invalid file; an atmosphere file without a
-        band of the camera's name; ``render.band_error`` out of reach.
     """
     if not camera.band:
         raise UserError(

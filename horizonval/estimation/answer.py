@@ -218,10 +218,6 @@ def significant(values: FloatArray | float, digits: int = SIGNIFICANT) -> FloatA
     """Round an array to so many digits of its largest element.
 
     ``values``: finite.
-
-    Returns
-    -------
-    rounded : ndarray, same shape
     """
     array = np.asarray(values, dtype=np.float64)
     largest = float(np.abs(array).max(initial=0.0))

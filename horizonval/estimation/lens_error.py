@@ -45,16 +45,8 @@ def miscalibrated(
 
     Raises ``UserError``: an error of the distortion of a camera that has none, or whose corner has no direction.
 
-    Parameters
-    ----------
-    camera : CameraModel
-        As it is.
-    focal_length : float
-        Error as a share of it.
-    principal_point_px : tuple of 2 floats
-        Error of column and row.
-    distortion_px : float
-        Error of the radial distortion at the farthest corner.
+    ``camera``: as it is; ``focal_length``: error as a share of it; ``principal_point_px``: error of column and row;
+    ``distortion_px``: error of the radial distortion at the farthest corner.
     """
     k1 = camera.distortion[0]
     if distortion_px != 0.0:

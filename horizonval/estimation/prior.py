@@ -74,6 +74,10 @@ _NUMBERS = (
 class Prior:
     """What a flight computer knows beside the image and the camera. All of it can be missing.
 
+    Raises ``UserError``: a value without its sigma or the other way round, a sigma that is not above 0, a vector of
+    another shape, a position inside the planet, a quaternion that is not of length 1, a radius for anything but a
+    sphere.
+
     Attributes
     ----------
     shape : {"wgs84", "sphere"} or None
@@ -102,12 +106,6 @@ class Prior:
     sun_sigma_rad : float or None
         Of the observation's ``sun_cam``, in each of two directions across it. None where ``sun_cam`` is that of a
         coarse Sun sensor, right to a degree.
-
-    Raises
-    ------
-    UserError
-        A value without its sigma or the other way round, a sigma that is not above 0, a vector of another shape, a
-        position inside the planet, a quaternion that is not of length 1, a radius for anything but a sphere.
 
     Examples
     --------

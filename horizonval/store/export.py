@@ -110,11 +110,8 @@ def export_file(path: Path, out: Path, formats: Collection[Format] = (), *, zipp
     camera and truth as text (``about``). ``zipped``: EXR for programs with an OpenEXR before 3.4. Existing files of
     these names are replaced.
 
-    Raises
-    ------
-    UserError
-        Not one of our files, damaged, no astropy for ``fits``, a folder that cannot be written, or an EXR file that
-        would replace its source.
+    Raises ``UserError``: not one of our files, damaged, no astropy for ``fits``, a folder that cannot be written, or an
+    EXR file that would replace its source.
     """
     source = exr.read(path)
     address = path.stem if is_address(path.stem) else ""

@@ -99,12 +99,8 @@ Channels = dict[str, NDArray[Any]]
 def write_frame(path: str | os.PathLike[str], frame: RadianceFrame, *, codec: Codec = "htj2k256") -> None:
     """Write ``frame`` to ``path``, replacing an existing file; the codec ``zip`` serves programs before OpenEXR 3.4.
 
-    Raises
-    ------
-    UserError
-        The file cannot be written.
-    ValueError
-        An invalid frame: no band, shapes that differ, a truth map missing, radiance that is not finite.
+    Raises ``UserError``: the file cannot be written. Raises ``ValueError``: an invalid frame: no band, shapes that
+    differ, a truth map missing, radiance that is not finite.
     """
     if not frame.radiance:
         raise ValueError("a frame needs at least one band")
@@ -178,12 +174,8 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
 def read_frame(path: str | os.PathLike[str]) -> RadianceFrame:
     """Read and verify a frame.
 
-    Raises
-    ------
-    UserError
-        No such file, or it holds a detector image.
-    DamagedFileError
-        Anything in it differs from what was written, or it is not ours.
+    Raises ``UserError``: no such file, or it holds a detector image. Raises ``DamagedFileError``: anything in it
+    differs from what was written, or it is not ours.
     """
     path = Path(path)
     header, channels = _read(path, "frame")

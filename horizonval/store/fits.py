@@ -89,6 +89,8 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
 def read_fits(path: Path) -> tuple[NDArray[Any], float | None, RadianceFrame | DetectorImage | None]:
     """Read an image from any FITS file, and the whole content of one that :func:`fits_bytes` made.
 
+    Raises ``UserError``: not a FITS file with a two-dimensional image, changed after its export, or no astropy.
+
     Returns
     -------
     pixels : ndarray, shape (H, W)
@@ -97,11 +99,6 @@ def read_fits(path: Path) -> tuple[NDArray[Any], float | None, RadianceFrame | D
         ``SATURATE``, else the largest number of an integer type.
     source : RadianceFrame, DetectorImage or None
         The whole content, if the file is one of ours.
-
-    Raises
-    ------
-    UserError
-        Not a FITS file with a two-dimensional image, changed after its export, or no astropy.
     """
     with _opened(path) as units:
         try:

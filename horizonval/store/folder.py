@@ -168,20 +168,9 @@ def write_json(
 def read_json(path: Path, *, bound: bool = True, fix: str = "run it again, and it is made anew") -> Any:
     """Return the object in a sealed JSON file, without its seal; None if there is no such file.
 
-    Parameters
-    ----------
-    path : Path
-    bound : bool
-        Whether the seal includes the file's name. A document that is not bound may be a link, and may have no seal.
-    fix : str
-        Advice of the error.
-
-    Raises
-    ------
-    DamagedFileError
-        The file was changed.
-    UserError
-        It is no regular file, or cannot be read.
+    ``bound``: whether the seal includes the file's name. A document that is not bound may be a link, and may have no
+    seal; ``fix``: advice of the error.
+    Raises ``DamagedFileError``: the file was changed. Raises ``UserError``: it is no regular file, or cannot be read.
     """
     try:
         data = files.read_bytes(path, largest=LARGEST_RECORD, expected="a JSON file", links=not bound)

@@ -58,18 +58,9 @@ def read_picture(path: Path, camera: CameraSpec | None = None, camera_file: str 
 
     The size is read from the header first: a picture of a wrong size is not decoded.
 
-    Parameters
-    ----------
-    path : Path
-    camera : CameraSpec, optional
-        The camera whose size the picture must have.
-    camera_file : str
-        For error messages.
-
-    Raises
-    ------
-    UserError
-        No such file, not a readable picture, another size than the camera's, or larger than any camera or than memory.
+    ``camera``: the camera whose size the picture must have; ``camera_file``: for error messages.
+    Raises ``UserError``: no such file, not a readable picture, another size than the camera's, or larger than any
+    camera or than memory.
     """
     magic = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=4)
     width, height = size_of(path)

@@ -136,10 +136,7 @@ PICTURE_DPI = 120
 def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[str, Any]:
     """Write ``<X>.json``, ``<X>.md`` and the figures of one system; return the JSON's content.
 
-    Raises
-    ------
-    ValueError
-        A measured figure that is not finite: a defect of the experiment.
+    Raises ``ValueError``: a measured figure that is not finite: a defect of the experiment.
     """
     letter = result.system
     names = [row.name for row in result.rows]

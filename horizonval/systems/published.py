@@ -88,10 +88,7 @@ class Published(_PublishedModel):
     def number(self, key: str) -> float:
         """Return a printed figure that is a number.
 
-        Raises
-        ------
-        TypeError
-            For one that is a text.
+        Raises ``TypeError``: for one that is a text.
         """
         value = self.figures[key].value
         if isinstance(value, str):

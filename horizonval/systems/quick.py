@@ -35,10 +35,7 @@ SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
 def chosen(names: list[str]) -> list[str]:
     """Return the letters that the user asked for, in order; none, or ``all``, means all of them.
 
-    Raises
-    ------
-    UserError
-        For anything that is no letter of a system.
+    Raises ``UserError``: for anything that is no letter of a system.
     """
     wanted = {name.upper() for name in names or ["all"]}
     if unknown := sorted(wanted - {*SYSTEMS, "ALL"}):
@@ -72,10 +69,7 @@ def quick_figures(cache: TaskCache, pages: Path, systems: Sequence[str] = SYSTEM
     Returned: ``system``, ``name``, ``unit``, ``measured``, ``accepted`` (None where no such figure is committed), and
     ``verdict``, PASS or FAIL.
 
-    Raises
-    ------
-    UserError
-        There are no committed figures.
+    Raises ``UserError``: there are no committed figures.
     """
     content = read_json(pages / FILE, bound=False)
     if content is None:

@@ -33,22 +33,10 @@ def reproduce_systems(
 ) -> Iterator[dict[str, Any]]:
     """Yield the content of each system's JSON file as it is written.
 
-    Parameters
-    ----------
-    names : list of str
-        Letters, or ``all``; none are all.
-    out : Path
-        Made if need be.
-    seed : int
-        Of all noise.
-    workers : int, optional
-        Processes; as many as processors by default. The number does not change any result.
-    progress : Progress, optional
-
-    Raises
-    ------
-    UserError
-        An unknown system, a folder of something else or in which another run works, or no back-end to render with.
+    ``names``: letters, or ``all``; none are all; ``out``: made if need be; ``seed``: of all noise; ``workers``:
+    processes; as many as processors by default. The number does not change any result.
+    Raises ``UserError``: an unknown system, a folder of something else or in which another run works, or no back-end to
+    render with.
     """
     from horizonval.renderer.backend import probe
 

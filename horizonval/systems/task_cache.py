@@ -46,6 +46,8 @@ class TaskCache:
     ) -> dict[str, JsonObject]:
         """Return what ``work`` gives for every item, by the item's name and in the items' order.
 
+        Raises ``RuntimeError``: a defect in ``work``; the other items' results are kept.
+
         Parameters
         ----------
         title : str
@@ -55,11 +57,6 @@ class TaskCache:
             with the renderer ready. It must depend on nothing but its item, so a seed that it needs is in the item.
         items : mapping
             By unique name.
-
-        Raises
-        ------
-        RuntimeError
-            A defect in ``work``; the other items' results are kept.
         """
         named = [NamedItem(name, dict(item)) for name, item in items.items()]
         execution = Execution(self.workers)

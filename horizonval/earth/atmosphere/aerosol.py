@@ -91,10 +91,7 @@ class Aerosol:
 
         The asymmetry is the mean over the kinds weighted with their scattering, 0 where nothing scatters.
 
-        Raises
-        ------
-        UserError
-            Wavelength outside 0.2 to 18.5 um.
+        Raises ``UserError``: wavelength outside 0.2 to 18.5 um.
         """
         kinds = [optics(kind, wavelength_um) for kind in self.kinds]
         extinction, scattering, weighted = (
@@ -117,6 +114,8 @@ def names() -> list[str]:
 def aerosol(name: str, altitude_m: ArrayLike, *, depth_below_10_km: float | None = None, where: str = "") -> Aerosol:
     """Return a model on altitudes.
 
+    Raises ``UserError``: unknown name; lists the most similar names first.
+
     Parameters
     ----------
     name : str
@@ -127,11 +126,6 @@ def aerosol(name: str, altitude_m: ArrayLike, *, depth_below_10_km: float | None
         Optical depth at 550 nm below 10 km, instead of the model's; above 11 km nothing changes.
     where : str, optional
         File and key that gave the name, for the error message.
-
-    Raises
-    ------
-    UserError
-        Unknown name; lists the most similar names first.
     """
     if name not in names():
         raise UserError(
@@ -170,10 +164,7 @@ def _depth(levels_km: FloatArray, extinction_per_m: FloatArray) -> float:
 def optics(kind: str, wavelength_um: ArrayLike) -> AerosolOptics:
     """Return the spectra of one kind of particle of the table or of thin cloud (:mod:`horizonval.earth.clouds.layers`).
 
-    Raises
-    ------
-    UserError
-        Wavelength outside 0.2 to 18.5 um.
+    Raises ``UserError``: wavelength outside 0.2 to 18.5 um.
     """
     if layers.is_particle(kind):
         return AerosolOptics(*layers.sunlit(kind, wavelength_um))

@@ -149,16 +149,8 @@ def weather_columns(
 ) -> GasState:
     """Return columns of weather, arrays of shape (c, k). The last few results are cached.
 
-    Parameters
-    ----------
-    field : WeatherField latitude_deg, longitude_deg : ndarray, shape (c,)
-        Geodetic.
-    altitude_m : ndarray, shape (k,)
-        Geodetic, rising from 0 to at most 100 km.
-    co2_ppm : float
-        In the lower atmosphere.
-    calm : bool
-        The climate without deviations.
+    ``field``: shape (c,), geodetic; ``altitude_m``: shape (k,), geodetic, rising from 0 to at most 100 km; ``co2_ppm``:
+    in the lower atmosphere; ``calm``: the climate without deviations.
     """
     latitude, longitude, z = (np.asarray(v, dtype=np.float64) for v in (latitude_deg, longitude_deg, altitude_m))
     places = tuple(tuple(v.tolist()) for v in (latitude, longitude, z))
@@ -211,10 +203,7 @@ def real_profile(name: str, where: str = "") -> AtmosphereProfile:
     Above its last level the temperature is constant. CO2, N2O, CH4 and HNO3 are the climate's at equal pressure; so are
     water vapour and ozone above the levels where they are known.
 
-    Raises
-    ------
-    UserError
-        Unknown name.
+    Raises ``UserError``: unknown name.
     """
     s = real_states.real_state(name, where)
     z = np.unique(np.concatenate([np.arange(0.0, 30e3, 250.0), np.arange(30e3, 120_001.0, 500.0)]))

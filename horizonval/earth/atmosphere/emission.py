@@ -346,12 +346,7 @@ def emitting_air(
     ``by_latitude_month`` without a fixed latitude has a row of air for every latitude in sight; weather and profiles of
     many places have columns on a map; otherwise one row serves the whole frame.
 
-    Parameters
-    ----------
-    air : Air
-        Unchanged column below the satellite.
-    scene : SceneSpec change : AirChange ground : callable, optional
-        Heights at which columns begin; default 0.
+    ``air``: unchanged column below the satellite; ``scene``: heights at which columns begin; default 0.
     """
     rows, grid = np.zeros(1), air.altitude_m
     place, ground_m = None, np.zeros(0)
@@ -411,19 +406,10 @@ def grey_band(
 ) -> EmittingBand:
     """Return a thermal band with the same absorption at all its wavelengths, one column everywhere.
 
-    Parameters
-    ----------
-    band : Band altitude_m, temperature_k, absorption_per_m : ndarray, shape (n,)
-        Levels, which are also the grid: absorption and source are linear between.
-    where : str
-        File and key of the band, for the error message.
-    pieces : int
-        Number of g points into which the band is divided, for a ground with a spectrum.
-
-    Raises
-    ------
-    UserError
-        Band reaching beyond the Sun's known spectrum.
+    ``band``: shape (n,), levels, which are also the grid: absorption and source are linear between; ``where``: file and
+    key of the band, for the error message; ``pieces``: number of g points into which the band is divided, for a ground
+    with a spectrum.
+    Raises ``UserError``: band reaching beyond the Sun's known spectrum.
     """
     check_sunlight(band, where)
     wavelength, weight_um = bands.sampled(band)

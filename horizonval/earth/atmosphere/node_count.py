@@ -38,10 +38,7 @@ _VIEW_ZENITH_DEG = (0.0, 70.0)
 def choose_rule(measure: Measure, air: Air, albedo: float, error: float, where: str) -> SolarRule:
     """Return the smallest rule whose band radiance is within a relative error on every ray of the module text.
 
-    Raises
-    ------
-    UserError
-        No rule of up to 64 nodes is good enough; names ``where``, file and key of the band.
+    Raises ``UserError``: no rule of up to 64 nodes is good enough; names ``where``, file and key of the band.
     """
     fine, energy = _thinned(measure)
     spectra = _Spectra.of(fine, *_ozone(fine, air), air)
@@ -134,16 +131,9 @@ def _shell_means(air: Air) -> FloatArray:
 class _Ray:
     """A ray divided into segments of one shell each, ordered from the observer.
 
-    Attributes
-    ----------
-    amounts : ndarray, shape (segments, constituents)
-        Per metre.
-    length_m : ndarray, shape (segments,) to_sun : ndarray, shape (segments, constituents)
-        Columns from the middle of each segment towards the Sun.
-    cosine : float
-        Of the angle of scattering.
-    ground, ground_to_sun
-        Albedo / pi times the cosine of the Sun's zenith angle (0 at the limb), and the columns from there.
+    ``amounts``: shape (segments, constituents), per metre; ``length_m``: shape (segments,), columns from the middle of
+    each segment towards the Sun; ``cosine``: of the angle of scattering; ``ground``, ``ground_to_sun``: albedo / pi
+    times the cosine of the Sun's zenith angle (0 at the limb), and the columns from there.
     """
 
     amounts: FloatArray

@@ -108,11 +108,8 @@ def read_profiles(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> tuple[Plac
 
     ``co2_ppm``: carbon dioxide of the lower atmosphere where the file has no column of it.
 
-    Raises
-    ------
-    UserError
-        Naming file, key and line of the first mistake and the allowed range; also where the file has carbon dioxide and
-        the scene asks for another amount.
+    Raises ``UserError``: naming file, key and line of the first mistake and the allowed range; also where the file has
+    carbon dioxide and the scene asks for another amount.
     """
     path = Path(path)
     table = _read(path)

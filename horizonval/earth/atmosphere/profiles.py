@@ -83,10 +83,7 @@ class AtmosphereProfile:
 
         Against the closed form of US76 the density is within 2.4e-3 between levels and 1e-5 at them.
 
-        Raises
-        ------
-        ValueError
-            Altitude outside the tabulated range.
+        Raises ``ValueError``: altitude outside the tabulated range.
         """
         z = np.asarray(altitude_m, dtype=np.float64)
         if z.size and (z.min() < self.altitude_m[0] or z.max() > self.altitude_m[-1]):
@@ -128,10 +125,7 @@ def profile(name: str, *, where: str = "") -> AtmosphereProfile:
 
     ``where``: file and key that gave the name, for the error message.
 
-    Raises
-    ------
-    UserError
-        Unknown name; lists the most similar names first.
+    Raises ``UserError``: unknown name; lists the most similar names first.
     """
     known = names()
     if name not in known:
@@ -208,10 +202,7 @@ def us76(altitude_m: ArrayLike) -> Us76:
 
     The molecular weight is that at the ground. The standard lets it fall above 80 km, by 0.04 % at 86 km.
 
-    Raises
-    ------
-    ValueError
-        Altitude outside 0 to 86 km.
+    Raises ``ValueError``: altitude outside 0 to 86 km.
     """
     z = np.asarray(altitude_m, dtype=np.float64)
     if z.size and not (z.min() >= 0 and z.max() <= _TOP_M):

@@ -111,10 +111,7 @@ def solar_measure(band: Band, where: str) -> Measure:
 
     The Sun's distance must not change any node, not even by rounding: tables of the air are cached by content.
 
-    Raises
-    ------
-    UserError
-        Band beyond the Sun's known spectrum.
+    Raises ``UserError``: band beyond the Sun's known spectrum.
     """
     check_sunlight(band, where)
     wavelength, weight = bands.sampled(band, sunlight.table_um(), order=4)

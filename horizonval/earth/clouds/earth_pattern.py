@@ -66,14 +66,8 @@ def lattice_noise(
 ) -> Any:
     """Return one octave of noise at positions in lattice cells (three arrays above -8192), in arbitrary units.
 
-    Parameters
-    ----------
-    position : three arrays octave : int
-        Each octave has a separate lattice.
-    seed : int or unsigned 32-bit array split : callable
-        Splits an array of positive floats into whole part (unsigned 32-bit) and fraction.
-    real : callable
-        Converts unsigned 32-bit arrays to floats.
+    ``position``: each octave has a separate lattice; ``seed``: splits an array of positive floats into whole part
+    (unsigned 32-bit) and fraction; ``real``: converts unsigned 32-bit arrays to floats.
     """
     offset = _LATTICE_OFFSET + 0.37 * octave
     cells, parts = zip(*(split(v + offset) for v in position), strict=True)

@@ -134,10 +134,7 @@ def heights_m(layer: CloudLayer, latitude_deg: float) -> tuple[float, float]:
 def occurrence(kind: str, latitude_deg: float, month: float) -> float:
     """Return how often a kind of cloud occurs at a latitude in a month (1 to 12), 0 to 1.
 
-    Raises
-    ------
-    KeyError
-        The kind has no climatology.
+    Raises ``KeyError``: the kind has no climatology.
     """
     north = SHIFT_DEG * np.cos((month - NORTHMOST_MONTH) * np.pi / 6.0)
     latitude, south = abs(latitude_deg), latitude_deg < 0.0
@@ -184,10 +181,7 @@ def is_particle(kind: str) -> bool:
 def sunlit(kind: str, wavelength_um: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return extinction and scattering per extinction at 550 nm, and asymmetry, one entry per wavelength.
 
-    Raises
-    ------
-    UserError
-        Wavelength outside 0.2 to 1.05 um.
+    Raises ``UserError``: wavelength outside 0.2 to 1.05 um.
     """
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     if wavelength.size and not (wavelength.min() >= SHORTEST_UM and wavelength.max() <= LONGEST_UM):
@@ -340,10 +334,7 @@ class ThinLayer:
 def layers_of(scene: SceneSpec) -> tuple[ThinLayer, ...]:
     """Return the layers of a scene.
 
-    Raises
-    ------
-    UserError
-        Base and top leave no layer.
+    Raises ``UserError``: base and top leave no layer.
     """
     found = []
     for i, layer in enumerate(scene.layer):

@@ -58,14 +58,8 @@ def blended(weights: Sequence[Mapping[str, float]], altitude_m: FloatArray, co2_
     Temperatures are blended linearly, mixing ratios and the air's density in their logarithms, as in
     :func:`horizonval.earth.atmosphere.climate.blended`; the pressure follows from the ideal gas law.
 
-    Parameters
-    ----------
-    weights : sequence of mapping, length m
-        Climates and their weights, of sum 1.
-    altitude_m : ndarray, shape (n,)
-        0 to 120 km.
-    co2_ppm : float
-        Of the lower atmosphere.
+    ``weights``: climates and their weights, of sum 1; ``altitude_m``: shape (n,), 0 to 120 km; ``co2_ppm``: of the
+    lower atmosphere.
     """
     z = np.asarray(altitude_m, dtype=np.float64)
     known = names()

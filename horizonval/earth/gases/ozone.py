@@ -42,10 +42,7 @@ def _table() -> tuple[FloatArray, FloatArray, FloatArray]:
 def cold_and_warm_m2(wavelength_um: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return the cross sections of one molecule at 220 K and at 280 K [m2], linear between the 1 nm means.
 
-    Raises
-    ------
-    UserError
-        Wavelength outside 280 to 1000 nm.
+    Raises ``UserError``: wavelength outside 280 to 1000 nm.
     """
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     nanometre = wavelength * 1e3

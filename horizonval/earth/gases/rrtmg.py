@@ -339,6 +339,8 @@ def absorption_per_m(
 ) -> FloatArray:
     """Return the absorption coefficient of clear air for every class of every band.
 
+    Result: 1/m, at least 1e-16. Raises ``ValueError``: a key gas missing, or an unknown gas.
+
     Parameters
     ----------
     pressure_pa, temperature_k : ndarray, shape (...) vmr : mapping of str to ndarray
@@ -348,16 +350,6 @@ def absorption_per_m(
         Indices into :data:`BANDS`; default all seven.
     upper_share : ndarray, shape (...), optional
         Weights, 0 to 1, of the upper atmosphere's tables; default 0 above 95.58 hPa and 1 below.
-
-    Returns
-    -------
-    ndarray, shape (len(bands), 16, ...)
-        1/m, at least 1e-16.
-
-    Raises
-    ------
-    ValueError
-        A key gas missing, or an unknown gas.
     """
     unknown = sorted(set(vmr) - {*KEY_GASES, *OTHER_GASES})
     missing = [gas for gas in KEY_GASES if gas not in vmr]

@@ -29,10 +29,7 @@ def table_um() -> FloatArray:
 def irradiance(wavelength_um: ArrayLike, distance_au: float = 1.0) -> FloatArray:
     """Return the spectral irradiance [W m-2 um-1] across the rays, outside the atmosphere.
 
-    Raises
-    ------
-    UserError
-        Wavelength outside the table, 0.25 to 20 um.
+    Raises ``UserError``: wavelength outside the table, 0.25 to 20 um.
     """
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     tolerance = 1e-12

@@ -149,10 +149,7 @@ def g_points(band: Band, *, where: str = "") -> GPoints:
 
     ``where``: file and key of the band, for the error message.
 
-    Raises
-    ------
-    UserError
-        Response reaching outside 7.194 to 20 um.
+    Raises ``UserError``: response reaching outside 7.194 to 20 um.
     """
     lo, hi = bands.limits_um(band)
     tolerance = 1e-9
@@ -194,13 +191,9 @@ _CLIMATE = "us_standard"
 def limb_radiances(points: GPoints, height_m: FloatArray, air: GasState | None = None) -> FloatArray:
     """Return the radiance of every g point [W m-2 sr-1] along rays, shape (n, g).
 
-    Parameters
-    ----------
-    points : GPoints height_m : ndarray, shape (n,)
-        Tangent heights below 100 km; for rays to a black ground, negative: impact parameter minus radius, down to minus
-        the Earth's radius at nadir.
-    air : GasState, optional
-        One column; default the US standard atmosphere with today's halocarbons.
+    ``points``: shape (n,), tangent heights below 100 km; for rays to a black ground, negative: impact parameter minus
+    radius, down to minus the Earth's radius at nadir; ``air``: one column; default the US standard atmosphere with
+    today's halocarbons.
     """
     if air is None:
         air = afgl.state(_CLIMATE, afgl.levels_m()).with_halocarbons()
@@ -331,10 +324,7 @@ _NAMED_SENTENCES = {
 def thermal_accuracy(band: Band) -> ThermalAccuracy:
     """Return the stated accuracy of a thermal band.
 
-    Raises
-    ------
-    UserError
-        Response outside 7.2 to 20 um.
+    Raises ``UserError``: response outside 7.2 to 20 um.
     """
     for name, named in NAMED.items():
         if band.lo_um is None or band.hi_um is None:

@@ -59,10 +59,7 @@ def names() -> list[str]:
 def real_state(name: str, where: str = "") -> RealState:
     """Return a state by name.
 
-    Raises
-    ------
-    UserError
-        Unknown name.
+    Raises ``UserError``: unknown name.
     """
     known = names()
     if name not in known:

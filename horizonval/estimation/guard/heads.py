@@ -151,16 +151,8 @@ def misfit(los: FloatArray, axis: FloatArray, rho_rad: float, noise_rad: FloatAr
     """Return the probability that crossings miss one cone by as much as they do, at the direction of the poles that
     suits them best; 1 where three crossings or fewer leave nothing to ask.
 
-    Parameters
-    ----------
-    los : ndarray, shape (n, 3)
-    axis : ndarray, shape (3,)
-    rho_rad : float
-        Cone through the crossings.
-    noise_rad : ndarray, shape (n,)
-        Standard deviations of the crossings across the limb.
-    seen : Observation
-        For the planet and the band.
+    ``los``: shape (n, 3); ``axis``: shape (3,); ``rho_rad``: cone through the crossings; ``noise_rad``: shape (n,),
+    standard deviations of the crossings across the limb; ``seen``: for the planet and the band.
     """
     across = los @ tangent_basis(axis)
     across /= np.linalg.norm(across, axis=1)[:, None]

@@ -102,16 +102,10 @@ def model_covariance(
     The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. Raises ``LinAlgError`` if the points do
     not determine a cone.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    axis_cam : ndarray, shape (3,)
-    estimates : {"geocentric", "geodetic"}
-    patterns_m : ndarray, shape (k, n), optional
-        Errors of a known height of the limb, where the points have been lowered by one. Without, the Sun of a solar
-        band is taken to be anywhere.
-    slow_px : float
-        As for :func:`horizonval.estimation.limb.cone.slow_error`.
+    ``los_cam``: shape (n, 3); ``axis_cam``: shape (3,); ``estimates``: one of ``"geocentric"``, ``"geodetic"``;
+    ``patterns_m``: shape (k, n), errors of a known height of the limb, where the points have been lowered by one.
+    Without, the Sun of a solar band is taken to be anywhere; ``slow_px``: as for
+    :func:`horizonval.estimation.limb.cone.slow_error`.
     """
     camera, radius = observation.camera, observation.prior.sphere_radius_m
     covariance = systematic_covariance(

@@ -71,13 +71,7 @@ FADE_M = 1e3
 def steepest_height(height_m: FloatArray, profiles: FloatArray, sigma_m: float) -> FloatArray:
     """Return the heights [m], shape (n,); NaN where a profile has no steepest place within reach.
 
-    Parameters
-    ----------
-    height_m : ndarray, shape (h,)
-        Rising.
-    profiles : ndarray, shape (n, h)
-    sigma_m : float
-        Of the blur.
+    ``height_m``: shape (h,), rising; ``profiles``: shape (n, h); ``sigma_m``: of the blur.
     """
     slopes = np.diff(profiles, axis=1) / np.diff(height_m)
     ends = np.zeros((len(profiles), 1))
@@ -128,13 +122,8 @@ class SunlitHeights:
     def height_m(self, rho_rad: float, sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
         """Return the heights, shape (n,), of points with a blur and the Sun's angles there; NaN where it is night.
 
-        Parameters
-        ----------
-        rho_rad : float
-            Angular radius of the Earth.
-        sigma_m : ndarray, shape (n,)
-            Wider and narrower blurs than the table's are taken for its last, as are nearer and farther observers.
-        zenith, azimuth : ndarray, shape (n,)
+        ``rho_rad``: angular radius of the Earth; ``sigma_m``: shape (n,), wider and narrower blurs than the table's are
+        taken for its last, as are nearer and farther observers; ``zenith``, ``azimuth``: shape (n,).
         """
         slant = np.full(len(zenith), np.clip(math.tan(rho_rad), self._slants[0], self._slants[-1]))
         return np.asarray(self._mean(np.column_stack([slant, *_sheet(sigma_m, zenith, azimuth)])))
@@ -295,11 +284,7 @@ def cone_perturbation(
 
     Raises ``LinAlgError`` if the points do not determine a cone.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    axis_cam : ndarray, shape (3,)
-    heights_m : ndarray, shape (k, n)
+    ``los_cam``: shape (n, 3); ``axis_cam``: shape (3,); ``heights_m``: shape (k, n).
     """
     across = los_cam @ tangent_basis(axis_cam)
     across /= np.linalg.norm(across, axis=1)[:, None]

@@ -131,13 +131,7 @@ def limb_pieces(
 
     Raises ``LinAlgError``: too little limb in view.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-    observation : Observation
-        Camera, band and Sun are used.
-    knowledge : LimbKnowledge
-        Of the fit.
+    ``image``: shape (H, W); ``observation``: camera, band and Sun are used; ``knowledge``: of the fit.
     """
     blur = float(np.sqrt(found.blur_px**2 + PIXEL_VARIANCE))
     near = limb_pixels(image, observation.camera, found.pose, knowledge, blur, found.scale_height_m)

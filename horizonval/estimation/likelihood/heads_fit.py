@@ -104,10 +104,7 @@ def fit_heads(heads: Sequence[HeadImage], start: LimbPose, knowledge: LimbKnowle
     ``start``: of the body: ``cam_from_itrs`` is ``body_from_itrs``. ``knowledge``: the mean pose and the turns of its
     information are the body's too. Raises ``LinAlgError``: too little limb in view of a head, or no convergence.
 
-    Returns
-    -------
-    LimbLikelihoodFit
-        In the camera axes of the first head, whose points it has; ``chi_squared`` is NaN.
+    Result: in the camera axes of the first head, whose points it has; ``chi_squared`` is NaN.
     """
     return _JointSearch(list(heads), start, knowledge).run()
 

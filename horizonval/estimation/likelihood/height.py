@@ -83,10 +83,7 @@ def correlations(lengths_rad: FloatArray, up: FloatArray, pole: FloatArray) -> F
     the Earth's centre. ``up`` (shape (n, 3)): unit vectors from the Earth's centre, in any frame. ``pole`` (shape
     (3,)): the Earth's axis in the same frame.
 
-    Returns
-    -------
-    ndarray, shape (k, n, n)
-        Distances are chords of the unit sphere.
+    Result: distances are chords of the unit sphere.
     """
     square = np.moveaxis(np.asarray(lengths_rad, dtype=np.float64) ** 2, 1, 0)
     north = north_of(up, pole)

@@ -168,15 +168,9 @@ def weighed(
 ) -> LimbLight:
     """Return the light with noise, outliers and the spread of the sectors estimated.
 
-    Parameters
-    ----------
-    basis : ndarray, shape (6, n)
-        Of :func:`light_basis`.
-    values : ndarray, shape (n,)
-    starts : ndarray of int, shape (m + 1,)
-        Of the sectors.
-    neighbours : ndarray of int, shape (2, k), optional
-        Numbers of pixels side by side; without, what is seen of the Earth is taken for independent from pixel to pixel.
+    ``basis``: shape (6, n), of :func:`light_basis`; ``values``: shape (n,); ``starts``: shape (m + 1,), of the sectors;
+    ``neighbours``: shape (2, k), numbers of pixels side by side; without, what is seen of the Earth is taken for
+    independent from pixel to pixel.
     """
     edge, rounding = basis[1], rounding_variance(values)
     light = solved(basis, values, starts, np.ones_like(edge), (1.0, 1.0, 0.0))

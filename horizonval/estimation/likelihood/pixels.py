@@ -75,15 +75,8 @@ def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArra
 
     Raises ``LinAlgError`` if the observer stands on or below the limb.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (3, n)
-        Unit vectors in camera axes.
-    cam_from_itrs : ndarray, shape (3, 3)
-    r_itrs : ndarray, shape (3,)
-        Observer [m].
-    axes_m : ndarray, shape (3,)
-        Semi-axes of the ellipsoid, the height of the limb included.
+    ``los_cam``: shape (3, n), unit vectors in camera axes; ``cam_from_itrs``: shape (3, 3); ``r_itrs``: shape (3,),
+    observer [m]; ``axes_m``: shape (3,), semi-axes of the ellipsoid, the height of the limb included.
     """
     p = r_itrs / axes_m
     size = float(np.sqrt(p @ p))
@@ -266,10 +259,7 @@ def limb_bend(
     ``uv`` (shape (n, 2)): places (column, row) [px]. ``cam_from_itrs``, ``r_itrs``, ``axes_m``: as for
     :func:`.limb_angle.limb_angle`.
 
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where a neighbour sees nothing.
+    Result: NaN where a neighbour sees nothing.
     """
 
     steps = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])

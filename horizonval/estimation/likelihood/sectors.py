@@ -197,13 +197,8 @@ def solve_levels(
 ) -> Levels:
     """Return the most probable levels of every sector, their spread about the mean estimated with them or given.
 
-    Parameters
-    ----------
-    basis : ndarray, shape (k, n)
-        Of the ordered pixels; those of background and amplitude first.
-    values, weights : ndarray, shape (n,)
-    starts : ndarray of int, shape (m + 1,)
-    spread_information : ndarray, shape (k,), optional
+    ``basis``: shape (k, n), of the ordered pixels; those of background and amplitude first; ``values``, ``weights``:
+    shape (n,); ``starts``: shape (m + 1,); ``spread_information``: shape (k,).
     """
     k = len(basis)
     together = np.concatenate([basis, values[None]]) * np.sqrt(weights)
@@ -260,13 +255,8 @@ def eliminated(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the normal matrix (p, p) and right side (p,) of the shared unknowns, the levels eliminated.
 
-    Parameters
-    ----------
-    jacobian : ndarray, shape (p, n)
-    basis : ndarray, shape (k, n)
-    residuals, weights : ndarray, shape (n,)
-        Residuals from the most probable levels, so that these pull on nothing.
-    starts : ndarray of int, shape (m + 1,)
+    ``jacobian``: shape (p, n); ``basis``: shape (k, n); ``residuals``, ``weights``: shape (n,), residuals from the most
+    probable levels, so that these pull on nothing; ``starts``: shape (m + 1,).
     """
     p = len(jacobian)
     together = np.concatenate([jacobian, basis]) * np.sqrt(weights)

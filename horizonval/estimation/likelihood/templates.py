@@ -149,11 +149,7 @@ class LimbTemplates:
         (latitude [rad], month). Beyond the ends of an axis its last value holds, but for twilight, which ends; months
         are taken round the year, azimuths may have either sign.
 
-        Returns
-        -------
-        mean : ndarray, shape (n, H)
-        modes : ndarray, shape (n, K, H)
-        left_sigma : ndarray, shape (n, H)
+        Result: ``mean`` shape (n, H), ``modes`` shape (n, K, H), ``left_sigma`` shape (n, H).
         """
         a, b = _pairs(first, second)
         if self.band_kind == "thermal":
@@ -353,11 +349,7 @@ def is_of_band(table: LimbTemplates, band_kind: str | None, band_um: tuple[float
 def shipped_templates(band_kind: Literal["solar", "thermal"], band_um: tuple[float, float]) -> LimbTemplates | None:
     """Return the shipped table of the band most like one, None where none is.
 
-    Parameters
-    ----------
-    band_kind : {"solar", "thermal"}
-    band_um : tuple of two floats
-        Wavelengths between which the response is above zero.
+    ``band_kind``: one of ``"solar"``, ``"thermal"``; ``band_um``: wavelengths between which the response is above zero.
     """
     likeness = [(overlap(band_um, t.band_um), i) for i, t in enumerate(_shipped()) if t.band_kind == band_kind]
     best, i = max(likeness, default=(0.0, 0))

@@ -94,11 +94,7 @@ class Arc:
 def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusal:
     """Return the image's longest edge as an arc of whole pixels, or why there is none.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-    full_scale : float, optional
-        Digital number at which the converter saturates.
+    ``image``: shape (H, W); ``full_scale``: digital number at which the converter saturates.
     """
     if (refusal := check_image(image, full_scale)) is not None:
         return refusal

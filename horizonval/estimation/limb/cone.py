@@ -69,12 +69,7 @@ def noise_bias(los_cam: FloatArray, axis: FloatArray, rho_rad: float, sigma_rad:
     Ordinary least squares on ``u . m = 1`` has ``1 / (sin rho cos rho)`` in place of ``cot rho``: ``1 / cos^2 rho``
     times as much. Raises ``LinAlgError`` if the points do not determine a cone.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    axis : ndarray, shape (3,)
-    sigma_rad : float
-        Standard deviation of a point across the limb [rad].
+    ``los_cam``: shape (n, 3); ``axis``: shape (3,); ``sigma_rad``: standard deviation of a point across the limb [rad].
     """
     across = los_cam @ tangent_basis(axis)
     across /= np.linalg.norm(across, axis=1)[:, None]
@@ -104,11 +99,7 @@ def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeU
     the measured autocorrelation up to the first lag at which it is no longer significant. Raises ``LinAlgError`` if the
     points do not determine a cone.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-        n >= 4 points, in any order.
-    axis : ndarray, shape (3,)
+    ``los_cam``: shape (n, 3), n >= 4 points, in any order; ``axis``: shape (3,).
     """
     basis = tangent_basis(axis)
     jacobian = _jacobian(los_cam, basis)
@@ -135,15 +126,8 @@ def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: f
     Neither more points nor another draw of the noise changes them, and residuals hardly show them: they belong to what
     a fit claims of its model, beside the noise. Raises ``LinAlgError`` if the points do not determine a cone.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    basis : ndarray, shape (3, 2)
-        Tangent directions at the axis, as of :class:`ConeUncertainty`.
-    px_rad : float
-        Angle of a pixel.
-    slow_px : float
-        What single points are off by, rms.
+    ``los_cam``: shape (n, 3); ``basis``: shape (3, 2), tangent directions at the axis, as of :class:`ConeUncertainty`;
+    ``px_rad``: angle of a pixel; ``slow_px``: what single points are off by, rms.
     """
     jacobian = _jacobian(los_cam, basis)
     variance = (slow_px * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS
@@ -154,11 +138,7 @@ def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: f
 def limb_directions(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, rim_px: float) -> FloatArray:
     """Return lines of sight on a cone, shape (n, 3), one for every pixel of its limb in view, in order of azimuth.
 
-    Parameters
-    ----------
-    axis_cam : ndarray, shape (3,)
-    rim_px : float
-        Width of the image's rim that is left out.
+    ``axis_cam``: shape (3,); ``rim_px``: width of the image's rim that is left out.
     """
     turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
     basis = tangent_basis(axis_cam)

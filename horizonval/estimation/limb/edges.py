@@ -63,14 +63,9 @@ class Edges:
 def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STRONG_SHARE) -> Edges:
     """Return the Canny points of an eight-bit image, those within ``rim_px`` of its outer rim left out.
 
-    Parameters
-    ----------
-    image8 : ndarray of uint8, shape (H, W)
-    rim_px : int
-        Edges of a picture's own frame, and points without room for a sub-pixel window, lie there.
-    strong_share : float
-        Of the image's own strong gradients: the upper threshold is at least that. Little, where a later step decides
-        what belongs to the limb.
+    ``image8``: shape (H, W); ``rim_px``: edges of a picture's own frame, and points without room for a sub-pixel
+    window, lie there; ``strong_share``: of the image's own strong gradients: the upper threshold is at least that.
+    Little, where a later step decides what belongs to the limb.
     """
     smooth = cv2.GaussianBlur(image8, (0, 0), BLUR_SIGMA_PX)
     dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)

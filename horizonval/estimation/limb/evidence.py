@@ -117,11 +117,7 @@ class Evidence:
 def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> Evidence | None:
     """Return what a level shows along the limb of a cone; None where too little of it lies in the image.
 
-    Parameters
-    ----------
-    camera : CameraModel
-        Of the picture.
-    axis_cam : ndarray, shape (3,)
+    ``camera``: of the picture; ``axis_cam``: shape (3,).
     """
     trace = trace_limb(camera, axis_cam, rho_rad, level.scale, PROFILES * MOST_SECTORS)
     sectors = len(trace.azimuth) // PROFILES

@@ -169,10 +169,7 @@ def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None =
     ``camera``: its width and height must be the image's. ``full_scale`` (optional): digital number at which the
     converter saturates.
 
-    Returns
-    -------
-    LimbPoints or Refusal
-        The points in order along the limb.
+    Result: the points in order along the limb.
     """
     found = find_limb_and_picture(image, camera, full_scale)
     return found if isinstance(found, Refusal) else found[0]

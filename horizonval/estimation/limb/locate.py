@@ -75,15 +75,8 @@ def points_of(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return places of the limb [px of the picture], shape (n, 2), in order of azimuth; steps there, and deep inside.
 
-    Parameters
-    ----------
-    camera : CameraModel
-        Of the picture.
-    axis_cam : ndarray, shape (3,)
-    rho_rad : float
-        Cone that is right to a pixel.
-    width_px : float
-        Of the edge.
+    ``camera``: of the picture; ``axis_cam``: shape (3,); ``rho_rad``: cone that is right to a pixel; ``width_px``: of
+    the edge.
     """
     trace = trace_limb(camera, axis_cam, rho_rad, level.scale)
     if not len(trace.azimuth):

@@ -93,10 +93,6 @@ def to_grey(array: NDArray[Any]) -> FloatArray:
 
     ``array`` (shape (H, W)): integer or floating point. A second (grey) or fourth (colour) channel is opacity and is
     left out. Raises ``ValueError`` if the array has another shape or is not numeric.
-
-    Returns
-    -------
-    ndarray, shape (H, W), float64
     """
     data = np.asarray(array)
     if data.dtype.kind not in "buif":
@@ -337,11 +333,8 @@ def noise_sigma(image: NDArray[np.floating | np.uint8], largest_level: int | Non
     By Immerkaer's operator (Computer Vision and Image Understanding 64, 300, 1996), with the median in place of the
     mean so that edges do not count.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-    largest_level : int, optional
-        Of an image of whole numbers from 0 on, which is sooner counted than ranked; of eight bits it is known.
+    ``image``: shape (H, W); ``largest_level``: of an image of whole numbers from 0 on, which is sooner counted than
+    ranked; of eight bits it is known.
     """
     gain = float(np.linalg.norm(IMMERKAER)) / MEDIAN_TO_SIGMA
     if image.dtype == np.uint8:

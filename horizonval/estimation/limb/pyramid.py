@@ -213,15 +213,8 @@ def trace_limb(
 ) -> Trace:
     """Return evenly spaced places along the limb of a cone that lie in the image.
 
-    Parameters
-    ----------
-    axis_cam : ndarray, shape (3,)
-    rho_rad : float
-        Half-angle.
-    spacing_px : float
-        Of the places, at least.
-    most : int, optional
-        Places; of a longer limb they lie further apart.
+    ``axis_cam``: shape (3,); ``rho_rad``: half-angle; ``spacing_px``: of the places, at least; ``most``: places; of a
+    longer limb they lie further apart.
     """
     basis = tangent_basis(axis_cam)
     middle = unproject(camera, np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0])) @ basis

@@ -58,15 +58,9 @@ def to_steepest(
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Move lines of sight across the limb to the steepest place of the image.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-    los_cam : ndarray, shape (n, 3)
-        Unit lines of sight to the limb, right to a few pixels.
-    axis_cam : ndarray, shape (3,)
-        Axis of the cone through them; profiles run towards it.
-    bright_inside : bool
-        Whether the grey level rises towards the axis.
+    ``image``: shape (H, W); ``los_cam``: shape (n, 3), unit lines of sight to the limb, right to a few pixels;
+    ``axis_cam``: shape (3,), axis of the cone through them; profiles run towards it; ``bright_inside``: whether the
+    grey level rises towards the axis.
 
     Returns
     -------
@@ -164,15 +158,8 @@ def pixel_variance(
 ) -> FloatArray:
     """Return the variance of every pixel's noise, shape (H, W), as the surroundings of the limb show it.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-    axis_cam : ndarray, shape (3,)
-        Axis of the cone of the limb.
-    rho_rad : float
-        Its half-angle.
-    full_scale : float, optional
-        Pixels near it are saturated, and have no noise to read.
+    ``image``: shape (H, W); ``axis_cam``: shape (3,), axis of the cone of the limb; ``rho_rad``: its half-angle;
+    ``full_scale``: pixels near it are saturated, and have no noise to read.
     """
     image32 = image.astype(np.float32)
     response = np.asarray(cv2.filter2D(image32, cv2.CV_32F, IMMERKAER), dtype=np.float64)
@@ -225,17 +212,9 @@ def noise_covariance(
     The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. Raises ``LinAlgError`` if the points do
     not determine a cone.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-    los_cam : ndarray, shape (n, 3)
-        Lines of sight to steepest places of the image, n >= 3.
-    axis_cam : ndarray, shape (3,)
-        Of the cone through them, of half-angle ``rho_rad``.
-    variance : ndarray, shape (H, W)
-        Of the pixels' independent noise.
-    bright_inside : bool
-        Whether the grey level rises towards the axis.
+    ``image``: shape (H, W); ``los_cam``: shape (n, 3), lines of sight to steepest places of the image, n >= 3;
+    ``axis_cam``: shape (3,), of the cone through them, of half-angle ``rho_rad``; ``variance``: shape (H, W), of the
+    pixels' independent noise; ``bright_inside``: whether the grey level rises towards the axis.
     """
     moved = _response(image, camera, los_cam, axis_cam, 1.0 if bright_inside else -1.0)
     across = los_cam @ tangent_basis(axis_cam)

@@ -64,10 +64,7 @@ class Sides:
 def read_sides(picture: Picture, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> Sides:
     """Read the image on both sides of limb points, along the direction to the cone's axis.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    axis_cam : ndarray, shape (3,)
+    ``los_cam``: shape (n, 3); ``axis_cam``: shape (3,).
     """
     inwards = axis_cam - los_cam * (los_cam @ axis_cam)[:, None]
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]

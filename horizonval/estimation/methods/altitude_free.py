@@ -127,15 +127,9 @@ def fit_points(
 ) -> Fit | Refusal:
     """Fit given limb points: the method behind the search for points.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    uv : ndarray, shape (n, 2)
-        The same points in pixels.
-    observation : Observation
-        Mounting, Earth radius and what is known of the limb's shape are used.
-    slow_px : float
-        As for :func:`horizonval.estimation.limb.cone.slow_error`.
+    ``los_cam``: shape (n, 3); ``uv``: shape (n, 2), the same points in pixels; ``observation``: mounting, Earth radius
+    and what is known of the limb's shape are used; ``slow_px``: as for
+    :func:`horizonval.estimation.limb.cone.slow_error`.
     """
     if len(los_cam) < 4:
         return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
@@ -164,16 +158,9 @@ def fit_of_cone(
 ) -> Fit:
     """Return the fit that a cone of sight lines means: attitude, angular radius, altitude ``R / sin rho - R``.
 
-    Parameters
-    ----------
-    los_cam, uv : ndarray, shape (n, 3) and (n, 2)
-        The points it was fitted to.
-    nadir_cam : ndarray, shape (3,)
-    observation : Observation
-        Mounting and Earth radius are used.
-    steps : ndarray, shape (k, m), optional
-    model : ndarray, shape (3, 3), optional
-        What the cone leaves out: :func:`horizonval.estimation.guard.limits.model_covariance`.
+    ``los_cam``, ``uv``: shape (n, 3), the points it was fitted to; ``nadir_cam``: shape (3,); ``observation``: mounting
+    and Earth radius are used; ``steps``: shape (k, m); ``model``: shape (3, 3), what the cone leaves out:
+    :func:`horizonval.estimation.guard.limits.model_covariance`.
     """
     nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam)
     roll, pitch = roll_pitch_of_nadir(nadir_body)

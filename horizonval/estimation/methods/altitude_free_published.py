@@ -80,11 +80,7 @@ def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole
 def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | Refusal:
     """Fit limb points that another search has found: the method without its whole pixels.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    uv : ndarray, shape (n, 2)
-        Where they were seen, as a fraction of a pixel.
+    ``los_cam``: shape (n, 3); ``uv``: shape (n, 2), where they were seen, as a fraction of a pixel.
     """
     return _fit(los_cam, uv, observation, whole=False)
 

@@ -62,15 +62,9 @@ class EdgeFrame:
 
     Raises ``LinAlgError``: too little limb in view.
 
-    Parameters
-    ----------
-    camera : CameraModel
-        As it was told.
-    bends : bool
-        Whether its distortion may be wrong.
-    scale : int
-        Pixels of the image that together are one of those that are fitted, each way. What is shared, and the camera
-        as it was told, are then in those wider pixels.
+    ``camera``: as it was told; ``bends``: whether its distortion may be wrong; ``scale``: pixels of the image that
+    together are one of those that are fitted, each way. What is shared, and the camera as it was told, are then in
+    those wider pixels.
     """
 
     def __init__(self, start: EllipsoidStart, camera: CameraModel, *, bends: bool = False, scale: int = 1) -> None:

@@ -79,10 +79,7 @@ def without_own(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Eliminate a frame's own unknowns, the first of its equations (Schur's complement).
 
-    Parameters
-    ----------
-    normal : ndarray, shape (own + 8, own + 8)
-    right : ndarray, shape (own + 8,)
+    ``normal``: shape (own + 8, own + 8); ``right``: shape (own + 8,).
 
     Returns
     -------
@@ -103,9 +100,7 @@ def without_own(
 def seen_by_changed(camera: CameraModel, pixels: NearPixels, step: FloatArray) -> NearPixels:
     """Return pixels with the lines of sight of a camera whose ln f, principal point and distortion are a step away.
 
-    Parameters
-    ----------
-    step : ndarray, shape (4,)
+    ``step``: shape (4,).
     """
     bend = k1_per_px(camera) * float(step[3]) if step[3] else 0.0
     changed = replace(

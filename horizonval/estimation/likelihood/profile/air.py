@@ -400,16 +400,9 @@ def sun_of_time(
 ) -> FloatArray | None:
     """Return the direction of the Sun as the time says it, or None if a sensor's reading contradicts it.
 
-    Parameters
-    ----------
-    sun_itrs : ndarray, shape (3,)
-        By the time.
-    sun_cam : ndarray, shape (3,), or None
-        Of the sensor; without one there is nothing to contradict.
-    cam_from_itrs : ndarray, shape (3, 3)
-        The attitude that is known.
-    sigma_rad : float
-        Standard deviation of the angle between the two, of attitude and sensor together.
+    ``sun_itrs``: shape (3,), by the time; ``sun_cam``: shape (3,), of the sensor; without one there is nothing to
+    contradict; ``cam_from_itrs``: shape (3, 3), the attitude that is known; ``sigma_rad``: standard deviation of the
+    angle between the two, of attitude and sensor together.
     """
     if sun_cam is None or float(off_axis_angle(sun_cam, cam_from_itrs @ sun_itrs)) <= CONTRADICTED * sigma_rad:
         return sun_itrs

@@ -89,17 +89,9 @@ def _variance(blur_px: float, sharpness: float) -> tuple[float, float, float]:
 class BlurredProfiles:
     """Profiles at some places along the limb.
 
-    Parameters
-    ----------
-    profiles : ndarray, shape (m, k, n)
-        Of k functions at m places, on an even grid of heights.
-    step_m : float
-        Of the grid.
-    boxes_m : ndarray, shape (m, 2)
-        Height that a pixel is wide along its columns and along its rows.
-    lens : Lens, optional
-    off_axis_rad : ndarray, shape (m,), optional
-        Of the places, for a lens that blurs them differently.
+    ``profiles``: shape (m, k, n), of k functions at m places, on an even grid of heights; ``step_m``: of the grid;
+    ``boxes_m``: shape (m, 2), height that a pixel is wide along its columns and along its rows; ``off_axis_rad``: shape
+    (m,), of the places, for a lens that blurs them differently.
     """
 
     def __init__(
@@ -147,13 +139,7 @@ class BlurredProfiles:
 
         The sum itself, its derivative by the height, by the logarithm of the blur, and by the sharpness.
 
-        Parameters
-        ----------
-        weights : ndarray, shape (m, k)
-        blur_px : float
-            The lens's ``s``.
-        sharpness : float
-            The lens's ``q``.
+        ``weights``: shape (m, k); ``blur_px``: the lens's ``s``; ``sharpness``: the lens's ``q``.
         """
         summed = _even((weights[:, None] @ self._profiles)[:, 0]) * self._pixel
         smooth, sampled, smooth_by_blur, sampled_by_blur = self._parts(blur_px)
@@ -211,16 +197,9 @@ class BlurredProfiles:
 class _Aperture:
     """A lens behind a round aperture, as a Gaussian makes it softer.
 
-    Attributes
-    ----------
-    square : ndarray, shape (m, f)
-        Of the frequencies, per pixel.
-    transfer : ndarray, shape (m, f)
-        Of the aperture alone.
-    squares, transfers : ndarray, shape (9, m, f)
-        Of the frequencies that samples at whole pixels take for these: each brought near 0, and its eight neighbours.
-    at_zero : tuple of ndarray, shape (9,)
-        Both of frequency 0.
+    ``square``: shape (m, f), of the frequencies, per pixel; ``transfer``: shape (m, f), of the aperture alone;
+    ``squares``, ``transfers``: shape (9, m, f), of the frequencies that samples at whole pixels take for these: each
+    brought near 0, and its eight neighbours; ``at_zero``: shape (9,), both of frequency 0.
     """
 
     square: FloatArray

@@ -107,16 +107,9 @@ def step_without_air(
 
     Raises ``LinAlgError``: no solution, or unknowns that nothing determines.
 
-    Parameters
-    ----------
-    shared : ndarray, shape (s, s)
-        With priors.
-    right : ndarray, shape (s,)
-    mixed : ndarray, shape (s, k)
-    air : ndarray, shape (k, k)
-        Without the priors of the air's unit unknowns, which are added; written over.
-    right_air : ndarray, shape (k,)
-        With the pull of their priors.
+    ``shared``: shape (s, s), with priors; ``right``: shape (s,); ``mixed``: shape (s, k); ``air``: shape (k, k),
+    without the priors of the air's unit unknowns, which are added; written over; ``right_air``: shape (k,), with the
+    pull of their priors.
     """
     if not (np.isfinite(shared).all() and np.isfinite(right).all() and np.isfinite(air).all()):
         raise np.linalg.LinAlgError("the fit's equations have no solution")
@@ -184,9 +177,7 @@ nadirs by a fifth of a standard deviation."""
 class ProfileSearch:
     """The search; what its last step knew stays as attributes.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
+    ``image``: shape (H, W).
 
     Attributes
     ----------

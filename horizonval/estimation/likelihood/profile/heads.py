@@ -194,21 +194,10 @@ def fit_profiles(
 
     Raises ``LinAlgError``: too little limb in view of a head, or no convergence.
 
-    Parameters
-    ----------
-    heads : sequence of ProfileHead
-        At least one.
-    mean : LimbPose
-        The prior's pose of the body: ``cam_from_itrs`` is ``body_from_itrs``.
-    information : ndarray, shape (7, 7)
-        About it, of turns in body axes.
-    axes_from_body : ndarray, shape (3, 3)
-        Of the camera in whose axes the answer is.
-
-    Returns
-    -------
-    ProfileFit
-        With points and levels of the first of the heads.
+    ``heads``: at least one; ``mean``: the prior's pose of the body: ``cam_from_itrs`` is ``body_from_itrs``;
+    ``information``: shape (7, 7), about it, of turns in body axes; ``axes_from_body``: shape (3, 3), of the camera in
+    whose axes the answer is.
+    Result: with points and levels of the first of the heads.
     """
     return _SearchOfHeads(list(heads), mean, information).run(axes_from_body)
 

@@ -75,13 +75,8 @@ def start_pose(
 
     Raises ``LinAlgError``: no tilt makes the image like a limb.
 
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-    heights_m : tuple of float
-        First and last height of the table.
-    profiles : callable
-        From normals (m, 3) and lines of sight (m, 3) in camera axes, and heights (n,), to profiles (m, n).
+    ``image``: shape (H, W); ``heights_m``: first and last height of the table; ``profiles``: from normals (m, 3) and
+    lines of sight (m, 3) in camera axes, and heights (n,), to profiles (m, n).
     """
     values, los, light, pixel_rad = _coarse(image, camera)
     distance = float(np.linalg.norm(prior.r_itrs))
@@ -131,15 +126,8 @@ def start_pose(
 class _Seen:
     """Pixels (n,) of the coarse copy.
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-    los : ndarray, shape (3, n)
-    light : ndarray, shape (n,)
-    radius : ndarray, shape (n,)
-        What is taken from the distance at which they pass the centre [m].
-    row : ndarray of int, shape (n,)
-        Where in the flat table their azimuth's row begins.
+    ``values``: shape (n,); ``los``: shape (3, n); ``light``: shape (n,); ``radius``: shape (n,), what is taken from the
+    distance at which they pass the centre [m]; ``row``: shape (n,), where in the flat table their azimuth's row begins.
     """
 
     values: FloatArray

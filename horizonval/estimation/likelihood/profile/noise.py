@@ -64,11 +64,7 @@ class Floor:
 def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
     """Return the floor of pixels that see space, None where none cuts their noise off.
 
-    Parameters
-    ----------
-    dark : ndarray, shape (n,)
-    lowest : float
-        Of the whole image.
+    ``dark``: shape (n,); ``lowest``: of the whole image.
     """
     if len(dark) < FEWEST:
         return None

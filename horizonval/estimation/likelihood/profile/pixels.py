@@ -74,15 +74,8 @@ class RayHeight:
 def ray_height(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> RayHeight:
     """Return how high lines of sight pass.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (3, n)
-        Unit vectors in camera axes.
-    cam_from_itrs : ndarray, shape (3, 3)
-    r_itrs : ndarray, shape (3,)
-        Observer [m].
-    axes_m : ndarray, shape (3,)
-        Semi-axes of the ellipsoid.
+    ``los_cam``: shape (3, n), unit vectors in camera axes; ``cam_from_itrs``: shape (3, 3); ``r_itrs``: shape (3,),
+    observer [m]; ``axes_m``: shape (3,), semi-axes of the ellipsoid.
     """
     p = r_itrs / axes_m
     e = (cam_from_itrs / axes_m).T @ los_cam
