@@ -128,10 +128,7 @@ _EMPTY = {"points": (0, 2), "residuals_rad": (0,), "steps": (0, 0)}
 
 
 def checked(result: object) -> Fit | Refusal:
-    """Return an answer as plain data.
-
-    ``result``: what an estimator returned. Raises ``ValueError``: it is no answer; in one line, why.
-    """
+    """Return an answer as plain data; raises ``ValueError`` with a one-line reason if it is no answer."""
     if isinstance(result, Refusal):
         return _refusal(result.status, result.reason, result.points, result.output)
     if not isinstance(result, Fit):
@@ -215,10 +212,7 @@ SIGNIFICANT = 10
 
 
 def significant(values: FloatArray | float, digits: int = SIGNIFICANT) -> FloatArray:
-    """Round an array to so many digits of its largest element.
-
-    ``values``: finite.
-    """
+    """Round a finite array to so many digits of its largest element."""
     array = np.asarray(values, dtype=np.float64)
     largest = float(np.abs(array).max(initial=0.0))
     # Below this, ten digits are beyond what powers of ten can scale.

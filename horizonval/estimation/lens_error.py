@@ -62,7 +62,7 @@ def miscalibrated(
 
 
 def k1_per_px(camera: CameraModel) -> float:
-    """Return by how much ``k1`` changes where the farthest corner moves outwards by a pixel.
+    """Return the change of ``k1`` that moves the farthest corner outwards by a pixel.
 
     Raises ``UserError``: the camera has no distortion, or its corner no direction.
     """

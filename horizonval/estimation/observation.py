@@ -21,20 +21,11 @@ from horizonval.geometry.camera import CameraModel
 
 @dataclass(frozen=True)
 class Calibration:
-    """Standard deviations of the errors of a camera's calibration.
+    """Standard deviations of a camera's calibration errors.
 
-    Attributes
-    ----------
-    focal_length_sigma : float
-        Of both focal lengths together, as a share of them.
-    principal_point_sigma_px : float
-        Of column and row.
-    distortion_sigma_px : float
-        Of the radial distortion, as it moves the image's farthest corner.
-    mounting_sigma_rad : tuple of 3 floats
-        Of a turn about the body's x, y and z.
-    exposure_offset_sigma_s, clock_sigma_s : float
-        Of the time by which an image is later than its stamp, and of the clock.
+    ``focal_length_sigma``: common relative error of both focal lengths; ``principal_point_sigma_px``: column and row;
+    ``distortion_sigma_px``: radial, at the farthest corner; ``mounting_sigma_rad``: turn about body x, y, z;
+    ``exposure_offset_sigma_s``, ``clock_sigma_s``: delay of the image after its stamp, and the clock.
     """
 
     focal_length_sigma: float = 0.0
@@ -47,19 +38,11 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """What is told of a lens; without anything its blur is the same all over the field and its aperture wide.
+    """Blur of a lens over the field; by default uniform, with a wide aperture. The overall blur is left to the image.
 
-    How soft it is on the whole is left to whoever looks at the image.
-
-    Attributes
-    ----------
-    angles_rad : ndarray, shape (b,)
-        From the axis, rising.
-    ratios : ndarray, shape (b,)
-        Of the blur there to their root mean square, without diffraction. Between two angles a point's light is shared
-        out between both blurs.
-    diffraction_px : float
-        Mean wavelength times f-number; 0 where rings are no wider than the pixels show.
+    ``angles_rad``: shape (b,), from the axis, rising; ``ratios``: shape (b,), blur without diffraction over its root
+    mean square, with light shared linearly between two angles; ``diffraction_px``: mean wavelength times f-number, 0 if
+    negligible.
     """
 
     angles_rad: FloatArray = field(default_factory=lambda: np.zeros(1))
@@ -67,10 +50,7 @@ class Lens:
     diffraction_px: float = 0.0
 
     def shares(self, off_axis_rad: FloatArray) -> FloatArray:
-        """Return the shares of the blurs at angles from the axis (m,), shape (b, m); beyond the ends that of the end.
-
-        Between two angles they are linear in the angle.
-        """
+        """Return the weights of the blurs at angles (m,), shape (b, m), linear between angles and clamped."""
         return np.array([np.interp(off_axis_rad, self.angles_rad, one) for one in np.eye(len(self.angles_rad))])
 
     def in_wider_pixels(self, scale: int) -> Lens:

@@ -56,10 +56,9 @@ def is_model(name: str) -> bool:
 
 
 def model_estimator(path: str | Path, name: str = "", title: str = "") -> Estimator:
-    """Return the estimator that a model in a file is.
+    """Return an ONNX file as an estimator, named after the file by default.
 
-    ``name``, ``title``: the file's name by default. Raises ``UserError``: no such file, it is no ONNX model or not one
-    as is asked for here, or onnxruntime is not installed.
+    Raises ``UserError``: no such file, not the expected ONNX model, or onnxruntime is not installed.
     """
     place = Path(path)
     if importlib.util.find_spec("onnxruntime") is None:

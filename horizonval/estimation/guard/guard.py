@@ -89,10 +89,7 @@ class TrustedLimb:
 
 
 def guarded(estimator: Estimator) -> Estimator:
-    """Return the estimator behind the guard, named ``guarded-<name>``.
-
-    One that is given the pose has nothing to guard and is returned as it is under that name.
-    """
+    """Return the estimator behind the guard, named ``guarded-<name>``; one that is given the pose is only renamed."""
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
         run = with_lens_error(partial(run_heads if estimator.needs == "heads" else _run, estimator))
@@ -181,10 +178,7 @@ class _GuardPoints:
 def _into_twilight(
     los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray, bright_inside: bool
 ) -> FloatArray:
-    """Return the points under a high Sun and, where it is low, whatever lies on the cone through all of them.
-
-    A search for edges loses the limb where it gets faint; where it must be is known from the rest of it.
-    """
+    """Return the points under a high Sun and, where it is low, the cone's own directions: edges fade out there."""
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     on_cone = limb_directions(observation.camera, cone.axis_cam, rho, NEEDED_PX)
@@ -213,10 +207,7 @@ def _best_reach(
     cause: Outcome | None,
     bright_inside: bool,
 ) -> TrustedLimb | Refusal:
-    """Lower the points to the ground, and use those up to the Sun's zenith angle that determines the nadir best.
-
-    More limb determines more, but what is known of it gets less towards the terminator.
-    """
+    """Lower the points to the ground, and keep the Sun's zenith angles up to which the nadir is determined best."""
     limb = _sunlit(los, observation, sun)
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
@@ -349,10 +340,7 @@ def _as_seen(limb: TrustedLimb) -> SeenLimb:
 
 
 def _noise_apart(fit: Fit, limb: TrustedLimb, observation: Observation) -> Fit:
-    """Return the fit with the detector's noise alone as its noise; what else scatters the points joins the rest.
-
-    The sum of both is what it was, or more where the points happen to scatter less than the noise makes them.
-    """
+    """Move the scatter beyond the detector's noise from the noise covariance to the systematic one."""
     image, camera = np.asarray(observation.image, dtype=np.float64), observation.camera
     seen = fit_cone(limb.seen_cam)
     rho = float(off_axis_angle(limb.seen_cam, seen.axis_cam).mean())
@@ -375,9 +363,9 @@ def _noise_apart(fit: Fit, limb: TrustedLimb, observation: Observation) -> Fit:
 
 
 def check_fit(fit: Fit, limb: TrustedLimb) -> Refusal | None:
-    """Return why the answer of a method of points is not believed, or None.
+    """Return why the answer of a method of points is refused, or None.
 
-    Its nadir must be that of the guard's cone within their noise, or within a pixel's worth of it.
+    Its nadir must agree with the guard's cone within the noise of both, or within one pixel.
     """
     basis = tangent_basis(limb.cone.axis_cam)
     apart = basis.T @ (np.asarray(fit.nadir_cam) - limb.cone.axis_cam)

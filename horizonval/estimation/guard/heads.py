@@ -424,10 +424,10 @@ def _systematic(
 def _of_method(
     estimator: Estimator, fit: Fit, seen: Mapping[str, FloatArray], limb: _Limb, observation: Observation
 ) -> FloatArray | None:
-    """Return what oblateness and relief make of a method's own nadir, shape (2, 2) in the limb's basis.
+    """Return the covariance (2, 2) of a method's nadir from oblateness and relief, in the limb's basis.
 
-    A method need not weigh its points as a cone's fit does: the limb is moved outwards at some places along every
-    head's arc, one after another and falling to nothing at the next, and the method is asked again.
+    A method may weigh its points differently from a cone fit. The limb is therefore raised at one place of each arc
+    after another, falling to zero at the next place, and the method runs again each time.
     """
     assert estimator.from_heads is not None
     turns = _turns(observation)

@@ -23,8 +23,7 @@ MUCH_LOST = 0.3
 """Share of the points beyond which what took them is named as the reason of a refusal."""
 
 MOST_SATURATED = 0.5
-"""Share of a limb that is fitted by its pixels. Where a quarter to two fifths of it was saturated, fits were 0.03 to
-0.08 deg off and said so; where all of it was, 0.6 deg."""
+"""Largest saturated share of a limb that is fitted by its pixels; above it, fits are wrong by 0.03 deg and more."""
 
 LOW_SUN_RAD = float(np.deg2rad(75.0))
 """Sun's zenith angle from which the limb is followed along the cone: a search for edges begins to lose it there."""
@@ -42,8 +41,7 @@ SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 """Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
 
 LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
-"""A claim further off than 0.5 deg is false (the suite's own limit): two and a half standard deviations of the worst
-direction."""
+"""Largest standard deviation of the worst direction: 0.4 of the error of 0.5 deg above which a claim is false."""
 
 LARGEST_PIXEL_SIGMA_RAD = float(np.deg2rad(0.1))
 """The same of methods that fit the pixels, whose claims are false beyond 0.25 deg."""
@@ -59,8 +57,8 @@ HEAD_LIMB_SHARE = 0.5
 """Of the answer's cone in a head's image that must be a limb: what crosses it (Sun, terminator) is a point of it."""
 
 HEAD_LOWEST_SUN_RAD = float(np.deg2rad(83.0))
-"""Sun's zenith angle at which the rendered limb has risen by 0.7 km; by 2 km at 86.5 deg, by 5 km at 91 deg. Heads see
-pieces too short to tell such a rise from a tilt."""
+"""Sun's zenith angle at which the limb has risen by 0.7 km (5 km at 91 deg). Short arcs cannot tell a rise from a
+tilt."""
 HEAD_ARC_SHARE = 0.15
 """Of the image's shorter side that an arc must measure in every head: less is a chord of a few pixels."""
 HEADS_MISFIT_RAD = float(np.deg2rad(0.25))
@@ -128,10 +126,9 @@ def model_covariance(
 
 
 def _seen_relief(los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, earth_radius_m: float) -> Relief:
-    """Return the relief that the points themselves show: their smoothed distances from the cone.
+    """Return the relief that the points show: their smoothed distances from the cone.
 
-    Clouds, coasts and haze are known by it. The cone has followed the longest waves already; what is left of a relief
-    with this correlation length is most of it.
+    The cone has absorbed the longest waves; with this correlation length most of the relief remains.
     """
     off = off_axis_angle(los_cam, axis_cam) - rho_rad
     across = los_cam @ tangent_basis(axis_cam)

@@ -236,10 +236,7 @@ def height_under(
     blur_rad: FloatArray,
     band_um: tuple[float, float] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the height [m] alone, and the Sun's zenith angle, shape (n,) each; of Suns (k, 3) the shape is (k, n).
-
-    NaN where the table has no height; other parameters as above.
-    """
+    """Return height [m] and the Sun's zenith angle, shape (n,) each or (k, n) for Suns (k, 3); NaN without a height."""
     zenith, azimuth = sun_angles(los_cam, axis_cam, suns_cam)
     sigma = np.broadcast_to(blur_rad * EARTH_RADIUS_M / math.tan(rho_rad), zenith.shape)
     height = heights_of(band_um).height_m(rho_rad, sigma.ravel(), zenith.ravel(), azimuth.ravel())
@@ -247,10 +244,9 @@ def height_under(
 
 
 def sun_angles(los_cam: FloatArray, axis_cam: FloatArray, sun_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return zenith angle and azimuth from the line of sight [rad] of the Sun at the tangent points, shape (n,) each.
+    """Return zenith angle and azimuth from the line of sight [rad] of the Sun, shape (n,) each or (k, n) for k Suns.
 
-    Of several Suns, shape (k, 3), they have the shape (k, n).
-    The vertical at a tangent point is across the line of sight, away from the cone's axis.
+    The vertical at a tangent point is perpendicular to the line of sight, away from the cone's axis.
     """
     up = los_cam * (los_cam @ axis_cam)[:, None] - axis_cam
     up /= np.linalg.norm(up, axis=1)[:, None]

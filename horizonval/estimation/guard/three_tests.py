@@ -82,8 +82,8 @@ def in_wider_pixels(observation: Observation, scale: int) -> Observation:
 BoolArray = NDArray[np.bool_]
 
 PIECES = 3
-"""Of a sector of 24 px of limb: 8 px long and 20 across, 160 pixels that know a step of one pixel's noise to a sixth of
-itself, and four dozen of which a picture of 160 px holds more than ten."""
+"""Pieces per sector of 24 px of limb: 8 px by 20 px each, whose 160 pixels measure a step to a sixth of the pixel
+noise."""
 STEP_SIGMAS = 5.0
 """Rose's criterion, for a piece in place of a pixel."""
 LEAST_NOISE = 1e-3
@@ -210,10 +210,7 @@ def _rival(
     needed: FloatArray,
     due: BoolArray,
 ) -> int:
-    """Return the number of pieces that show some place that is no part of the limb, each its own.
-
-    ``needed``: signed step, shape (m,), that a rival must reach in every piece.
-    """
+    """Return the number of pieces that show a step of at least ``needed``, shape (m,), away from the limb."""
     pose, camera = found.pose, observation.camera
     axes = knowledge.ellipsoid.axes_m + pose.height_m
     far = FARTHEST_RIVAL_PX + RIVAL_WIDTH_PX
@@ -257,20 +254,18 @@ def _means(values: FloatArray, piece: NDArray[np.intp], which: BoolArray, count:
 
 
 PROFILE_SHARE = 0.15
-"""Root mean square by which the light across a limb departs from an exponential through lens and pixel, of its step:
-0.01 to 0.08 under a high Sun and in the infrared, up to 0.16 towards the terminator, on frames of the default and the
-nightly suite. Chosen after seeing those."""
+"""Root-mean-square difference, as a share of the step, between a limb's profile and an exponential. Measured: 0.01 to
+0.08 under a high Sun and in the infrared, up to 0.16 near the terminator."""
 CHANCE = 1e-6
 """Of a limb's own chi-squared to be refused."""
 COIN = 0.1
-"""Chance of as many pieces of one sign by tosses of a coin, below which they are a limb. It need not be rarer: a
-picture without a limb fails the search for one, and the other tests. Four pieces can reach it, the shortest limb that a
-search takes."""
+"""Chance, under random signs, of as many pieces of one sign, below which they count as a limb. Four pieces, the
+shortest limb of a search, can reach it."""
 SIGMAS = 5.0
 """Of all consistency: two Gaussian degrees of freedom go beyond it in four of a million."""
 TAIL_PX = 1.0
-"""Of a limb's softness that need not be air: the wings of a lens and a bolometer's lag reach as far. In pixels of 40 km
-they are more than any air."""
+"""Softness of a limb that lens wings and a bolometer's lag can cause; with pixels of 40 km it exceeds that of any
+air."""
 PLACED_PX = 3.0
 """By which a method of whole pixels, or the fit where a sector shows little, may place a piece of limb otherwise."""
 
@@ -289,11 +284,10 @@ class SeenLimb:
 
 
 def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) -> Refusal | None:
-    """Return why a claim is not believed, or None.
+    """Return why a claim is refused, or None.
 
-    ``claim``: with an angular radius or an altitude, unless its limb is given. ``seen`` (optional): where the claim
-    comes from points: its limb may have been lowered by a height that is known of it. Without, the claim is of the limb
-    itself, and must agree with the fitted one in its nadir, too.
+    ``claim``: with an angular radius or an altitude, unless its limb is given. ``seen``: the limb of a claim from
+    points, whose height may have been corrected; without it the fitted limb must agree with the claim's nadir too.
     """
     rho = _angular_radius(claim, observation) if seen is None else seen.rho_rad
     if rho is None:
@@ -363,10 +357,10 @@ def _by_share(pieces: LimbPieces, claim: Fit) -> Refusal | None:
 
 
 def _by_place(found: LimbLikelihoodFit, predicted: Cone, observation: Observation, claim: Fit) -> Refusal | None:
-    """Refuse a limb that is too soft for air, and one that is not where the claim has it.
+    """Refuse a limb that is too soft for air, and one away from the claimed limb.
 
-    Along a short arc tilt and altitude can hardly be told apart: what can be compared is the limb in view. A claim may
-    be of any height in the air, of an ellipsoid, and of whole pixels.
+    A short arc hardly separates tilt from altitude, so the limb in view is compared. Allowed are any height in the air,
+    the flattening, and errors of whole pixels.
     """
     pixel_m = pixel_at_limb_m(observation.camera, found.pose.r_itrs, observation.prior.sphere_radius_m)
     if found.scale_height_m > max(SCALE_HEIGHT_M + SIGMAS * SCALE_SIGMA_M, TAIL_PX * pixel_m):
@@ -402,10 +396,7 @@ def _by_nadir(found: LimbLikelihoodFit, observation: Observation, claim: Fit) ->
 def _by_altitude(
     found: LimbLikelihoodFit, observation: Observation, claim: Fit, seen: SeenLimb | None
 ) -> Refusal | None:
-    """Refuse an angular radius that is not that of the known altitude: of the points, else of the fit of free altitude.
-
-    A limb higher by ``h`` has the angular radius ``h tan(rho) / R`` larger.
-    """
+    """Refuse an angular radius that contradicts the known altitude; a limb ``h`` higher adds ``h tan(rho) / R``."""
     if (known := _known_altitude(observation)) is None:
         return None
     expected, variance = known

@@ -31,10 +31,7 @@ LEAST_PX = 32
 
 
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
-    """Return what the limb near a start says.
-
-    ``picture``: the observation's image. ``observation``: Camera, mounting and radius of the sphere are used.
-    """
+    """Return the fit of the limb near a start; ``picture`` is the observation's image."""
     try:
         found = _fitted(picture, observation.camera, start, knowledge)
     except np.linalg.LinAlgError as e:
@@ -80,11 +77,10 @@ class PoseFit(Protocol):
 
 
 def fit_of(found: PoseFit, observation: Observation, ellipsoid: Ellipsoid) -> Fit:
-    """Return a limb's fit in the terms of all estimators.
+    """Return a limb's fit in the form of all estimators.
 
-    ``altitude_m`` is the distance from the Earth's centre less the radius of the sphere that methods assume, of an
-    ellipsoid too. The noise's covariance holds what priors leave open; the relief of the limb is what the model leaves
-    out, and systematic.
+    ``altitude_m``: distance from the Earth's centre minus the assumed sphere's radius, also for an ellipsoid. The noise
+    covariance includes what priors leave open; relief of the limb is systematic.
     """
     pose = found.pose
     by_nadir = nadir_derivative(pose)

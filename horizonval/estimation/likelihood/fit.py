@@ -51,8 +51,8 @@ SCATTERED = 2.0
 MOST_STEPS = 30
 """Gauss-Newton takes 3 to 6 from within a pixel; where blur and softness are hard to tell apart, twice as many."""
 SETTLING_STEPS = 2
-"""After which noise, outliers and the spread of the light are held: a pixel at the edge of being left out would else be
-left out at every second step. From then on a step that makes the pixels less probable is halved."""
+"""Steps after which noise, outliers and the spread of levels are fixed, since marginal outliers would alternate. Later
+steps that reduce the likelihood are halved."""
 CONVERGED = 1e-2
 """Square of a step over its own covariance: a tenth of a standard deviation, and it is still taken."""
 RESELECT_PX = 0.5
@@ -69,26 +69,11 @@ MOST_HALVINGS = 10
 class LimbLikelihoodFit:
     """The most probable pose.
 
-    Attributes
-    ----------
-    blur_px : float
-        Of the lens.
-    covariance : ndarray, shape (7, 7)
-        Of a step from the pose: turn in camera axes [rad], position [m], limb height [m]; noise, priors, relief, and
-        what the sectors scatter by beyond these.
-    relief_covariance : ndarray, shape (7, 7)
-        The part of it of relief and scatter.
-    noise_sigma : tuple of float
-        Standard deviation of a pixel in space and on the Earth, in the image's levels.
-    chi_squared : float
-        Mean square of the residuals over the variance of the noise that neighbouring pixels show of each other.
-    pixels : int
-        That were used.
-    uv : ndarray, shape (m, 2)
-        A place on the limb for every sector [px].
-    residuals_rad : ndarray, shape (m,)
-        How far inside of the fitted limb each sector shows it, relief and all.
-    steps : ndarray, shape (k, 7)
+    ``covariance`` (7, 7): of turn in camera axes [rad], position [m], limb height [m], from noise, priors, relief and
+    excess scatter of the sectors; ``relief_covariance``: its part of relief and scatter. ``noise_sigma``: pixel noise
+    in space and on the Earth, in grey levels. ``chi_squared``: mean square residual over the noise variance between
+    neighbouring pixels. ``pixels``: number used. ``uv`` (m, 2): a point on each sector's limb [px]; ``residuals_rad``
+    (m,): how far inside the fitted limb each sector shows it, including relief. ``steps``: shape (k, 7).
     """
 
     pose: LimbPose
@@ -157,9 +142,8 @@ def fit_limb(
 ) -> LimbLikelihoodFit:
     """Fit the limb near a pose that is right to some pixels.
 
-    ``image`` (shape (H, W)): grey levels, linear in radiance. ``noise_sigma`` (optional): of a pixel as neighbours show
-    it, for ``chi_squared``; NaN without, or where they show none. Raises ``LinAlgError``: too little limb in view, or
-    no convergence.
+    ``image``: shape (H, W), linear in radiance; ``noise_sigma``: pixel noise seen between neighbours, for
+    ``chi_squared`` (NaN without). Raises ``LinAlgError``: too little limb in view, or no convergence.
     """
     found = _Search(image, camera, start, knowledge).run()
     near, model, light, covariance = found.near, found.model, found.light, found.covariance
@@ -200,10 +184,7 @@ class _Search:
         self.covariance = np.empty((0, 0))
 
     def run(self) -> _Search:
-        """Search; everything that the last step knew stays as attributes.
-
-        Raises ``LinAlgError``: no convergence, or no solution on the way.
-        """
+        """Search, and keep the last step as attributes; raises ``LinAlgError`` without convergence or solution."""
         settled = 0
         merit = self._merit()
         for _ in range(MOST_STEPS):
@@ -386,10 +367,10 @@ def by_sector(
 
 
 def scatter(near: LimbPixels, model: LimbModel, light: LimbLight, off_rad: FloatArray) -> float:
-    """Return chi-squared per degree of freedom of the sectors' places, ``off_rad`` of :func:`by_sector`, shape (m,).
+    """Return chi-squared per degree of freedom of the sectors' positions ``off_rad``, shape (m,), of :func:`by_sector`.
 
-    One of them is expected to be off by noise and relief, with what these have in common along the limb. Where chance
-    may have made it it is 1; beyond, it is larger by what so few sectors leave open of it.
+    Expected are noise and relief with their correlation along the limb. The result is 1 if chance explains the scatter;
+    beyond, it is increased by the uncertainty of so few sectors.
     """
     slope = brightness(light.of_pixel, model.x, near.along)[0] * model.edge.slope / model.scale
     starts = near.sectors.starts[:-1]

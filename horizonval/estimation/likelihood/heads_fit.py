@@ -54,14 +54,7 @@ SHARED = POSE + 1
 
 @dataclass(frozen=True)
 class HeadImage:
-    """The image of one head.
-
-    Attributes
-    ----------
-    image : ndarray, shape (H, W)
-        Grey levels, linear in radiance.
-    cam_from_body : ndarray, shape (3, 3)
-    """
+    """The image of one head, shape (H, W), linear in radiance, and ``cam_from_body``, shape (3, 3)."""
 
     image: FloatArray
     camera: CameraModel
@@ -101,10 +94,9 @@ class _Looks:
 def fit_heads(heads: Sequence[HeadImage], start: LimbPose, knowledge: LimbKnowledge) -> LimbLikelihoodFit:
     """Fit the limb in the images of all heads near a pose that is right to some pixels.
 
-    ``start``: of the body: ``cam_from_itrs`` is ``body_from_itrs``. ``knowledge``: the mean pose and the turns of its
-    information are the body's too. Raises ``LinAlgError``: too little limb in view of a head, or no convergence.
-
-    Result: in the camera axes of the first head, whose points it has; ``chi_squared`` is NaN.
+    ``start`` and ``knowledge`` refer to the body: ``cam_from_itrs`` is ``body_from_itrs``. The result is in the camera
+    axes of the first head, with its points and ``chi_squared`` NaN. Raises ``LinAlgError``: too little limb in a head,
+    or no convergence.
     """
     return _JointSearch(list(heads), start, knowledge).run()
 

@@ -77,13 +77,10 @@ def everywhere(lengths_rad: ArrayLike, count: int) -> FloatArray:
 
 
 def correlations(lengths_rad: FloatArray, up: FloatArray, pole: FloatArray) -> FloatArray:
-    """Return how alike functions are at places.
+    """Return correlations of n positions, shape (k, n, n), from chord distances on the unit sphere.
 
-    ``lengths_rad`` (shape (n, k, 2)): of every place and function, along the meridian and along the parallel; angles at
-    the Earth's centre. ``up`` (shape (n, 3)): unit vectors from the Earth's centre, in any frame. ``pole`` (shape
-    (3,)): the Earth's axis in the same frame.
-
-    Result: distances are chords of the unit sphere.
+    ``lengths_rad``: shape (n, k, 2), along meridian and parallel, angles at the Earth's centre; ``up``: shape (n, 3),
+    unit vectors from the Earth's centre; ``pole``: shape (3,), the Earth's axis.
     """
     square = np.moveaxis(np.asarray(lengths_rad, dtype=np.float64) ** 2, 1, 0)
     north = north_of(up, pole)
@@ -129,9 +126,9 @@ FAINTEST = 0.05
 def without_clouds(table: LimbTemplates) -> FloatArray:
     """Return the profiles of scenes without clouds, shape (A, B, h).
 
-    A scene has clouds or not, with the shares ``q`` and ``1 - q``. The variable of unit variance that says so is
-    ``-sqrt(q / (1 - q))`` without. Modes have one sign over all places: under a high Sun clouds are brighter, under a
-    low one darker than what lies beneath, which the Sun on the air makes bright.
+    Clouds are present with the share ``q``. The unit-variance variable of their presence is ``-sqrt(q / (1 - q))``
+    without. Modes have one sign everywhere: clouds are brighter than the air below under a high Sun and darker under a
+    low one.
     """
     clear = table.mean
     for k in np.flatnonzero(np.array(table.mode_kinds) == "scene"):
@@ -175,20 +172,10 @@ LEVELS = 4
 def edge_height(
     height_m: FloatArray, profiles: FloatArray, pixel_m: float, blur_px: float, scale_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the heights [m] and the root mean square of what is left, of a profile's span, shape (n,) each.
+    """Return heights [m] and the root-mean-square misfit as a share of the profile's span, shape (n,) each.
 
-    Parameters
-    ----------
-    height_m : ndarray, shape (h,)
-        Rising.
-    profiles : ndarray, shape (n, h)
-        Straight between the heights; nothing shines above the last.
-    pixel_m : float
-        Of height in a pixel at the limb.
-    blur_px : float
-        Of the lens, standard deviation.
-    scale_m : float
-        Scale height of the edge.
+    ``height_m``: shape (h,), rising; ``profiles``: shape (n, h), linear between, zero above the last; ``pixel_m``:
+    height per pixel at the limb; ``blur_px``: standard deviation of the lens; ``scale_m``: scale height of the edge.
     """
     blur = float(np.sqrt(blur_px**2 + PIXEL_VARIANCE))
     soft = scale_m / pixel_m
@@ -217,8 +204,7 @@ def edge_height(
 def _blurred(height_m: FloatArray, profiles: FloatArray, at_m: FloatArray, sigma_m: float) -> FloatArray:
     """Return profiles (n, h) blurred by a Gaussian, at heights (m,), shape (n, m).
 
-    A profile is a polygon: level below its first height, with the bends ``D_j`` at ``z_j``. A bend blurred is ``D_j``
-    times the integral of ``Phi((z - z_j) / s)``.
+    A polygon has the bends ``D_j`` at ``z_j``; a blurred bend is ``D_j`` times the integral of ``Phi((z - z_j) / s)``.
     """
     places = np.append(height_m, height_m[-1] + STEP_M)
     values = np.concatenate([profiles, np.zeros((len(profiles), 1))], axis=1)
@@ -233,24 +219,18 @@ def _blurred(height_m: FloatArray, profiles: FloatArray, at_m: FloatArray, sigma
 PIXELS_M = np.geomspace(2e3, 256e3, 15)
 """Of height in a pixel: of a camera of 0.05 deg in low orbit, and of one of a degree at four times its distance."""
 SEEN_FROM_M = 700e3
-"""Where the observer stands above the ground, of sunlit profiles: from 300 to 2000 km heights of a high Sun differ by
-0.1 km."""
+"""Observer's altitude for sunlit profiles; from 300 to 2000 km the heights under a high Sun differ by 0.1 km."""
 MISFIT_PX = 5.0
-"""Pixels by which a limb is misplaced for what the fit of it leaves, of its step. A residual that is all like the slope
-of the edge, half of the step in a pixel and over three of the twenty that are fitted, moves it by so much."""
+"""Displacement of a limb [px] per misfit, relative to its step: of a residual like the edge's slope, half a step per
+pixel over three of the twenty fitted pixels."""
 
 
 @dataclass(frozen=True)
 class EdgeHeights:
-    """At n places along a limb.
+    """Heights at n positions along a limb.
 
-    Attributes
-    ----------
-    mean_m : ndarray, shape (n,)
-    patterns_m : ndarray, shape (k, n)
-        One standard deviation of what each mode changes, and of what is no exponential (last).
-    correlation_rad : ndarray, shape (n, k, 2)
-        Angle at the Earth's centre as far as which each stays alike, along the meridian and along the parallel.
+    ``mean_m``: shape (n,); ``patterns_m``: shape (k, n), one standard deviation of each mode, the last of the departure
+    from an exponential; ``correlation_rad``: shape (n, k, 2), correlation length along meridian and parallel.
     """
 
     mean_m: FloatArray
@@ -290,11 +270,10 @@ class BandHeights:
         self._table, self._air = table, [kind == "air" for kind in table.mode_kinds]
 
     def at(self, pixel_m: FloatArray, first: FloatArray, second: FloatArray) -> EdgeHeights:
-        """Return the heights at places along a limb.
+        """Return the heights at positions along a limb.
 
-        ``pixel_m`` (shape (n,)): of height in a pixel; wider and narrower ones than the grid's are taken for its last.
-        ``first``, ``second`` (shape (n,)): along the table's axes: the Sun's zenith angle and azimuth from the line of
-        sight [rad]; latitude [rad] and month. Beyond the ends their last values hold.
+        ``pixel_m``: shape (n,), height per pixel; ``first``, ``second``: shape (n,), along the table's axes: the Sun's
+        zenith angle and azimuth [rad], or latitude [rad] and month. Beyond the ends the last values hold.
         """
         if self._thermal:
             second = self._ends[1][0] + (second - self._ends[1][0]) % MONTHS
@@ -350,20 +329,11 @@ TOTAL_LATITUDES, TOTAL_MONTHS = 19, 12
 
 @dataclass(frozen=True)
 class UnevenLimb:
-    """What is known of a band's limb.
+    """Knowledge of a band's limb.
 
-    Attributes
-    ----------
-    sun_cam : ndarray, shape (3,), or None
-        Of a sunlit band.
-    sun_sigma_rad : float
-        Of each of its two angles.
-    month : float or None
-        Of a thermal band whose place is known by the pose; None where it is not.
-    reliefs : tuple of Relief
-        What changes along the limb of an unknown place.
-    typical_m : float or None
-        The height that departures are from, which then has a prior of its own; None for the mean along the arc.
+    ``sun_cam``: shape (3,), for a sunlit band, else None; ``sun_sigma_rad``: of each of its two angles; ``month``: for
+    a thermal band of known position, else None; ``reliefs``: variation along a limb of unknown position; ``typical_m``:
+    reference of a height with a separate prior, None for the mean along the arc.
     """
 
     heights: BandHeights
@@ -375,10 +345,7 @@ class UnevenLimb:
     typical_m: float | None = None
 
     def along(self, places: ArcPlaces, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the heights [m], shape (n,), and their covariance [m^2], shape (n, n).
-
-        ``azimuth`` (shape (n,)): about the nadir [rad].
-        """
+        """Return heights [m], shape (n,), and covariance [m^2], (n, n), at azimuths (n,) about the nadir [rad]."""
         if self.thermal:
             mean, covariance = self._thermal(places, azimuth)
         else:

@@ -21,17 +21,10 @@ from horizonval.geometry.rotation import rotation_vector
 
 @dataclass(frozen=True)
 class ArcPlaces:
-    """Places along the limb.
+    """Positions along the limb.
 
-    Attributes
-    ----------
-    los_cam : ndarray, shape (n, 3)
-        Unit lines of sight.
-    up_cam : ndarray, shape (n, 3)
-        Verticals there.
-    cam_from_itrs : ndarray, shape (3, 3)
-    pixel_m : ndarray, shape (n,)
-        Of height in a pixel.
+    ``los_cam``, ``up_cam``: shape (n, 3), unit lines of sight and verticals; ``cam_from_itrs``: shape (3, 3);
+    ``pixel_m``: shape (n,), height per pixel.
     """
 
     los_cam: FloatArray
@@ -44,15 +37,11 @@ class LimbHeights(Protocol):
     """What is known of the limb's height along it; :class:`.uneven_limb.UnevenLimb` is."""
 
     def along(self, places: ArcPlaces, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the heights above the pose's [m], shape (n,), and their covariance [m^2], shape (n, n).
-
-        ``azimuth`` (shape (n,)): about the nadir [rad].
-        """
+        """Return heights above the pose's [m] and covariance [m^2], at azimuths (n,) about the nadir [rad]."""
 
 
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
-"""Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius, 6.4 km, that of the
-Earth's radius below."""
+"""Standard deviation of ``sin^2`` latitude over the sphere; times flattening and radius, 6.4 km of local radius."""
 BLUR_PX = 0.7
 """Of a usual lens, standard deviation."""
 FIXED_ANGLE_RAD = 1e-6
@@ -62,16 +51,10 @@ FIXED_LENGTH_M = 0.1
 
 @dataclass(frozen=True)
 class LimbPose:
-    """Where a camera stands and looks, and how high the limb is.
+    """Camera pose and limb height.
 
-    Attributes
-    ----------
-    cam_from_itrs : ndarray, shape (3, 3)
-        Rotation matrix. Of a sphere the "Earth-fixed" axes are any that are at rest.
-    r_itrs : ndarray, shape (3,)
-        [m].
-    height_m : float
-        Of the limb above the ellipsoid, mean along the arc.
+    ``cam_from_itrs``: shape (3, 3), rotation matrix; for a sphere any fixed axes serve as Earth-fixed. ``r_itrs``:
+    shape (3,) [m]. ``height_m``: mean limb height above the ellipsoid along the arc.
     """
 
     cam_from_itrs: FloatArray
@@ -150,12 +133,11 @@ def sphere_knowledge(
     height_m: float = 0.0,
     height_sigma_m: float = 0.0,
 ) -> tuple[Ellipsoid, LimbPose, FloatArray]:
-    """Return the planet, a pose and the information of a fit of a sphere, in axes that are the camera's at the start.
+    """Return planet, pose and information of a sphere fit, in axes that equal the camera's at the start.
 
-    The unknowns are two tilts, the altitude and the height of the limb; a turn about the nadir, and a position off the
-    vertical, change nothing of a sphere's limb but what the tilts do, and are fixed. ``nadir_cam`` (shape (3,)): unit
-    vector at the start. ``altitude_sigma_m``: infinite where the altitude is not known. ``height_m``,
-    ``height_sigma_m``: of the limb.
+    Unknowns are two tilts, the altitude and the limb height. A turn about the nadir, or a shift off the vertical,
+    changes a sphere's limb only as tilts do and is fixed. ``nadir_cam``: shape (3,), unit vector at the start;
+    ``altitude_sigma_m``: infinite for an unknown altitude.
     """
     n = nadir_cam
     along = np.outer(n, n)
@@ -171,10 +153,9 @@ def sphere_knowledge(
 def placed_knowledge(
     observation: Observation, height_m: float, height_sigma_m: float, *, in_body_axes: bool = False
 ) -> tuple[Ellipsoid, LimbPose, FloatArray]:
-    """Return the planet, the pose that the prior states, and the information on it.
+    """Return planet, prior pose and its information, of an observation with position and attitude in its prior.
 
-    ``observation``: with position and attitude in its prior, and their sigmas. ``height_m``, ``height_sigma_m``: of the
-    limb. ``in_body_axes``: pose and turns are those of the spacecraft in place of the camera's.
+    ``in_body_axes``: pose and turns refer to the spacecraft instead of the camera.
     """
     prior = observation.prior
     assert prior.r_itrs is not None
@@ -197,10 +178,7 @@ def placed_knowledge(
 
 
 def turned_to(mean: LimbPose, r_seen_itrs: FloatArray) -> LimbPose:
-    """Return a pose after the shortest turn that brings the Earth to where it is seen.
-
-    ``r_seen_itrs`` (shape (3,)): the position that the limb says, were the pose's attitude right.
-    """
+    """Return a pose after the shortest turn that brings the Earth to the direction of ``r_seen_itrs``, shape (3,)."""
     axes = mean.cam_from_itrs
     turn = Rotation.align_vectors([axes @ r_seen_itrs], [axes @ mean.r_itrs])[0].as_matrix()
     return replace(mean, cam_from_itrs=turn @ axes)

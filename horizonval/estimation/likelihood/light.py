@@ -40,22 +40,16 @@ from horizonval.estimation.limb.picture import median, rounding_variance
 PIXEL_VARIANCE = 1.0 / 12.0
 """Of a square of one pixel, along any direction [px^2]."""
 SMALLEST_SCALE = 0.05
-"""Of a soft limb, in widths of the blur: below it the limb is hard to a thousandth of the step, and the terms of a soft
-one cancel."""
+"""Smallest scale height, relative to the blur, of a soft limb; below it a hard limb is exact to a thousandth of the
+step."""
 
 
 @dataclass(frozen=True)
 class EdgeProfile:
-    """Of n pixels, shape (n,) each.
+    """Profile at n pixels, shape (n,) each.
 
-    Attributes
-    ----------
-    level : ndarray
-        From 0 in space to 1 on the Earth.
-    slope : ndarray
-        By the distance inside the limb [1/px].
-    by_blur, by_scale : ndarray
-        By the blur and by the scale height [1/px].
+    ``level``: from 0 in space to 1 on the Earth. Derivatives [1/px]: ``slope`` by the distance inside the limb,
+    ``by_blur``, ``by_scale`` by blur and scale height.
     """
 
     level: FloatArray
@@ -67,9 +61,8 @@ class EdgeProfile:
 def edge_profile(x: FloatArray, blur: float, scale: FloatArray | None = None) -> EdgeProfile:
     """Return the levels of pixels across the limb.
 
-    ``x`` (shape (n,)): distance of the pixels' centres inside the limb [px]. ``blur``: standard deviation of lens and
-    pixel together [px]. ``scale`` (shape (n,), optional): scale height of the soft limb as it is seen [px]; None for a
-    hard one.
+    ``x``: shape (n,), distance inside the limb [px]; ``blur``: standard deviation of lens and pixel [px]; ``scale``:
+    shape (n,), apparent scale height [px], None for a hard limb.
     """
     z = x / blur
     bell = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
@@ -93,9 +86,8 @@ def edge_profile(x: FloatArray, blur: float, scale: FloatArray | None = None) ->
 
 OUTLIER = 5.0
 EVEN = 0.05
-"""Standard deviation of the ground's brightness, of itself, up to which it is even: noise of a detector, its columns,
-and profiles that are not the model's leave 0.01 to 0.03 on frames of clear air, clouds 0.07 to 0.35. Chosen after
-seeing those frames."""
+"""Relative standard deviation of the ground's brightness up to which it counts as uniform: detector noise and profile
+misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35."""
 SPACE_LEVEL, EARTH_LEVEL = 0.1, 0.9
 """Of the edge, from 0 to 1: below and above it the noise of space and Earth is read."""
 MIDDLE_LEVEL = 0.02
@@ -107,14 +99,14 @@ FEWEST_PIXELS = 8
 NORMAL_QUARTILE = 0.67448975
 """Half of a normal distribution lies within as many standard deviations."""
 MOST_ALIKE = 0.8
-"""Share of a pixel's residual that its neighbour has: above, 81 pixels and more would be as one, and a sector's window
-of 24 by 8 has no more than two."""
+"""Largest correlation of neighbouring residuals: above, 81 pixels would count as one, and a sector of 24 by 8 has
+two."""
 LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
 """A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
 and above what twilight leaves; chosen."""
 DARKEST = 1e-3
-"""Least variance of space over the Earth's. Of whole levels space may be all alike; it is known to a level then, and
-pixels just above it must not decide the limb alone."""
+"""Smallest ratio of the variances of space and Earth. Space may have a single grey level, known to one level only;
+pixels just above it must not determine the limb alone."""
 ROUNDS = 2
 """Of weighing: by all pixels, then without the outliers that these show."""
 
@@ -124,10 +116,10 @@ SHADING_PX = 8.0
 
 
 def light_basis(edge: FloatArray, x: FloatArray, along: FloatArray) -> FloatArray:
-    """Return what a sector's levels are multiplied with, shape (6, n): one, edge, its shading (2), and along it (2).
+    """Return the basis functions of a sector, shape (6, n): one, edge, its shading (2), and along it (2).
 
-    ``edge`` (shape (n,)): level of the edge profile. ``x`` (shape (n,)): pixels inside the limb. ``along`` (shape
-    (n,)): place in the sector, from -1/2 to 1/2.
+    ``edge``: level of the profile; ``x``: pixels inside the limb; ``along``: position in the sector, -1/2 to 1/2; (n,)
+    each.
     """
     shaded = edge * x
     return np.array([np.ones_like(x), edge, shaded, edge * (x * x / SHADING_PX), edge * along, shaded * along])
@@ -144,16 +136,10 @@ def brightness(levels: FloatArray, x: FloatArray, along: FloatArray) -> tuple[Fl
 
 @dataclass(frozen=True)
 class LimbLight:
-    """Of n pixels in m sectors.
+    """Radiance of n pixels in m sectors.
 
-    Attributes
-    ----------
-    of_pixel : ndarray, shape (6, n)
-        The levels of every pixel's sector.
-    residuals, weights : ndarray, shape (n,)
-        Weights are inverse variances, 0 of outliers.
-    variance : tuple of float
-        Of a pixel in space and on the Earth, and what the middle of the edge has beyond their mean.
+    ``of_pixel``: shape (6, n), levels of every pixel's sector; ``residuals``, ``weights``: shape (n,), weights are
+    inverse variances, 0 for outliers; ``variance``: in space, on the Earth, and the excess in the middle of the edge.
     """
 
     levels: Levels
@@ -166,11 +152,10 @@ class LimbLight:
 def weighed(
     basis: FloatArray, values: FloatArray, starts: NDArray[np.intp], neighbours: NDArray[np.intp] | None = None
 ) -> LimbLight:
-    """Return the light with noise, outliers and the spread of the sectors estimated.
+    """Return the levels with noise, outliers and spread of the sectors estimated.
 
     ``basis``: shape (6, n), of :func:`light_basis`; ``values``: shape (n,); ``starts``: shape (m + 1,), of the sectors;
-    ``neighbours``: shape (2, k), numbers of pixels side by side; without, what is seen of the Earth is taken for
-    independent from pixel to pixel.
+    ``neighbours``: shape (2, k), pairs of adjacent pixels; without, the Earth's residuals count as independent.
     """
     edge, rounding = basis[1], rounding_variance(values)
     light = solved(basis, values, starts, np.ones_like(edge), (1.0, 1.0, 0.0))
@@ -199,11 +184,7 @@ def solved(
 
 
 def _black_night(light: LimbLight, edge: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
-    """Return which pixels lie in dark sectors, where these are of one black level; else none.
-
-    Eight bits may show no noise there. Where such a night is most of the limb, its evenness would be that of the Earth,
-    and every cloud an outlier.
-    """
+    """Return which pixels lie in dark sectors of a single grey level, whose noise cannot be measured; else none."""
     level = np.abs(light.of_pixel[1])
     dark = level < LIT_SHARE * np.quantile(level, BRIGHT_QUANTILE)
     seen = values[dark & (edge > EARTH_LEVEL)]
@@ -218,10 +199,7 @@ def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatAr
 def _noise(
     residuals: FloatArray, edge: FloatArray, noisy: NDArray[np.bool_], sectors: int, rounding: float
 ) -> tuple[float, float, float]:
-    """Return the variance of a pixel in space, on the Earth, none below rounding's, and what the edge has beyond.
-
-    ``noisy``: pixels that show what the Earth's noise is.
-    """
+    """Return the variances in space and on the Earth, at least rounding's, and the excess at the edge."""
     floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
     where = (edge < SPACE_LEVEL, (edge > EARTH_LEVEL) & noisy)
     space, earth = (_spread_of(residuals[there], residuals) for there in where)
@@ -246,12 +224,10 @@ def _noise(
 
 
 def _alike(light: LimbLight, basis: FloatArray, neighbours: NDArray[np.intp] | None) -> float:
-    """Return how many pixels of the Earth are off alike: 1 of noise, more of clouds, coasts and snow.
+    """Return the number of the Earth's pixels with one common error: 1 for noise, more for clouds, coasts and snow.
 
-    Where a pixel's residual is that of its neighbour to the share ``q``, and so on from pixel to pixel, a sum along a
-    line has ``(1 + q) / (1 - q)`` times the variance of independent ones, and over an area its square. What is alike
-    all along the limb is a profile that is not the model's, and taken away before: it is no ground. Of the rest counts
-    what is more than :data:`EVEN`.
+    With the correlation ``q`` between neighbours a sum along a line has ``(1 + q) / (1 - q)`` times the variance of
+    independent pixels. A misfit common to the whole limb is removed before. Only variations above :data:`EVEN` count.
     """
     edge = basis[1]
     within = np.flatnonzero(edge > EARTH_LEVEL)

@@ -47,20 +47,11 @@ from horizonval.geometry.rotation import cross, tangent_basis
 
 @dataclass(frozen=True)
 class LimbAngle:
-    """Of n lines of sight.
+    """Angle inside the limb, of n lines of sight.
 
-    Attributes
-    ----------
-    delta : ndarray, shape (n,)
-        [rad], positive inside the limb.
-    by_direction : ndarray, shape (3, n)
-        By the line of sight in camera axes [rad per unit].
-    by_rotation : ndarray, shape (3, n)
-        By a rotation vector of the camera in its own axes: ``cam_from_itrs`` becomes ``exp([theta x]) cam_from_itrs``.
-    by_position : ndarray, shape (3, n)
-        By the position in Earth-fixed axes [rad/m].
-    by_height : ndarray, shape (n,)
-        By the height of the limb [rad/m].
+    ``delta``: shape (n,) [rad], positive inside. Derivatives: ``by_direction`` (3, n), line of sight in camera axes;
+    ``by_rotation`` (3, n), rotation vector in camera axes, ``cam_from_itrs`` becomes ``exp([theta x]) cam_from_itrs``;
+    ``by_position`` (3, n), Earth-fixed position [rad/m]; ``by_height`` (n,), limb height [rad/m].
     """
 
     delta: FloatArray
@@ -73,10 +64,9 @@ class LimbAngle:
 def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> LimbAngle:
     """Return how far inside the limb lines of sight pass.
 
-    Raises ``LinAlgError`` if the observer stands on or below the limb.
-
-    ``los_cam``: shape (3, n), unit vectors in camera axes; ``cam_from_itrs``: shape (3, 3); ``r_itrs``: shape (3,),
-    observer [m]; ``axes_m``: shape (3,), semi-axes of the ellipsoid, the height of the limb included.
+    ``los_cam``: shape (3, n), unit vectors; ``cam_from_itrs``: shape (3, 3); ``r_itrs``: shape (3,), observer [m];
+    ``axes_m``: shape (3,), semi-axes including the limb's height. Raises ``LinAlgError``: observer on or below the
+    limb.
     """
     p = r_itrs / axes_m
     size = float(np.sqrt(p @ p))
@@ -118,16 +108,7 @@ OBLIQUE = 0.382
 
 @dataclass(frozen=True)
 class NearPixels:
-    """Pixels near the limb, n of them.
-
-    Attributes
-    ----------
-    columns, rows : ndarray of int, shape (n,)
-    los_cam : ndarray, shape (3, n)
-        Unit lines of sight.
-    by_column, by_row : ndarray, shape (3, n)
-        Their change over one pixel.
-    """
+    """n pixels near the limb: unit lines of sight ``los_cam``, and their change over one pixel, shape (3, n) each."""
 
     columns: NDArray[np.intp]
     rows: NDArray[np.intp]
@@ -184,12 +165,11 @@ def near_pixels(
     inside_px: float,
     most: int | None = None,
 ) -> NearPixels:
-    """Return the pixels within a distance of the limb; those that see nothing, or have such neighbours, are left out.
+    """Return the pixels within a distance of the limb, except where they or a neighbour have no direction.
 
-    An image of one row has no change from row to row: a distance in it is one along the row. ``cam_from_itrs``,
-    ``r_itrs``, ``axes_m``: as for :func:`.limb_angle.limb_angle`. ``outside_px``, ``inside_px``: how far from the limb
-    pixels are taken, towards space and towards the Earth. ``most`` (optional): one to two times so many squares'
-    pixels, evenly spread, where there are more.
+    In an image of one row, distances are along the row. ``outside_px``, ``inside_px``: distances towards space and
+    towards the Earth; ``most``: thin out evenly to one to two times so many squares of pixels; others as for
+    :func:`limb_angle`.
     """
     directions = PIXEL_DIRECTIONS.of(camera)
     columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)
@@ -208,10 +188,7 @@ def near_pixels(
 def in_view(
     camera: CameraModel, pixels: NearPixels, angle: LimbAngle, across_px: tuple[float, float]
 ) -> NDArray[np.bool_]:
-    """Return beside which pixels the limb lies in the picture, with what is so far from it across, shape (n,).
-
-    ``angle``: of the pixels. ``across_px``: outside (negative) and inside.
-    """
+    """Return pixels, shape (n,), with the limb beside them in view from ``across_px[0]`` (outside, < 0) to ``[1]``."""
     by_column, by_row = _gradient(angle, pixels.by_column, pixels.by_row)
     size = np.hypot(by_column, by_row)
     seen = np.ones(len(size), dtype=bool)
@@ -254,12 +231,9 @@ def _squares(
 def limb_bend(
     camera: CameraModel, uv: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray
 ) -> FloatArray:
-    """Return the divergence of the gradient of the distance inside the limb [1/px]: ``-1 / radius`` inside a disc.
+    """Return the divergence of the gradient of the distance inside the limb [1/px], ``-1 / radius`` inside a disc.
 
-    ``uv`` (shape (n, 2)): places (column, row) [px]. ``cam_from_itrs``, ``r_itrs``, ``axes_m``: as for
-    :func:`.limb_angle.limb_angle`.
-
-    Result: NaN where a neighbour sees nothing.
+    ``uv``: shape (n, 2), (column, row) [px]; others as for :func:`limb_angle`. NaN where a neighbour has no direction.
     """
 
     steps = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
@@ -300,30 +274,18 @@ SHORTEST_RAD = 0.05
 """At the Earth's centre, as far as clouds keep a height alike: 3 deg."""
 
 MISPLACED_PX = 0.05
-"""Standard deviation by which the limb of real air lies elsewhere in its pixels than an exponential, alike all along.
-The residuals at the edge of rendered limbs are 0.01 to 0.05 of the step; over its slope, 0.5 of the step in a pixel,
-that is 0.02 to 0.1 px. Where pixels are of one size it cannot be told from a height, and costs nothing; where they are
-not it bends the limb. Chosen after seeing frames of 110 deg."""
+"""Standard deviation of the common displacement between real air's limb and an exponential: residuals of 0.01 to 0.05
+of the step over a slope of 0.5 of the step per pixel. With equal pixels it acts as a height; with unequal ones it bends
+the limb."""
 
 
 @dataclass(frozen=True)
 class LimbPixels:
-    """Pixels near the limb, n of them in order of azimuth.
+    """n pixels near the limb, in order of azimuth.
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        The image's levels.
-    along : ndarray, shape (n,)
-        Place in the sector, from -1/2 to 1/2.
-    neighbours : ndarray of int, shape (2, k)
-        Numbers of pixels side by side.
-    bend : ndarray, shape (n,)
-        Of the limb beside each of them, as :func:`.pixels.limb_bend` says.
-    lift_m : ndarray, shape (n,)
-        By how much the limb is known to stand above the height of the pose.
-    modes : ndarray, shape (k, n)
-        Of the relief, and of a limb that is misplaced by one share of a pixel all along (last) [m].
+    ``values``: shape (n,), grey levels; ``along``: shape (n,), position in the sector, -1/2 to 1/2; ``neighbours``:
+    shape (2, k), pairs of adjacent pixels; ``bend``: shape (n,), :func:`limb_bend`; ``lift_m``: shape (n,), known
+    height above the pose's limb; ``modes``: shape (k, n), of the relief, the last a common displacement in pixels [m].
     """
 
     pixels: NearPixels
@@ -348,21 +310,9 @@ def limb_pixels(
 ) -> LimbPixels:
     """Return the pixels near the limb of a pose.
 
-    Those beside which the limb itself lies outside of the picture are left out: they tell of levels and of no edge, and
-    levels without an edge are none. With them limbs along a border were misplaced by up to half a pixel. Raises
-    ``LinAlgError``: too little limb in view.
-
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-    knowledge : LimbKnowledge
-        The planet and the relief are used.
-    blur_px, scale_m : float
-        Width of the edge: blur of lens and pixel, scale height.
-    fewest_px : int
-        Of limb in view.
-    whole : float
-        Share of the way across the limb, as far as pixels are taken to either side, that must lie in the picture.
+    Pixels whose limb is outside the picture are left out: without an edge they would determine levels alone and
+    misplace the limb. ``blur_px``, ``scale_m``: width of the edge; ``fewest_px``: smallest limb in view; ``whole``:
+    share of the profile across the limb that must be in the picture. Raises ``LinAlgError``: too little limb in view.
     """
     axes = knowledge.ellipsoid.axes_m + pose.height_m
     to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))

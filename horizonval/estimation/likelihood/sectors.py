@@ -42,8 +42,8 @@ LEFT_OUT = 1e-3
 NODES_PER_LENGTH = 2.0
 """Per correlation length: a Gaussian covariance sampled at half of its length loses 2e-4 of its variance between."""
 MOST_NODES = 96
-"""A full circle of 6.3 rad at correlation lengths of 0.13 rad; shorter reliefs are then resolved by their mean over a
-node, which is what a tilt feels of them."""
+"""Largest number of nodes: a circle of 6.3 rad at 0.13 rad. Shorter reliefs are averaged over a node, as a tilt
+does."""
 
 
 OBLATE_LENGTH_RAD = 0.5
@@ -61,16 +61,9 @@ def relief_modes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return nodes of azimuth [rad], shape (m,), and the modes there [m], shape (k, m).
 
-    Parameters
-    ----------
-    span_rad : float
-        Azimuth from the first to the last pixel of the limb in view.
-    reliefs : tuple of Relief
-        Independent contributions; without any there are no modes.
-    flattened_m : float
-        Flattening times radius of a planet that is fitted as a sphere; 0 where its shape is known.
-    rho_rad : float
-        Angular radius of the planet, for its flattening.
+    ``span_rad``: azimuth of the limb in view; ``reliefs``: independent contributions, none without modes;
+    ``flattened_m``: flattening times radius of a planet fitted as a sphere, else 0; ``rho_rad``: its angular radius,
+    for the flattening.
     """
     if not reliefs and flattened_m == 0.0:
         return np.array([0.0, span_rad]), np.zeros((0, 2))
@@ -109,9 +102,8 @@ PIXELS_ALONG = 24
 """Of limb in a sector, at least: its levels are then known ten times better than one pixel's noise."""
 MOST_SECTORS = 48
 WIDEST_RAD = 0.2
-"""Of a sector, as the camera sees it, whatever its pixels. A lens's light falls as the fourth power of the cosine off
-its axis: what a straight line along the sector misses of that is up to 3 % at 45 deg of a wide field. Over 24 pixels of
-a degree it was 17 %, and pulled the limb with it."""
+"""Largest sector, as an angle. Lens fall-off (cosine to the fourth) then departs by up to 3 % at 45 deg from a line
+along the sector; over 24 pixels of a degree it is 17 %, which displaces the limb."""
 CENTRED = 2
 """Of the levels, those that scatter about a mean: background and amplitude, not the shading."""
 SIGNIFICANT = 3.0
@@ -126,14 +118,8 @@ NO_SPREAD = 1e-6
 class Sectors:
     """A division of pixels.
 
-    Attributes
-    ----------
-    order : ndarray of int, shape (n,)
-        The pixels in order of azimuth, from the widest gap on.
-    starts : ndarray of int, shape (m + 1,)
-        Where each sector begins in that order, and the end.
-    azimuth : ndarray, shape (n,)
-        Of the ordered pixels [rad], rising, from 0 at the first.
+    ``order``: shape (n,), pixels by azimuth from the widest gap on; ``starts``: shape (m + 1,), first index of each
+    sector in that order, and the end; ``azimuth``: shape (n,), of the ordered pixels [rad], rising from 0.
     """
 
     order: NDArray[np.intp]
@@ -152,8 +138,8 @@ class Sectors:
 def sectors_of(azimuth: FloatArray, limb_px: int, limb_rad: float = 0.0) -> Sectors:
     """Return sectors of equally many pixels.
 
-    ``azimuth`` (shape (n,)): of the pixels about the nadir [rad]. ``limb_px``: length of the limb in view [px].
-    ``limb_rad``: the same in the sky.
+    ``azimuth``: shape (n,), about the nadir [rad]; ``limb_px``, ``limb_rad``: length of the limb in view, also as an
+    angle.
     """
     count = max(limb_px // PIXELS_ALONG, int(limb_rad / WIDEST_RAD))
     return divided(azimuth, int(np.clip(count, 1, MOST_SECTORS)))
@@ -172,15 +158,10 @@ def divided(azimuth: FloatArray, count: int) -> Sectors:
 
 @dataclass(frozen=True)
 class Levels:
-    """The light of the sectors.
+    """Levels of the sectors.
 
-    Attributes
-    ----------
-    of_sector : ndarray, shape (m, k)
-    spread_information : ndarray, shape (k,)
-        Inverse variance of the sectors about their mean.
-    penalty : float
-        Squares of the departures over that variance, summed.
+    ``of_sector``: shape (m, k); ``spread_information``: shape (k,), inverse variance about their mean; ``penalty``: sum
+    of squared departures over that variance.
     """
 
     of_sector: FloatArray
@@ -228,10 +209,9 @@ def _inverse_parts(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _spread(free: FloatArray, noise_variance: FloatArray) -> FloatArray:
-    """Return the variance of the sectors' levels beyond what their noise makes, shape (k,).
+    """Return the variance of the sectors' levels beyond noise, shape (k,), 0 if noise explains it.
 
-    Weighted moments (DerSimonian and Laird, Controlled Clinical Trials 7, 177, 1986): no sector counts for more than
-    it knows. A scatter that noise may have made is none.
+    Weighted moments (DerSimonian and Laird, Controlled Clinical Trials 7, 177, 1986).
     """
     weight = 1.0 / np.maximum(noise_variance, 1e-100)
     total = weight.sum(axis=0)

@@ -36,12 +36,11 @@ from horizonval.geometry.horizon import fit_cone
 
 
 def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid: Ellipsoid) -> FloatArray:
-    """Return the position [m] in Earth-fixed axes, shape (3,), from which points of the limb are seen.
+    """Return the Earth-fixed position [m], shape (3,), from which points of the limb are seen.
 
-    Raises ``LinAlgError`` if the points determine no cone narrower than a half space. ``los_cam`` (shape (n, 3)): unit
-    lines of sight, n >= 3. ``cam_from_itrs`` (shape (3, 3)): rotation matrix. Of a sphere any will do, the identity
-    say: the position is then in camera axes. ``ellipsoid``: whose limb is seen: the Earth raised by the height of the
-    limb.
+    ``los_cam``: shape (n, 3), unit lines of sight, n >= 3; ``cam_from_itrs``: shape (3, 3), for a sphere any rotation,
+    with the identity giving camera axes; ``ellipsoid``: the Earth raised by the limb's height. Raises ``LinAlgError``:
+    no cone narrower than a half space.
     """
     scaled = (los_cam @ cam_from_itrs) / ellipsoid.axes_m
     cone = fit_cone(scaled / np.linalg.norm(scaled, axis=1)[:, None])
@@ -57,16 +56,12 @@ SCALE_HEIGHT_M = 7e3
 SCALE_SIGMA_M = 4e3
 """Of the light's: a bare planet has none, haze and ozone stretch it by half."""
 MIDDLE_SIGMA_M = 1e3
-"""Of the middle of a limb's light, where its profile is known: what sunlit limbs under a high Sun, all of one air,
-scattered by about the known height, 0.8 km on 32 frames of the nightly suite, and a little more for other pixels."""
+"""Standard deviation of the middle height of a known profile: sunlit limbs of one air scatter by 0.8 km, plus a
+margin."""
 
 
 def limb_height_prior(observation: Observation) -> tuple[float, float]:
-    """Return the mean height of the limb and its standard deviation [m]: the prior's, or that of any air.
-
-    Between the lowest and the highest limb of a band every height is alike: the variance of an even distribution is a
-    twelfth of its square width.
-    """
+    """Return mean and standard deviation [m] of the limb's height: the prior's, or uniform over the band's range."""
     prior = observation.prior
     if prior.limb_height_m is not None and prior.limb_height_sigma_m is not None:
         return prior.limb_height_m, prior.limb_height_sigma_m
@@ -84,17 +79,11 @@ def knowledge_in_air(
     of_height: bool = False,
     placed: bool = False,
 ) -> LimbKnowledge:
-    """Return what is known of a limb whose air is any of the observation's band.
+    """Return the knowledge of a limb in any air of the observation's band.
 
-    Parameters
-    ----------
-    planet, mean, information, flattened_m
-        As of :class:`LimbKnowledge`; information of shape (7, 7).
-    of_height : bool, optional
-        Whether the height is that of the limb above the planet, of :func:`limb_height_prior`. Without, it stands in for
-        the planet's own, and only what changes along the limb is known.
-    placed : bool, optional
-        Whether the pose has Earth-fixed axes.
+    ``information``: shape (7, 7); ``of_height``: whether the height is the limb's above the planet
+    (:func:`limb_height_prior`), or stands for the planet's with only variations along the limb known; ``placed``:
+    whether the pose has Earth-fixed axes.
     """
     prior = observation.prior
     knowledge = LimbKnowledge(
@@ -136,10 +125,7 @@ class EllipsoidStart:
 
 
 def ellipsoid_start(observation: Observation, method: str) -> EllipsoidStart | Refusal:
-    """Return the start of a fit, or why there is none; ``method`` is named in refusals.
-
-    ``observation``: with a position and an attitude in its prior.
-    """
+    """Return the start of a fit from the prior's position and attitude, or why there is none, naming ``method``."""
     prior = observation.prior
     if prior.r_itrs is None or prior.position_sigma_m is None:
         return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the position (position_itrs_km)")

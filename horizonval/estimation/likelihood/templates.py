@@ -44,10 +44,7 @@ from horizonval.core.errors import UserError
 
 
 def slopes(axis: FloatArray, level: tuple[bool, bool]) -> FloatArray:
-    """Return what makes slopes of values at the places of an axis, shape (n, n).
-
-    ``axis`` (shape (n,)): rising. ``level`` (booleans): whether the slope is 0 at the first place and at the last.
-    """
+    """Return the matrix (n, n) from values to slopes on a rising axis; ``level``: zero slope at either end."""
     n = len(axis)
     if n == 1:
         return np.zeros((1, 1))
@@ -66,10 +63,7 @@ def slopes(axis: FloatArray, level: tuple[bool, bool]) -> FloatArray:
 
 
 def spline_weights(axis: FloatArray, slope: FloatArray, x: FloatArray) -> FloatArray:
-    """Return what the values at the places of an axis (n,) count for at x (m,), shape (m, n); ends hold.
-
-    ``slope`` is what :func:`slopes` makes of the axis.
-    """
+    """Return the weights (m, n) of values on an axis at x (m,), clamped; ``slope``: :func:`slopes` of the axis."""
     if len(axis) == 1:
         return np.ones((len(x), 1))
     i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, len(axis) - 2)
@@ -86,9 +80,8 @@ FORMAT = 2
 FOLDER = Path(__file__).parent / "data"
 """Of the shipped tables."""
 LEAST_OVERLAP = 0.6
-"""Of two bands, as the share of the wavelengths of either that both have: below it the limb is another one. 10.5 to
-12.5 um has 0.33 of 8 to 14 um, whose limb stands 10 km higher; the visible bands of the shipped cameras have 0.97 of
-each other."""
+"""Smallest common share of the wavelengths of two bands for one table: 10.5 to 12.5 um has 0.33 of 8 to 14 um, whose
+limb is 10 km higher; the visible bands of the shipped cameras share 0.97."""
 MONTHS = 12.0
 TWILIGHT_RAD, DARK_RAD = np.radians([98.0, 106.0])
 """Zenith angles of the Sun: a sunlit table that reaches beyond the first is taken for dark at the second. There the
@@ -143,13 +136,10 @@ class LimbTemplates:
             raise UserError(problem, where="limb templates")
 
     def at(self, first: ArrayLike, second: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the profiles at places along the limb.
+        """Return mean (n, H), modes (n, K, H) and ``left_sigma`` (n, H) at positions along the limb.
 
-        ``first``, ``second`` (shape (n,)): along the two axes: solar (Sun's zenith angle, azimuth) [rad], thermal
-        (latitude [rad], month). Beyond the ends of an axis its last value holds, but for twilight, which ends; months
-        are taken round the year, azimuths may have either sign.
-
-        Result: ``mean`` shape (n, H), ``modes`` shape (n, K, H), ``left_sigma`` shape (n, H).
+        ``first``, ``second``: shape (n,), along the axes: solar (Sun's zenith angle, azimuth) [rad], thermal (latitude
+        [rad], month). Beyond an axis's ends the last values hold, except in twilight, which ends; months are cyclic.
         """
         a, b = _pairs(first, second)
         if self.band_kind == "thermal":
@@ -178,10 +168,7 @@ class LimbTemplates:
 
     @cached_property
     def _splines(self) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-        """Places of both axes, and what makes slopes of splines through them.
-
-        Light is even about the plane of Sun and line of sight, and behind the last zenith angle it is as it is there.
-        """
+        """Return positions on both axes and their slope matrices; azimuth is symmetric."""
         zenith, azimuth = self.axes
         if TWILIGHT_RAD <= zenith[-1] < DARK_RAD:
             zenith = np.append(zenith, DARK_RAD)
@@ -217,10 +204,7 @@ class LimbTemplates:
         return out
 
     def save(self, path: Path) -> None:
-        """Write the table, whole or not at all; the same table always gives the same bytes.
-
-        Raises ``UserError``: the file cannot be written.
-        """
+        """Write the table atomically and reproducibly; raises ``UserError`` if the file cannot be written."""
         arrays: dict[str, NDArray[Any]] = {
             "format": np.array(FORMAT),
             "band_kind": np.array(self.band_kind),
@@ -275,10 +259,7 @@ class LimbTemplates:
 
 
 def quantised(values: FloatArray, kind: type[np.int8] | type[np.int16]) -> tuple[FloatArray, NDArray[Any]]:
-    """Return profiles (..., H) as a scale (...) and whole numbers (..., H), whose product they are.
-
-    Rounded to half of a 127th or a 32767th of a profile's largest value.
-    """
+    """Return profiles (..., H) as scales (...) times integers (..., H), rounded to half a step."""
     scale = np.abs(values).max(axis=-1) / np.iinfo(kind).max
     scale = scale.astype(np.float32).astype(np.float64)
     whole = np.rint(values / np.where(scale > 0.0, scale, 1.0)[..., None])
@@ -325,10 +306,7 @@ def load_templates(path: Path) -> LimbTemplates:
 
 
 def templates_of(path: Path) -> LimbTemplates:
-    """Return the table of a file, read once as long as the file stays as it is.
-
-    Raises ``UserError``: as :func:`load_templates`.
-    """
+    """Return the table of a file, cached while the file is unchanged; errors as for :func:`load_templates`."""
     try:
         found = path.stat()
     except (OSError, ValueError):  # the latter of a name that no file can have
@@ -347,10 +325,7 @@ def is_of_band(table: LimbTemplates, band_kind: str | None, band_um: tuple[float
 
 
 def shipped_templates(band_kind: Literal["solar", "thermal"], band_um: tuple[float, float]) -> LimbTemplates | None:
-    """Return the shipped table of the band most like one, None where none is.
-
-    ``band_kind``: one of ``"solar"``, ``"thermal"``; ``band_um``: wavelengths between which the response is above zero.
-    """
+    """Return the shipped table whose band, between two wavelengths, overlaps most, or None if none does enough."""
     likeness = [(overlap(band_um, t.band_um), i) for i, t in enumerate(_shipped()) if t.band_kind == band_kind]
     best, i = max(likeness, default=(0.0, 0))
     return _shipped()[i] if best >= LEAST_OVERLAP else None

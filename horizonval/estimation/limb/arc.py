@@ -52,10 +52,7 @@ class Circle:
 
 
 def fit_circle(uv: FloatArray) -> Circle | None:
-    """Return the circle through image points, shape (n, 2), n >= 3; None for points on a straight line or in one place.
-
-    Raises ``ValueError``: with fewer than three points.
-    """
+    """Return the circle through points (n, 2), None if they are collinear; raises ``ValueError`` for n < 3."""
     if len(uv) < 3:
         raise ValueError(f"a circle needs three points, not {len(uv)}")
     middle = uv.mean(axis=0)
@@ -92,10 +89,7 @@ class Arc:
 
 
 def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusal:
-    """Return the image's longest edge as an arc of whole pixels, or why there is none.
-
-    ``image``: shape (H, W); ``full_scale``: digital number at which the converter saturates.
-    """
+    """Return the longest edge of an image (H, W) as an arc of whole pixels, or why there is none."""
     if (refusal := check_image(image, full_scale)) is not None:
         return refusal
     grey = np.asarray(image, dtype=np.float64)

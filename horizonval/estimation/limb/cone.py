@@ -114,20 +114,18 @@ def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeU
 SLOW_PX = 0.01
 """What sub-pixel points of a sharp limb are off by without any noise (rms): the lens's blur of shaded ground mostly."""
 SOFT_SLOW_PX = 0.07
-"""The same of points by the area under a profile on limbs with air, over a bank of visible and infrared frames from 300
-to 36 000 km: how much of the air's tail and of the ground's shading counts depends on the slant of a column."""
+"""The same for points by the area under a profile on limbs with air, over frames from 300 to 36 000 km: the
+contribution of the air's tail and the ground's shading depends on the slant of a column."""
 SLOW_PATTERNS = 4.0
 """Number of independent values of it along an arc: it varies as slowly as the limb's direction against the pixels."""
 
 
 def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: float = SLOW_PX) -> FloatArray:
-    """Return the covariance [rad^2], shape (3, 3), that slow errors of sub-pixel points make of a fitted cone.
+    """Return the covariance [rad^2], shape (3, 3), of a fitted cone from slow errors of sub-pixel points.
 
-    Neither more points nor another draw of the noise changes them, and residuals hardly show them: they belong to what
-    a fit claims of its model, beside the noise. Raises ``LinAlgError`` if the points do not determine a cone.
-
-    ``los_cam``: shape (n, 3); ``basis``: shape (3, 2), tangent directions at the axis, as of :class:`ConeUncertainty`;
-    ``px_rad``: angle of a pixel; ``slow_px``: what single points are off by, rms.
+    They are systematic: more points do not reduce them, and residuals hardly show them. ``los_cam``: shape (n, 3);
+    ``basis``: shape (3, 2), tangent directions at the axis; ``px_rad``: angle of a pixel; ``slow_px``: rms error of a
+    point. Raises ``LinAlgError``: the points do not determine a cone.
     """
     jacobian = _jacobian(los_cam, basis)
     variance = (slow_px * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS
@@ -136,10 +134,7 @@ def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: f
 
 
 def limb_directions(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, rim_px: float) -> FloatArray:
-    """Return lines of sight on a cone, shape (n, 3), one for every pixel of its limb in view, in order of azimuth.
-
-    ``axis_cam``: shape (3,); ``rim_px``: width of the image's rim that is left out.
-    """
+    """Return one line of sight per pixel of a cone's limb in view, (n, 3), by azimuth, outside a rim of ``rim_px``."""
     turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
     basis = tangent_basis(axis_cam)
     around = np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]

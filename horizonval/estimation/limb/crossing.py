@@ -36,20 +36,18 @@ FINE_REACH = 2
 NOISE_REACH = 6
 """Pixels to either side of the steepest one in which noise may make another one the steepest."""
 RESOLVED_PX = 2.0
-"""Distance of the 20 % and 80 % levels from which a limb counts as resolved. A step on an array with a spread of half a
-pixel has 1.2."""
+"""Distance between the 20 % and 80 % levels from which a limb is resolved; a step blurred by half a pixel has 1.2."""
 AREA_REACH = 3
 """Pixels on either side of the edge that the area counts; an unresolved edge has no light beyond."""
 PLATEAU = (5, 9)
-"""Pixels inside a resolved limb that make its plateau: 13 to 25 km below half of it, from 200 to 600 km of altitude
-and with pixels of 0.1 deg."""
+"""Pixels inside a resolved limb that form its plateau: 13 to 25 km below half of it, from 200 to 600 km at 0.1 deg."""
 SPACE = (10, 26)
 """Pixels outside a resolved limb that make its dark level."""
 NEAREST_SPACE = 6
 """Pixels outside of the crossing, where a row that ends soon has its dark level."""
 NEAR_SYSTEMATIC_PX = 0.1
-"""Where the row ends too soon its last three pixels serve, from 6 pixels outside the crossing on. There the limb still
-has some 2 % of its plateau, which moves the half by less than this."""
+"""Error where the row ends early and its last three pixels serve, from 6 px outside on: some 2 % of the plateau
+remain."""
 LEVEL_PIXELS = 8
 """That make the level beside an unresolved edge: it is known to a third of a pixel's noise."""
 FEWEST_LEVEL_PIXELS = 3
@@ -59,16 +57,13 @@ CONTRAST_SIGMA = 8.0
 OWN_SHARE = 0.6
 """Share of the row's whole range that the step must have: a slope from end to end is no limb."""
 SYSTEMATIC_PX = 5e-3
-"""What the locators may be off without noise, stated in their uncertainty: the spline's error on a limb of three pixels
-or more, and the lens's fall-off within the window."""
+"""Error of the locators without noise: the spline's on a limb of three pixels or more, and lens fall-off in the
+window."""
 
 
 @dataclass(frozen=True)
 class PublishedCrossing:
-    """Crossing as published [pixels]; ``fine`` lies between the pixels ``coarse`` and ``coarse + 1``.
-
-    ``sigma_px``: of rounding to a pixel, and of noise that makes another difference the largest one.
-    """
+    """Published crossing [px] between ``coarse`` and ``coarse + 1``; ``sigma_px`` covers rounding and wrong maxima."""
 
     coarse: int
     fine: float
@@ -77,16 +72,10 @@ class PublishedCrossing:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Sub-pixel crossing.
+    """Sub-pixel crossing [px].
 
-    Attributes
-    ----------
-    column : float
-        Pixels; integers are pixel centres.
-    sigma_px : float
-        From the row's own noise, :data:`SYSTEMATIC_PX` and the locator's use of pixels.
-    width_px : float
-        Distance between the levels of 20 % and 80 %.
+    ``column``: integers are pixel centres; ``sigma_px``: from the row's noise, :data:`SYSTEMATIC_PX` and the locator;
+    ``width_px``: distance between the 20 % and 80 % levels.
     """
 
     column: float
@@ -96,10 +85,7 @@ class Crossing:
 
 
 def published_crossing(row: FloatArray) -> PublishedCrossing:
-    """Return the crossing of the published pipeline; the first sample where several differences are equally large.
-
-    ``row`` (shape (n,)): n >= 5.
-    """
+    """Return the published pipeline's crossing of a row (n >= 5); the first of equally large differences."""
     smooth = median_filter(np.asarray(row, dtype=np.float64), size=3, mode="nearest")
     coarse = int(np.argmax(np.abs(np.diff(smooth))))
     low, high = max(coarse - FINE_REACH, 0), min(coarse + FINE_REACH, len(smooth) - 1)
@@ -113,9 +99,8 @@ def published_crossing(row: FloatArray) -> PublishedCrossing:
 def _published_sigma_px(row: FloatArray, smooth: FloatArray, coarse: int) -> float:
     """Return the standard deviation of the pixel of the largest difference.
 
-    A limb of several pixels has neighbours that are nearly as steep. Each is weighed with ``exp(-(d / s)^2)``, ``d``
-    what it lacks to the largest and ``s`` the noise of a pixel: within 15 % of the scatter of drawn limbs with 20 to
-    80 % over 1 to 5 pixels and noise of 0.3 to 4 % of the step.
+    Differences smaller by ``d`` are weighted with ``exp(-(d / s)^2)``, ``s`` the pixel noise: within 15 % of simulated
+    limbs.
     """
     step = np.abs(np.diff(smooth))
     near = np.arange(max(coarse - NOISE_REACH, 0), min(coarse + NOISE_REACH + 1, len(step)))
@@ -127,10 +112,7 @@ def _published_sigma_px(row: FloatArray, smooth: FloatArray, coarse: int) -> flo
 
 
 def sub_pixel_crossing(row: FloatArray) -> Crossing | Refusal:
-    """Return where a row crosses the limb, or why it does not.
-
-    ``row`` (shape (n,)): grey levels; the Earth is the brighter side, at either end.
-    """
+    """Return where a row of grey levels crosses the limb (Earth brighter, at either end), or why it does not."""
     row = np.asarray(row, dtype=np.float64)
     if len(row) < 2 * (AREA_REACH + FEWEST_LEVEL_PIXELS) + 1 or not np.isfinite(row).all():
         return Refusal(Outcome.BAD_INPUT, f"a row of {len(row)} finite pixels cannot hold a limb and its two levels")
@@ -145,10 +127,9 @@ def sub_pixel_crossing(row: FloatArray) -> Crossing | Refusal:
 
 
 def row_noise(row: FloatArray, edge: int) -> float:
-    """Return the standard deviation of a row's noise, from its third differences away from the edge.
+    """Return the standard deviation of a row's noise, from third differences away from the edge.
 
-    The larger of the two sides': dark ones may be cut off at the converter's zero. Rows of whole numbers have at least
-    the noise of rounding, 1/sqrt(12).
+    The larger of both sides, since dark ones may be clipped; integer rows have at least 1/sqrt(12).
     """
     third = np.abs(np.diff(row, n=3))
     sides = [third[: max(edge - SPACE[0], 0)], third[edge + SPACE[0] :]]

@@ -50,31 +50,17 @@ INNERMOST = 2
 MISFIT_SHARE = 0.03
 """Of the step: what a good profile leaves."""
 CERTAIN = 6.0
-"""Logarithm of the likelihood ratio of a sector that shows a limb: 400 to 1. Of sectors of noise alone, with the best
-of twenty edges, one in a thousand passes it."""
+"""Log likelihood ratio of a sector that shows a limb: 400 to 1. One in a thousand sectors of noise passes it."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a level shows along a cone, in m sectors.
+    """Evidence of a level along a cone, in m sectors.
 
-    Attributes
-    ----------
-    log_ratio : ndarray, shape (m,)
-        Of the likelihoods of limb and no limb; negative where the bright side is not that of the rest.
-    step : ndarray, shape (m,)
-        Brightness of the Earth less that of space.
-    deep : ndarray, shape (m,)
-        The same of the innermost pixels that were read.
-    uv : ndarray, shape (m, 2)
-        Middle of the sector on its limb, in pixels of the picture.
-    width_px : float
-        Of the edge, in pixels of the level.
-    sector_px : float
-        Length of a sector, in pixels of the picture.
-    azimuth : ndarray, shape (m,)
-    px_rad : float
-        Angle of a pixel of the level across the limb.
+    ``log_ratio`` (m,): likelihood of limb against none, negative for the opposite bright side; ``step`` (m,):
+    brightness of Earth minus space; ``deep`` (m,): the same of the innermost pixels read; ``uv`` (m, 2): middle of the
+    sector's limb, in pixels of the picture; ``width_px``: of the edge, in pixels of the level; ``sector_px``: sector
+    length, in pixels of the picture; ``azimuth`` (m,); ``px_rad``: angle of the level's pixel across the limb.
     """
 
     log_ratio: FloatArray
@@ -115,10 +101,7 @@ class Evidence:
 
 
 def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> Evidence | None:
-    """Return what a level shows along the limb of a cone; None where too little of it lies in the image.
-
-    ``camera``: of the picture; ``axis_cam``: shape (3,).
-    """
+    """Return a level's evidence along a cone's limb, None if too little is in the image; ``camera``: of the picture."""
     trace = trace_limb(camera, axis_cam, rho_rad, level.scale, PROFILES * MOST_SECTORS)
     sectors = len(trace.azimuth) // PROFILES
     if not sectors:

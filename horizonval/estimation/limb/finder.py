@@ -80,10 +80,7 @@ class SunBlob:
 
 
 def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
-    """Return the largest compact saturated blob, or None.
-
-    ``saturated`` (shape (H, W), booleans): see :func:`horizonval.estimation.limb.picture.saturated_pixels`.
-    """
+    """Return the largest compact blob of saturated pixels (:func:`.picture.saturated_pixels`), or None."""
     height, width = saturated.shape
     pixels = np.count_nonzero(saturated)
     # Nothing, or more than the largest Sun could be most of.
@@ -108,11 +105,10 @@ def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
 
 
 STILL_SHOWN = float(np.sqrt(0.5))
-"""Of the largest likelihood of all sizes that one must have to be gone on to, where the edge is as wide there as any
-that is tried: a limb that is resolved tells no more in smaller pixels, and soon does not fit into the window."""
+"""Likelihood relative to the largest over all sizes, from which the search refines a limb with the widest tried edge: a
+resolved limb gains nothing from smaller pixels and soon exceeds the window."""
 STILL_SEEN = 0.25
-"""The same of a sharp limb: a copy with pixels half as wide has half of its contrast over the noise, and the square
-of it in its likelihood."""
+"""The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
 REFITS = 2
 """Of a cone to what a level shows of it; the second moves nothing by a pixel."""
 TRIED = 2
@@ -136,8 +132,8 @@ LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
 TALLEST_AIR_M = 120e3
 """Airglow and aurora: what shines higher is not the Earth's."""
 LEAST_SIGNAL = 3.0
-"""Of the Earth's brightness over the noise of a pixel of it: less is less than ten electrons, and noise behind a mask
-is a disc too."""
+"""Smallest brightness of the Earth over the pixel noise: less is below ten electrons, and masked noise looks like a
+disc."""
 OTHER_SHARE = 0.3
 """Of the limb's step: what differs more from space is something."""
 MOST_OTHER = 0.3
@@ -145,9 +141,8 @@ MOST_OTHER = 0.3
 PIECES = 32
 """Of the limb that shows, over each of which its step is averaged: clouds vary faster along it than sunlight."""
 FADED_SHARE = 0.7
-"""Of the step at the limb over that deep inside, its upper quartile along the limb: towards the terminator the ground
-darkens inside of the limb, and the edge sinks below the horizon. Of 0.5 and 0.7 this one put the centre of the
-photograph from 1.45 million km where it belongs."""
+"""Ratio of the limb's step to the step deep inside (upper quartile), below which the limb has faded near the
+terminator, where the edge sinks below the horizon."""
 SMALLEST_TRIM_PX = 0.4
 """Points nearer to the cone are kept: a noiseless limb has no spread but that of the pixels' own squares."""
 SUN_REACH = 2.0
@@ -155,21 +150,18 @@ SUN_REACH = 2.0
 LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
 """The Sun of 0.27 deg with its glare; a larger blob may be a saturated Earth, and nothing of it is left out."""
 LIMB_SHARE = 0.4
-"""Canny's upper threshold over the image's strong gradients, where all edges are taken for limb. On a picture of 50 to
-200 pixels the shading of a whole disc is steep enough for a lower one."""
+"""Canny's upper threshold, relative to strong gradients, where all edges count as limb; discs of 50 to 200 px have
+steep shading."""
 DARK_CONTRAST = 0.02
-"""Of full scale, between an image's middle and its brightest pixels, five levels of eight bits: below, and darker than
-:data:`DARK_LEVEL`, it shows an unlit scene and not a uniformly bright one. Chosen."""
+"""Contrast of full scale between middle and brightest pixels, five levels of eight bits: below, and darker than
+:data:`DARK_LEVEL`, the scene is unlit rather than uniformly bright."""
 
 
 def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
-    """Return the sub-pixel points of the Earth's limb, or why there are none.
+    """Return the sub-pixel points of the Earth's limb in order, or why there are none.
 
-    ``image`` (shape (H, W)): grey levels that grow, or fall, with radiance. Anything else is refused, not raised.
-    ``camera``: its width and height must be the image's. ``full_scale`` (optional): digital number at which the
-    converter saturates.
-
-    Result: the points in order along the limb.
+    ``image``: shape (H, W), grey levels monotonic in radiance; anything else is refused. ``camera``: of the image's
+    size; ``full_scale``: digital number of saturation.
     """
     found = find_limb_and_picture(image, camera, full_scale)
     return found if isinstance(found, Refusal) else found[0]
@@ -251,10 +243,7 @@ class _Candidate:
 
 
 def _verdicts(levels: list[PyramidLevel], camera: CameraModel) -> list[tuple[float, FoundLimb | Refusal]]:
-    """Return what becomes of the most probable cones of every level, the smallest level's first, with their score.
-
-    A limb that shows wherever it is predicted needs no larger level to propose it again.
-    """
+    """Return verdict and score of every level's most probable cones, smallest level first."""
     verdicts: list[tuple[float, FoundLimb | Refusal]] = []
     tried: list[_Candidate] = []
     for number in range(len(levels) - 1, -1, -1):
@@ -303,10 +292,7 @@ def _followed(levels: list[PyramidLevel], camera: CameraModel, start: _Candidate
 
 
 def _fitted(level: PyramidLevel, number: int, camera: CameraModel, start: _Candidate) -> _Candidate | None:
-    """Return a cone fitted to what a level shows of it, unless that shows far less of it.
-
-    The likelihood need not rise: it hardly changes with a shift that all sectors have together.
-    """
+    """Return a cone fitted to a level, or None if it shows much less of it; the likelihood may ignore common shifts."""
     best = start
     if start.number != number:
         seen = weigh(level, camera, start.axis_cam, start.rho_rad)
@@ -437,10 +423,7 @@ def _contradicts(one: FoundLimb, other: FoundLimb) -> bool:
 
 
 def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
-    """Return every edge point of the image, refined, with no test of whether it belongs to the limb.
-
-    Parameters and returns as for :func:`find_limb`.
-    """
+    """Return every refined edge point, without a test that it is limb; arguments as for :func:`find_limb`."""
     picture = picture_of(image, camera, full_scale)
     if isinstance(picture, Refusal):
         return picture
@@ -455,12 +438,7 @@ def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | 
 
 
 def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
-    """Return every pixel that Canny marks, as it marks it: no sub-pixel step, no test of whether it is the limb's.
-
-    Nothing after Canny throws an edge away, so its threshold must: see :data:`LIMB_SHARE`.
-
-    Parameters and returns as for :func:`find_limb`.
-    """
+    """Return every Canny pixel unrefined and untested, with the threshold :data:`LIMB_SHARE`; see :func:`find_limb`."""
     picture = picture_of(image, camera, full_scale)
     if isinstance(picture, Refusal):
         return picture

@@ -73,10 +73,9 @@ def points_of(
     width_px: float,
     bright_inside: bool,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return places of the limb [px of the picture], shape (n, 2), in order of azimuth; steps there, and deep inside.
+    """Return limb positions [px of the picture], shape (n, 2), by azimuth, with steps there and deep inside.
 
-    ``camera``: of the picture; ``axis_cam``: shape (3,); ``rho_rad``: cone that is right to a pixel; ``width_px``: of
-    the edge.
+    ``camera``: of the picture; ``rho_rad``: half-angle, right to a pixel; ``width_px``: of the edge.
     """
     trace = trace_limb(camera, axis_cam, rho_rad, level.scale)
     if not len(trace.azimuth):
@@ -217,10 +216,7 @@ def _blurred_root(width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _fitted(profiles: FloatArray, offsets: FloatArray, shape: _Shape, shading: FloatArray | None = None) -> _Fitted:
-    """Return what profiles (n, k) show.
-
-    Of every profile its own shading, or the one that is given, shape (n,).
-    """
+    """Return what profiles (n, k) show, each with its own shading or the given one (n,)."""
     n = len(profiles)
     shift, step, space = np.zeros(n), np.zeros(n), np.zeros(n)
     own = np.zeros(n) if shading is None else shading

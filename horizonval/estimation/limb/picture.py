@@ -38,8 +38,7 @@ def rounding_variance(values: FloatArray) -> float:
 
 
 MEDIAN_TO_SIGMA = 1.4826
-"""Standard deviation over the median distance from the median, of normal numbers: outliers bear
-little on it."""
+"""Ratio of standard deviation to median absolute deviation of normal variables, robust to outliers."""
 ROSE_SIGMAS = 5.0
 """Of noise, from which on a feature is told from it (Rose's criterion)."""
 TRIM_SIGMAS = 3.5
@@ -89,10 +88,9 @@ def _between(low: Any, high: Any, share: float) -> float:
 
 
 def to_grey(array: NDArray[Any]) -> FloatArray:
-    """Return the grey level of a picture, in the units of its digital numbers.
+    """Return grey levels in digital numbers; a second (grey) or fourth (colour) channel is opacity and ignored.
 
-    ``array`` (shape (H, W)): integer or floating point. A second (grey) or fourth (colour) channel is opacity and is
-    left out. Raises ``ValueError`` if the array has another shape or is not numeric.
+    Raises ``ValueError``: the array has no image's shape or is not numeric.
     """
     data = np.asarray(array)
     if data.dtype.kind not in "buif":
@@ -119,11 +117,7 @@ DARK_SHARE = 0.01
 
 
 def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal | None:
-    """Return why the image cannot hold a limb, or None if it may.
-
-    ``image``: grey levels, hopefully of shape (H, W). ``full_scale`` (optional): digital number at which the converter
-    saturates.
-    """
+    """Return why an image (H, W) cannot hold a limb, or None; ``full_scale``: digital number of saturation."""
     if not isinstance(image, np.ndarray) or image.dtype.kind not in "buif":
         return Refusal(Outcome.BAD_INPUT, "the image is not an array of numbers")
     if image.ndim != 2:
@@ -150,8 +144,7 @@ def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal |
 def saturated_pixels(image: FloatArray, full_scale: float | None = None) -> NDArray[np.bool_]:
     """Return where the image is saturated.
 
-    Without a known full scale, the image's largest value counts as saturation where it forms a plateau: at least nine
-    pixels share it exactly, which noise does not do.
+    Without ``full_scale`` its maximum counts as saturation if at least nine pixels share it, which noise does not do.
     """
     top = float(image.max()) if full_scale is None else full_scale
     at_top = image >= top
@@ -195,11 +188,7 @@ MOST_BYTES = 64 << 20
 
 
 class PixelDirections:
-    """Unit directions of pixel centres by camera; what was asked for longest ago goes first.
-
-    Every number of a camera counts: two that differ in their distortion alone are two. ``most_bytes``: of all that is
-    kept.
-    """
+    """Cache of unit directions of pixel centres by all camera parameters; the oldest leave beyond ``most_bytes``."""
 
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:
         self._most_bytes = most_bytes
@@ -239,11 +228,10 @@ deviations to either side."""
 
 
 class Picture:
-    """A grey image, and what is asked of it more than once.
+    """A grey image with cached properties.
 
-    ``image`` (shape (H, W)): Finite, not constant: see :func:`horizonval.estimation.limb.picture.check_image`.
-    ``full_scale`` (optional): digital number at which the converter saturates. ``saturated`` (shape (H, W), booleans,
-    optional): where the image is saturated, if that is known better than from its levels.
+    ``image``: shape (H, W), finite, not constant (:func:`check_image`); ``full_scale``: digital number of saturation;
+    ``saturated``: shape (H, W), a better saturation mask, if known.
     """
 
     def __init__(
@@ -286,11 +274,7 @@ class Picture:
 
     @cached_property
     def unclipped(self) -> FloatArray:
-        """The image with NaN where it is saturated, and beside that, shape (H, W).
-
-        A pixel beside saturated ones is below full scale by its noise, or holds charge of theirs: 5 x 5 pixels round
-        each saturated one are left out.
-        """
+        """The image with NaN within 5 x 5 pixels of saturated ones, which may have charge from them; shape (H, W)."""
         if not self.saturated.any():
             return self.grey
         near = cv2.dilate(self.saturated.astype(np.uint8), np.ones((5, 5), np.uint8))
@@ -298,10 +282,7 @@ class Picture:
 
     @cached_property
     def eight_bit(self) -> NDArray[np.uint8]:
-        """The image stretched to 0..255 between its darkest and its brightest unsaturated pixels, shape (H, W).
-
-        Of the unsaturated ones, so that the Sun's saturated blob does not press the Earth into the lowest grey levels.
-        """
+        """The image stretched to 0..255 over the range of its unsaturated pixels, shape (H, W)."""
         low, high = self._usable_range()
         top = self.brightest
         # A small bright Earth lies above the percentile: then noise alone would fill the stretch.

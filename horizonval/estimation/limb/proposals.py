@@ -30,15 +30,8 @@ FEWEST_POINTS = 8
 class LimbPoints:
     """Points of the Earth's limb in one image.
 
-    Attributes
-    ----------
-    uv : ndarray, shape (n, 2)
-        (column, row) [px].
-    los_cam : ndarray, shape (n, 3)
-        Unit lines of sight in camera axes.
-    scale : int
-        Pixels of the image per pixel of the size at which the limb is an edge: 1 of a sharp limb, more of one that is
-        many pixels deep.
+    ``uv``: shape (n, 2), (column, row) [px]; ``los_cam``: shape (n, 3), unit lines of sight; ``scale``: image pixels
+    per pixel of the copy in which the limb is sharp.
     """
 
     uv: FloatArray

@@ -25,8 +25,8 @@ from horizonval.geometry.rotation import tangent_basis
 COARSEST_PX = 24
 """No level's shorter side is shorter: a window across a limb has 17 pixels."""
 LARGEST_FINE_PX = 320
-"""Of the longer side of a level that is looked at whole; larger ones are looked at near a limb that a smaller one
-shows. A disc of four pixels in a megapixel is still one of two in the level that is looked at."""
+"""Longer side of the largest level searched as a whole; larger ones are searched near a limb of a smaller one. A disc
+of four pixels in a megapixel is still two wide."""
 SMALLEST_BLOCK_PX = 64
 """Of one value that fill their rectangle to the last pixel: noise leaves no such one, and a horizon bends."""
 KNOWN_SHARE = 0.7
@@ -39,17 +39,8 @@ NOISE_FLOOR = 1e-3
 class PyramidLevel:
     """One size of a picture.
 
-    Attributes
-    ----------
-    grey : ndarray of float32, shape (h, w)
-    known : ndarray of bool, shape (h, w), or None
-        Which pixels hold a measurement; None if all do.
-    scale : float
-        Pixels of the picture per pixel.
-    floor : float
-        Smallest noise that is believed.
-    measured : float, optional
-        Noise of a pixel, where that is known; else it is measured here.
+    ``grey``, ``known``: shape (h, w), the latter marks measured pixels (None: all); ``scale``: picture pixels per
+    pixel; ``floor``: smallest credible noise; ``measured``: noise of a pixel, if known.
     """
 
     grey: NDArray[np.float32]
@@ -176,20 +167,11 @@ STEP_RAD = 1e-5
 
 @dataclass(frozen=True)
 class Trace:
-    """Places along the limb of a cone, in order of azimuth, n of them.
+    """n positions along a cone's limb, by azimuth.
 
-    Attributes
-    ----------
-    uv : ndarray, shape (n, 2)
-        [px].
-    inwards : ndarray, shape (n, 2)
-        Unit vector across the limb, to the axis.
-    px_rad : ndarray, shape (n,)
-        Angle of a pixel across the limb.
-    azimuth : ndarray, shape (n,)
-        [rad], from -pi to pi.
-    spacing : float
-        Pixels of limb between two places.
+    ``uv``: shape (n, 2) [px]; ``inwards``: shape (n, 2), unit vector across the limb towards the axis; ``px_rad``:
+    shape (n,), angle of a pixel across the limb; ``azimuth``: shape (n,), -pi to pi; ``spacing``: pixels between
+    positions.
     """
 
     uv: FloatArray
@@ -211,10 +193,9 @@ class Trace:
 def trace_limb(
     camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacing_px: float, most: int | None = None
 ) -> Trace:
-    """Return evenly spaced places along the limb of a cone that lie in the image.
+    """Return evenly spaced positions of a cone's limb in the image.
 
-    ``axis_cam``: shape (3,); ``rho_rad``: half-angle; ``spacing_px``: of the places, at least; ``most``: places; of a
-    longer limb they lie further apart.
+    ``spacing_px``: smallest spacing; ``most``: largest number of positions.
     """
     basis = tangent_basis(axis_cam)
     middle = unproject(camera, np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0])) @ basis

@@ -56,18 +56,10 @@ ROUNDING = 1e-9
 def to_steepest(
     image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, bright_inside: bool
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Move lines of sight across the limb to the steepest place of the image.
+    """Move lines of sight across the limb to the steepest position; return (m, 3), and their input rows (m,).
 
-    ``image``: shape (H, W); ``los_cam``: shape (n, 3), unit lines of sight to the limb, right to a few pixels;
-    ``axis_cam``: shape (3,), axis of the cone through them; profiles run towards it; ``bright_inside``: whether the
-    grey level rises towards the axis.
-
-    Returns
-    -------
-    los_cam : ndarray, shape (m, 3)
-        Points whose profile lies within the image and has its steepest place inside the search, m <= n.
-    kept : ndarray of int, shape (m,)
-        Their rows in the input.
+    ``los_cam``: shape (n, 3), right to a few pixels; ``axis_cam``: shape (3,), of their cone; ``bright_inside``: grey
+    level rises towards the axis. Points leave whose profile is not in the image or steepest outside the search.
     """
     kept = np.arange(len(los_cam))
     los = los_cam
@@ -110,18 +102,10 @@ def _shift(
 def profile_places(
     camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return where the profiles across a limb are read.
+    """Return where the profiles across a limb, from ``los_cam`` (n, 3) towards ``axis_cam`` (3,), are sampled.
 
-    ``los_cam`` (shape (n, 3)): middles of the profiles. ``axis_cam`` (shape (3,)): profiles run towards it.
-
-    Returns
-    -------
-    offset_px : ndarray, shape (k,)
-        Distance of the samples from the middle, inwards.
-    uv : ndarray, shape (n k, 2)
-        Pixel coordinates. Beyond the rim the profile goes on level, which makes no edge.
-    in_view : ndarray of bool, shape (n, k)
-        Which samples lie within the image.
+    Result: offsets inwards (k,) [px]; pixel coordinates (n k, 2), beyond the rim those of the rim, which makes no edge;
+    whether samples are in the image, (n, k).
     """
     offset_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
     angle = offset_px * (1.0 / max(camera.fx, camera.fy))
@@ -156,10 +140,9 @@ DIM_SHARE = 0.2
 def pixel_variance(
     image: FloatArray, camera: CameraModel, axis_cam: FloatArray, rho_rad: float, full_scale: float | None = None
 ) -> FloatArray:
-    """Return the variance of every pixel's noise, shape (H, W), as the surroundings of the limb show it.
+    """Return the noise variance of every pixel, shape (H, W), from the surroundings of a cone's limb.
 
-    ``image``: shape (H, W); ``axis_cam``: shape (3,), axis of the cone of the limb; ``rho_rad``: its half-angle;
-    ``full_scale``: pixels near it are saturated, and have no noise to read.
+    Pixels near ``full_scale`` are saturated and show no noise.
     """
     image32 = image.astype(np.float32)
     response = np.asarray(cv2.filter2D(image32, cv2.CV_32F, IMMERKAER), dtype=np.float64)
@@ -207,14 +190,11 @@ def noise_covariance(
     variance: FloatArray,
     bright_inside: bool,
 ) -> FloatArray:
-    """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
+    """Return the covariance [rad^2], shape (3, 3), of (axis along basis 1, basis 2, half-angle).
 
-    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. Raises ``LinAlgError`` if the points do
-    not determine a cone.
-
-    ``image``: shape (H, W); ``los_cam``: shape (n, 3), lines of sight to steepest places of the image, n >= 3;
-    ``axis_cam``: shape (3,), of the cone through them, of half-angle ``rho_rad``; ``variance``: shape (H, W), of the
-    pixels' independent noise; ``bright_inside``: whether the grey level rises towards the axis.
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. ``los_cam``: shape (n, 3), n >= 3,
+    steepest positions; ``variance``: shape (H, W), independent pixel noise. Raises ``LinAlgError``: no cone is
+    determined.
     """
     moved = _response(image, camera, los_cam, axis_cam, 1.0 if bright_inside else -1.0)
     across = los_cam @ tangent_basis(axis_cam)

@@ -47,11 +47,10 @@ DEEP_PX = (6.0, 8.0, 10.0, 12.0)
 
 @dataclass(frozen=True)
 class Sides:
-    """Grey levels at the two sides of limb points, shape (n,) each.
+    """Grey levels at both sides of limb points, shape (n,) each.
 
-    ``inner``: within the Earth, 3 to 12 px from the limb; ``outer``: as far outside; ``peak``: the brightest level
-    within, up to 6 px, which is as far as a profile bears on the place; ``spread``: half the range of the outer levels;
-    ``azimuth``: about the cone's axis [rad].
+    ``inner``, ``outer``: 3 to 12 px within and outside; ``peak``: maximum within 6 px inside, the reach of a profile;
+    ``spread``: half the range of outer levels; ``azimuth``: about the cone's axis [rad].
     """
 
     inner: FloatArray
@@ -62,10 +61,7 @@ class Sides:
 
 
 def read_sides(picture: Picture, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> Sides:
-    """Read the image on both sides of limb points, along the direction to the cone's axis.
-
-    ``los_cam``: shape (n, 3); ``axis_cam``: shape (3,).
-    """
+    """Read the image at both sides of limb points (n, 3), along the direction to the cone's axis."""
     inwards = axis_cam - los_cam * (los_cam @ axis_cam)[:, None]
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]
     rad_per_px = 1.0 / max(camera.fx, camera.fy)
@@ -95,11 +91,7 @@ def faded(sides: Sides) -> BoolArray:
 
 
 def faint(sides: Sides, noise: float, bright_inside: bool = True) -> BoolArray:
-    """Return which points have a limb, averaged over a piece of it, that does not stand out of the noise of a pixel.
-
-    ``bright_inside``: whether the Earth is the brighter side; where space is, the level within counts, as it is then
-    the light that is missing there.
-    """
+    """Return which points have a limb, averaged over a piece, below the pixel noise; the brighter side is compared."""
     step = sides.peak - sides.outer if bright_inside else sides.outer - sides.inner
     return np.asarray(smoothed(step, sides.azimuth) < ROSE_SIGMAS * noise)
 
@@ -131,10 +123,7 @@ def _median(values: FloatArray) -> FloatArray:
 
 
 def alone(los_cam: FloatArray, camera: CameraModel) -> BoolArray:
-    """Return which points, in any order, belong to no unbroken stretch of some length: spots between what was left out.
-
-    What took the neighbours, clouds that saturate mostly, is not far from those either.
-    """
+    """Return which points form no long unbroken stretch: spots between clouds, which affect them too."""
     uv, _ = project(camera, los_cam)
     order = arc_order(los_cam, fit_cone(los_cam).axis_cam)
     step = np.hypot(*np.diff(np.vstack([uv[order], uv[order[:1]]]), axis=0).T)

@@ -56,11 +56,9 @@ def step_by_qr(jacobian: FloatArray, f: FloatArray) -> FloatArray:
 
 
 def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -> FloatArray:
-    """Return the iterates of the published method, shape (k, 3): start first, the solution last.
+    """Return the iterates of the published method, shape (k, 3), from ``start`` (phi, theta, rho) [rad].
 
-    Raises ``LinAlgError`` if the pixels do not determine the three unknowns. ``los_cam`` (shape (n, 3)): unit lines of
-    sight to the limb, n >= 3. ``start`` (shape (3,)): (phi, theta, rho) [rad]. ``step_of``: how the linear equations of
-    a step are solved.
+    ``los_cam``: shape (n, 3), n >= 3; ``step_of``: solver of a step's equations. Raises ``LinAlgError``: undetermined.
     """
     steps = [np.asarray(start, dtype=float)]
     for _ in range(MAX_STEPS):
@@ -125,12 +123,7 @@ def run(observation: Observation) -> Fit | Refusal:
 def fit_points(
     los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX
 ) -> Fit | Refusal:
-    """Fit given limb points: the method behind the search for points.
-
-    ``los_cam``: shape (n, 3); ``uv``: shape (n, 2), the same points in pixels; ``observation``: mounting, Earth radius
-    and what is known of the limb's shape are used; ``slow_px``: as for
-    :func:`horizonval.estimation.limb.cone.slow_error`.
-    """
+    """Fit limb points ``los_cam`` (n, 3), in pixels ``uv`` (n, 2), of any search."""
     if len(los_cam) < 4:
         return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:

@@ -36,10 +36,9 @@ from horizonval.geometry.rotation import off_axis_angle
 
 
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float]:
-    """Return nadir (3,) and angular radius [rad] by ordinary least squares on ``u . m = 1``.
+    """Return nadir (3,) and angular radius [rad] by ordinary least squares on ``u . m = 1``, n >= 3.
 
-    ``los_cam`` (shape (n, 3)): unit lines of sight to the limb, n >= 3. Raises ``LinAlgError`` if the points do not
-    determine ``m``.
+    Raises ``LinAlgError`` if the points do not determine ``m``.
     """
     m, _, rank, _ = np.linalg.lstsq(los_cam, np.ones(len(los_cam)), rcond=None)
     length = float(np.linalg.norm(m))

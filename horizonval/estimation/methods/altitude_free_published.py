@@ -78,18 +78,12 @@ def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole
 
 
 def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | Refusal:
-    """Fit limb points that another search has found: the method without its whole pixels.
-
-    ``los_cam``: shape (n, 3); ``uv``: shape (n, 2), where they were seen, as a fraction of a pixel.
-    """
+    """Fit sub-pixel limb points (n, 3), at ``uv`` (n, 2), of another search."""
     return _fit(los_cam, uv, observation, whole=False)
 
 
 def with_common_offset(uncertainty: ConeUncertainty, pixel_rad: float) -> ConeUncertainty:
-    """Add to a covariance what the residuals cannot show: an offset of all points together.
-
-    The same angle for every point is a change of the radius and of nothing else.
-    """
+    """Add the covariance of a common offset of all points, which residuals do not show: a change of the radius."""
     covariance = uncertainty.covariance.copy()
     covariance[2, 2] += (COMMON_OFFSET_PX * pixel_rad) ** 2
     return replace(uncertainty, covariance=covariance)

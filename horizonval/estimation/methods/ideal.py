@@ -52,17 +52,11 @@ class ReadingStatus(StrEnum):
 
 @dataclass(frozen=True)
 class HorizonReading:
-    """What the ideal sensor reads.
+    """Reading of the ideal sensor.
 
-    Attributes
-    ----------
-    horizon_cam : ndarray, shape (3,)
-        Unit vector to the nearest horizon point (NaN-free zeros unless ``defined``).
-    roll_error_rad, pitch_error_rad : float
-        Zero unless ``defined``.
-    roll_elevation_rad, pitch_elevation_rad : float
-        By the other reading: of the right axis and of the boresight over the Earth's tangent plane at the horizon
-        point.
+    ``horizon_cam``: shape (3,), unit vector to the nearest horizon point; it and the errors are zero unless
+    ``defined``. ``roll_elevation_rad``, ``pitch_elevation_rad``: the other reading, of right axis and boresight above
+    the tangent plane at the horizon point.
     """
 
     status: ReadingStatus
@@ -74,11 +68,9 @@ class HorizonReading:
 
 
 def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: float) -> HorizonReading:
-    """Return the reading of an ideal sensor over a sphere.
+    """Return the reading of an ideal sensor over a sphere; boresight +z, right +x, up -y.
 
-    ``r`` (shape (3,)): sensor position from the Earth's centre [m], in any reference axes. ``q_cam_from_ref`` (shape
-    (4,)): Attitude, scalar last. The boresight is the camera's +z, its right axis +x, its up axis -y. ``radius_m``:
-    Earth radius.
+    ``r``: shape (3,), from the Earth's centre [m], in any axes; ``q_cam_from_ref``: shape (4,), scalar last.
     """
     undefined = np.zeros(3)
     distance = float(np.linalg.norm(r))

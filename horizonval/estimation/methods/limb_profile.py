@@ -30,11 +30,9 @@ from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 
 LEAST_EXPLAINED = 0.95
-"""Of the variance of the pixels across the limb, each as much as the other. Chosen after looking at frames: broken
-clouds, whose scatter is in the claim, leave 1 to 3 %; noise explains nothing."""
+"""Smallest explained share of the pixels' variance: broken clouds leave 1 to 3 %, noise explains nothing."""
 MOST_IMPROBABLE = 6.0
-"""Standard deviations of a shape of the air: an air that the tables do not know. Air is not normal: a sudden warming is
-far out and does happen. Chosen after looking at the same frames, whose largest is 3."""
+"""Largest mode coefficient in standard deviations; air is not normal (sudden warmings), and clear frames reach 3."""
 MOST_SIGMA = 5.0
 """Of the attitude's prior: one in two million."""
 

@@ -42,8 +42,8 @@ QUARTER_TOLERANCE_RAD = np.radians(1.0)
 DISAGREEMENT_SIGMA = 6.0
 """Of the crossings' own noise: chance makes two of a thousand million."""
 DISAGREEMENT_RAD = np.radians(1.0)
-"""Four crossings of one cone have one condition to spare. The air's latitude and the oblateness spend a tenth of a
-degree of it; more than this is a head that looks at something else."""
+"""Largest misfit of four crossings to one cone; latitude and oblateness take a tenth of a degree, more is another
+object."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,9 @@ def head_rows(observation: Observation) -> list[HeadRow] | Refusal:
 
 
 def published_axes(rows: list[HeadRow]) -> float | Refusal:
-    """Return the azimuth in the body [rad] of the axis about whose level normal P is the pitch; R is the roll about it.
+    """Return the body azimuth [rad] of the axis R, normal to the pitch axis P.
 
-    It is the direction of the first head turned back by 135 deg, the first being at a = 45 + 90.
+    It is the first head's azimuth, turned back by 135 deg.
     """
     boresight = np.array([rotate(inverse(r.observation.q_cam_from_body), [0.0, 0.0, 1.0]) for r in rows])
     azimuth = np.arctan2(boresight[:, 1], boresight[:, 0])

@@ -113,10 +113,7 @@ def solve(observation: Observation, ends: ChordEnds = ChordEnds.SIGHT) -> Fit | 
 
 
 def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | Refusal:
-    """Return the vertical from limb points, shape (n, 2) by the heads' names, that another search has found.
-
-    They are no whole pixels: their scatter is what they show.
-    """
+    """Return the vertical from sub-pixel limb points (n, 2), by head, of another search."""
     if len(points) != HEADS or any(len(uv) < 2 * END_PIXELS for uv in points.values()):
         return Refusal(Outcome.BAD_INPUT, f"the method needs {2 * END_PIXELS} points in each of {HEADS} heads")
     arcs = []
@@ -137,10 +134,10 @@ def fit_arcs(
     *,
     sub_pixel: bool = False,
 ) -> Fit | Refusal:
-    """Return the vertical of two arcs: the method behind the search for arcs.
+    """Return the vertical of two arcs from any search.
 
-    ``sub_pixel``: the arcs' points are no whole pixels. Their scatter is then taken about each arc's own cone: about
-    that of the vertical it would be mostly the error of the vertical itself, which few pixels bear.
+    ``sub_pixel``: scatter is taken about each arc's own cone; about the vertical's it would be mostly the vertical's
+    error.
     """
     body_from_head = [Rotation.from_quat(head.q_cam_from_body).inv() for head in heads]
     chords = [

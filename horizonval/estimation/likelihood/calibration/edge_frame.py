@@ -52,19 +52,16 @@ from horizonval.geometry.camera import CameraModel
 STEP_PX = 0.02
 """Of the limb in the image, over which its pixels are differentiated."""
 WHOLE = 1.0
-"""Of the way across the limb that must be in the picture: an edge that is no exponential is misplaced by how far the
-picture shows it. Single fits of limbs three pixels from a border were off by 0.3 px and claimed it; the camera of many
-such limbs comes out ten of its standard deviations off."""
+"""Share of the profile across the limb that must be in the picture. A real edge is no exponential, so that a truncated
+profile misplaces it: by 0.3 px at three pixels from the border."""
 
 
 class EdgeFrame:
-    """A frame on the way to the most probable camera.
+    """One frame's contribution to the camera calibration.
 
-    Raises ``LinAlgError``: too little limb in view.
-
-    ``camera``: as it was told; ``bends``: whether its distortion may be wrong; ``scale``: pixels of the image that
-    together are one of those that are fitted, each way. What is shared, and the camera as it was told, are then in
-    those wider pixels.
+    ``camera``: as calibrated before; ``bends``: whether its distortion may be wrong; ``scale``: pixels of the image per
+    fitted pixel, each way; camera and shared unknowns are then in the wider pixels. Raises ``LinAlgError``: too little
+    limb in view.
     """
 
     def __init__(self, start: EllipsoidStart, camera: CameraModel, *, bends: bool = False, scale: int = 1) -> None:
@@ -86,10 +83,7 @@ class EdgeFrame:
         return pixel_at_limb_m(self.told, self.knowledge.mean.r_itrs, float(self.knowledge.ellipsoid.axes_m[0]))
 
     def choose(self, camera: CameraModel) -> None:
-        """Choose the pixels, those where the way across the limb is whole.
-
-        Raises ``LinAlgError``: too little limb in view.
-        """
+        """Choose pixels whose whole profile is in the picture; raises ``LinAlgError`` for too little limb."""
         now = self.now
         self.near = limb_pixels(
             self.image, camera, now.pose, self.knowledge, now.state.blur, now.state.scale_m, whole=WHOLE
@@ -98,10 +92,10 @@ class EdgeFrame:
             self.now = LimbUnknowns(now.pose, now.state, np.zeros(len(self.near.modes)))
 
     def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
-        """Return the normal matrix (8, 8) and right side (8,) of what is shared, the frame's own eliminated.
+        """Return the reduced normal matrix (8, 8) and right side (8,) of the shared unknowns.
 
-        ``held``: whether pixels, weights and scatter stay as they were. Raises ``LinAlgError``: too little limb in
-        view, or equations without a solution.
+        ``held``: keep pixels, weights and scatter. Raises ``LinAlgError``: too little limb in view, or singular
+        equations.
         """
         camera = shared.camera(self.told)
         if not held or self.light is None:
@@ -147,11 +141,7 @@ class EdgeFrame:
     def _derivatives(
         self, camera: CameraModel, knowledge: LimbKnowledge, light: LimbLight
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of the pixels by the pose, shape (7, n), and by the lens, shape (4, n).
-
-        A turn and a shift of the principal point are alike to a hundredth. Their difference is what is asked for, and
-        derivatives that leave out how the scale changes across the limb are right to a few thousandths only.
-        """
+        """Return central differences of the pixels by the pose, shape (7, n), and by the lens, shape (4, n)."""
         pixel_rad, pixel_m = 1.0 / max(camera.fx, camera.fy), self.pixel_m
 
         def value(near: LimbPixels, now: LimbUnknowns) -> FloatArray:

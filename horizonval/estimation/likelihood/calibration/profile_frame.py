@@ -44,11 +44,10 @@ LARGEST_LOG_STEP = 0.5
 
 
 class ProfileFrame:
-    """A frame on the way to the most probable camera.
+    """One frame's contribution to the camera calibration.
 
-    Raises ``LinAlgError``: no limb, too little of it, or no fit with the camera that was told. ``camera``: as it was
-    told. ``turn_sigma_rad``: of the mounting: so much farther than the attitude's prior the limb may lie. ``bends``:
-    whether its distortion may be wrong.
+    ``camera``: as calibrated before; ``turn_sigma_rad``: of the mounting, added to the search range of the attitude;
+    ``bends``: whether its distortion may be wrong. Raises ``LinAlgError``: too little limb, or no fit with this camera.
     """
 
     def __init__(self, known: KnownProfile, camera: CameraModel, turn_sigma_rad: float, *, bends: bool = False) -> None:
@@ -63,10 +62,9 @@ class ProfileFrame:
         self._at = np.zeros(OF_LENS)
 
     def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
-        """Return the normal matrix (8, 8) and right side (8,) of what is shared, the frame's own eliminated.
+        """Return the reduced normal matrix (8, 8) and right side (8,) of the shared unknowns.
 
-        ``held``: whether pixels and weights stay as they were. Raises ``LinAlgError``: too little limb in view, or
-        equations without a solution.
+        ``held``: keep pixels and weights. Raises ``LinAlgError``: too little limb in view, or singular equations.
         """
         if not held or not len(self.model.by_lens):
             self._choose(shared)

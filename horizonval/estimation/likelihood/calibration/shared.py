@@ -43,10 +43,7 @@ class SharedUnknowns:
 
 
 def prior_sigmas(observation: Observation, height_sigma_m: float) -> FloatArray:
-    """Return the standard deviations, shape (8,), of what all frames share before any is looked at.
-
-    ``height_sigma_m``: by which all limbs may stand higher or lower together.
-    """
+    """Return prior standard deviations (8,) of the shared unknowns; ``height_sigma_m``: common height of all limbs."""
     said = observation.calibration
     sigmas = np.empty(SHARED)
     sigmas[FOCAL] = said.focal_length_sigma if said and said.focal_length_sigma > 0.0 else FOCAL_SIGMA
@@ -61,11 +58,10 @@ def prior_sigmas(observation: Observation, height_sigma_m: float) -> FloatArray:
 
 
 def off_priors(priors: int, height: int, own: int) -> FloatArray:
-    """Return how far a frame's unknowns are off their priors, as rows of its own unknowns and of what is shared.
+    """Return how far a frame's unknowns are from their priors, as rows (own unknowns, shared unknowns).
 
-    Its turn is counted from that of the mounting, and its height from that of all limbs. ``priors``: of its own
-    unknowns, the first so many have one. ``height``: number of its height among them. ``own``: how many unknowns of its
-    own there are.
+    Turn and height are counted from the shared ones. ``priors``: number of leading unknowns with a prior; ``height``:
+    index of the height among them; ``own``: number of the frame's unknowns.
     """
     rows = np.zeros((priors, own + SHARED))
     rows[:, :priors] = np.eye(priors)
@@ -77,18 +73,10 @@ def off_priors(priors: int, height: int, own: int) -> FloatArray:
 def without_own(
     normal: FloatArray, right: FloatArray, own: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Eliminate a frame's own unknowns, the first of its equations (Schur's complement).
+    """Eliminate a frame's own unknowns, the first ``own`` of its equations (Schur complement).
 
-    ``normal``: shape (own + 8, own + 8); ``right``: shape (own + 8,).
-
-    Returns
-    -------
-    gain : ndarray, shape (own, 8)
-        By how much less its own step is for a step of what is shared.
-    step : ndarray, shape (own,)
-        Its own, without one.
-    reduced : ndarray, shape (8, 8)
-    left : ndarray, shape (8,)
+    ``normal``: shape (own + 8, own + 8); ``right``: shape (own + 8,). Result: the gain (own, 8), by which the own step
+    decreases per shared step; the own step (own,) without one; the reduced matrix (8, 8) and right side (8,).
     """
     size = np.sqrt(np.diag(normal)[:own])
     inverse = np.linalg.inv(normal[:own, :own] / np.outer(size, size)) / np.outer(size, size)
@@ -98,10 +86,7 @@ def without_own(
 
 
 def seen_by_changed(camera: CameraModel, pixels: NearPixels, step: FloatArray) -> NearPixels:
-    """Return pixels with the lines of sight of a camera whose ln f, principal point and distortion are a step away.
-
-    ``step``: shape (4,).
-    """
+    """Return pixels with lines of sight after a camera step (4,) of ln f, principal point and distortion."""
     bend = k1_per_px(camera) * float(step[3]) if step[3] else 0.0
     changed = replace(
         camera,

@@ -59,10 +59,9 @@ from horizonval.geometry.frames import compose
 Known = TypeVar("Known")
 FEWEST_FRAMES = 2
 MOST_TOGETHER = 2
-"""Pixels that are fitted as one, each way. Of four, the lens is sharper than a sixth of the wide pixel, whose square is
-no Gaussian then: what that changes of the edge goes with the limb's phase in the pixels, and the focal length of limbs
-four pixels deep came out four of its sigma off, or not at all. Of two it came out right in five draws of five; of limbs
-eight pixels deep the mounting is up to three of its sigma off. Chosen after seeing those."""
+"""Largest number of pixels binned into one, each way. With two, limbs four pixels deep give the right focal length.
+With four, the lens is sharper than a sixth of the wide pixel, whose square is no Gaussian, and the focal length is
+wrong by four sigma."""
 
 
 class CalibrationFrame(Protocol):
@@ -77,16 +76,10 @@ class CalibrationFrame(Protocol):
 
 @dataclass(frozen=True)
 class CalibrationFrames:
-    """What a calibration is solved with.
+    """Frames of a calibration.
 
-    Attributes
-    ----------
-    left_out : tuple of str
-        Why other images are not used.
-    whole : ndarray, shape (8,)
-        How much of the camera's own errors one of the frames' unknowns is: their pixels may be wider.
-    height_sigma_m : float
-        By which all limbs may stand higher or lower together.
+    ``left_out``: why other images are not used; ``whole``: shape (8,), camera errors per unit of the frames' unknowns,
+    whose pixels may be wider; ``height_sigma_m``: of the common height of all limbs.
     """
 
     frames: Sequence[CalibrationFrame]
@@ -206,23 +199,12 @@ NAMES = (
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """A camera that many frames determined.
+    """A camera determined from many frames.
 
-    Attributes
-    ----------
-    q_cam_from_body : ndarray, shape (4,)
-    covariance : ndarray, shape (7, 7)
-        Of ln f, principal point (2) [px], distortion at the farthest corner [px], and a turn of the camera in its own
-        axes (3) [rad].
-    change : ndarray, shape (7,)
-        From the camera that was told, in the same terms.
-    prior_sigma : ndarray, shape (7,)
-    height_m, height_sigma_m : float
-        By how much all limbs stand above what was known of them.
-    frames : int
-        That were used.
-    left_out : tuple of str
-        Why others were not.
+    ``covariance`` (7, 7): of ln f, principal point (2) [px], distortion at the farthest corner [px], turn of the camera
+    in its own axes (3) [rad]. ``change`` and ``prior_sigma`` (7,): from the given camera, in the same terms.
+    ``height_m``, ``height_sigma_m``: common departure of all limbs from their known heights. ``left_out``: why frames
+    were not used.
     """
 
     camera: CameraModel
@@ -255,15 +237,10 @@ class CameraCalibration:
 def calibrate(observations: Sequence[Observation], progress: Progress | None = None) -> CameraCalibration | Refusal:
     """Return the camera that took all images, or why they do not determine its focal length.
 
-    Parameters
-    ----------
-    observations : sequence of Observation
-        Of one camera as it was told, each with a position and an attitude in its prior. With the time and the camera's
-        wavelengths too their limbs are fitted by the whole profile of the air there, as `limb-profile` does; without,
-        as edges of an unknown height. What is said of the calibration's sigmas is the prior of the shared unknowns;
-        without, 5 %, 20 px and 2 deg.
-    progress : Progress, optional
-        Told of every step over all images; there are 10 to 60, each of some tenths of a second an image.
+    ``observations``: images of one camera, each with position and attitude in its prior. With time and wavelengths the
+    whole profile of the air is fitted, as `limb-profile` does; without, edges of an unknown height. The calibration's
+    sigmas are the prior of the shared unknowns; default 5 %, 20 px and 2 deg. ``progress``: called after each of the 10
+    to 60 steps over all images.
     """
     if not observations:
         return Refusal(Outcome.BAD_INPUT, "no image to calibrate with")
@@ -307,10 +284,7 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
 def _solve(
     frames: Sequence[CalibrationFrame], sigmas: FloatArray, progress: Progress
 ) -> tuple[SharedUnknowns, FloatArray, int]:
-    """Return the most probable shared unknowns, their covariance (8, 8), and the number of steps.
-
-    Raises ``LinAlgError``.
-    """
+    """Return the most probable shared unknowns, their covariance (8, 8), and the number of steps."""
     shared = SharedUnknowns(np.zeros(SHARED))
     share, before = 1.0, np.inf
     for number in range(MOST_STEPS):

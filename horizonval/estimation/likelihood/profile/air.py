@@ -53,15 +53,14 @@ from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.geometry.rotation import off_axis_angle
 
 LEFT_OUT = 1e-5
-"""Of a mode's variance: 0.3 % of its standard deviation, below a pixel's noise. With 1 % the nadir was off by up to 0.4
-standard deviations; with less than this it stays where it is to 0.003."""
+"""Neglected share of a mode's variance: 0.3 % of its standard deviation, below pixel noise. It moves the nadir by less
+than 0.003 standard deviations."""
 BUMP_M = 6e3
 """Between the middles of bumps: the height over which what clouds and layers do is one."""
 BUMP_HEIGHTS_M = (-15e3, 75e3)
 """Where bumps are: below a profile is smooth, above is too little light."""
 LEAST_BUMP = 3e-3
-"""Of the brightest place of the profile: a bump that is less everywhere is left out, and counts as noise of the
-pixels."""
+"""Bump height, relative to the profile's maximum, below which a bump counts as pixel noise."""
 LEAST_LEFT = 5e-5
 """Of the brightest place: half a step of the 8 bits in which tables have what is left."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
@@ -77,24 +76,11 @@ LEFT_LENGTH_RAD = 0.1
 class NodeAir:
     """Profiles at m nodes along the limb.
 
-    Attributes
-    ----------
-    bottom_m : float
-        First distance of the grid, across the limb.
-    step_m : float
-        Of the grid.
-    functions : ndarray, shape (m, 1 + k, n)
-        The mean, and k functions that are added to it.
-    waves : tuple of ndarray, shape (m, j) each
-        Of every added function: what the unit unknowns make of its coefficient at the nodes.
-    names : tuple of (str, int)
-        Of every added function, the same wherever the nodes and the grid are.
-    up_itrs : ndarray, shape (m, 3)
-        Unit vectors from the Earth's centre to the nodes.
-    lengths_rad : ndarray, shape (m, k, 2)
-        Over which the added functions' coefficients are alike, along the meridian and along the parallel.
-    neglected : ndarray, shape (m, n)
-        Standard deviation of what the bumps that are left out would be.
+    ``bottom_m``, ``step_m``: first distance across the limb and step of the grid. ``functions``: shape (m, 1 + k, n),
+    the mean and k functions added to it. ``waves``: shape (m, j) per added function, its coefficient at the nodes per
+    unit unknown. ``names``: (kind, number) per added function, independent of nodes and grid. ``up_itrs``: shape (m,
+    3), unit vectors from the Earth's centre. ``lengths_rad``: shape (m, k, 2), correlation lengths along meridian and
+    parallel. ``neglected``: shape (m, n), standard deviation of the neglected bumps.
     """
 
     bottom_m: float
@@ -157,18 +143,10 @@ def node_air(
 ) -> NodeAir:
     """Return the air at the nodes.
 
-    Parameters
-    ----------
-    height_m : ndarray, shape (h,)
-    mean, left_sigma : ndarray, shape (m, h)
-    modes : ndarray, shape (m, k, h)
-    lengths_rad : ndarray, shape (m, k, 2)
-        Along the meridian and along the parallel.
-    grid_m : tuple of float
-        First and last distance across the limb (:func:`.ray_height.level_distance`) that are asked for, and the step:
-        profiles are means over steps.
-    curve : float
-        That turns distances into heights. Above the table there is no light, below it that of its end.
+    ``height_m``: shape (h,); ``mean``, ``left_sigma``: shape (m, h); ``modes``: shape (m, k, h); ``lengths_rad``: shape
+    (m, k, 2), along meridian and parallel; ``grid_m``: first and last distance across the limb
+    (:func:`.ray_height.level_distance`) and the step, over which profiles are averaged; ``curve``: converts distances
+    to heights. Radiance is zero above the table and constant below it.
     """
     count = int(np.ceil((grid_m[1] - grid_m[0]) / grid_m[2])) + 1
     even_borders = grid_m[0] + (np.arange(count + 1) - 0.5) * grid_m[2]
@@ -223,10 +201,9 @@ def node_air(
 
 
 def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
-    """Return how long before their lowest points lines end, as angles at the Earth's centre, shape (m, h).
+    """Return how far before their lowest points lines end, as angles at the Earth's centre, shape (m, h).
 
-    ``height_m`` (shape (h,)): of the lines' lowest points. ``mean`` (shape (m, h)): Profiles: light comes from where
-    they have half of their largest value.
+    Light comes from where the profile ``mean``, shape (m, h), has half of its maximum.
     """
     bright = mean >= 0.5 * mean.max(axis=1)[:, None]
     source_m = height_m[len(height_m) - 1 - np.argmax(bright[:, ::-1], axis=1)]
@@ -234,10 +211,7 @@ def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
 
 
 def alike_at_ends(height_m: FloatArray, mean: FloatArray, along_rad: FloatArray) -> FloatArray:
-    """Return how modes where lines end are alike with what they are at their lowest points, shape (m, k, h).
-
-    ``along_rad``: the modes' lengths along the lines, shape (m, k).
-    """
+    """Return correlations (m, k, h) of modes between a line's end and lowest point; ``along_rad`` is (m, k)."""
     away = before_lowest_rad(height_m, mean)
     return np.asarray(np.exp(-0.5 * (away[:, None] / along_rad[:, :, None]) ** 2))
 
@@ -253,10 +227,7 @@ def waves_of(covariances: FloatArray) -> list[FloatArray]:
 
 
 def _means(height_m: FloatArray, borders: FloatArray) -> csr_array:
-    """Return the matrix (n, h) that makes means between borders (n + 1,) of values at heights (h,), linear between.
-
-    Above the last height there is nothing, below the first its value.
-    """
+    """Return the matrix (n, h) that averages values at heights (h,), linear between, over n intervals."""
     low, high = min(borders[0], height_m[0]) - 1.0, max(borders[-1], height_m[-1]) + 2.0
     known = np.concatenate([[low], height_m, [height_m[-1] + 1.0, high]])
     i = np.clip(np.searchsorted(known, borders, side="right") - 1, 0, len(known) - 2)
@@ -288,15 +259,15 @@ CONTRADICTED = 5.0
 LEAST_LEVEL = 1e-9
 """Of a direction's level part: a Sun that is read straight above or below has no azimuth, and needs none."""
 SUNLIT_M = np.linspace(-20e3, 80e3, 6)
-"""Heights whose lines' lowest points sunlit tables are read at. Between them light changes evenly with the Sun, which
-stands at most 0.8 deg elsewhere from one to the next (200 km); below and above is little more."""
+"""Heights at which sunlit tables are read for the Sun's angles at the lowest point; between them radiance is linear.
+The Sun's angles change by at most 0.8 deg from one to the next (200 km)."""
 
 
 class KnownAir:
     """The air of a table at one time, under one Sun.
 
-    ``sun_cam`` (shape (3,)): as a Sun sensor sees it. ``sun_itrs`` (shape (3,)): as the time says it; None where the
-    sensor alone is believed, :func:`sun_of_time`. One of the two is there.
+    ``sun_cam``: shape (3,), from a Sun sensor; ``sun_itrs``: shape (3,), from the time, or None if only the sensor is
+    believed (:func:`sun_of_time`). At least one is given.
     """
 
     def __init__(
@@ -333,11 +304,7 @@ class KnownAir:
     def _where_lines_end(
         self, mean: FloatArray, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose
     ) -> FloatArray:
-        """Return means (m, h), every height's from the latitude from which its light comes.
-
-        A thermal table is of one column of air: where a line ends before its lowest point, the column is that of its
-        end. Sunlit tables have no places.
-        """
+        """Return means (m, h), each height from the latitude where its line ends; sunlit tables have no positions."""
         height = self._templates.height_m
         away = before_lowest_rad(height, mean)
         steps = np.linspace(0.0, FARTHEST_RAD, STEPS)
@@ -398,11 +365,10 @@ class KnownAir:
 def sun_of_time(
     sun_itrs: FloatArray, sun_cam: FloatArray | None, cam_from_itrs: FloatArray, sigma_rad: float
 ) -> FloatArray | None:
-    """Return the direction of the Sun as the time says it, or None if a sensor's reading contradicts it.
+    """Return the Sun's direction from the time, or None if a sensor contradicts it.
 
-    ``sun_itrs``: shape (3,), by the time; ``sun_cam``: shape (3,), of the sensor; without one there is nothing to
-    contradict; ``cam_from_itrs``: shape (3, 3), the attitude that is known; ``sigma_rad``: standard deviation of the
-    angle between the two, of attitude and sensor together.
+    ``sun_itrs``, ``sun_cam``: shape (3,), from time and sensor (optional); ``cam_from_itrs``: shape (3, 3), known
+    attitude; ``sigma_rad``: standard deviation of the angle between both, from attitude and sensor.
     """
     if sun_cam is None or float(off_axis_angle(sun_cam, cam_from_itrs @ sun_itrs)) <= CONTRADICTED * sigma_rad:
         return sun_itrs

@@ -47,11 +47,10 @@ MOST_ROUNDS, MOST_ROUND, ROUNDED = 8, 0.5, 1e-4
 
 
 def blur_after(blur_px: float, sharpness: float, log_step: float, sharpness_step: float) -> float:
-    """Return the blur after a step of its logarithm and of the sharpness [px].
+    """Return the blur [px] after a step of its logarithm and of the sharpness.
 
-    What profiles show first of a lens is its variance. A small blur makes that of a sampled lens much smaller than that
-    of a smooth one, so that both parameters turn along a bent valley: the variance goes as far as their derivatives
-    say, the sharpness as it is told, and the blur follows.
+    Profiles mainly determine the lens's variance, which depends on both parameters. The variance takes its linear step,
+    the sharpness its full step, and the blur follows.
     """
     plain = blur_px * float(np.exp(log_step))
     variance, by_log, by_sharpness = _variance(blur_px, sharpness)
@@ -87,11 +86,10 @@ def _variance(blur_px: float, sharpness: float) -> tuple[float, float, float]:
 
 
 class BlurredProfiles:
-    """Profiles at some places along the limb.
+    """k functions at m positions along the limb.
 
-    ``profiles``: shape (m, k, n), of k functions at m places, on an even grid of heights; ``step_m``: of the grid;
-    ``boxes_m``: shape (m, 2), height that a pixel is wide along its columns and along its rows; ``off_axis_rad``: shape
-    (m,), of the places, for a lens that blurs them differently.
+    ``profiles``: shape (m, k, n), on an even grid of heights with step ``step_m``; ``boxes_m``: shape (m, 2), height
+    per pixel along columns and rows; ``off_axis_rad``: shape (m,), for a lens whose blur varies over the field.
     """
 
     def __init__(
@@ -121,10 +119,7 @@ class BlurredProfiles:
         return _even(self._profiles) * self._pixel[:, None]
 
     def values(self, blur_px: float, sharpness: float, every: int = 1) -> FloatArray:
-        """Return the blurred profiles on every so manieth place of the grid, shape (m, k, 1 + (n - 1) // every).
-
-        Waves that such a grid does not show are left out. Other parameters as for :meth:`changes`.
-        """
+        """Return blurred profiles at every ``every``-th grid point, (m, k, 1 + (n - 1) // every), not aliased."""
         smooth, sampled, _, _ = self._parts(blur_px)
         lens = (smooth + sharpness * (sampled - smooth))[:, None]
         count = (self._count - 1) // every
@@ -135,9 +130,7 @@ class BlurredProfiles:
         return np.asarray(blurred[..., shown] / every)
 
     def changes(self, weights: FloatArray, blur_px: float, sharpness: float) -> FloatArray:
-        """Return weighted sums of the functions and what they change by, shape (4, m, n).
-
-        The sum itself, its derivative by the height, by the logarithm of the blur, and by the sharpness.
+        """Return weighted sums of the functions, shape (4, m, n): value, derivatives by height, ln blur, sharpness.
 
         ``weights``: shape (m, k); ``blur_px``: the lens's ``s``; ``sharpness``: the lens's ``q``.
         """
@@ -149,10 +142,10 @@ class BlurredProfiles:
         return np.asarray(fft.irfft(all_of_them, n=2 * self._count - 2, axis=-1)[..., : self._count])
 
     def pull(self, on_level: FloatArray, on_slope: FloatArray, blur_px: float, sharpness: float) -> FloatArray:
-        """Return the sums over the grid of blurred functions and their slopes times weights (m, n), shape (m, k).
+        """Return sums over the grid of blurred functions and their slopes times weights (m, n), shape (m, k).
 
-        What is exact for every function costs two blurs at every place: the blur of the weights. Weights of slopes at
-        the ends of the grid count for nothing.
+        Exact for every function at the cost of two blurs per position: of the weights. Slopes at the grid's ends count
+        zero.
         """
         smooth, sampled, _, _ = self._parts(blur_px)
         lens = self._pixel * (smooth + sharpness * (sampled - smooth))

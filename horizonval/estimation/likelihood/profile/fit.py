@@ -72,18 +72,11 @@ from horizonval.geometry.camera import CameraModel
 
 @dataclass(frozen=True)
 class ProfileStep:
-    """A step, and what is known of the shared unknowns.
+    """A step and the uncertainty of the shared unknowns.
 
-    Attributes
-    ----------
-    step : ndarray, shape (s + k,)
-        Shared unknowns, then those of the air.
-    gained : float
-        By how much the squares over variances should be less after it.
-    covariance, known : ndarray, shape (s, s)
-        Of the shared unknowns; as it is, and as it would be if the air were known.
-    air_open : float
-        Trace of the covariance of the air's unknowns: of so many of them nothing is determined.
+    ``step``: shape (s + k,), shared unknowns, then the air's; ``gained``: predicted decrease of chi-squared;
+    ``covariance``, ``known``: shape (s, s), of the shared unknowns, with unknown and with known air; ``air_open``:
+    trace of the covariance of the air's unknowns, the number of them left undetermined.
     """
 
     step: FloatArray
@@ -105,11 +98,9 @@ def step_without_air(
 ) -> ProfileStep:
     """Solve the equations of a step.
 
-    Raises ``LinAlgError``: no solution, or unknowns that nothing determines.
-
     ``shared``: shape (s, s), with priors; ``right``: shape (s,); ``mixed``: shape (s, k); ``air``: shape (k, k),
-    without the priors of the air's unit unknowns, which are added; written over; ``right_air``: shape (k,), with the
-    pull of their priors.
+    overwritten, without the unit priors, which are added; ``right_air``: shape (k,), with the priors' gradient. Raises
+    ``LinAlgError``: no solution, or undetermined unknowns.
     """
     if not (np.isfinite(shared).all() and np.isfinite(right).all() and np.isfinite(air).all()):
         raise np.linalg.LinAlgError("the fit's equations have no solution")
@@ -142,8 +133,7 @@ then; in 200 others, sealed ones of the benchmark among them, no answer had less
 SETTLED, NEARLY_SETTLED = 0.03, 1.0
 """Squares of steps below which a search is near, and near enough to leave its first part."""
 SETTLING_STEPS = 2
-"""Steps of a square below the first, after which the noise is held: what a pose that is not there yet leaves would be
-taken for noise."""
+"""Steps after a step's square first falls below :data:`SETTLED`, after which the noise is fixed."""
 STEADY = 0.03
 """Of the logarithms of the pixels' variances from step to step: what a first guess leaves is no noise."""
 CONVERGED = 1e-3
@@ -166,30 +156,19 @@ MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
 256 px over 90 deg whose lens is 0.6 px soft in the middle and 1.1 at the corners were off by 400 to 1 100 arcsec at
 claims of 220 to 340, with 0.36 to 0.57; of 80 with one blur none had more than 0.12. Chosen after seeing these."""
 HELD = 10.0
-"""Of the information on the lens in the first part: there it moves by a third of what its prior leaves open. With three
-a frame under cirrus ended in a soft lens; with more, ends from starts a third of a pixel apart scatter more, for the
-lens then comes the rest of the way along a bent valley. Chosen after seeing these."""
+"""Information on the lens in the first stage, relative to its prior: the lens then moves by a third of its prior's
+range. Less lets thin clouds soften the lens; more increases the dependence on the start."""
 LEAST_ALIKE, SURELY_ALIKE = 1.1, 1.3
 """Between which it begins to count: of independent residuals it is 1 to a tenth. A step in place of the slope moved
 nadirs by a fifth of a standard deviation."""
 
 
 class ProfileSearch:
-    """The search; what its last step knew stays as attributes.
+    """The search; results of its last step stay as attributes. ``image``: shape (H, W).
 
-    ``image``: shape (H, W).
-
-    Attributes
-    ----------
-    least : ndarray, shape (n,)
-        Variance that it is at least.
-    wider : ndarray, shape (n,), or 1
-        How many pixels count as one there, because residuals are alike.
-    inverse_variance : ndarray, shape (n,)
-        Of both.
-    covariance, known : ndarray, shape (11, 11)
-        Of the shared unknowns; as it is, and as it would be if the air were known.
-    steps : list of ndarray, shape (7,)
+    ``least``: shape (n,), minimum variance; ``wider``: shape (n,) or 1, number of correlated pixels that count as one;
+    ``inverse_variance``: shape (n,), with both; ``covariance``, ``known``: shape (11, 11), of the shared unknowns, with
+    unknown and with known air; ``steps``: list of shape (7,).
     """
 
     def __init__(
@@ -216,10 +195,7 @@ class ProfileSearch:
         return self.model.pose.moved(self.now.away)
 
     def run(self) -> ProfileSearch:
-        """Search.
-
-        Raises ``LinAlgError``: no convergence, nothing like the prediction, or unknowns that nothing determines.
-        """
+        """Search; raises ``LinAlgError`` without convergence, without resemblance, or for undetermined unknowns."""
         settled, size = 0, np.inf
         for number in range(MOST_STEPS):
             if number >= LOST_STEPS and explained(self.model, self.look, self.noise) < LOST:
@@ -248,19 +224,17 @@ class ProfileSearch:
         return self
 
     def strain(self) -> tuple[float, float]:
-        """Return the sum of squares of the air's unit unknowns, and how many of them the pixels determine.
+        """Return the sum of squares of the air's unit unknowns and its expectation.
 
-        Of air as its priors have it the second is what the first is in the mean: the trace of 1 - C, ``C`` their
-        covariance.
+        The expectation is the number that the pixels determine, the trace of 1 - C, with ``C`` their covariance.
         """
         assert self._last is not None
         return float(self.now.air @ self.now.air), len(self.now.air) - self._last.air_open
 
     def growth(self) -> tuple[float, float]:
-        """Return by how much the logarithm of the blur changes over the limb in view, and its standard deviation.
+        """Return the change of ln blur over the limb in view, and its standard deviation.
 
-        A lens is softer towards the corners, with the square of the angle. It is no unknown of the fit: this is how far
-        a step would go if it were.
+        Lenses soften towards the corners as the angle squared. It is no unknown: this is the step if it were one.
         """
         pull = self.noise.pull(self.look.residuals, self.now.gain)
         parts = self.model.equations(self.now, self.look, self.inverse_variance, pull, of_growth=True)
@@ -275,11 +249,7 @@ class ProfileSearch:
         self._wanted_pose = pose.step_to(self.knowledge.mean)
 
     def _choose_again(self, *, thinned: bool) -> None:
-        """Choose the pixels anew at the present pose; everything else stays as it is.
-
-        So do the weights. With noise that began anew the pose left its place by half a standard deviation, for which
-        the pixels were chosen again, and so on until the steps were used up.
-        """
+        """Select the pixels at the present pose; noise and weights stay, since new ones would move the pose again."""
         before, weights = self.model, self.inverse_variance
         self._choose(self.pose, self.now.blur, FEW_PX if thinned else None)
         self.inverse_variance = taken_over(self.image.shape, before, weights, self.model)
@@ -325,10 +295,10 @@ class ProfileSearch:
         return step_without_air(shared, right, parts.mixed, parts.air, parts.right_air - self.now.air)
 
     def _search_along(self, step: FloatArray, gained: float) -> bool:
-        """Go as far along a step as the pixels become more probable; return whether that is any way.
+        """Go along a step while the likelihood grows; return whether it did.
 
-        Where less than half of the merit is gained that the step promised (``gained``), as in a bent valley, the
-        parabola through what is known of the way says how far to go.
+        Where less than half of the predicted merit ``gained`` is reached, as in a bent valley, a parabola gives the
+        length.
         """
         before, best, share = self._merit(self.now, self.look), np.inf, 1.0
         found: tuple[Guess, Seen, FloatArray] | None = None
@@ -377,11 +347,7 @@ class ProfileSearch:
         return squares + float(self._priors @ wanted[POSE:] ** 2) + information * away**2
 
     def _off_floor(self, now: Guess) -> tuple[float, float]:
-        """Return the step of the background to what dark pixels at the floor tell of it, and its information.
-
-        Far below the floor no pixel shows how far, and no derivative leads back. It is as wide as the noise of one
-        pixel: what all of them tell comes from the pixels of the fit.
-        """
+        """Return the step of the background towards dark pixels at the floor, and its information."""
         floor = self.model.floor
         return (0.0, 0.0) if floor is None else (floor.background - now.background, floor.sigma**-2)
 
@@ -427,11 +393,10 @@ def noise_at(model: ProfileModel, look: Seen, before: FloatArray, least: FloatAr
 
 
 def wider(model: ProfileModel, now: Guess, look: Seen, noise: PixelNoise) -> FloatArray:
-    """Return how many pixels count as one, because residuals are alike, shape (n,).
+    """Return how many correlated pixels count as one, shape (n,).
 
-    What the residuals show beyond the noise of dark pixels is as alike as their sums over squares say (:func:`.alike`),
-    what the prediction leaves out over a bump's height and length. As an unknown either would take from all pixels
-    there together what noise as large takes from one.
+    Residuals beyond the dark pixels' noise have the correlation that their sums over squares show (:func:`.alike`);
+    neglected bumps have a bump's height and length. Neither is an unknown of the fit.
     """
     beyond = alike(model.near.pixels, look.residuals, noise.inverse_variance)
     counts = float(np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0))
@@ -448,8 +413,8 @@ def fit_profile(
 ) -> ProfileFit:
     """Fit the limb's profile near a pose that is right to some kilometres of height at the limb.
 
-    ``image`` (shape (H, W)): grey levels, linear in radiance; NaN where a pixel tells nothing. Raises ``LinAlgError``:
-    too little limb in view, no light where it should be, or no convergence.
+    ``image``: shape (H, W), linear in radiance, NaN where missing. Raises ``LinAlgError``: too little limb in view, no
+    radiance there, or no convergence.
     """
     found = ProfileSearch(image, camera, start, knowledge).run()
     look, now = found.look, found.now
@@ -474,10 +439,9 @@ def fit_profile(
 
 
 def strained(squares: float, determined: float) -> float:
-    """Return by how much unit unknowns scatter more than they should, 1 where chance may do so.
+    """Return the excess scatter of unit unknowns, 1 if chance explains it.
 
-    ``squares``: their sum. ``determined``: how many of them are determined: the mean of ``squares``, whose variance is
-    twice as much.
+    ``squares``: their sum of squares; ``determined``: their number, the mean of ``squares`` and half its variance.
     """
     ratio = squares / max(determined, 1e-300)
     return ratio if determined > 0.0 and ratio > 1.0 + SCATTERED * np.sqrt(2.0 / determined) else 1.0

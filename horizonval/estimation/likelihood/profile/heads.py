@@ -71,18 +71,9 @@ Name = tuple[Hashable, tuple[str, int]]
 class CommonAir:
     """The air of all heads.
 
-    Attributes
-    ----------
-    heads : list of NodeAir
-        With waves that are those of all heads, at a head's nodes.
-    columns : list of ndarray of int
-        Which of the common unknowns are each head's.
-    waves : dict of ndarray
-        By function, at the nodes of all heads that have it, one head after the other: (nodes, unknowns).
-    owners : dict of list of int
-        Those heads.
-    count : int
-        Of all unknowns.
+    ``heads``: air of each head, with the common waves at its nodes; ``columns``: indices of each head's unknowns among
+    the common ones; ``waves``: by function, shape (nodes, unknowns) over the nodes of all heads that have it;
+    ``owners``: those heads, by function; ``count``: number of unknowns.
     """
 
     heads: list[NodeAir]
@@ -112,10 +103,7 @@ class CommonAir:
 
 
 def common_air(airs: Sequence[NodeAir], tables: Sequence[Hashable]) -> CommonAir:
-    """Return the air of all heads as one.
-
-    ``airs``: of each head, alone. ``tables``: what each was read from; of the same table are the same functions.
-    """
+    """Combine the air of all heads; those with equal ``tables`` share their functions."""
     owners: dict[Name, list[int]] = {}
     for head, (air, table) in enumerate(zip(airs, tables, strict=True)):
         for name in air.names:
@@ -152,22 +140,15 @@ OWN = SHARED - POSE
 SETTLING_STEPS = 4
 """After which pixels and noise are held: heads begin where each of them ended alone."""
 ALIGNING_STEPS = 4
-"""The most by which heads come to one pose with the noise that they had alone: more creep along a bent valley, under
-broken clouds until none are left. Chosen of 4, 8, 12, 16 and 40 after seeing fifteen pairs with each."""
+"""Largest number of steps towards a common pose with each head's own noise; more steps creep along a bent valley."""
 
 
 @dataclass(frozen=True)
 class ProfileHead:
     """A head whose limb was found.
 
-    Attributes
-    ----------
-    cam_from_body : ndarray, shape (3, 3)
-    table : hashable
-        What its air was read from.
-    image : ndarray, shape (H, W)
-    alone : ProfileSearch
-        Where its own fit ended.
+    ``cam_from_body``: shape (3, 3); ``table``: hashable source of its air; ``image``: shape (H, W); ``alone``: its own
+    fit.
     """
 
     camera: CameraModel
@@ -192,23 +173,18 @@ def fit_profiles(
 ) -> ProfileFit:
     """Fit the limb's profile in the images of all heads.
 
-    Raises ``LinAlgError``: too little limb in view of a head, or no convergence.
-
-    ``heads``: at least one; ``mean``: the prior's pose of the body: ``cam_from_itrs`` is ``body_from_itrs``;
-    ``information``: shape (7, 7), about it, of turns in body axes; ``axes_from_body``: shape (3, 3), of the camera in
-    whose axes the answer is.
-    Result: with points and levels of the first of the heads.
+    ``mean``: prior pose of the body, ``cam_from_itrs`` being ``body_from_itrs``; ``information``: shape (7, 7), about
+    it, of turns in body axes; ``axes_from_body``: shape (3, 3), of the result's camera axes. The result has points and
+    levels of the first head. Raises ``LinAlgError``: too little limb in a head, or no convergence.
     """
     return _SearchOfHeads(list(heads), mean, information).run(axes_from_body)
 
 
 class _SearchOfHeads:
-    """The way from where the heads ended alone to the most probable unknowns.
+    """Search from one head's pose to the most probable unknowns of all heads.
 
-    It begins at the pose of one head. Till the others are at it, too (``aligning``), pixels have the noise and heads
-    the lens that they had alone: noise that is found in the residuals of a limb beside its place hides it, and a lens
-    that has become sharp to make up for the way there stays so. Of 480 pairs of 160 x 120 px two ended with a third of
-    the blur in one head, 161 and 200 arcsec off where errors are 47 (root mean square of all).
+    Until the others reach that pose (``aligning``) noise and lenses are those of the separate fits. Noise from the
+    residuals of a displaced limb would hide it, and a lens that compensates for the displacement would stay wrong.
     """
 
     def __init__(self, heads: list[ProfileHead], mean: LimbPose, information: FloatArray) -> None:

@@ -16,27 +16,15 @@ from horizonval.geometry.ellipsoid import Ellipsoid
 
 @dataclass(frozen=True)
 class ProfileKnowledge:
-    """What is known beside the image.
+    """Prior knowledge of a profile fit.
 
-    Attributes
-    ----------
-    mean : LimbPose
-        The priors' values; ``height_m`` is the lift of the air.
-    information : ndarray, shape (7, 7)
-        About ``mean`` of a step from it, as in :class:`horizonval.estimation.likelihood.knowledge.LimbKnowledge`.
-    heights_m : tuple of float
-        First and last height of the table.
-    air : callable
-        From normals (m, 3) and lines of sight (m, 3) in camera axes, a pose, and a grid of distances across the limb
-        (first, last, step) with their curve, to the air.
-    blur_px, blur_log_sigma : float
-        Of the lens.
-    lens : Lens
-        What is told of it beside.
-    sharpness, sharpness_sigma : float
-        Of the lens, as :mod:`.blurred` has it: nobody says it of a lens.
-    gain, gain_log_sigma : float
-        Levels per radiance of the table on the axis; an infinite sigma where the detector is not calibrated.
+    ``mean``: prior pose, ``height_m`` being the lift of the air; ``information``: shape (7, 7), of a step from it, as
+    in :class:`horizonval.estimation.likelihood.knowledge.LimbKnowledge`. ``heights_m``: first and last height of the
+    table. ``air``: function of normals (m, 3), lines of sight (m, 3) in camera axes, pose, grid of distances (first,
+    last, step) and their curve. ``blur_px``, ``blur_log_sigma``: of the lens; ``lens``: blur over the field and
+    diffraction from the camera file. ``sharpness``, ``sharpness_sigma``: shape of the lens's blur (:mod:`.blurred`),
+    which no file states. ``gain``, ``gain_log_sigma``: levels per table radiance on the axis; an infinite sigma for an
+    uncalibrated detector.
     """
 
     ellipsoid: Ellipsoid
@@ -57,22 +45,10 @@ class ProfileKnowledge:
 class ProfileFit:
     """The most probable pose.
 
-    Attributes
-    ----------
-    covariance : ndarray, shape (7, 7)
-        Of a step from the pose: noise, priors and air.
-    relief_covariance : ndarray, shape (7, 7)
-        The air's part of it.
-    improbable : float
-        Largest coefficient of a mode anywhere along the limb, in its own standard deviations.
-    explained : float
-        Share of the pixels' variance that the prediction explains.
-    uv : ndarray, shape (m, 2)
-    residuals_rad : ndarray, shape (m,)
-    steps : ndarray, shape (k, 7)
-    growth, growth_sigma : float
-        By how much the logarithm of the blur changes over the limb in view, as far as the pixels say; of several heads
-        it is asked of each alone.
+    ``covariance`` (7, 7): of a step from the pose, from noise, priors and air; ``relief_covariance``: the air's part.
+    ``improbable``: largest mode coefficient along the limb, in standard deviations. ``explained``: share of the pixels'
+    variance that the prediction explains. ``uv`` (m, 2), ``residuals_rad`` (m,), ``steps`` (k, 7). ``growth``,
+    ``growth_sigma``: change of ln blur over the limb in view; for several heads, of each alone.
     """
 
     pose: LimbPose
@@ -91,7 +67,4 @@ class ProfileFit:
 
 
 class NoLimbError(np.linalg.LinAlgError):
-    """Nothing in the image is like the limb that is predicted.
-
-    Other errors of the equations are of a fit that went astray.
-    """
+    """Nothing in the image resembles the predicted limb; other errors of the equations mean divergence."""

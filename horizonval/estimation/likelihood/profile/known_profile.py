@@ -47,8 +47,7 @@ from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 COARSE_PX = 56
 """Of the longer side of the coarse copy: some thousand pixels."""
 FIRST_PX = 500
-"""Of the coarse copy that the first grid is compared with, about so many: a profile as blurred as its step is wide has
-no more to show."""
+"""Number of pixels of the coarse copy compared with the first grid; blurred by the grid's step it shows no more."""
 REACH_SIGMA = 3.5
 """Of the tilt's prior that is looked at: all but one of five hundred."""
 STEPS = 10
@@ -71,12 +70,10 @@ def start_pose(
     heights_m: tuple[float, float],
     profiles: Callable[[FloatArray, FloatArray, FloatArray], FloatArray],
 ) -> LimbPose:
-    """Return the prior's pose, tilted to where the image is most like the limb.
+    """Return the prior's pose, tilted to where the image resembles the limb most.
 
-    Raises ``LinAlgError``: no tilt makes the image like a limb.
-
-    ``image``: shape (H, W); ``heights_m``: first and last height of the table; ``profiles``: from normals (m, 3) and
-    lines of sight (m, 3) in camera axes, and heights (n,), to profiles (m, n).
+    ``heights_m``: first and last height of the table; ``profiles``: function of normals (m, 3), lines of sight (m, 3)
+    in camera axes and heights (n,) to profiles (m, n). Raises ``LinAlgError``: no tilt makes the image like a limb.
     """
     values, los, light, pixel_rad = _coarse(image, camera)
     distance = float(np.linalg.norm(prior.r_itrs))
@@ -124,11 +121,7 @@ def start_pose(
 
 @dataclass(frozen=True)
 class _Seen:
-    """Pixels (n,) of the coarse copy.
-
-    ``values``: shape (n,); ``los``: shape (3, n); ``light``: shape (n,); ``radius``: shape (n,), what is taken from the
-    distance at which they pass the centre [m]; ``row``: shape (n,), where in the flat table their azimuth's row begins.
-    """
+    """Pixels (n,) of the coarse copy; ``radius``: offset of tangent radii [m], ``row``: start of a table row."""
 
     values: FloatArray
     los: FloatArray
@@ -170,10 +163,7 @@ def _coarse(image: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatAr
 
 
 def _likelihood(predicted: FloatArray, values: FloatArray) -> FloatArray:
-    """Return ``-n ln(1 - R^2)`` of pictures (m, n), which it centres, against one, shape (m,).
-
-    0 of pictures of one level and of negatives.
-    """
+    """Return ``-n ln(1 - R^2)`` of pictures (m, n), centred in place, against one; 0 for constant or negative ones."""
     centred = values - values.mean()
     predicted -= predicted.mean(axis=1)[:, None]
     power = np.einsum("ij,ij->i", predicted, predicted).astype(np.float64)
@@ -183,8 +173,7 @@ def _likelihood(predicted: FloatArray, values: FloatArray) -> FloatArray:
 
 
 LIFT_SIGMA_M = 300.0
-"""Of the height of all air: what is left when its profile is known. The pressure at sea level differs from the
-climate's by 10 hPa, which is 80 m; the geoid departs from the ellipsoid by 30 m."""
+"""Standard deviation of the common height of a known profile: 10 hPa of sea-level pressure is 80 m, the geoid 30 m."""
 TABLE_ENDING = ".npz"
 """Of a climate that is a table of profiles."""
 GAIN_SIGMA = {"thermal": 0.02, "solar": 0.05}
@@ -202,7 +191,7 @@ class KnownProfile:
     tilt_sigma_rad: float
 
     def start(self, camera: CameraModel, tilt_sigma_rad: float) -> LimbPose:
-        """Return a pose near the limb, at a tilt within so much of the prior's.
+        """Return a pose near the limb, tilted from the prior within its sigma.
 
         Raises ``LinAlgError``: no tilt makes the image like a limb.
         """

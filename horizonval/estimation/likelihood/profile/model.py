@@ -48,8 +48,8 @@ FINEST_STEP_M, STEPS_PER_PIXEL = 250.0, 32.0
 """Of the grid of heights: a thirtieth of the scale height of the air, or a twentieth of the blur. With half as many
 steps estimates of 8 to 14 um move by 0.07 of their sigma."""
 STEPS_OF_AIR = 8.0
-"""In a pixel, of the grid on which the products of the air's derivatives are summed up: a sixth of the blur. Parabolas
-between leave 1e-4 of them, which slows a fit; what the residuals want of the air is exact."""
+"""Steps per pixel of the grid on which products of the air's derivatives are summed: a sixth of the blur. Parabolas
+leave 1e-4, which only slows the fit; the gradient is exact."""
 SOME = 500
 """Pixels that tell how far a step moves the limb: it moves evenly along it."""
 EDGE_BLURS = 2.5
@@ -82,9 +82,9 @@ class Guess:
 
 
 def priors_beside_pose(known: ProfileKnowledge, now: Guess, floor: Floor | None) -> tuple[FloatArray, FloatArray]:
-    """Return the information on the shared unknowns that are no pose, shape (11,), and the step to where it points.
+    """Return information (11,) and step of the priors of all shared unknowns but the pose.
 
-    ``floor``: dark pixels at it tell of the background no more than one pixel does.
+    ``floor``: dark pixels at the floor, which together constrain the background as one pixel does.
     """
     information, wanted = np.zeros(SHARED), np.zeros(SHARED)
     rows = [BLUR, SHARPNESS, GAIN]
@@ -97,20 +97,11 @@ def priors_beside_pose(known: ProfileKnowledge, now: Guess, floor: Floor | None)
 
 @dataclass(frozen=True)
 class Seen:
-    """The pixels as the unknowns say they are, shape (n,) each.
+    """Predicted pixels, shape (n,) each.
 
-    Attributes
-    ----------
-    share : ndarray
-        Of the next place of the grid.
-    level : ndarray
-        Radiance.
-    changes : ndarray, shape (3, n)
-        By the distance across the limb [1/m], the logarithm of the blur, the sharpness.
-    brightest : ndarray
-        Radiance of the brightest height of the profile there.
-    kept : ndarray
-        Of a change of light, that the converter's floor leaves in the mean.
+    ``share``: interpolation weight of the next grid point; ``level``: radiance; ``changes``: shape (3, n), derivatives
+    by distance across the limb [1/m], ln blur, sharpness; ``brightest``: maximum radiance of the profile there;
+    ``kept``: share of a radiance change that survives the converter's floor in the mean.
     """
 
     place: np.ndarray
@@ -136,22 +127,11 @@ class Equations:
 class ProfileModel:
     """The pixels that see the profile at a pose.
 
-    Raises ``LinAlgError``: too little limb in view. ``image`` (shape (H, W)): NaN where a pixel tells nothing.
-    ``blur_px``: of the lens, for how wide the window is. ``most`` (optional): about so many pixels of the image, evenly
-    spread.
-
-    Attributes
-    ----------
-    by_lens : ndarray, shape (c, n)
-        Of the distances across the limb, by errors of the lens that are asked for beside the pose; none by itself.
-    moved : ndarray, shape (n,), or 0
-        What the lens has moved them by.
-    off_axis : ndarray, shape (n,)
-        Squares of the pixels' angles from the axis, over the largest of the image.
-    below_clouds : ndarray, shape (n,)
-        Share of a pixel's light, through lens and pixel, that comes from below the highest clouds.
-    left_alike : ndarray, shape (n,)
-        Over how many pixels what the prediction leaves out is alike: a bump's height and length.
+    ``image``: shape (H, W), NaN where missing; ``blur_px``: of the lens, for the window's width; ``most``: thin out
+    evenly to about so many pixels. ``by_lens`` (c, n): derivatives of distances across the limb by lens errors;
+    ``moved``: displacement by the lens; ``off_axis`` (n,): squared angles from the axis over the image's largest;
+    ``below_clouds`` (n,): share of a pixel's radiance from below the highest clouds; ``left_alike`` (n,): number of
+    pixels with correlated neglected bumps. Raises ``LinAlgError``: too little limb in view.
     """
 
     def __init__(
@@ -263,9 +243,8 @@ class ProfileModel:
     ) -> Equations:
         """Return the normal equations of a step.
 
-        ``by_level``: what is added to the residuals (n,) because the noise depends on the level. Gain and background
-        do without: with them the noise changes as a whole.
-        ``of_growth``: with one more shared unknown, the last: how the logarithm of the blur grows with ``off_axis``.
+        ``by_level``: addition to the residuals (n,) for noise that depends on the level; gain and background omit it,
+        since they scale the noise. ``of_growth``: add a last shared unknown, the growth of ln blur with ``off_axis``.
         """
         near = self.near
         root = np.sqrt(inverse_variance)
@@ -333,19 +312,12 @@ class ProfileModel:
     def _by_sector(
         self, look: Seen, amplitude: FloatArray, others: FloatArray
     ) -> tuple[list[list[FloatArray]], FloatArray]:
-        """Return sums over the pixels of a sector near a place of the coarse grid.
+        """Return sums over a sector's pixels near a point of the coarse grid.
 
-        A function at the share ``s`` past a place is ``(1 - s)`` of it there, ``s`` of it at the next place, and
-        ``s (1 - s)`` of its bend there.
-
-        Returns
-        -------
-        sums : list of list of ndarray, shape (m, places, c)
-            Of the amplitude times others (c, n), for the first and the last node of a sector: by the parts that a place
-            and the bend there have in a pixel.
-        squares : ndarray, shape (3, m, 5, places)
-            Of the amplitude's square by the shares of first and first, first and last, last and last node: of a place
-            with itself, with the next and with the bend there, of the next with it, and of the bend with itself.
+        A function at the share ``s`` past a point is ``(1 - s)`` of the value there, ``s`` of the next and ``s (1 -
+        s)`` of the bend. ``sums`` (m, places, c): amplitude times others (c, n), for a sector's first and last node, by
+        value and bend. ``squares`` (3, m, 5, places): squared amplitude for node pairs first-first, first-last,
+        last-last, by value-value, value-next, value-bend, next-bend and bend-bend.
         """
         near, every = self.near, self.every
         sectors, size = len(near.starts) - 1, 1 + (self.air.functions.shape[2] - 1) // every
@@ -380,11 +352,7 @@ class ProfileModel:
         return sums, squares.reshape(3, 5, sectors, size).transpose(0, 2, 1, 3)
 
     def _of_waves(self, own: FloatArray, next_: FloatArray) -> FloatArray:
-        """Return the equations of the unknowns of the air from those of the coefficients at the nodes.
-
-        A pixel lies between two nodes, so that these hold products of functions at a node (m, k, k) and of a node with
-        the next (m - 1, k, k) alone.
-        """
+        """Return the equations of the air's unknowns from those of node coefficients; only neighbours couple."""
         function, waves = self.air.function, self.air.wave
         matrix = np.empty((len(function), len(function)))
         last = 0
@@ -402,10 +370,7 @@ class ProfileModel:
 
 
 def off_axis_share(camera: CameraModel, los_cam: FloatArray) -> FloatArray:
-    """Return squares of angles from the axis over the largest of the image, shape (m,).
-
-    Of every eighth of the image: its corners may lie outside of what the lens shows.
-    """
+    """Return squared angles from the axis over the largest in a grid of every eighth pixel, shape (m,)."""
     columns, rows = (np.linspace(0.0, size - 1.0, EIGHTHS) for size in (camera.width, camera.height))
     some = unproject(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
     farthest = float(np.nanmax(off_axis_angle(some, AXIS_CAM)))

@@ -62,10 +62,7 @@ class Floor:
 
 
 def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
-    """Return the floor of pixels that see space, None where none cuts their noise off.
-
-    ``dark``: shape (n,); ``lowest``: of the whole image.
-    """
+    """Return the floor of pixels (n,) that see space, None if it clips no noise; ``lowest``: of the image."""
     if len(dark) < FEWEST:
         return None
     share = float(np.mean(dark <= lowest))
@@ -93,16 +90,10 @@ ALIKE_PX = (4, 8, 16, 32)
 
 @dataclass(frozen=True)
 class PixelNoise:
-    """The noise of the pixels, shape (n,) each.
+    """Pixel noise, shape (n,) each.
 
-    Attributes
-    ----------
-    used : ndarray of bool
-        What is no outlier.
-    by_level : ndarray
-        Derivative of the variance by the level, 0 where the variance is the least that there is.
-    shown : ndarray
-        Share of the variance that the residuals show beyond that of dark pixels.
+    ``used``: not an outlier; ``by_level``: derivative of the variance by the level, 0 at the minimum variance;
+    ``shown``: share of the variance beyond that of dark pixels.
     """
 
     variance: FloatArray
@@ -116,18 +107,12 @@ class PixelNoise:
         return np.where(self.used, 1.0 / self.variance, 0.0)
 
     def improbability(self, residuals: FloatArray, wider: FloatArray | float = 1.0) -> float:
-        """Return minus twice the logarithm of the residuals' probability, but for a constant.
-
-        An outlier counts as a residual at the limit does. ``wider``: how many pixels count as one, shape (n,).
-        """
+        """Return -2 ln likelihood up to a constant; an outlier counts as a residual at the limit."""
         squares = np.minimum(residuals**2 / self.variance, OUTLIER**2)
         return float(np.sum((squares + np.log(self.variance)) / wider))
 
     def pull(self, residuals: FloatArray, gain: float) -> FloatArray:
-        """Return what to add to the residuals so that they pull as this noise does too, which depends on the level.
-
-        ``gain``: what residuals are per level.
-        """
+        """Return the addition to the residuals for noise that depends on the level; ``gain``: residual per level."""
         beyond = np.minimum(residuals**2 / self.variance, OUTLIER**2) - 1.0
         return np.asarray(0.5 * beyond * self.by_level / gain)
 
@@ -142,19 +127,9 @@ def noise_of(
 ) -> PixelNoise:
     """Return the noise of pixels.
 
-    Parameters
-    ----------
-    residuals : ndarray, shape (n,)
-    level : ndarray, shape (n,)
-        Predicted, in any unit.
-    clouds : ndarray, shape (n,)
-        Part of the level that clouds may change, in the same unit.
-    per_px : ndarray, shape (n,)
-        Change of the level over a pixel across the limb, in any unit.
-    used : ndarray of bool, shape (n,)
-        Pixels of which the first guess is made.
-    least : float or ndarray, shape (n,)
-        Variance that there is at least: what the converter's steps leave, and what the prediction leaves out.
+    All (n,): ``residuals``; ``level``: predicted; ``clouds``: part of it that clouds may change, in the same unit;
+    ``per_px``: change of the level per pixel across the limb; ``used``: pixels of the first guess; ``least``: minimum
+    variance, from the converter's steps and the neglected air.
     """
     brightest = max(float(level.max()), 1e-300)
     level = np.clip(level / brightest, 0.0, 1.0)
@@ -173,9 +148,9 @@ def noise_of(
 
 
 def alike(pixels: NearPixels, residuals: FloatArray, inverse_variance: FloatArray) -> float:
-    """Return how much larger the variance of the residuals' sums over squares is than of independent ones.
+    """Return how much larger the variance of residual sums over squares is than of independent ones, at least 1.
 
-    Of the size of squares where it is largest; 1 at least.
+    The square size is the one at which the ratio is largest.
     """
     root = np.sqrt(inverse_variance)
     in_sigmas, used = root * residuals, (root > 0.0).astype(np.float64)
@@ -198,10 +173,7 @@ def _variance(squares: FloatArray, there: np.ndarray) -> float:
 
 
 def _components(squares: FloatArray, expected: FloatArray, parts: FloatArray, inside: np.ndarray) -> FloatArray:
-    """Return what parts (k, n) of a variance come to, none below 0, by least squares over the pixels inside.
-
-    The square of a normal number scatters by twice its variance squared, so that all are over what is expected.
-    """
+    """Return variance components of parts (k, n), at least 0, by least squares for squared normals."""
     weight = inside / expected
     rows = parts * weight
     normal, pull = rows @ rows.T, rows @ (squares * weight)

@@ -39,19 +39,11 @@ LEAST_ROOT = 0.01
 
 @dataclass(frozen=True)
 class RayHeight:
-    """Of n lines of sight.
+    """Lowest points of n lines of sight.
 
-    Attributes
-    ----------
-    height_m : ndarray, shape (n,)
-    distance_m : ndarray, shape (n,)
-        From the observer to the lowest point.
-    normal_cam : ndarray, shape (3, n)
-        Unit normal of the ellipsoid beneath that point, in camera axes.
-    by_rotation : ndarray, shape (3, n)
-        By a rotation vector of the camera in its own axes, as in :mod:`.limb_angle` [m/rad].
-    by_position : ndarray, shape (3, n)
-        By the position in Earth-fixed axes [1]: the normal there.
+    ``height_m``: shape (n,); ``distance_m``: shape (n,), from the observer; ``normal_cam``: shape (3, n), unit normal
+    of the ellipsoid below, in camera axes. Derivatives of the height: ``by_rotation`` (3, n), rotation vector in camera
+    axes [m/rad]; ``by_position`` (3, n), Earth-fixed position [1], the normal.
     """
 
     height_m: FloatArray
@@ -72,11 +64,7 @@ class RayHeight:
 
 
 def ray_height(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> RayHeight:
-    """Return how high lines of sight pass.
-
-    ``los_cam``: shape (3, n), unit vectors in camera axes; ``cam_from_itrs``: shape (3, 3); ``r_itrs``: shape (3,),
-    observer [m]; ``axes_m``: shape (3,), semi-axes of the ellipsoid.
-    """
+    """Return the heights at which lines of sight pass; arguments as for :func:`.limb_angle.limb_angle`."""
     p = r_itrs / axes_m
     e = (cam_from_itrs / axes_m).T @ los_cam
     distance = -(p @ e) / np.einsum("ij,ij->j", e, e)
@@ -123,30 +111,13 @@ WIDER = 1.5
 
 @dataclass(frozen=True)
 class ProfilePixels:
-    """Pixels that see the profile, n of them in order of azimuth, in m sectors with a node at either end.
+    """n pixels that see the profile, in order of azimuth, in m sectors with nodes at both ends.
 
-    Attributes
-    ----------
-    ray : RayHeight
-        Of the pixels at the pose that they were chosen for.
-    values : ndarray, shape (n,)
-        The image's levels.
-    light : ndarray, shape (n,)
-        What a pixel gets of a radiance, over what one on the axis gets: its solid angle through the pupil.
-    sector : ndarray of int, shape (n,)
-    starts : ndarray of int, shape (m + 1,)
-    along : ndarray, shape (n,)
-        Place in the sector, from 0 to 1.
-    width_m : ndarray, shape (m + 1,)
-        Of a pixel across the limb, at the nodes.
-    boxes_m : ndarray, shape (m + 1, 2)
-        Its parts along a column's and a row's step, whose squares sum up to its square.
-    lift_m : ndarray, shape (m + 1,)
-        Distance across the limb by which a blur of one pixel's variance moves what is seen at the nodes.
-    normal_cam : ndarray, shape (m + 1, 3)
-        Of the ellipsoid beneath the nodes.
-    los_cam : ndarray, shape (m + 1, 3)
-        Lines of sight to the nodes.
+    ``ray``: at the pose of selection; ``values`` (n,): grey levels; ``light`` (n,): response relative to the axis
+    (solid angle through the pupil); ``sector`` (n,); ``starts`` (m + 1,); ``along`` (n,): position in the sector, 0 to
+    1. At the nodes: ``width_m`` (m + 1,): a pixel across the limb; ``boxes_m`` (m + 1, 2): its parts along column and
+    row, of equal square sum; ``lift_m`` (m + 1,): displacement across the limb by a blur of one pixel's variance;
+    ``normal_cam`` (m + 1, 3): of the ellipsoid below; ``los_cam`` (m + 1, 3).
     """
 
     pixels: NearPixels
@@ -172,7 +143,7 @@ def profile_pixels(
     curve: float,
     most: int | None = None,
 ) -> ProfilePixels:
-    """Return pixels that a pose sees between two heights and that are no NaN; ``most``: about so many, evenly spread.
+    """Return valid pixels between two heights at a pose, about ``most`` of them, evenly spread.
 
     Raises ``LinAlgError``: too little limb in view.
     """
@@ -243,10 +214,7 @@ def profile_pixels(
 
 
 def _level_los(los_cam: FloatArray, pose: LimbPose, axes: FloatArray) -> FloatArray:
-    """Return lines of sight (3, n) to a sphere's limb turned so that they touch the ellipsoid.
-
-    Its limb stands up to 21 km lower, which from low orbit is half a degree of place on the Earth, and of the Sun.
-    """
+    """Return lines of sight (3, n) to a sphere's limb turned to touch the ellipsoid, up to 21 km lower."""
     for _ in range(LEVELLINGS):
         ray = ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
         los_cam = los_cam - ray.normal_cam * (ray.height_m / ray.distance_m)
@@ -255,10 +223,9 @@ def _level_los(los_cam: FloatArray, pose: LimbPose, axes: FloatArray) -> FloatAr
 
 
 def _laplacian(camera: CameraModel, uv: FloatArray, pose: LimbPose, axes: FloatArray, curve: float) -> FloatArray:
-    """Return the Laplacian of the distance across the limb at places (n, 2) of the image, shape (n,) [m/px^2].
+    """Return the Laplacian [m/px^2], shape (n,), of the distance across the limb at positions (n, 2).
 
-    A blur of variance ``s^2`` sees there what is ``s^2 / 2`` times as far across: a limb is bent, by 5e-4 px on a disc
-    of 1000 px, and a lens's scale changes.
+    A blur of variance ``s^2`` displaces the limb by ``s^2 / 2`` times it: limbs are curved and the scale varies.
     """
 
     def across(places: FloatArray) -> FloatArray:
