@@ -368,7 +368,7 @@ def test_a_sunlit_scene_has_nothing_of_the_night(mi: Any) -> None:
 def test_leaving_out_the_set_sun_changes_nothing(
     mi: Any, monkeypatch: pytest.MonkeyPatch, aerosol: str, share: float
 ) -> None:
-    import horizonval.renderer.frame as module
+    import horizonval.renderer.description as module
 
     air = {"profile": "us_standard", "aerosol": aerosol}
     sun, moon = {"zenith_deg": 136.0, "azimuth_deg": 90.0}, {"zenith_deg": 40.0}
