@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.cone import cone_uncertainty
 from horizonval.estimation.limb.crossing import row_noise, sub_pixel_crossing
@@ -110,12 +109,6 @@ def test_hopeless_images_are_refused(name: str) -> None:
     assert isinstance(result, Refusal)
     assert result.status is not Outcome.VALID
     assert result.reason
-
-
-def test_unknown_estimator_names_the_nearest_first() -> None:
-    assert {"altitude-free", "ideal", "linear-heads", "video-vertical"} <= set(registry.names())
-    with pytest.raises(UserError, match="one of altitude-free,"):
-        registry.get("altitude_fre")
 
 
 def _broken(kind: str) -> Estimator:

@@ -17,7 +17,7 @@ from horizonval.estimation.limb.evidence import weigh
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.proposals import LimbPoints
-from horizonval.estimation.limb.pyramid import known_pixels, levels_of, trace_limb
+from horizonval.estimation.limb.pyramid import levels_of
 from horizonval.estimation.methods import altitude_free
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -54,19 +54,6 @@ def off_deg(found: LimbPoints | Refusal, nadir: np.ndarray) -> float:
     return math.degrees(math.acos(min(1.0, float(fit_cone(found.los_cam).axis_cam @ nadir))))
 
 
-def test_a_limb_is_more_probable_where_it_is_than_beside_it() -> None:
-    level = levels_of(Picture(picture(depth_px(CAMERA, NADIR, RHO))), CAMERA)[0]
-    there = weigh(level, CAMERA, NADIR, RHO)
-    assert there is not None
-    assert there.bright_inside
-    assert there.explained == 1.0
-    assert there.step == pytest.approx(np.full(len(there.step), 460.0), rel=0.05)
-    beside = weigh(level, CAMERA, NADIR, RHO + 8.0 / CAMERA.fx)
-    assert beside is not None
-    assert beside.explained == 0.0
-    assert weigh(level, CAMERA, -NADIR, RHO) is None, "nothing of it in view"
-
-
 def test_noise_shows_no_limb_and_a_ramp_neither() -> None:
     grain = np.random.default_rng(2).normal(100.0, 5.0, (180, 240))
     ramp = np.rint(2.0 * np.maximum(depth_px(CAMERA, NADIR, RHO), 0.0) + grain)
@@ -75,32 +62,6 @@ def test_noise_shows_no_limb_and_a_ramp_neither() -> None:
         assert evidence is not None
         assert evidence.explained < 0.1
         assert isinstance(find_limb(image, CAMERA), Refusal)
-
-
-def test_a_trace_runs_along_the_limb_and_its_normals_across() -> None:
-    trace = trace_limb(CAMERA, NADIR, RHO, 2.0, 400)
-    angle = off_axis_angle(unproject(CAMERA, trace.uv), NADIR)
-    assert angle == pytest.approx(np.full(len(angle), RHO), abs=1e-9)
-    inner = off_axis_angle(unproject(CAMERA, trace.uv + 0.01 * trace.inwards), NADIR)
-    # The steepest way inwards: a step of a hundredth of a pixel falls by as much as the pixel's angle says.
-    assert (RHO - inner) / 0.01 == pytest.approx(trace.px_rad, rel=1e-2)
-    step = np.hypot(*np.diff(trace.uv, axis=0).T)
-    assert step == pytest.approx(np.full(len(step), trace.spacing), rel=0.05)
-
-
-def test_lost_lines_and_blocks_are_known_and_a_black_sky_is_not_lost() -> None:
-    image = picture(depth_px(CAMERA, NADIR, RHO), dark=30.0)
-    assert known_pixels(Picture(image), CAMERA) is None
-    image[100] = image[:, 77] = 0.0
-    image[120:150, 20:60] = 0.0
-    known = known_pixels(Picture(image), CAMERA)
-    assert known is not None
-    assert not known[100].any()
-    assert not known[120:150, 20:60].any()
-    assert known.mean() > 0.9
-    black = np.maximum(picture(depth_px(CAMERA, NADIR, RHO), dark=0.0, noise=0.0), 0.0)
-    sky = known_pixels(Picture(black), CAMERA)
-    assert sky is None or sky[:3].all(), "rows of space at the rim have one value too"
 
 
 @pytest.mark.parametrize("harm", ["lines", "block", "jpeg", "antenna"])
