@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard import limits
-from horizonval.estimation.guard.heads import (
-    RowLimb,
-    _confirmed,
-    _Limb,
-    misfit,
-    row_limb,
-)
+from horizonval.estimation.guard.heads import RowLimb, _confirmed, _Limb, misfit, row_limb
 from horizonval.estimation.guard.limits import _seen_relief
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
-from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
@@ -129,7 +121,6 @@ def test_crossings_that_miss_one_cone_by_their_noise_are_likely_and_by_more_not(
     assert misfit(off, cone.axis_cam, cone.rho_rad, 20 * sigma, seen) > 0.3
 
 
-CAMERA = CameraModel(200, 160, 150.0, 150.0, 99.5, 79.5)
 AXIS = np.array([0.0, math.sin(0.95), math.cos(0.95)])
 RHO = 0.98
 
@@ -138,16 +129,6 @@ def limb(n: int = 500, low: float = -0.75, high: float = 0.75) -> np.ndarray:
     turn = np.linspace(low, high, n)[:, None]
     up = np.array([0.0, -math.cos(0.95), math.sin(0.95)])
     return math.cos(RHO) * AXIS + math.sin(RHO) * (np.cos(turn) * up + np.sin(turn) * np.array([1.0, 0.0, 0.0]))
-
-
-def depth() -> np.ndarray:
-    """Pixels by which each pixel lies inside the limb."""
-    return (RHO - off_axis_angle(unproject(CAMERA, pixel_grid(CAMERA)), AXIS)) * 150.0
-
-
-def visible(los: np.ndarray) -> np.ndarray:
-    uv, _ = project(CAMERA, los)
-    return los[((uv > 0) & (uv < (199, 159))).all(axis=1)]
 
 
 def test_the_relief_that_points_show_is_their_waves_without_their_noise() -> None:
@@ -170,28 +151,25 @@ def test_the_relief_that_points_show_is_their_waves_without_their_noise() -> Non
     assert tangent_basis(AXIS).shape == (3, 2)
 
 
-CAMERA_OF_GUARD_HEADS_PARTS = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
+PAIR_CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 RADIUS_M = MEAN_RADIUS_M
-RHO_OF_GUARD_HEADS_PARTS = math.asin(RADIUS_M / (RADIUS_M + 600e3))
-AXIS_OF_GUARD_HEADS_PARTS = np.array([0.1, math.sin(1.05), math.cos(1.05)])
-AXIS_OF_GUARD_HEADS_PARTS /= np.linalg.norm(AXIS_OF_GUARD_HEADS_PARTS)
-BASIS = tangent_basis(AXIS_OF_GUARD_HEADS_PARTS)
-DEG = math.radians(1.0)
+PAIR_RHO = math.asin(RADIUS_M / (RADIUS_M + 600e3))
+PAIR_AXIS = np.array([0.1, math.sin(1.05), math.cos(1.05)])
+PAIR_AXIS /= np.linalg.norm(PAIR_AXIS)
+BASIS = tangent_basis(PAIR_AXIS)
 
 
-def limb_of_guard_heads_parts(
-    noise: float = 1e-4, systematic: float = 1e-4, rho: float = RHO_OF_GUARD_HEADS_PARTS
-) -> _Limb:
-    return _Limb(AXIS_OF_GUARD_HEADS_PARTS, BASIS, rho, noise**2 * np.eye(3), systematic**2 * np.eye(3))
+def pair_limb(noise: float = 1e-4, systematic: float = 1e-4, rho: float = PAIR_RHO) -> _Limb:
+    return _Limb(PAIR_AXIS, BASIS, rho, noise**2 * np.eye(3), systematic**2 * np.eye(3))
 
 
 def answer(off_rad: float = 0.0, sigma: float = 1e-4, **changes: Any) -> Fit:
-    nadir = math.cos(off_rad) * AXIS_OF_GUARD_HEADS_PARTS + math.sin(off_rad) * BASIS[:, 0]
+    nadir = math.cos(off_rad) * PAIR_AXIS + math.sin(off_rad) * BASIS[:, 0]
     return Fit(nadir, sigma**2 * (np.eye(3) - np.outer(nadir, nadir)), 0.0, 0.0, **changes)
 
 
 def seen(**changes: Any) -> Observation:
-    return Observation(np.zeros((120, 160)), CAMERA_OF_GUARD_HEADS_PARTS, **changes)
+    return Observation(np.zeros((120, 160)), PAIR_CAMERA, **changes)
 
 
 def outcome(fit: Fit, cone: _Limb, observation: Observation | None = None, claimed: float = 1e-4) -> Outcome | None:
@@ -206,24 +184,5 @@ def test_an_answer_is_confirmed_within_five_sigma_of_all_that_is_uncertain() -> 
     for sign in (-1.0, 1.0):
         for share, expected in ((0.98, None), (1.02, Outcome.AMBIGUOUS)):
             fit = answer(sign * share * limits.AGREEMENT * sigma, sigma=parts[0])
-            assert outcome(fit, limb_of_guard_heads_parts(noise=parts[2]), claimed=parts[1]) is expected
-    assert outcome(answer(math.pi), limb_of_guard_heads_parts()) is Outcome.AMBIGUOUS, (
-        "the other way round is no agreement"
-    )
-
-
-def two_heads(**changes: Any) -> Observation:
-    """Heads that look to two sides, both with the same Earth below."""
-    turns = {"a": Rotation.from_euler("xyz", [0.3, -0.2, 0.5]), "b": Rotation.from_euler("xyz", [-0.9, 0.4, 2.0])}
-    heads = {name: seen(q_cam_from_body=turn.as_quat(), **changes) for name, turn in turns.items()}
-    return replace(heads["a"], heads=heads)
-
-
-def picture(inner: float = 600.0, outer: float = 40.0, rho: float = RHO_OF_GUARD_HEADS_PARTS) -> np.ndarray:
-    depth = (
-        rho
-        - off_axis_angle(
-            unproject(CAMERA_OF_GUARD_HEADS_PARTS, pixel_grid(CAMERA_OF_GUARD_HEADS_PARTS)), AXIS_OF_GUARD_HEADS_PARTS
-        )
-    ) * 130.0
-    return outer + (inner - outer) / (1.0 + np.exp(-depth / 0.6))
+            assert outcome(fit, pair_limb(noise=parts[2]), claimed=parts[1]) is expected
+    assert outcome(answer(math.pi), pair_limb()) is Outcome.AMBIGUOUS, "the other way round is no agreement"

@@ -144,7 +144,7 @@ def test_a_study_counts_for_the_suite_and_not_for_its_frames(load):
     assert len({identity.frame_identity(suite.cases[0]) for suite in (one, two, three)}) == 1
 
 
-SUITE_OF_GROWN_SUITE = """
+GROWING = """
 [suite]
 name = "grows"
 estimators = ["altitude-free"]
@@ -189,7 +189,7 @@ def suite_file(make_frame, monkeypatch, tmp_path) -> Path:
         plain = values.model_dump(mode="json", exclude_defaults=True) | ({"kind": "cmos"} if "det" in table else {})
         text += f"{table}\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in plain.items())
     (tmp_path / "c.toml").write_text(text)
-    (tmp_path / "grows.toml").write_text(SUITE_OF_GROWN_SUITE)
+    (tmp_path / "grows.toml").write_text(GROWING)
     return tmp_path / "grows.toml"
 
 

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from hostile import STEADY, install
 
-import horizonval
 from horizonval.core.errors import UserError
 from horizonval.earth import optical
 from horizonval.plugins import registry
@@ -164,7 +163,6 @@ def test_methods_run_only_where_they_belong(name):
         assert bool(plan.together(case)) == of_heads(case), case.name
 
 
-PACKAGE = Path(horizonval.__file__).parent
 FILES = sorted(shipped_root().glob("s*/*.toml"))
 
 

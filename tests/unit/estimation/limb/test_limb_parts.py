@@ -11,10 +11,8 @@ from scipy.signal import lfilter
 
 from horizonval.estimation.guard.sunlit import cone_perturbation, height_under, unknown_sun_covariance
 from horizonval.estimation.limb.cone import SLOW_PATTERNS, cone_scatter, cone_uncertainty, noise_bias, slow_error
-from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.horizon import fit_cone
 
-CAMERA = CameraModel(256, 200, 180.0, 180.0, 127.5, 99.5)
 RHO = 1.1
 TILT = 1.0
 AXIS = np.array([0.0, math.sin(TILT), math.cos(TILT)])
@@ -29,12 +27,6 @@ def limb(n: int = 400, half_width: float = 0.6, height_rad: np.ndarray | float =
     angle = np.broadcast_to(RHO + np.asarray(height_rad), (n,))[:, None]
     around = np.cos(turn)[:, None] * up + np.sin(turn)[:, None] * side
     return np.cos(angle) * AXIS + np.sin(angle) * around
-
-
-def scene(inner: float, outer: float, camera: CameraModel = CAMERA) -> np.ndarray:
-    """Two levels, divided by the limb."""
-    los = unproject(camera, pixel_grid(camera))
-    return np.where(los @ AXIS > math.cos(RHO), inner, outer)
 
 
 def test_unknown_suns_scatter_the_cone_as_drawn_suns_do() -> None:
@@ -81,7 +73,7 @@ def arc(n: int, width_rad: float) -> Array:
     return np.linspace(-width_rad / 2, width_rad / 2, n)
 
 
-def limb_of_cone_scatter(azimuth: Array, noise: Array) -> Array:
+def noisy_limb(azimuth: Array, noise: Array) -> Array:
     """Lines of sight at the angle RHO from the axis (0, 0, 1), off by noise across the limb."""
     angle = RHO + noise
     return np.column_stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
@@ -100,7 +92,7 @@ def scatter_and_claim(n: int, width_rad: float, memory: float) -> tuple[Array, A
     azimuth = arc(n, width_rad)
     off, claims, lengths = [], [], []
     for _ in range(DRAWS):
-        los = limb_of_cone_scatter(azimuth, SIGMA * correlated(rng, n, memory))[rng.permutation(n)]
+        los = noisy_limb(azimuth, SIGMA * correlated(rng, n, memory))[rng.permutation(n)]
         cone = fit_cone(los)
         claim = cone_scatter(los, cone.axis_cam, cone.rho_rad)
         # The claim's own tangent directions are brought to x and y, which differ from them by a turn.
@@ -125,7 +117,7 @@ def test_the_claim_of_independent_noise_is_least_squares() -> None:
     """The inverse of the information about (axis, half-angle), by finite differences of the limb itself."""
     azimuth = arc(7, 6.0)
     noise = SIGMA * np.array([1.0, -2.0, 0.5, 1.0, -1.0, 2.0, -1.5])
-    los = limb_of_cone_scatter(azimuth, noise)
+    los = noisy_limb(azimuth, noise)
     axis = np.array([0.0, 0.0, 1.0])
     claim = cone_scatter(los, axis, RHO)
     step = 1e-6
@@ -161,9 +153,9 @@ def test_noise_pulls_a_short_arc_as_predicted() -> None:
     axis = np.array([0.0, 0.0, 1.0])
     off = []
     for _ in range(2000):
-        cone = fit_cone(limb_of_cone_scatter(azimuth, sigma * rng.normal(size=200)))
+        cone = fit_cone(noisy_limb(azimuth, sigma * rng.normal(size=200)))
         off.append([*cone.axis_cam[:2], cone.rho_rad - RHO])
-    exact = limb_of_cone_scatter(azimuth, np.zeros(200))
+    exact = noisy_limb(azimuth, np.zeros(200))
     bias = noise_bias(exact, axis, RHO, sigma)
     basis = cone_scatter(exact, axis, RHO).basis
     predicted = np.array([*(basis @ bias[:2])[:2], bias[2]])
@@ -175,7 +167,7 @@ def test_noise_pulls_a_short_arc_as_predicted() -> None:
 def test_the_bias_widens_the_claim_by_its_square() -> None:
     rng = np.random.default_rng(6)
     azimuth = arc(300, 0.5)
-    los = limb_of_cone_scatter(azimuth, 4e-3 * rng.normal(size=300))
+    los = noisy_limb(azimuth, 4e-3 * rng.normal(size=300))
     cone = fit_cone(los)
     whole = cone_uncertainty(los, cone.axis_cam, cone.rho_rad)
     noise = cone_scatter(los, cone.axis_cam, cone.rho_rad)
