@@ -206,12 +206,6 @@ HOSTILE: dict[str, Hostile] = {
     "kill-group": _meddles("os.kill(0, signal.SIGKILL)", crashes=True),
 }
 
-FEW = (
-    "raise-exit-0", "exit-0", "segfault", "import-exit", "reason-number", "reason-surrogate", "points-flat",
-    "patch-numpy", "patch-limits", "patch-ours", "child-deaf", "kill-parent",
-)  # fmt: skip
-"""One of each kind, for every run of the tests."""
-
 STEADY = "steady"
 """A plug-in that does nothing wrong, to be harmed by the others."""
 _STEADY = "return fit(altitude_m=float(np.linalg.norm(observation.image)), points=np.ones((3, 2)))"

@@ -156,16 +156,6 @@ def test_a_frame_by_tables_is_many_times_cheaper(record_property: Record) -> Non
     assert attitude >= 40.0
 
 
-@pytest.mark.parametrize(
-    ("sun_zenith_deg", "tables"),
-    [(90.0, {}), (50.0, {"clouds": {"cover": 0.5, "seed": 3}, "surface": {"kind": "earth"}})],
-    ids=["terminator", "clouds"],
-)
-def test_where_less_is_gained(sun_zenith_deg: float, tables: dict[str, Any], record_property: Record) -> None:
-    """Reported, without a limit: the shadow's edge takes small patches; rays that end on clouds are marched."""
-    gained_by_tables(record_property, sun_zenith_deg, **tables)
-
-
 def by_tables() -> float:
     """Render large frames by tables from two positions."""
     activate()
@@ -210,11 +200,6 @@ CASES: dict[str, dict[str, Any]] = {
     "part": {"atmosphere": PLAIN, "part": [BOOM]},
     "everything": {"clouds": {"seed": 3}, "surface": {"kind": "earth"}, "layer": [{"kind": "subvisible_cirrus"}]},
 }
-THERMAL: dict[str, dict[str, Any]] = {
-    "nothing": {"atmosphere": PLAIN},
-    "climate": {"atmosphere": {**PLAIN, "profile": "by_latitude_month"}},
-    "weather": {"atmosphere": {**PLAIN, "profile": "weather"}},
-}
 
 
 def ratios(
@@ -250,11 +235,6 @@ def test_what_the_earth_as_it_is_costs(record_property: Record) -> None:
     for name, most in MOST.items():
         assert found[name][0] < most[0], name
         assert found[name][1] < most[1], name
-
-
-def test_weather_in_a_thermal_band(record_property: Record) -> None:
-    """Reported, without a limit."""
-    ratios(CO2, THERMAL, 160, record_property)
 
 
 COMMAND_CAMERA = """[camera]

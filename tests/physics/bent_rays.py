@@ -7,12 +7,9 @@ used, and nothing of the change of height it rests on.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-
-Profile = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)

@@ -168,8 +168,6 @@ IN_ANOMALY: dict[str, Any] = {
 }
 IN_ANOMALY |= {"ellipsoid_a_m": WGS84.a_m, "ellipsoid_b_m": WGS84.b_m}
 FLAT = 8000.0
-N = SIDE * SIDE
-
 STAGES = [
     Stage(
         "vignetting",

@@ -25,7 +25,6 @@ from horizonval.truth.infrared_radiance import angle_of_height, directions
 
 Z_M = np.linspace(0.0, 1e5, 201)
 PLACES = [(84.0, 100.0), (-30.0, 179.0)]
-LIMB = {"lo_um": 14.0, "hi_um": 16.3}
 
 
 def lattice(latitude_deg: float, longitude_deg: float, step_deg: float = 3.0) -> ColumnMap:

@@ -18,7 +18,6 @@ from horizonval.frame import Hit
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.pose import pose_from_spec
 from horizonval.renderer.frame import render_frame
-from horizonval.sensor.detector import bayer
 from horizonval.sensor.observe import observe
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos, LinearArray, Microbolometer, Thermopile
@@ -224,14 +223,6 @@ def test_netd(make_frame: Any, name: str, band_name: str) -> None:
     signal = (view(301, 1).mean() - view(299, 2).mean()) / 2
     noise = np.std(view(300, 3) - view(300, 4)) / math.sqrt(2)
     assert noise / signal == pytest.approx(sheet_netd_k(name, spec, band), rel=0.03)
-
-
-def test_colours_are_where_the_mosaic_says() -> None:
-    """The test's own mask of a mosaic is the product's."""
-    detector = load_camera("rgb-rolling-2592-53deg").detector
-    assert isinstance(detector, Cmos)
-    for band in ("red", "green", "blue"):
-        np.testing.assert_array_equal(own_pixels(detector, band, 8), bayer.mask("BGGR", band[0].upper(), (8, 8)))
 
 
 def test_the_pair_looks_across_the_longitudinal_axis() -> None:

@@ -80,11 +80,6 @@ def test_shards_make_the_whole(suite_file, whole, tmp_path):
     assert list((archive.index.known() or {}).values()) == list(archive.entries())
 
 
-@pytest.mark.parametrize("shard", ["0/2", "3/2", "1", "a/b", "1/2/3"])
-def test_a_wrong_shard_is_one_line(horizonval, suite_file, shard):
-    assert_one_line(horizonval("run", suite_file, "--out", "out", "--shard", shard), "--shard", "2/8")
-
-
 class _Killer(Silent):
     """Kills a worker of the cluster as soon as the first case is done."""
 

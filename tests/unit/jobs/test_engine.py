@@ -15,7 +15,7 @@ from horizonval.core import progress
 from horizonval.core.progress import Silent
 from horizonval.jobs import engine
 from horizonval.jobs.engine import ExpectedTime, Record, Recorded, Remaining, SpentTime, do, stream
-from horizonval.jobs.pool import Execution, parse_shard
+from horizonval.jobs.pool import Execution
 from horizonval.jobs.progress import Stopwatch
 from horizonval.renderer.backend import compiling_counted
 
@@ -98,19 +98,6 @@ def test_other_code_or_damage_makes_it_again(tmp_path: Path) -> None:
     assert made(tmp_path) == [3, 4, 4, 3, 4]
 
 
-@pytest.mark.usefixtures("here")
-def test_an_altered_record_is_no_result(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A digit that was flipped on the disk is good JSON of the right identity, and not what was written."""
-    do(Squares(tmp_path), [3], Execution(1), Silent())
-    good = (tmp_path / "3.json").read_bytes()
-    (tmp_path / "3.json").write_bytes(good.replace(b'"square": 9', b'"square": 8'))
-    again = do(Squares(tmp_path), [3], Execution(1), Silent())
-    assert again["3"].result == {"square": 9, "identity": "3 now"}
-    assert (tmp_path / "3.json").read_bytes() == good
-    (line,) = caplog.messages
-    assert line.endswith("3.json: altered since it was written: it does not match its seal; it is made anew")
-
-
 def test_what_goes_wrong_is_the_items_own_result(tmp_path: Path) -> None:
     told = Telling()
     done = do(Squares(tmp_path), [13, 2, 17, 19], Execution(2), told)
@@ -122,24 +109,6 @@ def test_what_goes_wrong_is_the_items_own_result(tmp_path: Path) -> None:
     assert told.ended == {name: one.error for name, one in done.items()}
     # What has no result is tried again.
     assert do(Squares(tmp_path), [13], Execution(1), Silent())["13"].error is not None
-
-
-@pytest.mark.usefixtures("here")
-def test_it_goes_on_after_a_break(tmp_path: Path) -> None:
-    running = stream(Squares(tmp_path), [1, 2, 3], Execution(1), Silent())
-    next(running)
-    running.close()
-    assert made(tmp_path) == [1]
-    do(Squares(tmp_path), [1, 2, 3], Execution(1), Silent())
-    assert made(tmp_path) == [1, 2, 3]
-
-
-@pytest.mark.usefixtures("here")
-def test_shards_make_the_whole(tmp_path: Path) -> None:
-    for i in (1, 2, 3):
-        do(Squares(tmp_path), [1, 2, 3, 4], Execution(1, shard=(i, 3)), Silent())
-    assert made(tmp_path) == [1, 4, 2, 3]
-    assert parse_shard("2/3") == (2, 3)
 
 
 class Left(Telling):

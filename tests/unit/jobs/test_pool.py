@@ -88,11 +88,6 @@ def test_every_group_goes_to_one_worker_while_there_are_others():
     assert taken == {0: ["a0", "a1", "a2", "c0", "c1", "c2"], 1: ["b0", "b1", "b2", "d0", "d1", "d2"]}
 
 
-def test_the_last_item_of_a_group_stays_with_its_worker():
-    turns = Turns(["a1", "a2"], _group)
-    assert (turns.take(0), turns.take(1), turns.take(0)) == ("a1", None, "a2")
-
-
 def test_nothing_is_lost_or_taken_twice():
     for seed in range(50):
         draw = random.Random(seed)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile import FEW, HOSTILE, STEADY, install
+from hostile import HOSTILE, STEADY, install
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit, Observation, OraclePose
@@ -85,13 +85,6 @@ def _attack(names: list[str], place: Path, mark: str, patch: pytest.MonkeyPatch)
     assert _survivors(mark) == []
     assert os.getcwd() == folder
     assert not [name for name in set(sys.modules) - modules if name.startswith("hostile_")]
-
-
-@pytest.mark.slow
-def test_a_dozen_plug_ins_harm_nobody_but_themselves(
-    tmp_path: Path, mark: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _attack(list(FEW), tmp_path, mark, monkeypatch)
 
 
 @pytest.mark.slow

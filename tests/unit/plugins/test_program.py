@@ -23,7 +23,6 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.plugins.program import (
-    LONGEST_ANSWER,
     camera_file,
     command_line,
     prior_file,
@@ -130,19 +129,6 @@ def test_what_is_known_reads_back_as_the_file_of_a_prior(tmp_path: Path) -> None
                 assert same or getattr(back, name) == pytest.approx(value, rel=1e-15), name
 
 
-def test_a_program_reads_what_is_known(tmp_path: Path) -> None:
-    (tmp_path / "program.py").write_text(
-        "import json, sys, tomllib\n"
-        "known = tomllib.load(open(sys.argv[1], 'rb'))['prior']\n"
-        "print(json.dumps({'status': 'dark', 'reason': json.dumps(known)}))\n"
-    )
-    spec = ProgramSpec(name="mine", command=f"{sys.executable} program.py {{prior}}")
-    prior = Prior(shape="wgs84", altitude_m=550e3, altitude_sigma_m=1e3)
-    answer = program_estimator(spec, tmp_path).run(seen(prior=prior))
-    assert isinstance(answer, Refusal)
-    assert json.loads(answer.reason) == {"shape": "wgs84", "altitude_km": 550.0, "altitude_sigma_km": 1.0}
-
-
 def test_a_claim_is_taken_as_it_was_made(ask) -> None:  # type: ignore[no-untyped-def]
     mounting = Rotation.from_euler("xyz", [0.2, -0.4, 1.0])
     observation = seen(q_cam_from_body=mounting.as_quat())
@@ -170,21 +156,6 @@ def test_a_refusal_keeps_its_reason_and_points(ask) -> None:  # type: ignore[no-
     refusal = ask({"status": "short_arc", "reason": "too short", "points": [[1, 2]]})
     assert (refusal.status, refusal.reason, refusal.points.tolist()) == (Outcome.SHORT_ARC, "too short", [[1.0, 2.0]])
     assert ask({"status": "dark"}).reason == "no reason given"
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("raise SystemExit(4)", "status 4"),
-        ("print('no json')", "no JSON object"),
-        (f"import sys; sys.stdout.write('x' * {LONGEST_ANSWER + 1})", "megabyte"),
-    ],
-)
-def test_a_program_that_does_not_answer_is_ended_and_said(ask, text: str, reason: str) -> None:  # type: ignore[no-untyped-def]
-    refusal = ask(text=text)
-    assert isinstance(refusal, Refusal)
-    assert refusal.status not in (Outcome.VALID, Outcome.DARK)
-    assert reason in refusal.reason
 
 
 def test_a_long_answer_is_no_mistake(ask) -> None:  # type: ignore[no-untyped-def]

@@ -99,10 +99,6 @@ def test_the_sun_is_told_to_a_degree(zenith_deg):
     assert 0.0 < off_deg < 0.75
 
 
-def test_no_sun_is_told_in_eclipse():
-    assert coarse_sun_cam(truth_at(sun_zenith_deg=150.0, sun_visible_fraction=0.0)) is None
-
-
 def test_no_sun_is_told_anywhere_behind_the_earth():
     """An orbit's own instants: whether the Sun's centre is well behind the Earth or well clear decides everything."""
     behind = 0

@@ -192,11 +192,11 @@ def test_two_lines_fly_as_sgp4_says(tmp_path: Path) -> None:
             fly(from_file, WGS84, 1, "o", tmp_path)
 
 
-LINES_OF_FLIGHT_FILES = [
+TWO_LINES = [
     "1 25544U 98067A   26079.50000000  .00012000  00000-0  22000-3 0  9999",
     "2 25544  51.6400 208.9163 0006703 130.5360 325.0288 15.49560000 00010",
 ]
-EPOCH_OF_FLIGHT_FILES = datetime(2026, 3, 20, 12, tzinfo=UTC)
+NOON = datetime(2026, 3, 20, 12, tzinfo=UTC)
 SPAN_S, N = 900.0, 6
 ANGLES_DEG = (20.0, -5.0, 3.0)
 """Yaw, pitch, roll of the body, as the elements' flight has them and as the files do."""
@@ -208,7 +208,7 @@ def flown(beside: Path = Path(), **keys: object) -> list[dict]:
 
 
 def states(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return gcrs_states(ElementSet(*LINES_OF_FLIGHT_FILES), EPOCH_OF_FLIGHT_FILES, t)
+    return gcrs_states(ElementSet(*TWO_LINES), NOON, t)
 
 
 def quaternions(t: np.ndarray) -> np.ndarray:
@@ -219,7 +219,7 @@ def quaternions(t: np.ndarray) -> np.ndarray:
 
 
 def text_of(t: float) -> str:
-    return (EPOCH_OF_FLIGHT_FILES + timedelta(seconds=float(t))).replace(tzinfo=None).isoformat(timespec="microseconds")
+    return (NOON + timedelta(seconds=float(t))).replace(tzinfo=None).isoformat(timespec="microseconds")
 
 
 def same(found: list[dict], expected: list[dict]) -> None:
@@ -250,8 +250,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "sat.oem").write_text(
         "\n".join([*head, *(row.replace("Z,", " ").replace(",", " ") for row in rows)]) + "\n"
     )
-    times = [EPOCH_OF_FLIGHT_FILES + timedelta(seconds=float(t)) for t in fine]
-    (folder / "sat.aem").write_text(aem_text(times, quaternions(fine), name="SAT", created_utc=EPOCH_OF_FLIGHT_FILES))
+    times = [NOON + timedelta(seconds=float(t)) for t in fine]
+    (folder / "sat.aem").write_text(aem_text(times, quaternions(fine), name="SAT", created_utc=NOON))
     columns = "time_utc," + ",".join(f"q_body_from_gcrs_{c}" for c in "xyzw")
     rows = [f"{text_of(t)},{','.join(f'{x:.12f}' for x in q)}" for t, q in zip(fine, quaternions(fine), strict=True)]
     (folder / "attitude.csv").write_text("\n".join([columns, *rows]) + "\n")
@@ -260,7 +260,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(("orbit", "attitude"), [("sat.oem", "sat.aem"), ("orbit.csv", "attitude.csv")])
 def test_files_fly_as_the_elements_that_they_were_made_of(files: Path, orbit: str, attitude: str) -> None:
-    expected = flown(tle=LINES_OF_FLIGHT_FILES, epoch_utc=EPOCH_OF_FLIGHT_FILES, attitude={"offset_deg": ANGLES_DEG})
+    expected = flown(tle=TWO_LINES, epoch_utc=NOON, attitude={"offset_deg": ANGLES_DEG})
     found = flown(files, ephemeris=orbit, attitude={"file": attitude})
     same(found, expected)
     for one in found:
@@ -269,10 +269,8 @@ def test_files_fly_as_the_elements_that_they_were_made_of(files: Path, orbit: st
 
 def test_a_later_start_and_the_files_own_end(files: Path) -> None:
     whole = flown(files, ephemeris="orbit.csv", duration_s=None)
-    assert whole[-1]["platform"]["epoch_utc"] == EPOCH_OF_FLIGHT_FILES + timedelta(seconds=750)
-    later = flown(
-        files, ephemeris="orbit.csv", duration_s=None, epoch_utc=EPOCH_OF_FLIGHT_FILES + timedelta(seconds=300)
-    )
+    assert whole[-1]["platform"]["epoch_utc"] == NOON + timedelta(seconds=750)
+    later = flown(files, ephemeris="orbit.csv", duration_s=None, epoch_utc=NOON + timedelta(seconds=300))
     assert later[0]["platform"] == whole[2]["platform"]
 
 
@@ -292,27 +290,19 @@ def test_a_rate_is_whole_at_the_ends_of_the_files(files: Path) -> None:
 
 def test_what_does_not_go_together_is_refused(files: Path) -> None:
     with pytest.raises(UserError, match="no state for 2026-03-20T11:59"):
-        flown(files, ephemeris="orbit.csv", epoch_utc=EPOCH_OF_FLIGHT_FILES - timedelta(seconds=60))
+        flown(files, ephemeris="orbit.csv", epoch_utc=NOON - timedelta(seconds=60))
     with pytest.raises(UserError, match="no state for 2026-03-20T12:20"):
         flown(files, ephemeris="orbit.csv", duration_s=2 * SPAN_S)
     with pytest.raises(UserError, match="a file of states has no revolutions"):
         flown(files, ephemeris="orbit.csv", duration_s=None, revolutions=1.0)
     with pytest.raises(UserError, match="no attitude for"):
-        flown(
-            files,
-            tle=LINES_OF_FLIGHT_FILES,
-            epoch_utc=EPOCH_OF_FLIGHT_FILES + timedelta(days=1),
-            attitude={"file": "sat.aem"},
-        )
+        flown(files, tle=TWO_LINES, epoch_utc=NOON + timedelta(days=1), attitude={"file": "sat.aem"})
     for keys, line in (
         ({"ephemeris": "orbit.csv", "altitude_km": 500.0}, "ephemeris says the whole orbit"),
-        ({"ephemeris": "orbit.csv", "tle": LINES_OF_FLIGHT_FILES}, "tle says the whole orbit"),
-        (
-            {"tle": LINES_OF_FLIGHT_FILES, "attitude": {"file": "a.csv", "pointing": "sun"}},
-            "file says the whole attitude",
-        ),
+        ({"ephemeris": "orbit.csv", "tle": TWO_LINES}, "tle says the whole orbit"),
+        ({"tle": TWO_LINES, "attitude": {"file": "a.csv", "pointing": "sun"}}, "file says the whole attitude"),
         ({"kernels": ["a.bsp"]}, "kernels and spacecraft go together"),
-        ({"tle": LINES_OF_FLIGHT_FILES, "attitude": {"body_axes": "SAT"}}, "body_axes goes with kernels"),
+        ({"tle": TWO_LINES, "attitude": {"body_axes": "SAT"}}, "body_axes goes with kernels"),
     ):
         with pytest.raises(ValueError, match=line):
             OrbitSpec.model_validate({"n": 2, **keys})
@@ -363,9 +353,9 @@ KERNELS = ["leap.tls", "clock.tsc", "frame.tf", "orbit.bsp", "body.bc"]
 
 
 def test_kernels_fly_as_the_elements_that_they_were_made_of(kernels: Path) -> None:
-    expected = flown(tle=LINES_OF_FLIGHT_FILES, epoch_utc=EPOCH_OF_FLIGHT_FILES, attitude={"offset_deg": ANGLES_DEG})
+    expected = flown(tle=TWO_LINES, epoch_utc=NOON, attitude={"offset_deg": ANGLES_DEG})
     body = {"body_axes": "SAT_BODY"}
-    found = flown(kernels, kernels=KERNELS, spacecraft="-999", epoch_utc=EPOCH_OF_FLIGHT_FILES, attitude=body)
+    found = flown(kernels, kernels=KERNELS, spacecraft="-999", epoch_utc=NOON, attitude=body)
     same(found[1:], expected[1:])
 
 

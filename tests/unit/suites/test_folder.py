@@ -109,9 +109,3 @@ def test_one_run_at_a_time_and_no_lock_outlives_its_process(tmp_path):
     other.communicate()
     with folder.locked():
         pass
-
-
-def test_a_file_in_the_way(tmp_path):
-    (tmp_path / "run").write_text("")
-    with pytest.raises(UserError, match="run"):
-        RunFolder(tmp_path / "run").create()

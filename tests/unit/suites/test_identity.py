@@ -22,7 +22,7 @@ from horizonval.store.store import Store
 from horizonval.suites import identity
 from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.run import run_suite
-from horizonval.suites.suite import load_suite, with_options
+from horizonval.suites.suite import load_suite
 from horizonval.suites.units import case as of_case
 from horizonval.suites.units import scored
 
@@ -144,7 +144,7 @@ def test_a_study_counts_for_the_suite_and_not_for_its_frames(load):
     assert len({identity.frame_identity(suite.cases[0]) for suite in (one, two, three)}) == 1
 
 
-SUITE_OF_GROWN_SUITE = """
+GROWING = """
 [suite]
 name = "grows"
 estimators = ["altitude-free"]
@@ -189,7 +189,7 @@ def suite_file(make_frame, monkeypatch, tmp_path) -> Path:
         plain = values.model_dump(mode="json", exclude_defaults=True) | ({"kind": "cmos"} if "det" in table else {})
         text += f"{table}\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in plain.items())
     (tmp_path / "c.toml").write_text(text)
-    (tmp_path / "grows.toml").write_text(SUITE_OF_GROWN_SUITE)
+    (tmp_path / "grows.toml").write_text(GROWING)
     return tmp_path / "grows.toml"
 
 
@@ -203,19 +203,6 @@ def test_another_number_of_frames_goes_on_in_the_same_folder(suite_file, tmp_pat
         assert outcomes.setdefault(frames, outcome) == outcome
     assert [row.case for row in read_results(out / "results.parquet")] == ["sobol_000", "sobol_001"]
     assert (out / "cases" / "sobol_002.json").is_file(), "what was computed is not lost"
-
-
-def test_anything_else_that_differs_is_another_suite(suite_file, tmp_path):
-    run_suite(load_suite(suite_file), tmp_path / "out", 1)
-    others = [with_options(load_suite(suite_file, 3), None, "all"), load_suite(suite_file, 3, seed=5)]
-    for change in ("draws = 4", "platform.altitude_km = 501.0"):
-        key = change.partition(" = ")[0]
-        lines = [change if line.startswith(key) else line for line in SUITE_OF_GROWN_SUITE.splitlines()]
-        suite_file.write_text("\n".join(lines))
-        others.append(load_suite(suite_file, 3))
-    for suite in others:
-        with pytest.raises(UserError, match="holds a run of other frames"):
-            run_suite(suite, tmp_path / "out", 1)
 
 
 @pytest.fixture(scope="module")

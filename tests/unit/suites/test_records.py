@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from horizonval.jobs.engine import take_over
 from horizonval.jobs.pool import local_workers, parse_shard
 from horizonval.plugins import registry
 from horizonval.store.entry import StoreEntry
-from horizonval.store.folder import RunFolder, write_json
 from horizonval.store.store import Store
 from horizonval.suites.identity import rescored_identity, suite_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads, oracle_pose
@@ -32,7 +30,6 @@ from horizonval.suites.record import (
     record_of,
     value_at,
 )
-from horizonval.suites.run import conclude
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.archived import Item, cases_of_heads, climates_of, items_of
 
@@ -188,24 +185,6 @@ def test_a_file_of_two_lines_lies_beside_its_suite(tmp_path: Path, monkeypatch: 
     (place / "s.toml").write_text(head + orbit)
     monkeypatch.chdir(tmp_path)
     assert len(load_suite(tmp_path / "plain" / "s.toml").cases) == 3
-
-
-def test_the_summary_knows_what_the_record_says_of_orbit_and_estimators(tmp_path: Path) -> None:
-    rows = [result_row(case=name, estimator=e) for name in ("a", "b") for e in ("est", "ideal")]
-    about = {"suite": "s", "title": "S", "estimators": ["est", "ideal"], "cases": ["a", "b"], "version": "1"}
-    found = {}
-    for key, more in (("plain", {}), ("told", {"given_pose": ["ideal"], "orbit": ["a", "b"], "likelihood": ["est"]})):
-        calls: list[Any] = []
-        folder = RunFolder(tmp_path / key)
-        folder.create()
-        write_json(folder.suite, about | more)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("horizonval.report.build.write_report", lambda *a, **k: [])
-            patch.setattr("horizonval.scoring.row.write_results", lambda *a, **k: None)
-            patch.setattr("horizonval.scoring.summary.summarise", lambda *a, told=calls: told.append(a) or {})
-            conclude(folder, "s", rows, {})
-        found[key] = [set(x) for x in calls[0][1:]]
-    assert found == {"plain": [set()] * 3, "told": [{"ideal"}, {"a", "b"}, {"est"}]}
 
 
 def test_what_another_folder_has_is_taken_over_and_nothing_replaced(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.systems.b.pair.frames import tilt_rad
-from horizonval.systems.b.rig import bench, experiment, figures, film, runs
+from horizonval.systems.b.rig import bench, experiment, film, runs
 from horizonval.systems.b.rig.bench import NOISE_MG, SAMPLES, STEP_MG, Accelerometer
 from horizonval.systems.b.rig.runs import (
     IMPERFECTIONS,
@@ -211,12 +211,3 @@ def test_imperfections_are_counted_until_the_rms_stays_below_a_limit():
     late = replace(made, after={name: run(0.2 if k == 4 else 0.05) for k, name in enumerate(made.order)})
     assert late.switched_off_below(0.1) == 6
     assert replace(made, after={name: run(0.2) for name in made.order}).switched_off_below(0.1) == len(made.order) + 1
-
-
-def test_tables_and_figures_are_made():
-    made = results(SIZES)
-    ablation, sensitivity = runs.ablation_table(made), runs.sensitivity_table(made.whole)
-    assert sorted(row[0] for row in ablation.rows[1:]) == sorted(IMPERFECTIONS)
-    assert all(len(row) == len(table.columns) for table in (ablation, sensitivity) for row in table.rows)
-    assert len(figures.errors(made.whole, made.perfect).axes[0].lines) == 17
-    assert len(figures.ablation(made, 0.752, 0.038).axes) == 2

@@ -12,7 +12,7 @@ from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, edge_profile, light_basis, weighed
 from horizonval.estimation.likelihood.pixels import image_scale, limb_angle, limb_bend, near_pixels
-from horizonval.estimation.likelihood.sectors import eliminated, relief_modes, sectors_of, solve_levels
+from horizonval.estimation.likelihood.sectors import eliminated, relief_modes, solve_levels
 from horizonval.estimation.likelihood.start import position_from_limb
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
@@ -185,16 +185,6 @@ def test_derivatives_of_the_profile(scale: float) -> None:
     if soft is not None and scale > 0.1:
         by_scale = (edge_profile(x, blur, soft + h).level - edge_profile(x, blur, soft - h).level) / (2 * h)
         assert edge.by_scale == pytest.approx(by_scale, abs=1e-8)
-
-
-def test_sectors_begin_after_the_widest_gap_and_hold_equally_many() -> None:
-    rng = np.random.default_rng(2)
-    azimuth = np.mod(rng.uniform(2.5, 4.2, 1000) + np.pi, 2 * np.pi) - np.pi
-    sectors = sectors_of(azimuth, 24 * 5)
-    assert len(sectors.starts) == 6
-    assert np.ptp(np.diff(sectors.starts)) <= 1
-    assert np.all(np.diff(sectors.azimuth) >= 0.0)
-    assert sectors.azimuth[-1] == pytest.approx(1.7, abs=0.02)
 
 
 def _problem(spread: float) -> tuple[np.ndarray, ...]:

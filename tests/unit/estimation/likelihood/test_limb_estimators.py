@@ -209,7 +209,7 @@ def test_a_fit_that_does_not_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 SIZE, FOCAL_PX = 1024, 512.0 / np.tan(np.radians(30.0))
-CAMERA_OF_DEEP_LIMBS = CameraModel(SIZE, SIZE, FOCAL_PX, FOCAL_PX, 0.5 * (SIZE - 1), 0.5 * (SIZE - 1))
+DEEP = CameraModel(SIZE, SIZE, FOCAL_PX, FOCAL_PX, 0.5 * (SIZE - 1), 0.5 * (SIZE - 1))
 NOISE_DN = 16.0
 """Of a limb of 2400: photons and read-out of a sunlit one."""
 POSITION_M, ATTITUDE_DEG = 1e3, 2.0
@@ -232,7 +232,7 @@ def megapixel(seed: int, kind: str, band_um: tuple[float, float]) -> tuple[Obser
     right /= np.linalg.norm(right)
     cam_from_itrs = np.array([right, np.cross(forward, right), forward])
     row, column = np.mgrid[:SIZE, :SIZE].reshape(2, -1).astype(float)
-    ray = ray_height(unproject(CAMERA_OF_DEEP_LIMBS, np.column_stack([column, row])).T, cam_from_itrs, r, WGS84.axes_m)
+    ray = ray_height(unproject(DEEP, np.column_stack([column, row])).T, cam_from_itrs, r, WGS84.axes_m)
     table = shipped_templates(kind, band_um)
     assert table is not None
     place = (latitude, 0.5) if kind == "thermal" else (np.radians(35.0), np.radians(60.0))
@@ -248,7 +248,7 @@ def megapixel(seed: int, kind: str, band_um: tuple[float, float]) -> tuple[Obser
         attitude_sigma_rad=np.full(3, np.radians(ATTITUDE_DEG)),
     )
     return Observation(
-        image, CAMERA_OF_DEEP_LIMBS, full_scale=4095.0, band_kind=kind, band_um=band_um, prior=prior
+        image, DEEP, full_scale=4095.0, band_kind=kind, band_um=band_um, prior=prior
     ), -cam_from_itrs @ up
 
 

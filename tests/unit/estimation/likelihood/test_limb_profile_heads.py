@@ -15,7 +15,6 @@ from scipy.stats import chi2
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.likelihood.height import correlations
-from horizonval.estimation.likelihood.profile import heads as profile_heads
 from horizonval.estimation.likelihood.profile.air import POLE_ITRS, LimbNodes, NodeAir, node_air
 from horizonval.estimation.likelihood.profile.heads import common_air
 from horizonval.estimation.methods import limb_heads, limb_profile, limb_profile_heads
@@ -91,66 +90,6 @@ def test_the_claim_is_honest(pairs: list[tuple[Observation, FloatArray, Fit]]) -
     total = sum(squared_in_sigmas(found, nadir) for _, nadir, found in pairs)
     low, high = chi2.ppf([0.001, 0.999], 2 * DRAWS)
     assert low < total < high
-
-
-def test_a_step_that_gains_nothing_is_not_worth_another(
-    pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A search that goes on as long as nothing becomes worse creeps until its steps are used up."""
-    search, worth = profile_heads._SearchOfHeads, []
-    along = search._search_along
-
-    def watched(self: profile_heads._SearchOfHeads, step: FloatArray) -> bool:
-        worth.append(along(self, step))
-        return worth[-1]
-
-    monkeypatch.setattr(search, "_search_along", watched)
-    monkeypatch.setattr(search, "_merit", lambda *_: 0.0)
-    fitted(pairs[0][0])
-    assert worth
-    assert not any(worth)
-
-
-def test_the_way_begins_with_the_noise_that_every_head_had_alone(
-    pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where a head's limb lies beside the common pose residuals are large, and noise found in them would hide it."""
-    search, seen = profile_heads._SearchOfHeads, []
-    equations = search._equations
-
-    def watched(self: profile_heads._SearchOfHeads) -> profile_heads.ProfileStep:
-        both = zip(self.weights, self.heads, strict=True)
-        seen.append([(weights.copy(), head.alone.inverse_variance) for weights, head in both])
-        return equations(self)
-
-    monkeypatch.setattr(search, "_equations", watched)
-    fitted(pairs[0][0])
-    for weights, alone in seen[0]:
-        assert np.isin(weights, alone).mean() > 0.9, "but for pixels that are new"
-    for weights, alone in seen[-1]:
-        assert np.isin(weights, alone).mean() < 0.1, "found anew in the end"
-
-
-def test_lenses_stay_as_they_were_alone_till_all_heads_are_at_one_pose(
-    pairs: list[tuple[Observation, FloatArray, Fit]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A lens that becomes sharp to make up for the way to the common pose does not come back."""
-    search = profile_heads._SearchOfHeads
-    search_along = search._search_along
-    held: list[tuple[bool, list[bool]]] = []
-
-    def watched(self: profile_heads._SearchOfHeads, step: FloatArray) -> bool:
-        aligning, improved = self.aligning, search_along(self, step)
-        both = zip(self.now.heads, self.heads, strict=True)
-        alone = [(now, head.alone.now) for now, head in both]
-        held.append((aligning, [(a.blur, a.sharpness) == (b.blur, b.sharpness) for a, b in alone]))
-        return improved
-
-    monkeypatch.setattr(search, "_search_along", watched)
-    fitted(pairs[0][0])
-    assert held[0][0], "the way begins so"
-    assert all(all(same) for aligning, same in held if aligning)
-    assert not any(held[-1][1]), "free in the end"
 
 
 def test_the_order_of_heads_changes_nothing(pairs: list[tuple[Observation, FloatArray, Fit]]) -> None:

@@ -10,14 +10,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from horizonval.estimation.guard.sunlit import cone_perturbation, height_under, unknown_sun_covariance
-from horizonval.estimation.limb import trusted
 from horizonval.estimation.limb.cone import SLOW_PATTERNS, cone_scatter, cone_uncertainty, noise_bias, slow_error
-from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.trusted import Sides, alone, faded, faint, read_sides, restless
-from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.horizon import fit_cone
 
-CAMERA = CameraModel(256, 200, 180.0, 180.0, 127.5, 99.5)
 RHO = 1.1
 TILT = 1.0
 AXIS = np.array([0.0, math.sin(TILT), math.cos(TILT)])
@@ -32,63 +27,6 @@ def limb(n: int = 400, half_width: float = 0.6, height_rad: np.ndarray | float =
     angle = np.broadcast_to(RHO + np.asarray(height_rad), (n,))[:, None]
     around = np.cos(turn)[:, None] * up + np.sin(turn)[:, None] * side
     return np.cos(angle) * AXIS + np.sin(angle) * around
-
-
-def scene(inner: float, outer: float, camera: CameraModel = CAMERA) -> np.ndarray:
-    """Two levels, divided by the limb."""
-    los = unproject(camera, pixel_grid(camera))
-    return np.where(los @ AXIS > math.cos(RHO), inner, outer)
-
-
-def test_two_levels_are_read_on_the_two_sides() -> None:
-    los = limb(200, 0.5)
-    sides = read_sides(Picture(scene(300.0, 40.0)), CAMERA, los, AXIS)
-    assert sides.inner == pytest.approx(np.full(200, 300.0))
-    assert sides.outer == pytest.approx(np.full(200, 40.0))
-    assert sides.peak == pytest.approx(np.full(200, 300.0))
-    assert sides.spread == pytest.approx(np.zeros(200), abs=1e-4)
-    order = np.argsort(sides.azimuth)
-    steps = np.diff(order)
-    assert (steps == 1).all() or (steps == -1).all(), "azimuths go along the limb"
-
-
-def sides_of(inner: np.ndarray, outer: np.ndarray, spread: np.ndarray | float = 0.0) -> Sides:
-    n = len(inner)
-    return Sides(inner, outer, inner + 10.0, np.broadcast_to(spread, (n,)), np.linspace(0.0, 1.5, n))
-
-
-def test_points_are_left_out_for_their_own_reason_only() -> None:
-    n = 300
-    good = sides_of(np.full(n, 500.0), np.full(n, 50.0))
-    assert not (faded(good) | restless(good) | faint(good, 50.0) | trusted.saturated(good, 600.0)).any()
-    bright = np.full(n, 500.0)
-    bright[:40] = 580.0
-    assert (trusted.saturated(sides_of(bright, np.full(n, 50.0)), 600.0) == (np.arange(n) < 40)).all()
-    assert not trusted.saturated(sides_of(bright, np.full(n, 590.0)), 600.0).any(), "the Earth's side only"
-    half = np.where(np.arange(n) < n // 2, 500.0, 50.0 + 450.0 * 0.2)
-    left_out = faded(sides_of(half, np.full(n, 50.0)))
-    assert not left_out[: n // 2 - 10].any()
-    assert left_out[n // 2 + 10 :].all()
-    assert not faded(sides_of(np.where(half > 400, 500.0, 50.0 + 450.0 * 0.5), np.full(n, 50.0))).any()
-    assert faint(sides_of(np.full(n, 50.0), np.full(n, 50.0)), 2.1).all(), "ten above: less than five sigma"
-    assert not faint(sides_of(np.full(n, 50.0), np.full(n, 50.0)), 1.9).any()
-    uneasy = np.where(np.arange(n) < 30, 0.3, 0.2) * 450.0
-    assert (restless(sides_of(np.full(n, 500.0), np.full(n, 50.0), uneasy)) == (np.arange(n) < 30)).all()
-
-
-def test_spots_between_gaps_are_alone() -> None:
-    los = limb(300, 0.6)
-    uv, _ = project(CAMERA, los)
-    step = float(np.hypot(*np.diff(uv, axis=0).T).mean())
-    spot = math.floor(0.6 * trusted.SHORTEST_STRETCH_PX / step)
-    gap = math.ceil(1.5 * trusted.GAP_PX / step)
-    kept = np.r_[0:100, 100 + gap : 100 + gap + spot, 100 + spot + 2 * gap : 300]
-    shuffle = np.random.default_rng(0).permutation(len(kept))
-    expected = (kept >= 100) & (kept < 100 + spot + 2 * gap)
-    assert (alone(los[kept][shuffle], CAMERA) == expected[shuffle]).all()
-    assert expected.sum() == spot
-    long = np.r_[0:100, 100 + gap : 100 + gap + 3 * spot, 100 + 3 * spot + 2 * gap : 300]
-    assert not alone(los[long], CAMERA).any()
 
 
 def test_unknown_suns_scatter_the_cone_as_drawn_suns_do() -> None:
@@ -135,7 +73,7 @@ def arc(n: int, width_rad: float) -> Array:
     return np.linspace(-width_rad / 2, width_rad / 2, n)
 
 
-def limb_of_cone_scatter(azimuth: Array, noise: Array) -> Array:
+def noisy_limb(azimuth: Array, noise: Array) -> Array:
     """Lines of sight at the angle RHO from the axis (0, 0, 1), off by noise across the limb."""
     angle = RHO + noise
     return np.column_stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
@@ -154,7 +92,7 @@ def scatter_and_claim(n: int, width_rad: float, memory: float) -> tuple[Array, A
     azimuth = arc(n, width_rad)
     off, claims, lengths = [], [], []
     for _ in range(DRAWS):
-        los = limb_of_cone_scatter(azimuth, SIGMA * correlated(rng, n, memory))[rng.permutation(n)]
+        los = noisy_limb(azimuth, SIGMA * correlated(rng, n, memory))[rng.permutation(n)]
         cone = fit_cone(los)
         claim = cone_scatter(los, cone.axis_cam, cone.rho_rad)
         # The claim's own tangent directions are brought to x and y, which differ from them by a turn.
@@ -179,7 +117,7 @@ def test_the_claim_of_independent_noise_is_least_squares() -> None:
     """The inverse of the information about (axis, half-angle), by finite differences of the limb itself."""
     azimuth = arc(7, 6.0)
     noise = SIGMA * np.array([1.0, -2.0, 0.5, 1.0, -1.0, 2.0, -1.5])
-    los = limb_of_cone_scatter(azimuth, noise)
+    los = noisy_limb(azimuth, noise)
     axis = np.array([0.0, 0.0, 1.0])
     claim = cone_scatter(los, axis, RHO)
     step = 1e-6
@@ -215,9 +153,9 @@ def test_noise_pulls_a_short_arc_as_predicted() -> None:
     axis = np.array([0.0, 0.0, 1.0])
     off = []
     for _ in range(2000):
-        cone = fit_cone(limb_of_cone_scatter(azimuth, sigma * rng.normal(size=200)))
+        cone = fit_cone(noisy_limb(azimuth, sigma * rng.normal(size=200)))
         off.append([*cone.axis_cam[:2], cone.rho_rad - RHO])
-    exact = limb_of_cone_scatter(azimuth, np.zeros(200))
+    exact = noisy_limb(azimuth, np.zeros(200))
     bias = noise_bias(exact, axis, RHO, sigma)
     basis = cone_scatter(exact, axis, RHO).basis
     predicted = np.array([*(basis @ bias[:2])[:2], bias[2]])
@@ -229,7 +167,7 @@ def test_noise_pulls_a_short_arc_as_predicted() -> None:
 def test_the_bias_widens_the_claim_by_its_square() -> None:
     rng = np.random.default_rng(6)
     azimuth = arc(300, 0.5)
-    los = limb_of_cone_scatter(azimuth, 4e-3 * rng.normal(size=300))
+    los = noisy_limb(azimuth, 4e-3 * rng.normal(size=300))
     cone = fit_cone(los)
     whole = cone_uncertainty(los, cone.axis_cam, cone.rho_rad)
     noise = cone_scatter(los, cone.axis_cam, cone.rho_rad)

@@ -67,15 +67,13 @@ def test_clipping_above_the_steepest_place_hardly_moves_it():
     assert abs(moved_px) < 0.1 * SCALE_PX
 
 
-CAMERA_OF_DERIVATIVES = CameraModel(width=90, height=70, fx=80.0, fy=80.0, cx=44.0, cy=36.0)
-RHO_OF_DERIVATIVES = math.radians(66.0)
+TINY = CameraModel(width=90, height=70, fx=80.0, fy=80.0, cx=44.0, cy=36.0)
+SMALL_RHO = math.radians(66.0)
 AXIS = np.array([math.sin(1.1) * math.sin(0.3), math.sin(1.1) * math.cos(0.3), math.cos(1.1)])
 
 
 def picture(bright_inside: bool) -> np.ndarray:
-    depth = (
-        RHO_OF_DERIVATIVES - off_axis_angle(unproject(CAMERA_OF_DERIVATIVES, pixel_grid(CAMERA_OF_DERIVATIVES)), AXIS)
-    ) * CAMERA_OF_DERIVATIVES.fx
+    depth = (SMALL_RHO - off_axis_angle(unproject(TINY, pixel_grid(TINY)), AXIS)) * TINY.fx
     return 30.0 + 500.0 * ndtr((depth if bright_inside else -depth) / 1.3)
 
 
@@ -85,18 +83,18 @@ def test_weights_interpolate_as_scipy_does() -> None:
     uv = np.column_stack([rng.uniform(0, 89, 300), rng.uniform(0, 69, 300)])
     uv[:4] = [[0, 0], [89, 69], [89, 0], [3.0, 69.0]]
     expected = map_coordinates(image, [uv[:, 1], uv[:, 0]], order=1)
-    assert _bilinear(uv, CAMERA_OF_DERIVATIVES) @ image.ravel() == pytest.approx(expected, abs=1e-12)
+    assert _bilinear(uv, TINY) @ image.ravel() == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("bright_inside", [True, False])
 def test_a_pixel_moves_the_points_as_the_search_does(bright_inside: bool) -> None:
     """Every pixel within reach of three points, changed by a little: the search ends where the derivative says."""
     image = picture(bright_inside)
-    start = limb_directions(CAMERA_OF_DERIVATIVES, AXIS, RHO_OF_DERIVATIVES, 12.0)[::12]
-    los, _ = to_steepest(image, CAMERA_OF_DERIVATIVES, start, AXIS, bright_inside)
-    los, _ = to_steepest(image, CAMERA_OF_DERIVATIVES, los, AXIS, bright_inside)
-    response = _response(image, CAMERA_OF_DERIVATIVES, los, AXIS, 1.0 if bright_inside else -1.0).toarray()
-    uv, _ = project(CAMERA_OF_DERIVATIVES, los)
+    start = limb_directions(TINY, AXIS, SMALL_RHO, 12.0)[::12]
+    los, _ = to_steepest(image, TINY, start, AXIS, bright_inside)
+    los, _ = to_steepest(image, TINY, los, AXIS, bright_inside)
+    response = _response(image, TINY, los, AXIS, 1.0 if bright_inside else -1.0).toarray()
+    uv, _ = project(TINY, los)
     delta, largest = 0.05, np.abs(response).max()
     for point in (1, len(los) // 2):
         column, row = np.rint(uv[point]).astype(int)
@@ -106,40 +104,35 @@ def test_a_pixel_moves_the_points_as_the_search_does(bright_inside: bool) -> Non
                 for sign in (-1.0, 1.0):
                     changed = image.copy()
                     changed[row + down, column + right] += sign * delta
-                    moved, kept = to_steepest(changed, CAMERA_OF_DERIVATIVES, los, AXIS, bright_inside)
+                    moved, kept = to_steepest(changed, TINY, los, AXIS, bright_inside)
                     assert len(kept) == len(los)
                     ends.append(off_axis_angle(moved, AXIS)[point])
                 # Inwards is towards the axis: the angle from it falls.
                 slope = -(ends[1] - ends[0]) / (2 * delta)
-                expected = response[point, (row + down) * CAMERA_OF_DERIVATIVES.width + column + right]
+                expected = response[point, (row + down) * TINY.width + column + right]
                 assert slope == pytest.approx(expected, abs=0.08 * largest)
 
 
 @pytest.mark.parametrize("sigma", [2.0, 6.0])
 def test_even_noise_has_one_variance_inside_and_out(sigma: float) -> None:
     big = CameraModel(width=180, height=140, fx=160.0, fy=160.0, cx=88.0, cy=72.0)
-    depth = (RHO_OF_DERIVATIVES - off_axis_angle(unproject(big, pixel_grid(big)), AXIS)) * big.fx
+    depth = (SMALL_RHO - off_axis_angle(unproject(big, pixel_grid(big)), AXIS)) * big.fx
     image = 30.0 + 500.0 * ndtr(depth / 1.3) + np.random.default_rng(1).normal(0.0, sigma, (140, 180))
-    found = pixel_variance(image, big, AXIS, RHO_OF_DERIVATIVES)
+    found = pixel_variance(image, big, AXIS, SMALL_RHO)
     assert np.median(found[depth > 5]) == pytest.approx(sigma**2, rel=0.15)
     assert np.median(found[depth < -5]) == pytest.approx(sigma**2, rel=0.15)
     assert found.min() > 0.0
 
 
 SIZE = 128
-CAMERA_OF_STEEPEST_NOISE = CameraModel(width=SIZE, height=SIZE, fx=111.0, fy=111.0, cx=63.5, cy=63.5)
-RHO_OF_STEEPEST_NOISE = math.radians(66.0)
-NADIR = np.array([math.sin(1.1) * math.sin(0.3), math.sin(1.1) * math.cos(0.3), math.cos(1.1)])
+SMALL = CameraModel(width=SIZE, height=SIZE, fx=111.0, fy=111.0, cx=63.5, cy=63.5)
 DARK, BRIGHT, FULL = 32.0, 600.0, 1023.0
 READ_DN, GAIN = 1.5, 0.07
 """Standard deviation in the dark [DN]; variance by DN of signal: a full well of 13 500 electrons over ten bits."""
 
 
-def picture_of_steepest_noise(bright_inside: bool = True) -> np.ndarray:
-    depth = (
-        RHO_OF_STEEPEST_NOISE
-        - off_axis_angle(unproject(CAMERA_OF_STEEPEST_NOISE, pixel_grid(CAMERA_OF_STEEPEST_NOISE)), NADIR)
-    ) * CAMERA_OF_STEEPEST_NOISE.fx
+def noise_free(bright_inside: bool = True) -> np.ndarray:
+    depth = (SMALL_RHO - off_axis_angle(unproject(SMALL, pixel_grid(SMALL)), AXIS)) * SMALL.fx
     return DARK + (BRIGHT - DARK) * ndtr((depth if bright_inside else -depth) / 1.2)
 
 
@@ -153,8 +146,8 @@ def drawn(image: np.ndarray, seed: int) -> np.ndarray:
 
 def test_the_noise_of_counted_electrons_is_read_off_beside_the_limb():
     """2 500 and 1 600 pixels: medians of squares are good to some 5 %; Immerkaer's own responses are correlated."""
-    image = picture_of_steepest_noise()
-    found = pixel_variance(drawn(image, 1), CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE, FULL)
+    image = noise_free()
+    found = pixel_variance(drawn(image, 1), SMALL, AXIS, SMALL_RHO, FULL)
     ratio = found / true_variance(image)
     assert np.median(ratio[image < DARK + 1.0]) == pytest.approx(1.0, abs=0.15)
     assert np.median(ratio[image > BRIGHT - 1.0]) == pytest.approx(1.0, abs=0.15)
@@ -164,36 +157,32 @@ def test_the_noise_of_counted_electrons_is_read_off_beside_the_limb():
 
 def test_a_black_that_is_cut_off_hides_no_noise():
     """Half of the dark pixels at the lowest level show less noise than they have: the bright side's holds for all."""
-    image = drawn(picture_of_steepest_noise() - DARK, 2)
-    cut = np.maximum(np.random.default_rng(3).normal(picture_of_steepest_noise() - DARK, 5.0), 0.0)
-    assert np.median(pixel_variance(cut, CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE)) == pytest.approx(
-        25.0, rel=0.1
-    )
-    assert pixel_variance(image, CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE).min() < 5.0
+    image = drawn(noise_free() - DARK, 2)
+    cut = np.maximum(np.random.default_rng(3).normal(noise_free() - DARK, 5.0), 0.0)
+    assert np.median(pixel_variance(cut, SMALL, AXIS, SMALL_RHO)) == pytest.approx(25.0, rel=0.1)
+    assert pixel_variance(image, SMALL, AXIS, SMALL_RHO).min() < 5.0
 
 
 def test_saturated_ground_has_no_noise_to_read():
-    image = drawn(picture_of_steepest_noise(), 4)
+    image = drawn(noise_free(), 4)
     image[:, : SIZE // 2] = np.where(image[:, : SIZE // 2] > 500.0, FULL, image[:, : SIZE // 2])
-    with_limit = pixel_variance(image, CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE, FULL)
-    bright = picture_of_steepest_noise()[:, SIZE // 2 :] > BRIGHT - 1.0
+    with_limit = pixel_variance(image, SMALL, AXIS, SMALL_RHO, FULL)
+    bright = noise_free()[:, SIZE // 2 :] > BRIGHT - 1.0
     assert np.median(with_limit[:, SIZE // 2 :][bright]) == pytest.approx(READ_DN**2 + GAIN * (BRIGHT - DARK), rel=0.2)
 
 
 @pytest.mark.parametrize("bright_inside", [True, False])
 def test_it_is_the_covariance_of_draws(bright_inside):
     """60 draws: the sample covariance of three unknowns is good to a fifth, its ratios' extremes to a factor of 1.7."""
-    image = picture_of_steepest_noise(bright_inside)
-    start = limb_directions(CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE, NEEDED_PX)
-    start, _ = to_steepest(image, CAMERA_OF_STEEPEST_NOISE, start, NADIR, bright_inside)
+    image = noise_free(bright_inside)
+    start = limb_directions(SMALL, AXIS, SMALL_RHO, NEEDED_PX)
+    start, _ = to_steepest(image, SMALL, start, AXIS, bright_inside)
     variance = true_variance(image)
-    claimed = noise_covariance(
-        image, CAMERA_OF_STEEPEST_NOISE, start, NADIR, RHO_OF_STEEPEST_NOISE, variance, bright_inside
-    )
-    basis = tangent_basis(NADIR)
+    claimed = noise_covariance(image, SMALL, start, AXIS, SMALL_RHO, variance, bright_inside)
+    basis = tangent_basis(AXIS)
     cones = []
     for seed in range(60):
-        los, kept = to_steepest(drawn(image, 100 + seed), CAMERA_OF_STEEPEST_NOISE, start, NADIR, bright_inside)
+        los, kept = to_steepest(drawn(image, 100 + seed), SMALL, start, AXIS, bright_inside)
         assert len(kept) == len(start)
         cone = fit_cone(los)
         cones.append([*(cone.axis_cam @ basis), cone.rho_rad])
@@ -203,26 +192,17 @@ def test_it_is_the_covariance_of_draws(bright_inside):
 
 
 def test_twice_the_variance_is_twice_the_covariance():
-    image = picture_of_steepest_noise()
-    los, _ = to_steepest(
-        image,
-        CAMERA_OF_STEEPEST_NOISE,
-        limb_directions(CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE, NEEDED_PX),
-        NADIR,
-        True,
-    )
+    image = noise_free()
+    los, _ = to_steepest(image, SMALL, limb_directions(SMALL, AXIS, SMALL_RHO, NEEDED_PX), AXIS, True)
     one, two = (
-        noise_covariance(
-            image, CAMERA_OF_STEEPEST_NOISE, los, NADIR, RHO_OF_STEEPEST_NOISE, k * true_variance(image), True
-        )
-        for k in (1.0, 2.0)
+        noise_covariance(image, SMALL, los, AXIS, SMALL_RHO, k * true_variance(image), True) for k in (1.0, 2.0)
     )
     assert two == pytest.approx(2.0 * one, rel=1e-12)
     assert np.linalg.eigvalsh(one)[0] > 0.0
 
 
 def test_points_that_determine_no_cone_raise():
-    image = picture_of_steepest_noise()
-    los = np.repeat(limb_directions(CAMERA_OF_STEEPEST_NOISE, NADIR, RHO_OF_STEEPEST_NOISE, NEEDED_PX)[:1], 5, axis=0)
+    image = noise_free()
+    los = np.repeat(limb_directions(SMALL, AXIS, SMALL_RHO, NEEDED_PX)[:1], 5, axis=0)
     with pytest.raises(np.linalg.LinAlgError):
-        noise_covariance(image, CAMERA_OF_STEEPEST_NOISE, los, NADIR, RHO_OF_STEEPEST_NOISE, true_variance(image), True)
+        noise_covariance(image, SMALL, los, AXIS, SMALL_RHO, true_variance(image), True)

@@ -324,17 +324,6 @@ def test_refusing_what_is_hard_does_not_improve_the_error():
     assert availability["verdict"] == "FAIL"
 
 
-def test_false_claims_are_a_gate_of_their_own():
-    base = rows_of([Outcome.VALID] * 300)
-    now = rows_of([Outcome.VALID] * 300, false=range(12))
-    found = [
-        measure(gate_of(m, margin=1.0), GateInputs(now), GateInputs(base)) for m in ("false_valid", "availability")
-    ]
-    false, availability = judge([("accepted", one) for one in found])
-    assert (false["verdict"], availability["verdict"]) == ("FAIL", "PASS")
-    assert false["scenes"] == [f"scene-{i:03d}" for i in range(12)]
-
-
 def bounded(bound, error):
     return [row(f"{i:02d}", error, bound_arcsec=bound) for i in range(40)]
 

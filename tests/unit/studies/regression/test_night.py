@@ -56,15 +56,6 @@ def accepted(first):
     return wanted
 
 
-def test_a_missing_baseline_fails(first):
-    wanted, verdict = first
-    assert (verdict["verdict"], verdict["complete"], verdict["exit_status"]) == ("FAIL", False, 2)
-    assert "no accepted baseline" in verdict["problems"][0]
-    tree = ElementTree.parse(wanted.out / "junit.xml")
-    assert tree.find(".//testcase[@name='complete']/error") is not None
-    assert "no accepted baseline" in (wanted.out / "index.html").read_text()
-
-
 def test_accepting_writes_rows_images_and_the_table(accepted):
     base = read_baseline(accepted.baseline, "tiny")
     assert base.head["reason"] == "The first one, nothing before it"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from nights import Night, estimating_with, key_of, plainly, rendered
+from nights import Night, key_of, plainly, rendered
 from scipy import ndimage
 
 from horizonval.core.outcome import Outcome, Refusal
@@ -14,9 +14,8 @@ from horizonval.jobs.progress import Stopwatch
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.studies.regression.accept import accept
 from horizonval.studies.regression.baseline import read_baseline
-from horizonval.studies.regression.gates import changed, pairs_of
 from horizonval.studies.regression.night import Wanted, run_night
-from horizonval.studies.regression.units import digest_of_heads, frozen_together, replay_scene
+from horizonval.studies.regression.units import digest_of_heads, frozen_together
 from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.case import records_of
@@ -177,27 +176,6 @@ def test_every_lane_repeats_them(accepted, base):
     night = read_json(out / "night.json")
     assert night["rows"] == [row.to_dict() for row in sorted(base.results.rows, key=lambda row: row.key)]
     assert night["fresh"] == [row.to_dict() for row in base.results.fresh]
-
-
-def test_a_worse_method_of_all_heads_is_named(base, suite, monkeypatch):
-    plan, (scene,) = plan_of(suite), base.together
-    ((_, images), *_) = frozen_together(base.images, heads_of(base))
-    nadir = np.array(next(iter(images.values())).truth.nadir_geocentric_cam)
-
-    def pushed(name, observation):
-        fit = plainly(name, observation)
-        assert not isinstance(fit, Refusal)
-        moved = nadir + 1.1 * (fit.nadir_cam - nadir)
-        return replace(fit, nadir_cam=moved / np.linalg.norm(moved))
-
-    estimating_with(monkeypatch, pushed)
-    rows = replay_scene(base.images, scene, heads_of(base), replace(plan, estimators=("video-vertical",)))
-    moved = changed(pairs_of(rows, base.results.rows))
-    assert [(one["scene"], one["estimator"]) for one in moved] == [(scene, "video-vertical")] * 2
-    before = {row.key: row for row in base.results.rows}
-    for row in rows:
-        assert row.status == Outcome.VALID
-        assert row.nadir_error_arcsec == pytest.approx(1.1 * before[row.key].nadir_error_arcsec, rel=1e-3)
 
 
 @pytest.fixture(scope="module")

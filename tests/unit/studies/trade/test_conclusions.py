@@ -142,17 +142,17 @@ def test_the_interval_covers_the_truth_along_flights():
     assert naive < 150
 
 
-N_OF_EFFECTS = 8
-DRAWS = cluster_draws(N_OF_EFFECTS, "s", 0, draws=200)
+FRAMES = 8
+DRAWS = cluster_draws(FRAMES, "s", 0, draws=200)
 
 
 def designs(make_sample, logs, scatter=0.0):
     """One design for each entry of a table of mean log10 errors, frames scattered about it alike for all."""
     random = np.random.default_rng(0)
-    common = random.normal(0, 0.3, N_OF_EFFECTS)
+    common = random.normal(0, 0.3, FRAMES)
     found = []
     for index in np.ndindex(logs.shape):
-        noise = random.normal(0, scatter, N_OF_EFFECTS)
+        noise = random.normal(0, scatter, FRAMES)
         settings = {axis: level for axis, level in zip("abc", index, strict=False)}
         error = 10.0 ** (logs[index] + common - common.mean() + noise - noise.mean())
         found.append(("-".join(map(str, index)), settings, make_sample(error)))
@@ -168,7 +168,7 @@ def test_two_axes_by_hand(make_sample):
     assert [term["dof"] for term in found["terms"]] == [1, 1, 1]
     factors = [line["factor"] for line in found["levels"]["a"]]
     assert factors == pytest.approx([10**-0.4, 10**0.4], rel=1e-9)
-    assert (found["basis"], found["n"], found["complete"]) == ("common", N_OF_EFFECTS, True)
+    assert (found["basis"], found["n"], found["complete"]) == ("common", FRAMES, True)
 
 
 def test_a_full_grid_adds_up(make_sample):
@@ -202,19 +202,18 @@ def test_gaps_and_silent_designs(make_sample):
     logs = np.random.default_rng(7).normal(-1, 0.5, (2, 3))
     grid = designs(make_sample, logs)
     name, settings, _ = grid[-1]
-    grid[-1] = (name, settings, make_sample([np.nan] * N_OF_EFFECTS))
+    grid[-1] = (name, settings, make_sample([np.nan] * FRAMES))
     found = effects_of(grid, DRAWS)
     assert (found["left_out"], found["complete"], found["designs"]) == ([name], False, 5)
 
 
 def test_who_stands_in_the_way_is_left_out(make_sample):
     # One of four answers other frames than the rest: without it they have six in common; of three it would be too many.
-    error = np.full(N_OF_EFFECTS, 0.1)
+    error = np.full(FRAMES, 0.1)
     others = [
-        (f"d{i}", {"a": i}, make_sample(np.where(np.arange(N_OF_EFFECTS) < 6, (1 + i) * error, np.nan)))
-        for i in range(3)
+        (f"d{i}", {"a": i}, make_sample(np.where(np.arange(FRAMES) < 6, (1 + i) * error, np.nan))) for i in range(3)
     ]
-    odd = ("odd", {"a": 3}, make_sample(np.where(np.arange(N_OF_EFFECTS) > 3, error, np.nan)))
+    odd = ("odd", {"a": 3}, make_sample(np.where(np.arange(FRAMES) > 3, error, np.nan)))
     found = effects_of([*others, odd], DRAWS)
     assert (found["basis"], found["n"], found["left_out"]) == ("common", 6, ["odd"])
     found = effects_of([*others[:2], odd], DRAWS)
