@@ -70,7 +70,7 @@ def test_every_block_of_the_page_runs(page, tmp_path):
 
 
 def test_the_pages_are_found():
-    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 12
+    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 13
     assert "docs/quickstart.md" in PAGES
     assert set(PAGES) > SLOW
 

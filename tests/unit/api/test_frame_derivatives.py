@@ -68,7 +68,7 @@ def test_jumps_of_coasts_and_clouds_are_left_out() -> None:
 
 def test_a_turn_about_the_boresight_moves_the_image_about_its_middle() -> None:
     """A frame far from the limb is differentiated by its own pixels."""
-    scene = _visible(mount_roll_deg=0.0, attitude={"yaw_deg": 0.0}, sun_zenith_deg=60.0, sun_azimuth_deg=40.0)
+    scene = _visible(mount_roll_deg=0.0, attitude={"yaw_deg": 0.0}, sun={"zenith_deg": 60.0, "azimuth_deg": 40.0})
     scene = scene.changed(camera=scene.camera.changed(camera={"width": 41, "height": 41, "fov_deg": 30.0}))
     images = image_derivatives(scene, ("rotation_z", "gain"))
     by_row, by_column = np.gradient(images["gain"]["vis"])
