@@ -1,10 +1,8 @@
-"""Shards of a data set: work for the engine, files of three kinds, and the numbers of each image.
+"""Shards of a data set: work for the engine, three file formats, and the numbers stored with each image.
 
-A shard is a file, whole or not at all, with a record of its digest. Each kind is readable by its own library; equal
-content gives equal bytes. Nothing is compressed: bytes would depend on the version of a compressor, and the noise of a
-detector hardly shrinks. No file holds the time when it was written.
-
-Every image has its truth, and what a sensor knows of its camera, as numbers of fixed shapes.
+A shard is a file with a record of its digest. Equal content gives equal bytes: no file holds its time of writing, and
+none is compressed, since the bytes would depend on the compressor's version. Every image has its truth, and the
+sensor's knowledge of its camera, as arrays of fixed shapes.
 """
 
 from __future__ import annotations
@@ -56,13 +54,9 @@ COLUMNS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class ShardContent:
-    """Frames in their order.
+    """Frames in order: ``images`` uint16, shape (n, bands, height, width), and the :data:`COLUMNS`, first axis n.
 
-    Attributes
-    ----------
-    images : ndarray, shape (n, bands, height, width), uint16
-    columns : dict of ndarray
-        By the names of :data:`COLUMNS`, first axis n; float64, whole numbers int64.
+    Columns are float64, integers int64.
     """
 
     images: NDArray[np.uint16]
@@ -190,10 +184,9 @@ class Shard:
 
 @dataclass(frozen=True)
 class Drawing:
-    """What the frames of all shards are drawn from.
+    """Source of the frames of all shards.
 
-    ``digest``: of the list of seeds and of the code: what every shard depends on beside its name. ``source``: the
-    suite's file, for errors.
+    ``digest``: of the list of seeds and of the code. ``source``: the suite's file, for errors.
     """
 
     digest: str

@@ -1,14 +1,13 @@
-"""The accepted baseline: what a night is compared with, small enough to lie beside the code.
+"""The accepted baseline of the nightly comparison, small enough for the repository.
 
-``NAME.json`` holds rows, digests, what each scene is like, where it came from and why it was accepted; ``NAME.npz`` the
-frozen images; ``NAME.md`` the table of differences, for the one who reviews the change. ``NAME.release.json`` and
-``NAME.release.npz`` are the same of the last release, without detector images: drift of one percent a night passes
-every comparison with yesterday. A baseline is never changed but by ``horizonval baseline accept``, with a reason.
+``NAME.json`` holds rows, digests, properties of the scenes, provenance and reason; ``NAME.npz`` the frozen images;
+``NAME.md`` the table of differences for review. ``NAME.release.json`` and ``NAME.release.npz`` are the same of the last
+release, without detector images: they show slow drift. Only ``horizonval baseline accept`` changes a baseline.
 
-The file of frozen images is a NumPy archive with LZMA instead of deflate. Detector numbers are stored bit by bit, high
-and low bytes apart, because noise fills the low ones only: 6 kB for an image of 112 x 112 pixels. Frames are stored as
-the square root of their radiance in 12 bits, 0.05 % of the brightest pixel and finer below: enough to say where and by
-how much a new frame differs, while their digests say whether it differs at all. Equal content gives equal bytes.
+The images are a NumPy archive with LZMA instead of deflate. High and low bytes of detector numbers are stored apart,
+because noise fills the low ones only. Frames are stored as the square root of their radiance in 12 bits, 0.05 % of the
+brightest pixel and finer below: enough to locate a difference, which their digests detect exactly. Equal content gives
+equal bytes.
 """
 
 from __future__ import annotations
@@ -41,8 +40,7 @@ CODES = 4095
 class FrozenImage:
     """A detector image, shape (H, W), uint16.
 
-    ``replicate`` is the seed of its noise; ``radiance_per_dn`` [W m-2 sr-1] the calibration of its detector, which an
-    estimator is given beside the pixels, None where there is none.
+    ``replicate``: seed of its noise. ``radiance_per_dn`` [W m-2 sr-1]: calibration given to estimators, or None.
     """
 
     scene: str
@@ -130,7 +128,7 @@ def write_pack(path: Path, pack: Pack) -> None:
 def read_pack(path: Path) -> Pack:
     """Read a pack and check every image against its digest.
 
-    Raises ``UserError``: there is no such file. Raises ``DamagedFileError``: it is not what was written.
+    Raises ``UserError``: no such file. Raises ``DamagedFileError``: the content was changed.
     """
     if not path.is_file():
         raise UserError("no such file", where=str(path), expected="the frozen images of a baseline")
@@ -188,8 +186,8 @@ def _decode(codes: NDArray[np.uint16], scale: float) -> NDArray[np.float64]:
 class Baseline:
     """A baseline in memory; ``pack`` is the file of its images.
 
-    ``together`` describes scenes with rows of methods that see all heads, by the scene's name: ``heads`` (name and
-    scene of every head, in their order), ``table``, ``bands``.
+    ``together`` describes scenes with rows of methods that see all heads, by scene: ``heads`` (name and scene of every
+    head, in order), ``table``, ``bands``.
     """
 
     path: Path

@@ -31,19 +31,12 @@ MOST_NAMED = 12
 
 @dataclass(frozen=True)
 class GateInputs:
-    """What gates look at.
+    """Inputs of the gates.
 
-    Attributes
-    ----------
-    rows : sequence
-        Of :class:`horizonval.studies.regression.row.ReplicateRow`.
-    images : mapping
-        By (scene, band): ``{table, limb_radiance, disc_radiance, limb_displacement, noise, ...}``, this set's images
-        against the base's; None where a metric does not apply. Empty for a base.
-    fresh : sequence
-        Rows of the fresh lane.
-    fresh_night : str
-        The night whose fresh scenes these are; two sets of the same night are paired.
+    ``rows``: :class:`horizonval.studies.regression.row.ReplicateRow`. ``images``: by (scene, band) ``{table,
+    limb_radiance, disc_radiance, limb_displacement, noise, ...}``, this set against the base; None where a metric does
+    not apply; empty for a base. ``fresh``: rows of the fresh lane. ``fresh_night``: night of the fresh scenes; sets of
+    the same night are paired.
     """
 
     rows: Sequence[ReplicateRow] = ()
@@ -85,7 +78,7 @@ def pairs_of(now: Iterable[ReplicateRow], base: Iterable[ReplicateRow]) -> list[
 
 
 def changed(pairs: Iterable[tuple[ReplicateRow, ReplicateRow]]) -> list[dict[str, Any]]:
-    """Return every change of a status, and of an angle beyond :data:`ANGLE_LIMIT_ARCSEC`, with what it was and is.
+    """Return all pairs with another status or an angle beyond :data:`ANGLE_LIMIT_ARCSEC`.
 
     Changed statuses come first, then the largest changes of the nadir error.
     """
@@ -200,9 +193,9 @@ def _scaled(estimate: Estimate | None) -> Estimate | None:
 
 
 def judge(measured: Sequence[tuple[str, Measured]], looks: int = 1) -> list[dict[str, Any]]:
-    """Return every gate with its verdict as plain data; p-values are adjusted over all of them together.
+    """Return every gate with its verdict as plain data; p-values are adjusted over all gates together.
 
-    ``measured``: what each was compared with (``accepted``, ``release``), and what was found. ``looks``: see
+    ``measured``: base (``accepted``, ``release``) and estimates. ``looks``: as for
     :func:`horizonval.studies.regression.statistics.decide`.
     """
     decided = decide(

@@ -1,13 +1,13 @@
-"""The nights before: one line each, and where their figures step.
+"""Earlier nights, one line each, and the steps of their figures.
 
-The steps of a series are the ends of the pieces of the piecewise constant that explains it best. The Potts functional
+Steps are the boundaries between the pieces of the best piecewise constant fit. The Potts functional
 
     sum over pieces of sum |y - median of the piece|  +  gamma * (number of pieces - 1)
 
-is minimised exactly by dynamic programming over where the last piece begins (F. Friedrich et al., J. Comput. Graph.
-Statist. 17, 201, 2008); medians, so that a single bad night is no step. The number of pieces is that of the smallest
-Bayesian information criterion under Laplace noise, ``2 n ln(cost / n) + k ln n``, with k = 3 for each further piece
-(its level, its position, and one more, because the position is searched for among n).
+is minimised exactly by dynamic programming (F. Friedrich et al., J. Comput. Graph. Statist. 17, 201, 2008). With
+medians a single bad night is not a step. The number of pieces minimises the Bayesian information criterion under
+Laplace noise, ``2 n ln(cost / n) + k ln n``, with k = 3 for each further piece: level, position, and one more for the
+search of the position.
 """
 
 from __future__ import annotations
@@ -113,10 +113,7 @@ class Piece:
 
 
 def pieces(values: Sequence[float], fewest: int = FEWEST) -> list[Piece]:
-    """Return the pieces of a series in its order; a single one where there is no step.
-
-    ``values``: finite. ``fewest``: shortest piece.
-    """
+    """Return the pieces of a series of finite values in order, each of at least ``fewest`` values."""
     y = np.asarray(values, dtype=np.float64)
     n = len(y)
     if n == 0:

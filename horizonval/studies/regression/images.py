@@ -1,13 +1,13 @@
-"""Two images of one scene, compared where it matters: on the limb, on the disc, in space.
+"""Comparison of two images of one scene on the limb, on the disc, and in space.
 
-Digests come first; only where they differ are the regions compared. The regions follow from the truth maps. In each of
-them the bias of the mean is taken. On the limb the difference is also split, in blocks along it, into a gain and a
-displacement along the gradient:
+Only images with different digests are compared by region; the truth maps define the regions. Each region gives the bias
+of the mean. On the limb the difference is also split, in blocks along it, into a gain and a displacement along the
+gradient:
 
     L_now - L_base = a L_base - s |grad L_base|
 
-by least squares for ``a`` and ``s``, so that a brighter limb is not mistaken for a moved one. First order in ``s``:
-half a pixel is found to a fifth of it, several pixels only as "far off".
+by least squares for ``a`` and ``s``, so that a brighter limb is not mistaken for a moved one. This is first order in
+``s``: half a pixel is found to a fifth of it, several pixels only as "far off".
 """
 
 from __future__ import annotations
@@ -32,10 +32,7 @@ PERCENT = 100.0
 
 
 def regions_of(hit: NDArray[np.floating], tangent_height_m: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Return the region of every pixel, shape (H, W), from the truth maps ``hit`` and ``tangent_height``.
-
-    The Sun, the Moon, and clouds belong to none beyond the limb.
-    """
+    """Return the region of every pixel, shape (H, W); Sun, Moon and clouds beyond the limb belong to none."""
     height = np.asarray(tangent_height_m, dtype=np.float64)
     finite = np.isfinite(height)
     filled = np.where(finite, height, 0.0)
@@ -108,16 +105,12 @@ def compare_images(
     radiance: NDArray[np.floating] | None,
     frozen: FrozenFrame | None,
 ) -> dict[str, Any]:
-    """Return what a re-rendered scene and band is like beside the base's.
+    """Return the comparison of a re-rendered scene and band with the base.
 
     ``now``, ``base``: the bands' records: ``radiance_sha256``, ``images``, ``noise_dn``. ``radiance`` (shape (H, W)):
-    of now; needed where the digests differ. ``frozen``: of the base, to 12 bits.
-
-    Returns
-    -------
-    dict
-        ``table``, ``same_radiance``, ``same_images`` (how many of ``n_images``), ``limb_radiance`` and
-        ``disc_radiance`` [%], ``limb_displacement`` [px], ``noise`` [%]; None where a metric does not apply.
+    of now; needed if the digests differ. ``frozen``: of the base, 12 bits. The result has ``table``, ``same_radiance``,
+    ``same_images`` (of ``n_images``), ``limb_radiance`` and ``disc_radiance`` [%], ``limb_displacement`` [px],
+    ``noise`` [%]; None where a metric does not apply.
     """
     same = now["radiance_sha256"] == base["radiance_sha256"]
     found: dict[str, Any] = {

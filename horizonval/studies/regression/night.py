@@ -55,8 +55,7 @@ WORK = ".work"
 PUBLISHED = "published"
 """The lane without gates, and its folder in that of the work."""
 Published = Callable[[Path, Progress], Sequence[JsonObject]]
-"""Computes key figures of the published systems in a folder, each a plain
-``{system, name, unit, accepted, measured, verdict}``."""
+"""Computes the key figures of published systems in a folder: ``{system, name, unit, accepted, measured, verdict}``."""
 EXIT = {Verdict.PASS: 0, Verdict.IMPROVED: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}
 INCOMPLETE = 2
 MOST_CHANGES = 200
@@ -69,17 +68,10 @@ PACKAGES = (
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a night is asked to do.
+    """Request for a night.
 
-    Attributes
-    ----------
-    suite : str
-        File or shipped name.
-    night : str
-        Label, and seed of the fresh scenes: a date.
-    workers : int, optional
-    reference : Path, optional
-        Folder of a night of the same label made by another version: fresh scenes are then compared in pairs.
+    ``suite``: file or shipped name. ``night``: label, and seed of the fresh scenes: a date. ``reference``: folder of
+    the same night by another version; fresh scenes are then compared in pairs.
     """
 
     suite: str
@@ -220,10 +212,10 @@ class Night:
         return Task(name, unit.name, self._estimators_of(unit), unit=unit)
 
     def _replay_tasks(self, accepted: Baseline) -> dict[str, Task]:
-        """Return the frozen images of every scene, those of one scene's heads together as they were rendered.
+        """Return the frozen images of every scene as tasks; the heads of a scene form one.
 
-        The estimators are those that run on the scene tonight. A scene that the suite no longer has is replayed by
-        those of its rows, so that it counts as missing and not as changed, too.
+        The estimators are those of tonight's scene. A scene missing from the suite is replayed with the estimators of
+        its rows, so that it counts as missing and not also as changed.
         """
         asked = {unit.name: self._estimators_of(unit) for unit in units_of(self.suite.cases, self.plan)}
         asked |= {case.name: self.plan.alone(case) for case in self.suite.cases if case.name not in asked}
@@ -530,16 +522,10 @@ def _flags() -> list[str]:
 
 
 def run_night(wanted: Wanted, progress: Progress | None = None, published: Published | None = None) -> JsonObject:
-    """Do a night and return the content of ``verdict.json``.
+    """Run a night and return the content of ``verdict.json``; ``published`` does the lane of that name, if any.
 
     Raises ``UserError``: a mistake in the suite or the baseline's files, no ``[regression]`` table, a folder in which
-    another night runs, or no back-end to render with.
-
-    Parameters
-    ----------
-    progress : Progress, optional
-    published : callable, optional
-        What the lane of that name does, in a suite that asks for it; without, it is left out.
+    another night runs, or no back-end.
     """
     from horizonval.renderer.backend import probe
     from horizonval.studies.regression.page import of_baseline, of_night, write_junit, write_page

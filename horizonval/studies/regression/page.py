@@ -1,11 +1,10 @@
-"""What a night shows: one page that opens anywhere and asks for nothing, and JUnit XML for CI services.
+"""Results of a night: a page in a single file, and JUnit XML for CI services.
 
-The page has images with tonight's outcomes and claims, of every scene and band that of the seed with the worst outcome.
-A night stores what methods claim as roll and pitch, and no limb points: the limb of a claim is drawn as a circle about
-the claimed nadir.
+For every scene and band the page shows the image of the seed with the worst outcome. A night stores roll and pitch of
+claims but no limb points: the claimed limb is drawn as a circle about the claimed nadir.
 
-In JUnit XML every gate and published figure is a test case, and one more is for completeness. FAIL is a failure.
-INCONCLUSIVE is ``skipped`` with its reason: neither passed nor failed, and shown as neither.
+In JUnit XML every gate and published figure is a test case, and so is completeness. FAIL is a failure; INCONCLUSIVE is
+``skipped`` with its reason.
 """
 
 from __future__ import annotations
@@ -59,10 +58,7 @@ def write_page(
     nights: Sequence[Mapping[str, Any]],
     shown: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write ``index.html``, whole or not at all.
-
-    ``shown``: sentences and images that it opens with (:func:`of_night`, :func:`of_baseline`).
-    """
+    """Write ``index.html``; ``shown`` are its first sentences and images (:func:`of_night`, :func:`of_baseline`)."""
     shown = shown or {"sentences": (), "frames": (), "kept": 0, "estimators": ()}
     text = page.render(
         "night.html",
@@ -256,16 +252,9 @@ def shown_of(
     truths: Mapping[str, Mapping[str, Any]],
     load: Callable[[Key], FrozenImage | None],
 ) -> dict[str, Any]:
-    """Return what a page shows of some rows.
+    """Return ``sentences`` about rows, and what :func:`horizonval.report.viewer.striking_frames` returns for them.
 
-    ``truths``: by scene, plain. ``load``: returns an image of a scene, band and replicate; ``None`` where it is not
-    there.
-
-    Returns
-    -------
-    dict
-        ``sentences``, one for each method or of many the best and the worst; and what
-        :func:`horizonval.report.viewer.striking_frames` says.
+    ``truths``: by scene, plain. ``load``: returns the image of a scene, band and replicate, or None.
     """
     estimators = tuple(dict.fromkeys(row.estimator for row in rows))
     known = {scene: FrameTruth.from_dict(dict(truths[scene])) for scene in {row.case for row in rows} & set(truths)}

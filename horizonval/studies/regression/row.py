@@ -18,17 +18,15 @@ COLUMNS = (
     "scene", "band", "replicate", "estimator", "image", "status", "reason", "false_valid", *ERRORS,
     "table", "due", "bound_arcsec",
 )  # fmt: skip
-"""What is stored of a row. ``scene`` is the case, ``image`` the image's address, ``due`` whether the image clearly
-should give an attitude."""
+"""Stored columns; ``scene`` is the case, ``image`` the image's address, ``due`` whether it must be answered."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReplicateRow(Row):
-    """What one estimator reported of one replicate of an image: a :class:`horizonval.scoring.row.Row`.
+    """Answer of one estimator on one replicate of an image: a :class:`horizonval.scoring.row.Row`, stored columns only.
 
-    ``image_address`` is the digest of the image's digital numbers. A row holds the stored columns only, so that one of
-    tonight and one of a baseline can be compared; of ``expected`` it says no more than whether an answer is due.
-    ``replicate``: seed of the noise. ``table``: the suite's table that the scene comes from: its stratum.
+    ``image_address``: digest of the digital numbers. ``replicate``: seed of the noise. ``table``: the suite's table of
+    the scene, its stratum. ``expected`` only says whether the image must be answered.
     """
 
     replicate: int = 0
@@ -46,10 +44,7 @@ class ReplicateRow(Row):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Rebuild from :meth:`to_dict`.
-
-        Raises ``KeyError, TypeError``: a column is missing, or there is one that a row does not have.
-        """
+        """Return the row of :meth:`to_dict`. Raises ``KeyError, TypeError``: a missing or unknown column."""
         rest = dict(data)
         case, image, due = (rest.pop(name) for name in ("scene", "image", "due"))
         made = cls(case=case, camera="", image_address=image, expected=str(Outcome.VALID), borderline=not due, **rest)

@@ -53,18 +53,9 @@ FAIL_CONFIDENCE = 0.99
 class Estimate:
     """A difference "now minus baseline", positive where now is worse, in the gate's unit.
 
-    Attributes
-    ----------
-    lower95, upper95 : float
-        One-sided 95 % bounds: what PASS needs.
-    lower99, upper99 : float
-        One-sided 99 % bounds: what FAIL and IMPROVED need.
-    p_worse, p_better : float
-        One-sided p-values of "no difference" against worse and against better.
-    n : int
-        Pairs (or values of the present night, where there are no pairs).
-    clusters : int
-        Independent ones among them: scenes.
+    ``lower95`` to ``upper99``: one-sided bounds, 95 % for PASS, 99 % for FAIL and IMPROVED. ``p_worse``, ``p_better``:
+    one-sided p-values of "no difference". ``n``: pairs, or values of this night without pairs; ``clusters``: scenes
+    among them.
     """
 
     value: float
@@ -93,9 +84,9 @@ FEWEST_CLUSTERS = 5
 
 
 def paired_difference(differences: Sequence[float], clusters: Sequence[Hashable]) -> Estimate | None:
-    """Return the mean difference over scenes; None with fewer than :data:`FEWEST_CLUSTERS` of them.
+    """Return the mean difference (now minus baseline) over scenes; None below :data:`FEWEST_CLUSTERS` scenes.
 
-    ``differences``: now minus baseline, one for each pair. ``clusters``: the scene that each pair belongs to.
+    ``clusters``: the scene of each pair.
     """
     means = cluster_means(differences, clusters)
     if len(means) < FEWEST_CLUSTERS:
@@ -150,10 +141,9 @@ def _bounds(value: float, error: float, freedom: float) -> tuple[float, float, f
 
 
 def paired_loss(before: Sequence[bool], now: Sequence[bool], clusters: Sequence[Hashable]) -> Estimate | None:
-    """Return the loss, the share of good frames before minus that of now; None with too few scenes.
+    """Return the share of good frames before minus the share now; None with too few scenes.
 
-    ``before``, ``now`` (booleans): whether a frame is good. ``clusters``: the scene of each frame. The interval is
-    widened by how much the changes clump in scenes (design effect).
+    ``clusters``: the scene of each frame. The design effect of changes within scenes inflates the interval.
     """
     net: dict[Hashable, int] = {}
     lost = gained = 0
@@ -187,9 +177,9 @@ def independent_loss(good_before: int, n_before: int, good_now: int, n_now: int)
 
 
 def sign_change_p(net: Sequence[int]) -> float:
-    """Return the chance that the sum of ``net`` with random signs is at least what it is.
+    """Return the probability that the sum of ``net`` with random signs is at least the given sum.
 
-    Exact: the distribution of the sum is the convolution of two-point distributions.
+    Exact: a convolution of two-point distributions.
     """
     sizes = [abs(k) for k in net if k]
     total = sum(sizes)
@@ -201,10 +191,7 @@ def sign_change_p(net: Sequence[int]) -> float:
 
 
 def score_interval(lost: float, gained: float, n: float, confidence: float) -> tuple[float, float]:
-    """Return the score interval of the paired difference ``(lost - gained) / n``.
-
-    Counts may be fractions: real ones over a design effect.
-    """
+    """Return the score interval of ``(lost - gained) / n``; counts over a design effect may be fractional."""
     z = float(stats.norm.ppf(0.5 + confidence / 2))
     estimate = (lost - gained) / n
 
@@ -275,9 +262,8 @@ def decide(
 ) -> list[tuple[Verdict, float | None]]:
     """Return the verdict and the adjusted p-value of every gate of a night.
 
-    ``estimates``: none where there is too little to estimate from: INCONCLUSIVE. ``margins``: above 0, in the
-    estimates' units. ``looks``: how often the data may be looked at before the verdict is final; the level is shared
-    among them.
+    ``estimates``: None gives INCONCLUSIVE. ``margins``: above 0, in the estimates' units. ``looks``: number of interim
+    analyses that share the level.
     """
     known = [i for i, estimate in enumerate(estimates) if estimate is not None]
     chances = [_chances(estimates[i], two_sided[i]) for i in known]

@@ -1,12 +1,8 @@
-"""The units of a night: a scene rendered and observed with every noise seed, or the frozen images of one replayed.
+"""Units of a night: a scene rendered and observed with every noise seed, or the frozen images of one replayed.
 
-Images become rows as in any suite (:mod:`horizonval.suites.units.scored`), one row for every replicate. The heads of a
-scene are rendered, observed and frozen each like a scene of its own: the noise of a head comes from its own identity.
-The images of one replicate are then put together again, in the order of the camera file, for the methods that see all
-heads.
-
-The result of a unit lies under the digest of what it depends on (its content and the code), so that the same command
-again makes what is missing, and a change of anything makes it anew.
+Images become rows as in any suite (:mod:`horizonval.suites.units.scored`), one row for every replicate. Each head of a
+scene is rendered, observed and frozen separately; methods that see all heads get the images of one replicate together.
+Results are stored under the digest of content and code, so the same command resumes.
 """
 
 from __future__ import annotations
@@ -43,8 +39,7 @@ from horizonval.suites.record import camera_name
 from horizonval.suites.units.scored import Observed, score_alone, score_together
 
 Shown = tuple[tuple[str, float | None], ...]
-"""What an estimator is shown: of every head's image the digest, and the band radiance of a digital number, None if that
-is not known."""
+"""Input of an estimator: for every head the digest of the image, and the band radiance of a digital number or None."""
 Heads = Mapping[str, Observed]
 """One image of every head of a scene, by the heads' names in the order of the camera file."""
 
@@ -54,7 +49,7 @@ def render_unit(
 ) -> tuple[Record, dict[str, np.ndarray]]:
     """Return the record and the arrays of a unit: rendered, observed with every noise seed, and estimated.
 
-    ``plan``: its estimators run. ``known``: what the estimators have answered already: they are not run on it again.
+    ``known``: inputs that are answered already; estimators do not run on them again.
 
     Returns
     -------
@@ -191,8 +186,8 @@ def digest_of_heads(heads: Heads) -> str:
 def replay_scene(pack: Pack, scene: str, heads: Mapping[str, str], plan: CasePlan) -> list[ReplicateRow]:
     """Return the rows of all frozen images of a scene, or of its heads, without stratum and bound.
 
-    ``scene``: under whose name the rows of methods go that see all heads. ``heads``: the heads' scenes in the pack by
-    the heads' names, in the order of the camera file; empty for a camera without.
+    ``scene``: name for rows of methods that see all heads. ``heads``: scenes in the pack by head, in the camera file's
+    order; empty for a camera without heads.
     """
     rows: list[ReplicateRow] = []
     for replicate, images in frozen_together(pack, heads):
@@ -232,20 +227,11 @@ def frozen_together(pack: Pack, heads: Mapping[str, str]) -> Iterator[tuple[int,
 
 @dataclass(frozen=True)
 class Task:
-    """One unit: a scene of the suite to render, or one of a baseline whose frozen images are replayed.
+    """One unit: a scene of the suite to render, or one of a baseline to replay (``unit`` None, frozen images in
+    ``pack``).
 
-    Attributes
-    ----------
-    unit : Unit or None
-        To render; ``None`` for a replay.
-    batch : int or None
-        Number of the batch of fresh scenes that the unit belongs to, ``None`` for one of the suite's own.
-    known : frozenset of Shown
-        See :func:`render_unit`.
-    pack : Path or None
-        File of the frozen images to replay.
-    heads : tuple of (str, str)
-        See :func:`replay_scene`.
+    ``batch``: number of the batch of fresh scenes; None for the suite's scenes. ``known``: see :func:`render_unit`.
+    ``heads``: see :func:`replay_scene`.
     """
 
     name: str

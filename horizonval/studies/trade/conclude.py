@@ -1,11 +1,10 @@
-"""From the rows of results to what the designs deliver: ``study.json``, ``designs.csv``, ``study-costs.json``.
+"""From the rows of results to ``study.json``, ``designs.csv`` and ``study-costs.json`` of a study.
 
-The first two are the same bytes for the same study, version and frames; times of processors are in the third.
+The first two have the same bytes for the same study, version and frames; processor times are in the third.
 
-A design *meets* the requirement if the one-sided 95 % bound of its share of frames within the error lies above the
-availability, *fails* if the upper one lies below it, and is *open* in between. With no miss at all n independent frames
-show an availability A only if A^n <= 5 %: 99 % takes 299. Each design's bound is its own: among many, one may pass by
-chance.
+A design *meets* the requirement if the one-sided 95 % lower bound of its share of frames within the error exceeds the
+availability, *fails* if the upper bound is below it, and is *open* in between. Without a miss, n independent frames
+show an availability A only if A^n <= 5 %: 99 % takes 299. Bounds are not adjusted for the number of designs.
 """
 
 from __future__ import annotations
@@ -62,20 +61,19 @@ def frames_needed(availability: float) -> int:
 def cheapest(
     designs: Sequence[Mapping[str, Any]], requirement: Requirement, by: str, prices: Mapping[str, JsonObject]
 ) -> JsonObject:
-    """Return the answer to "which is the cheapest design that meets the requirement?".
+    """Return the cheapest design that meets the requirement, and the designs that come close.
 
     ``designs``: ``name``, ``within`` and ``misses`` (:func:`horizonval.studies.trade.sample.misses_of`) of each.
-    ``by``: the expression that the prices are of. ``prices``: by name, as
-    :func:`horizonval.studies.trade.cost.price_of`; designs without a price come last.
+    ``by``: expression of the price. ``prices``: by name (:func:`horizonval.studies.trade.cost.price_of`); designs
+    without a price come last.
 
     Returns
     -------
     dict
-        ``meets``, ``open``, ``fails``: names, cheapest first; ``cheapest``: the first that meets, or None, and
-        ``tied``: all that meet at a cost that is not told apart from its; ``candidate``: the cheapest open one whose
-        measured share reaches the availability, or None, and ``tied_candidates``; ``closest``: the one with the largest
-        share, the first of ``tied_closest``; ``needed``: frames without a miss that would show it; ``misses``: by name;
-        ``text``: the answer in words.
+        ``meets``, ``open``, ``fails``: names, cheapest first. ``cheapest``: the first that meets, or None; ``tied``:
+        all that meet at an indistinguishable cost. ``candidate``: the cheapest open one whose measured share reaches
+        the availability, or None; ``tied_candidates``. ``closest``: the one with the largest share, the first of
+        ``tied_closest``. ``needed``: frames without a miss that would show it. ``misses``: by name. ``text``: in words.
     """
 
     def place(design: Mapping[str, Any]) -> tuple[float, float, str]:
@@ -200,20 +198,14 @@ class Data:
     version: str
 
     def compare(self, first: str, second: str, error_deg: float) -> JsonObject:
-        """Return the paired difference of two designs, by name or number.
-
-        Raises ``UserError``: there is no such design.
-        """
+        """Return the paired difference of two designs, by name or number. Raises ``UserError``: no such design."""
         a, b = (self.plan.design(name, "--compare").name for name in (first, second))
         comparison = compare(self.samples[a], self.samples[b], self.draws, error_deg)
         return {"a": a, "b": b, "error_deg": error_deg, **comparison}
 
 
 def read_data(plan: StudyPlan, root: Path) -> Data:
-    """Return the results of a study whose frames are made.
-
-    Raises ``UserError``: there are no results, or not those of this study.
-    """
+    """Return the results of a study. Raises ``UserError``: no results, or those of another study."""
     folder = RunFolder(root)
     summary = read_json(folder.summary) or {}
     rows = read_results(folder.results)
@@ -294,9 +286,9 @@ def query(
     seconds: Mapping[str, JsonObject],
     where: str = "study.cheapest_by",
 ) -> JsonObject:
-    """Return the cheapest design for a requirement and a price, which need not be the study's own.
+    """Return the cheapest design for any requirement and price expression.
 
-    ``seconds`` are the processor times of the designs. ``UserError``, naming ``where``, if ``by`` is no expression.
+    ``seconds``: processor times of the designs. Raises ``UserError``, naming ``where``: ``by`` is not an expression.
     """
     from horizonval.studies.trade.sample import proportion
 

@@ -1,11 +1,11 @@
-"""What a design costs, by the study's own expression; and the processor time of an estimate on the machine that ran it.
+"""Cost of a design by the study's expression; processor time of an estimate.
 
-Seconds are kept apart from what is reproducible. They have an uncertainty, which an expression that uses them has too:
-designs whose costs it does not tell apart are tied.
+Seconds are kept apart from reproducible results. They have an uncertainty, which propagates to expressions: designs
+with indistinguishable costs are tied.
 
-The expression, such as ``mass_g + 20 * power_w``, may hold numbers, names, ``+ - * / **``, parentheses, ``min``,
-``max``, ``abs`` and ``sqrt``: Python's grammar reads it, and nothing of it is ever executed. All numbers are floats, so
-that no power can grow without bound.
+An expression such as ``mass_g + 20 * power_w`` may hold numbers, names, ``+ - * / **``, parentheses, ``min``, ``max``,
+``abs`` and ``sqrt``. Python parses it but never executes it. All numbers are floats, so no power can grow without
+bound.
 """
 
 from __future__ import annotations
@@ -64,10 +64,9 @@ class Expression:
 
 
 def read_expression(text: str, known: Mapping[str, Any], where: str) -> Expression:
-    """Return an expression.
+    """Return an expression in the names ``known``; ``where`` is file and key for errors.
 
-    ``known``: the names that it may use are its keys. ``where``: file and key, for errors. Raises ``UserError``: it is
-    none, or uses a name that is not known.
+    Raises ``UserError``: not an expression, or an unknown name.
     """
     if len(text) > LONGEST:
         raise UserError(f"{len(text)} characters", where=where, expected=f"at most {LONGEST}")
@@ -137,11 +136,10 @@ COLUMNS = (*EXACT, SECONDS, *MEASURES, *SHARES)
 
 
 def read_price(text: str, costs: Mapping[str, float], where: str) -> Expression:
-    """Return the expression of what a design costs.
+    """Return the price expression of a design; ``where`` is file and key, or the option, for errors.
 
-    ``costs``: the numbers that the file gives of a design; all designs have the same names. ``where``: file and key, or
-    the option, for errors. Raises ``UserError``: it is no expression, or uses a name that is no column; a number of the
-    file is named as a column.
+    ``costs``: numbers of a design in the file; all designs have the same names. Raises ``UserError``: not an
+    expression, a name that is not a column, or a number of the file with the name of a column.
     """
     if both := sorted(set(costs) & set(COLUMNS)):
         raise UserError(f"a cost is named {both[0]!r}, as a column is", where=where, fix="rename it")
@@ -169,16 +167,10 @@ def columns_of(design: Mapping[str, Any], seconds: JsonObject) -> dict[str, Json
 
 
 def price_of(expression: Expression, columns: Mapping[str, JsonObject]) -> JsonObject:
-    """Return what a design costs.
+    """Return ``{value, interval, known}`` of a design's price; ``known``: whether the uncertainty is known or zero.
 
-    ``columns``: by name ``{value, interval, uncertain}``: ``interval`` None where nothing is uncertain, or it is not
-    known.
-
-    Returns
-    -------
-    dict
-        ``value``; ``interval``, of each column's interval carried through alone, added in squares; ``known``: whether
-        the uncertainty is known, or there is none. Without a value None, None and True.
+    ``columns``: by name ``{value, interval, uncertain}``; ``interval`` is None if nothing is uncertain or it is
+    unknown. Intervals of the columns propagate one by one and add in quadrature. Without a value: None, None, True.
     """
     values = {name: columns[name]["value"] for name in expression.names}
     middle = None if None in values.values() else expression.value(values)
@@ -203,9 +195,9 @@ def price_of(expression: Expression, columns: Mapping[str, JsonObject]) -> JsonO
 
 
 def is_tie(a: JsonObject, b: JsonObject) -> bool:
-    """Whether two costs are not told apart: equal but for rounding, or no further apart than their uncertainties.
+    """Whether two costs are equal up to rounding, or no further apart than their uncertainties.
 
-    The half widths that face each other are added in squares: the interval of the difference of independent costs.
+    The half widths facing each other add in quadrature: the interval of the difference of independent costs.
     """
     if a["value"] is None or b["value"] is None:
         return a["value"] is b["value"]
@@ -230,14 +222,9 @@ def read_timings(folder: Path) -> dict[str, dict[str, float]]:
 def cost_of(
     frames: Iterable[tuple[str, int]], estimator: str, timings: Mapping[str, Mapping[str, float]]
 ) -> JsonObject:
-    """Return the mean processor time of an estimate.
+    """Return the mean processor time of an estimate: ``value`` [s], Student ``interval`` of the mean, ``n`` frames.
 
-    ``frames``: cases and how many images of each the estimator saw one after the other.
-
-    Returns
-    -------
-    dict
-        ``value`` [s], ``interval`` (Student's, of the mean), ``n`` (frames whose time is known).
+    ``frames``: cases, and the number of images the estimator saw in sequence.
     """
     seconds = [
         stages[PROCESSOR + estimator] / bands

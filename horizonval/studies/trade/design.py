@@ -1,13 +1,12 @@
 """From a study file to its designs and to the suite of their frames.
 
-A *design* is an entry of ``[design]`` with one estimator. Designs that differ in the estimator alone see the same
-images, and share the frames. A *condition* is a scene of ``[frames]``; the frame of a design under a condition is named
-``<design without estimator>__<condition>``, and everything random in it is drawn under the condition's name. Names
-follow from the values of the axes, so that a frame keeps its name, and hence its result, when values are added.
+A *design* is an entry of ``[design]`` with one estimator. Designs that differ only in the estimator share their frames.
+A *condition* is a scene of ``[frames]``. A frame is named ``<design without estimator>__<condition>``, and its random
+numbers are drawn under the condition's name. Names follow from the values of the axes, so a frame keeps its name and
+result when values are added. An estimator added later recomputes the results of all frames, without rendering those
+that `keep` stores.
 
-An estimator that is added later makes the results of all frames again; those that `keep` stores are not rendered again.
-
-``study-plan.json`` is what a study's folder must know to work out its results without the study file.
+``study-plan.json`` lets a folder compute its results without the study file.
 """
 
 from __future__ import annotations
@@ -58,16 +57,9 @@ class DesignEntry:
 class Design:
     """A design as the study's results know it.
 
-    Attributes
-    ----------
-    frames : str
-        Name of its entry, with which its frames' names begin.
-    settings : dict
-        Values on the axes, the estimator's among them where there are several.
-    width, height, heads : int
-        Pixels of an image, and the images that an estimate takes.
-    costs : dict
-        Numbers that the file gives, those of all its options together.
+    ``frames``: name of its entry, the beginning of its frames' names. ``settings``: values on the axes, including the
+    estimator if there are several. ``width``, ``height``, ``heads``: pixels of an image, and images of an estimate.
+    ``costs``: numbers of the file, summed over its options.
     """
 
     name: str
@@ -83,10 +75,10 @@ class Design:
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """Designs, conditions and frames of a study: what its results follow from, with the rows.
+    """Designs, conditions and frames of a study.
 
-    ``conditions``: cluster of every condition: samples of one flight belong together where there are several flights.
-    ``frames``: entry and condition of every frame, by the case's name.
+    ``conditions``: cluster of every condition: samples of one flight are one cluster if there are several flights.
+    ``frames``: entry and condition of every frame, by case.
     """
 
     head: StudyHead
@@ -115,9 +107,9 @@ class Study(StudyPlan):
 
 
 def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[StudySpec, Path]:
-    """Read a study file; ``frames`` stands in place of the Sobol points, or else of the orbit's samples.
+    """Read a study file; ``frames`` replaces the number of Sobol points, or else of the orbit's samples.
 
-    Raises ``UserError``: naming the file, the key, and what was expected.
+    Raises ``UserError``: a mistake, with file and key.
     """
     path = find("study", path_or_name)
     spec = validate(StudySpec, read_toml(path), str(path))
@@ -133,9 +125,9 @@ def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[Stu
 
 
 def expand(spec: StudySpec, path: Path) -> Study:
-    """Return a study with its designs and the suite of their frames.
+    """Return a study with its designs and the suite of their frames; other files are relative to ``path``.
 
-    ``path``: the file; others lie beside it. Raises ``UserError``: a mistake in the file, with its place.
+    Raises ``UserError``: a mistake in the file.
     """
     entries = list(_entries(spec, path))
     _check_keys(spec, entries, path)
@@ -359,10 +351,7 @@ def write_plan(plan: StudyPlan, folder: Path) -> None:
 
 
 def read_plan(folder: Path) -> StudyPlan | None:
-    """Return the plan of a folder, ``None`` where there is none.
-
-    Raises ``UserError``: the file is not what a study writes.
-    """
+    """Return the plan of a folder, or None. Raises ``UserError``: the file is invalid."""
     path = folder / PLAN_FILE
     if not path.exists():
         return None

@@ -1,14 +1,13 @@
-"""Which axis matters: main effects and interactions of two axes on the logarithm of the error.
+"""Main effects and two-axis interactions on the logarithm of the error.
 
-The response of a design is the mean of log10 of its nadir error over the frames that all compared designs answered, so
-that an easy frame favours none. Up to a quarter of the designs are left out to obtain common frames; where that is not
-enough each design's claims are used. The sum of squares of a term is the growth of the residual when the term is
-removed from the model with all terms of its order and below ("type II": R. Langsrud, Statistics and Computing 13, 163,
-2003). On a full grid these are the classical ones and add up to the total; on a grid with gaps they need not.
+The response of a design is the mean of log10 of its nadir error over the frames that all compared designs answered. Up
+to a quarter of the designs are left out to obtain common frames; if that is not enough, each design's claims are used.
+The sum of squares of a term is the growth of the residual when the term is removed from the model with all terms of its
+order and below ("type II": R. Langsrud, Statistics and Computing 13, 163, 2003). On a full grid these are the classical
+ones and add up to the total; on a grid with gaps they need not.
 
-The uncertainty of the shares comes from resampling the conditions. A share cannot be negative, and a term without
-effect still gets a little: compare the lower end. Also here: two designs compared on the same frames (:func:`compare`),
-and the designs that no other beats in every respect (:func:`front`).
+The uncertainty of the shares comes from resampling the conditions. A share cannot be negative, so a term without effect
+has a small positive one: compare the lower end. Also here: :func:`compare` and :func:`front`.
 """
 
 from __future__ import annotations
@@ -36,10 +35,7 @@ MOST_LEFT_OUT = 0.25
 def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: FloatArray) -> JsonObject | None:
     """Return the effects of the axes on the designs' mean log error.
 
-    Parameters
-    ----------
-    designs : sequence of (name, settings, Sample)
-    draws : ndarray, shape (1 + draws, clusters)
+    ``designs``: (name, settings, sample) of each. ``draws``: shape (1 + draws, clusters).
 
     Returns
     -------
@@ -204,16 +200,13 @@ def _finite(value: float) -> float | None:
 
 
 def compare(a: Sample, b: Sample, draws: FloatArray, error_deg: float) -> JsonObject:
-    """Return how design ``b`` differs from design ``a`` on the frames of both.
+    """Return the difference of design ``b`` from design ``a`` on the frames of both.
 
-    Returns
-    -------
-    dict
-        ``n`` (frames of both), ``both`` (answered by both). On the latter: ``mean_difference_deg`` of the nadir errors,
-        b - a, ``rms_ratio`` and ``typical_ratio`` (of the geometric means), b / a, each ``{value, interval}``;
-        ``correlation`` of the log errors. ``answered`` and ``within`` (answered with at most ``error_deg``):
-        ``{only_a, only_b, difference, interval, p}`` over all frames, ``p`` of McNemar's exact test
-        (Psychometrika 12, 153, 1947), with frames as independent.
+    The result has ``n`` (common frames) and ``both`` (answered by both). On the latter: ``mean_difference_deg`` of the
+    nadir errors, b - a, ``rms_ratio`` and ``typical_ratio`` (of the geometric means), b / a, each ``{value,
+    interval}``; ``correlation`` of the log errors. Over all frames: ``answered`` and ``within`` (answered with at most
+    ``error_deg``) as ``{only_a, only_b, difference, interval, p}``, ``p`` of McNemar's exact test (Psychometrika 12,
+    153, 1947), with frames as independent.
     """
     place = {key: i for i, key in enumerate(b.keys)}
     pairs = [(i, place[key]) for i, key in enumerate(a.keys) if key in place]
@@ -269,10 +262,10 @@ def _discordant(a: NDArray[np.bool_], b: NDArray[np.bool_], weights: FloatArray)
 
 
 def front(points: Sequence[Sequence[float | None]]) -> list[bool]:
-    """Return which points no other dominates, all coordinates to be small.
+    """Return which points are on the Pareto front; smaller coordinates are better.
 
     A point dominates another if it is nowhere larger and somewhere smaller; equal points do not dominate each other. A
-    point with an unknown coordinate is on no front. ``points``: ``None`` where a coordinate is unknown.
+    point with an unknown (None) coordinate is on no front.
     """
     known = [i for i, point in enumerate(points) if all(value is not None for value in point)]
     on_front = [False] * len(points)

@@ -29,16 +29,10 @@ from horizonval.suites.run import run_suite
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What a study made.
+    """Result of a study.
 
-    Attributes
-    ----------
-    result, costs : dict
-        Contents of ``study.json`` and ``study-costs.json``; empty as long as other shards are missing.
-    failed : dict
-        Frames without a result, by name, and why.
-    missing : int
-        Results that other shards have yet to make.
+    ``result``, ``costs``: contents of ``study.json`` and ``study-costs.json``; empty while other shards are missing.
+    ``failed``: reasons by frame. ``missing``: results of other shards.
     """
 
     result: dict[str, Any]
@@ -66,21 +60,10 @@ def run_study(
     frames: int | None = None,
     on_start: Callable[[Study], Mapping[str, ExpectedTime] | None] | None = None,
 ) -> StudyResult:
-    """Run a study into a folder, or finish or extend what is there: only frames that are new are made.
+    """Run a study into a folder, or resume, or extend it: only new frames are made.
 
-    Raises ``UserError``: a mistake in the study, told before anything is rendered; or as
-    :func:`horizonval.suites.run.run_suite`.
-
-    Parameters
-    ----------
-    path_or_name : str or Path
-        A study file, or the name of a shipped study.
-    execution : Execution, optional
-    progress : Progress, optional
-    frames : int, optional
-        Conditions in place of the file's number.
-    on_start : callable, optional
-        Called with the study, once before the first frame, when nothing is refused any more.
+    ``frames`` replaces the number of conditions. ``on_start`` is called with the study before the first frame. Raises
+    ``UserError``: a mistake in the study, found before rendering; or as :func:`horizonval.suites.run.run_suite`.
     """
     study = study_in(path_or_name, frames)
     made: list[tuple[dict[str, Any], dict[str, Any], Path]] = []
