@@ -33,7 +33,7 @@ from typing import Generic, TypeAlias, TypeVar
 from horizonval.core.errors import UserError
 
 AFTER_S = 0.7
-"""Seconds after the program's start; loading the interpreter takes up to half a second."""
+"""Delay of the sign of life [s]; with up to 0.5 s for the interpreter's start it comes within 2 s."""
 
 _hushed = threading.Event()
 
@@ -102,7 +102,7 @@ class Turns(Generic[I]):
 
 MOST_WORKERS = 4096
 MOST_SHARDS = 1_000_000
-"""Maximum number of frames of a suite."""
+"""Maximum number of shards, equal to that of a suite's frames."""
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def supervisor_of(limits: Limits) -> Supervisor:
 
 
 class _Process:
-    """A process of estimators, started on demand; ``name`` is its one third-party estimator or program, None for ours."""
+    """A process of estimators, started on demand; ``name``: third-party estimator or program, None for ours."""
 
     def __init__(self, limits: Limits, name: str | None) -> None:
         self._limits, self._name = limits, name
@@ -322,7 +322,7 @@ class _Process:
         return said
 
     def _drain(self, stderr: IO[bytes]) -> bool:
-        """Keep the end of the printed output, unless it comes faster than it is read; return whether more may follow."""
+        """Keep the end of the output, unless it comes faster than it is read; return whether more may follow."""
         for _ in range(64):
             try:
                 data = os.read(stderr.fileno(), 1 << 16)

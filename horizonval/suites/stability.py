@@ -213,7 +213,7 @@ def nadir_angles(spec: StabilitySpec) -> FloatArray:
 
 
 def conclude(spec: StabilitySpec, months: Sequence[Mapping[str, Any]]) -> JsonObject:
-    """Return the result as plain data with six decimals; ``months`` has the arrays of :func:`month_profiles` by band."""
+    """Return the result as plain data, six decimals; ``months`` has the arrays of :func:`month_profiles` by band."""
     height, angle = heights_m(spec), nadir_angles(spec)
     bands = []
     for band in spec.band:

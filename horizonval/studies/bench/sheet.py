@@ -55,7 +55,7 @@ class Answer:
 
     @property
     def points(self) -> float:
-        """Points of the frame: -1 for a false claim, up to 1 for a right one on a frame that must be answered, else 0."""
+        """Points of the frame: -1 for a false claim, up to 1 for a right claim where an answer is expected, else 0."""
         if self.is_false:
             return -1.0
         if not (self.due and self.claimed) or self.error_arcsec is None:

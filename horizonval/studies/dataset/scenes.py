@@ -47,7 +47,7 @@ class LearningScene:
 
 @dataclass(frozen=True)
 class FramesOfScene:
-    """Some frames of a scene, from ``first`` to before ``last``; the frame ``first`` is ``number`` of the data set."""
+    """Frames ``first`` to before ``last`` of a scene; the frame ``first`` is ``number`` of the data set."""
 
     scene: LearningScene
     first: int
@@ -82,7 +82,7 @@ def scenes_of(suite: Suite, spec: DatasetSpec, frames: int, seed: int) -> list[L
 
 
 def shards_of(scenes: Sequence[LearningScene], size: int) -> dict[str, list[FramesOfScene]]:
-    """Return the frames of every shard by its name: those of a split in the scenes' order, ``size`` at a time."""
+    """Return the frames of every shard by name: those of a split in the scenes' order, ``size`` at a time."""
     shards: dict[str, list[FramesOfScene]] = {}
     number = 0
     counts = dict.fromkeys(SPLITS, 0)
@@ -116,7 +116,7 @@ def turned_scenes(scene: LearningScene, spec: DatasetSpec, seed: int, where: str
 
 
 def refuse_wrong_attitudes(scenes: Iterable[LearningScene], spec: DatasetSpec, seed: int, where: str) -> None:
-    """Draw the attitudes of the first scene, so that a mistake in their ranges is told before anything is rendered."""
+    """Sample the attitudes of the first scene, so that a mistake in their ranges is found before rendering."""
     for scene in scenes:
         turned_scenes(scene, spec, seed, where)
         return
@@ -150,7 +150,7 @@ LIST_SCHEMA = 1
 LIST_NAME = "seeds.json"
 FORMATS = ("webdataset", "hdf5", "zarr")
 CODE = ("horizonval.studies",)
-"""The room that makes the bytes of a data set, in addition to those that make rows."""
+"""Package that makes the bytes of a data set, in addition to those that make rows."""
 MOST_FRAMES = 10_000_000
 
 
@@ -184,7 +184,7 @@ class SeedList:
 
     @property
     def is_of_this_code(self) -> bool:
-        """Whether the list was made by the code that runs."""
+        """Whether the running code made the list."""
         return self.code == code_digest(*CODE)
 
     def write(self, path: Path) -> None:
@@ -240,7 +240,7 @@ def list_of(
 
 
 def read_list(path: Path) -> SeedList:
-    """Read a list. Raises ``UserError``: there is none, it is damaged, or one of another version of this package."""
+    """Read a list. Raises ``UserError``: missing, damaged, or of another version of this package."""
     data = read_json(path, bound=False, fix="take it from the data set again")
     if data is None:
         raise UserError("no such file", where=str(path), expected=f"a list of seeds ({LIST_NAME})")
@@ -279,7 +279,7 @@ def suite_from(seeds: SeedList, folder: Path) -> Suite:
 
 
 def _cameras(suite: Suite, path: Path) -> dict[str, str]:
-    """Return the texts of cameras that are the user's own, by their paths from the suite's folder."""
+    """Return the texts of cameras that are not shipped, by path relative to the suite's folder."""
     texts = {}
     for name in sorted({case.scene.camera.file for case in suite.cases}):
         place = find("camera", name, beside=path.parent)

@@ -1,4 +1,4 @@
-"""Accept a night as the baseline: never automatic, always with a reason, and with the table of what changes by it."""
+"""Accept a night as the baseline: never automatic, always with a reason and a table of the changes."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
 def difference_table(
     before: Baseline | None, now: GateInputs, scenes: Mapping[str, Any], head: Mapping[str, Any]
 ) -> str:
-    """Return what changes with a new baseline as Markdown."""
+    """Return the changes by a new baseline as Markdown."""
     lines = [
         f"# Accepted baseline of suite {head['suite']}",
         "",

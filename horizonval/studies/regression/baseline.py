@@ -69,7 +69,7 @@ class FrozenFrame:
 
 @dataclass(frozen=True)
 class Pack:
-    """``truths``: by scene, the plain truth without infrared horizon, which scoring again does not need."""
+    """``truths``: by scene, plain, without the infrared horizon, which rescoring does not need."""
 
     images: tuple[FrozenImage, ...] = ()
     frames: tuple[FrozenFrame, ...] = ()
@@ -199,7 +199,7 @@ class Baseline:
 
     @property
     def label(self) -> str:
-        """The night and version it was made by."""
+        """Night and version of its creation."""
         return f"{self.head['night']} ({self.head['version']})"
 
     @property
@@ -209,12 +209,12 @@ class Baseline:
 
 
 def pack_path(path: Path) -> Path:
-    """Return the file of images that belongs to a baseline's JSON file."""
+    """Return the image file of a baseline's JSON file."""
     return path.with_suffix(".npz")
 
 
 def release_path(path: Path) -> Path:
-    """Return the last release's file beside an accepted baseline's."""
+    """Return the last release's file for an accepted baseline's."""
     return path.with_name(f"{path.stem}.release.json")
 
 
@@ -254,7 +254,7 @@ def write_baseline(
     pack: Pack,
     together: Mapping[str, Any],
 ) -> None:
-    """Write a baseline's two files, the one that names the other last."""
+    """Write a baseline's two files, the JSON last, because it names the other."""
     path.parent.mkdir(parents=True, exist_ok=True)
     images = pack_path(path)
     write_pack(images, pack)

@@ -24,9 +24,9 @@ from horizonval.studies.regression.statistics import (
 
 PERCENT = 100.0
 ANGLE_LIMIT_ARCSEC = 1e-6 * 3600
-"""Angles that differ by less than 1e-6 deg are the same: ten times the rounding of the stored ones."""
+"""Angles that differ by less than 1e-6 deg count as equal: ten times the rounding of stored ones."""
 MOST_NAMED = 12
-"""Scenes of a gate that are named; ``n_scenes`` counts all that changed."""
+"""Scenes of a gate that are named; ``n_scenes`` counts all changed ones."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class GateInputs:
 
 @dataclass(frozen=True)
 class Measured:
-    """A gate's estimate in its unit, None with too little to say; and the scenes that weigh most in it."""
+    """A gate's estimate in its unit, None with too few data; and the scenes with the largest weight."""
 
     gate: GateSpec
     estimate: Estimate | None
@@ -56,7 +56,7 @@ class Measured:
 
 
 def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
-    """Return what a gate finds between two sets of results."""
+    """Return a gate's estimate of the difference between two sets of results."""
     if gate.metric in IMAGE_METRICS:
         return _images(gate, now)
     if gate.lane == "fresh":
@@ -72,7 +72,7 @@ def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
 
 
 def pairs_of(now: Iterable[ReplicateRow], base: Iterable[ReplicateRow]) -> list[tuple[ReplicateRow, ReplicateRow]]:
-    """Return (now, base) of every scene, band, replicate and estimator that both have."""
+    """Return (now, base) of every common scene, band, replicate and estimator."""
     before = {row.key: row for row in base}
     return [(row, before[row.key]) for row in now if row.key in before]
 
@@ -174,7 +174,7 @@ def _images(gate: GateSpec, now: GateInputs) -> Measured:
 
 
 def _weightiest(values: Sequence[tuple[float, str]]) -> tuple[str, ...]:
-    """Return the scenes whose values add up to the largest changes, those for the worse first; unchanged ones never."""
+    """Return the scenes with the largest changes, worse first, without unchanged ones."""
     sums: dict[str, float] = {}
     for value, scene in values:
         sums[scene] = sums.get(scene, 0.0) + value
@@ -226,14 +226,14 @@ def judge(measured: Sequence[tuple[str, Measured]], looks: int = 1) -> list[dict
 
 
 def figure(value: float | None, digits: int = 3) -> str:
-    """Return a number with so many digits; an en dash for none."""
+    """Return a number with the given digits; an en dash for None."""
     if value is None:
         return "–"
     return f"{value:.{digits}g}" if abs(value) < 999.5 else f"{value:.0f}"
 
 
 def gate_sentence(gate: Mapping[str, Any]) -> str:
-    """Return what a gate found and what it allows."""
+    """Return a gate's estimate and margin in words."""
     estimate, unit = gate["estimate"], gate["unit"]
     if estimate is None:
         return f"too few scenes to say anything about {gate['metric']} (margin {figure(gate['margin'])} {unit})"
@@ -250,6 +250,6 @@ def gate_sentence(gate: Mapping[str, Any]) -> str:
 
 
 def scenes(gate: Mapping[str, Any]) -> str:
-    """Return the scenes that weigh most, and how many more there are."""
+    """Return the scenes with the largest weight, and the number of others."""
     more = gate["n_scenes"] - len(gate["scenes"])
     return ", ".join(gate["scenes"]) + (f" and {more} more" if more > 0 else "")

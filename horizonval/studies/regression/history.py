@@ -27,16 +27,16 @@ from horizonval.core.json_types import JsonObject
 
 FILE = "history.jsonl"
 NIGHTS = 60
-"""Shown and searched for steps: a release cycle."""
+"""Nights on the page and in the search for steps: a release cycle."""
 MAX_FILE_BYTES = 1024**3
-"""Of a history; a night is a line of some 50 kB."""
+"""Maximum size of a history; a night is a line of some 50 kB."""
 FEWEST = 4
 """Minimum length of a piece [nights]: shorter steps cannot be distinguished from noise."""
 PARAMETERS_PER_PIECE = 3
 
 
 def append(path: Path, verdict: Mapping[str, Any]) -> None:
-    """Add a night; one of the same label is replaced, because it was done again."""
+    """Add a night; a repeated one replaces that of the same label."""
     line = {
         "night": verdict["night"],
         "version": verdict["environment"]["version"],
@@ -56,7 +56,7 @@ def append(path: Path, verdict: Mapping[str, Any]) -> None:
 
 
 def read(path: Path, most: int | None = NIGHTS) -> list[JsonObject]:
-    """Return the last nights in the order of their labels; a line that is none (a torn write) is left out."""
+    """Read the last nights in the order of their labels, ignoring invalid lines (a torn write)."""
     try:
         data = files.read_bytes(path, largest=MAX_FILE_BYTES, expected="a history of nights")
     except files.MissingFileError:
@@ -74,7 +74,7 @@ def read(path: Path, most: int | None = NIGHTS) -> list[JsonObject]:
 
 
 def series(nights: Sequence[Mapping[str, Any]]) -> dict[str, JsonObject]:
-    """Return every figure's values by its name: ``{unit, nights, values, n}``; nights without it are left out."""
+    """Return ``{unit, nights, values, n}`` by figure; nights without it are left out."""
     found: dict[str, JsonObject] = {}
     for line in nights:
         for name, level in line["levels"].items():

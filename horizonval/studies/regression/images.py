@@ -23,9 +23,9 @@ from horizonval.studies.regression.baseline import FrozenFrame
 
 ELSEWHERE, SPACE, LIMB, DISC = range(4)
 LIMB_PX = 3.0
-"""Half width of the limb region: light is spread over two pixels, and an edge that moves by one must stay inside."""
+"""Half width of the limb region: blur covers two pixels, and an edge that moves by one must stay inside."""
 LEAST_LIMB_M = 60e3
-"""The same in height: the air that is seen ends below 60 km."""
+"""The same in height: visible air ends below 60 km."""
 BLOCK_PX = 16
 FEWEST_PX = 12
 PERCENT = 100.0
@@ -48,7 +48,7 @@ def regions_of(hit: NDArray[np.floating], tangent_height_m: NDArray[np.floating]
 
 
 def slopes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the slope per pixel down and across, shape (H, W); none across what is one pixel wide: a linear array."""
+    """Return the slope per pixel down and across, shape (H, W); zero across a linear array."""
     down, across = (
         np.gradient(values, axis=axis) if values.shape[axis] > 1 else np.zeros_like(values) for axis in (0, 1)
     )
@@ -56,7 +56,7 @@ def slopes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def bias(base: FloatArray, now: FloatArray, region: NDArray[np.bool_]) -> float | None:
-    """Return (mean now / mean base) - 1 over a region; None where there is no light to compare with."""
+    """Return (mean now / mean base) - 1 over a region; None if the base is dark."""
     if region.sum() < FEWEST_PX:
         return None
     before = float(np.mean(base[region], dtype=np.float64))
@@ -66,7 +66,7 @@ def bias(base: FloatArray, now: FloatArray, region: NDArray[np.bool_]) -> float 
 
 
 def displacement_px(base: FloatArray, now: FloatArray, limb: NDArray[np.bool_]) -> float | None:
-    """Return the root mean square displacement of the limb over blocks along it; None where it cannot be seen."""
+    """Return the rms displacement of the limb over blocks along it; None if it cannot be measured."""
     rows, columns = slopes(base)
     slope = np.hypot(rows, columns)
     steep = limb & (slope > 0.02 * float(slope[limb].max(initial=0.0)))
@@ -90,7 +90,7 @@ def displacement_px(base: FloatArray, now: FloatArray, limb: NDArray[np.bool_]) 
 def noise_in_space(
     dn: NDArray[np.integer], noise_free: NDArray[np.integer], regions: NDArray[np.uint8]
 ) -> float | None:
-    """Return the standard deviation [DN] of a detector image about the same without noise, in space."""
+    """Return the standard deviation [DN] of a detector image about the noise-free one, in space."""
     space = regions == SPACE
     if space.sum() < 100:
         return None

@@ -53,17 +53,17 @@ NightLane = Lane | Literal["published"]
 LANES: tuple[NightLane, ...] = ("replay", "rerender", "fresh", "published")
 WORK = ".work"
 PUBLISHED = "published"
-"""The lane without gates, and its folder in that of the work."""
+"""The lane without gates, and its folder in the work folder."""
 Published = Callable[[Path, Progress], Sequence[JsonObject]]
 """Computes the key figures of published systems in a folder: ``{system, name, unit, accepted, measured, verdict}``."""
 EXIT = {Verdict.PASS: 0, Verdict.IMPROVED: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}
 INCOMPLETE = 2
 MOST_CHANGES = 200
-"""Changed scenes written into the verdict; the count is always that of all."""
+"""Changed scenes listed in the verdict; the count includes all."""
 PACKAGES = (
     "mitsuba", "drjit", "karellen-llvm-core", "numpy", "scipy", "opencv-python-headless", "OpenEXR", "pyerfa",
 )  # fmt: skip
-"""Packages that decide the numbers."""
+"""Packages that affect the numbers."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def seed_of_night(suite: str, night: str, batch: int) -> int:
 
 
 def checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
-    """Return a suite's gates and plan, if it can be a nightly."""
+    """Return the gates and plan of a nightly suite, after validation."""
     if suite.regression is None:
         raise UserError(
             "has no [regression] table",
@@ -120,7 +120,7 @@ def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
 
 
 def check_folder(out: Path) -> None:
-    """Refuse a folder that is neither new nor empty nor one of ours."""
+    """Refuse a folder that is neither new nor empty nor of nights."""
     if not out.parent.is_dir():
         raise UserError("no such folder", where=str(out.parent), fix="create it first")
     if out.exists() and not out.is_dir():
@@ -131,7 +131,7 @@ def check_folder(out: Path) -> None:
 
 
 class Night:
-    """What the lanes of one night bring together."""
+    """Results of the lanes of one night."""
 
     def __init__(
         self,
@@ -157,11 +157,11 @@ class Night:
         self.replay_s: list[float] = []
 
     def work_first(self) -> None:
-        """Do what every night does."""
+        """Run the tasks of every night."""
         self._do(self.first_tasks())
 
     def compute_published(self, compute: Published | None) -> None:
-        """Compute key figures of the published systems again, in a suite that asks for it."""
+        """Recompute key figures of the published systems, if the suite requests it."""
         if compute is None or not self.spec.published or PUBLISHED not in self.wanted.lanes:
             return
         folder = self.wanted.out / WORK / PUBLISHED
@@ -175,7 +175,7 @@ class Night:
         shutil.rmtree(folder)
 
     def first_tasks(self) -> dict[str, Task]:
-        """Return what every night does, by name."""
+        """Return the tasks of every night, by name."""
         tasks: dict[str, Task] = {}
         known: set[Shown] = set()
         if self.accepted is not None and "replay" in self.wanted.lanes:
@@ -193,7 +193,7 @@ class Night:
         return tasks
 
     def work_on_more_scenes(self) -> None:
-        """Do another batch of fresh scenes."""
+        """Run another batch of fresh scenes."""
         self._do(self._fresh_tasks())
 
     def _fresh_tasks(self) -> dict[str, Task]:
@@ -238,7 +238,7 @@ class Night:
         return tasks
 
     def _estimators_of(self, unit: Unit) -> tuple[str, ...]:
-        """Return the estimators that run on a unit, in the suite's order."""
+        """Return the estimators of a unit, in the suite's order."""
         case = unit.cases[0]
         return self.plan.of(case) if unit.heads else self.plan.alone(case)
 
@@ -273,7 +273,7 @@ class Night:
             self.arrays |= dict.fromkeys(record["scenes"], str(arrays))
 
     def all_rows(self) -> list[ReplicateRow]:
-        """Return the rows on tonight's images: those estimated again, and of unchanged images those of the replay."""
+        """Return the rows on tonight's images: new ones, and those of the replay for unchanged images."""
         by_image = {(row.image_address, row.case, row.estimator): row for row in self.replayed}
         found = {row.key: row for row in self.rows}
         for scene, record in [*self.scenes.items(), *self.together.items()]:
@@ -288,7 +288,7 @@ class Night:
         return [found[key] for key in sorted(found)]
 
     def content(self) -> JsonObject:
-        """Return what a baseline is made of."""
+        """Return the content of a baseline."""
         return {
             "schema": NIGHT_SCHEMA,
             "suite": self.suite.name,
@@ -307,7 +307,7 @@ class Night:
 
 
 def content_of(case: Case) -> str:
-    """Return what a frame is, but for the seed of what is random in its scene."""
+    """Return the content of a frame without the seed of its scene."""
     scene = case.scene.model_dump(mode="json")
     scene["scene"] = {**scene["scene"], "seed": 0}
     return json.dumps([scene, case.camera.model_dump(mode="json")], sort_keys=True)
@@ -316,7 +316,7 @@ def content_of(case: Case) -> str:
 def compare(
     night: Night, release: Baseline | None, reference: GateInputs | None
 ) -> tuple[list[JsonObject], list[JsonObject]]:
-    """Return how a night compares with each of its baselines, and the verdict of every gate."""
+    """Return the comparison of a night with each of its baselines, and the verdict of every gate."""
     comparisons: list[JsonObject] = []
     measured: list[tuple[str, Measured]] = []
     bases = [("accepted", night.accepted), ("release", release)]
@@ -399,7 +399,7 @@ def _is_same(a: Baseline, b: Baseline) -> bool:
 
 
 def verdict_of(night: Night, release: Baseline | None, reference: GateInputs | None) -> JsonObject:
-    """Return the verdict; asks for further batches of fresh scenes as long as their gates are inconclusive."""
+    """Return the verdict; add batches of fresh scenes while their gates are inconclusive."""
     while True:
         comparisons, gates = compare(night, release, reference)
         undecided = any(g["lane"] == "fresh" and g["verdict"] == Verdict.INCONCLUSIVE for g in gates)
@@ -450,7 +450,7 @@ def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObjec
 
 
 def _cost(night: Night) -> JsonObject:
-    """Return speed and memory: followed from night to night, no gate, since they are a machine's and its load's."""
+    """Return speed and memory, without a gate, because they depend on the machine and its load."""
     found: JsonObject = {}
     if night.replay_s and night.replayed:
         n = len({(row.case, row.band, row.replicate) for row in night.replayed})
@@ -461,7 +461,7 @@ def _cost(night: Night) -> JsonObject:
 
 
 def levels_of(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> JsonObject:
-    """Return the figures whose trend is followed: availability, false claims and median errors, by estimator."""
+    """Return the figures of the trend: availability, false claims and median errors, by estimator."""
     return {
         f"{lane} {estimator}: {name}": {"value": value, "unit": unit, "n": n}
         for lane, own in (("fixed", rows), ("fresh", fresh))
@@ -471,7 +471,7 @@ def levels_of(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> Js
 
 
 def environment() -> dict[str, Any]:
-    """Return what a night runs on: versions and kinds, no paths and no names of machines."""
+    """Return versions and kinds of the environment, without paths or machine names."""
     from horizonval.renderer.backend import probe
 
     chosen = probe().chosen
@@ -494,7 +494,7 @@ def _version(name: str) -> str | None:
 
 
 def _commit() -> str | None:
-    """Return the commit of the checkout that runs, with ``-dirty`` if files differ; None where there is none."""
+    """Return the commit of the running checkout, with ``-dirty`` if files differ; None without one."""
     folder = Path(horizonval.__file__).parent.parent
     if not (folder / ".git").exists():
         return None
@@ -512,7 +512,7 @@ def _commit() -> str | None:
 
 
 def _flags() -> list[str]:
-    """Return the processor's vector extensions: they decide how the renderer's kernels are compiled."""
+    """Return the processor's vector extensions, which affect the compilation of kernels."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
     except OSError:
@@ -570,7 +570,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
 
 
 def planned(wanted: Wanted) -> tuple[Suite, NightWork, list[Task]]:
-    """Return what a night would begin with, and how it is made; nothing is made. Errors as :func:`run_night`."""
+    """Return the first tasks of a night without running them. Errors as :func:`run_night`."""
     suite = load_suite(wanted.suite)
     spec, plan = checked(suite)
     accepted = read_baseline(wanted.baseline, suite.name) if wanted.baseline.is_file() else None

@@ -45,7 +45,7 @@ LOOKS = {
     "IMPROVED": ("#009e73", "^", "full"),
     "INCONCLUSIVE": ("#8a6100", "o", "none"),
 }
-"""Colour and mark of each verdict; the marks tell them apart without colour."""
+"""Colour and mark of each verdict; the marks distinguish them without colour."""
 CLIP = 3.0
 MOST_LABELS = 12
 Key = tuple[str, str, int]
@@ -83,7 +83,7 @@ def write_page(
 
 
 def headline(verdict: Mapping[str, Any]) -> str:
-    """Return the night in one sentence: what failed, else what is open, else how many gates hold."""
+    """Return the night in one sentence: failures, else inconclusive gates, else the number of gates that hold."""
     failed = [f"{g['name']} (against the {g['against']} baseline)" for g in verdict["gates"] if g["verdict"] == "FAIL"]
     failed += [f"system {one['system']}, {one['name']}" for one in verdict["published"] if one["verdict"] == "FAIL"]
     if failed:
@@ -127,7 +127,7 @@ def _groups(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _systems(published: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return by system how many figures there are, and those that changed."""
+    """Return by system the number of figures, and the changed ones."""
     letters = sorted({one["system"] for one in published})
     own = {letter: [one for one in published if one["system"] == letter] for letter in letters}
     return [
@@ -149,7 +149,7 @@ def _trends(nights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def gates_in_margins(gates: Sequence[Mapping[str, Any]]) -> Draw:
-    """Every gate's estimate with its 95 % bounds, in units of its margin: what lies right of 1 does not pass."""
+    """Every gate's estimate with its 95 % bounds, in units of its margin: right of 1 it does not pass."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -183,7 +183,7 @@ def gates_in_margins(gates: Sequence[Mapping[str, Any]]) -> Draw:
 
 
 def trend(name: str, one: Mapping[str, Any], verdicts: Mapping[str, str]) -> Draw:
-    """One figure over the nights, with its levels between steps and the verdict of each night as its mark."""
+    """One figure over the nights, with the levels between steps and the verdict of each night."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -242,7 +242,7 @@ def of_night(rows: Sequence[ReplicateRow], scenes: Mapping[str, Any], units: Map
 
 
 def of_baseline(accepted: Baseline, rows: Sequence[ReplicateRow]) -> dict[str, Any]:
-    """Return the same of rows on the frozen images of a baseline."""
+    """Return :func:`shown_of` the frozen images of a baseline."""
     images = {(image.scene, image.band, image.replicate): image for image in accepted.images.images}
     return shown_of([row for row in rows if row.case not in accepted.together], accepted.images.truths, images.get)
 
@@ -284,7 +284,7 @@ def shown_of(
 
 
 def _claim(truth: FrameTruth, row: Row) -> dict[str, Any] | None:
-    """Return the nadir that a row claims, and the true angular radius: the limb that is drawn of a claim."""
+    """Return the claimed nadir and the true angular radius, for the limb of a claim."""
     if row.roll_error_arcsec is None or row.pitch_error_arcsec is None:
         return None
     true = frames.rotate(frames.inverse(truth.q_cam_from_body), np.asarray(truth.nadir_geocentric_cam))
@@ -309,7 +309,7 @@ def _record(name: str, rows: Sequence[ReplicateRow]) -> Record:
 
 
 def _places(rows: Iterable[ReplicateRow]) -> tuple[tuple[str, int], ...]:
-    """Return in which tables of the suite some rows are, and how many; the most first."""
+    """Return the suite's tables of some rows with their counts, largest first."""
     found: dict[str, int] = {}
     for row in rows:
         place = f'in "{row.table or row.case}"'
@@ -325,7 +325,6 @@ def published_sentence(one: Mapping[str, Any]) -> str:
 
 
 def write_junit(path: Path, verdict: Mapping[str, Any]) -> None:
-    """Write ``junit.xml``."""
     suites = ElementTree.Element("testsuites")
     name = f"horizonval.regress.{verdict['suite']}"
     suite = ElementTree.SubElement(suites, "testsuite", name=name)
@@ -365,5 +364,5 @@ def _case(suite: ElementTree.Element, group: str, name: str, verdict: str, text:
 
 
 def _clean(text: str) -> str:
-    """Return text without what XML cannot hold."""
+    """Return text without characters that XML forbids."""
     return "".join(c for c in text if c in "\t\n\r" or 0x20 <= ord(c) < 0xFFFE)

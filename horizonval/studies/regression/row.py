@@ -1,4 +1,4 @@
-"""A row of a night: the row of a suite for one draw of the noise, and the columns of it that are stored."""
+"""A row of a night: a suite's row for one noise sample, with its stored columns."""
 
 from __future__ import annotations
 
@@ -56,19 +56,19 @@ class ReplicateRow(Row):
         return {name: own[name] if name in own else getattr(self, name) for name in COLUMNS}
 
     def against(self, bound_arcsec: float | None, **about: Any) -> Self:
-        """Return the row with another bound of its image; ``about``: other columns that change with it."""
+        """Return the row with another bound of its image; ``about``: other columns that change."""
         error = self.nadir_error_arcsec
         ratio = None if error is None or not bound_arcsec else error / bound_arcsec
         return replace(self, bound_arcsec=bound_arcsec, error_over_bound=ratio, **about)
 
     @property
     def key(self) -> tuple[str, str, int, str]:
-        """What a row of one night has in common with its partner of another."""
+        """Key of the corresponding rows of two nights."""
         return self.case, self.band, self.replicate, self.estimator
 
 
 def summary_of(rows: Sequence[ReplicateRow]) -> dict[str, tuple[float, str, int]]:
-    """Return value, unit and number of rows of what some rows show together; what no row tells is left out."""
+    """Return value, unit and number of rows by figure, without figures that no row has."""
     due = [row for row in rows if row.is_due]
     errors = [row.nadir_error_arcsec for row in rows if row.nadir_error_arcsec is not None]
     over = [row.error_over_bound for row in rows if row.error_over_bound is not None]
@@ -85,7 +85,7 @@ def summary_of(rows: Sequence[ReplicateRow]) -> dict[str, tuple[float, str, int]
 
 
 def to_columns(rows: Iterable[ReplicateRow]) -> dict[str, list[Any]]:
-    """Return rows as columns; texts that repeat are numbered: a tenth of the size."""
+    """Return rows as columns; repeated texts are numbered, which saves nine tenths of the size."""
     listed = [row.to_dict() for row in rows]
     found: dict[str, Any] = {}
     for name in COLUMNS:

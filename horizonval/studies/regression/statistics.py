@@ -69,18 +69,18 @@ class Estimate:
     clusters: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data; bounds that are infinite (too little data) as None."""
+        """Return plain data; infinite bounds (too few data) as None."""
         return {key: value if abs(value) != float("inf") else None for key, value in asdict(self).items()}
 
 
 def exact(value: float, n: int, clusters: int) -> Estimate:
-    """Return the estimate of a difference that is the same in every scene: there is no chance in it."""
+    """Return the estimate of a difference without random variation."""
     worse, better = (0.0 if value > 0 else 1.0), (0.0 if value < 0 else 1.0)
     return Estimate(value, value, value, value, value, worse, better, n, clusters)
 
 
 FEWEST_CLUSTERS = 5
-"""With fewer scenes nothing is decided: a bound on four differences is a statement about normality, not about them."""
+"""Minimum number of scenes: bounds from four differences would depend on the assumed normality."""
 
 
 def paired_difference(differences: Sequence[float], clusters: Sequence[Hashable]) -> Estimate | None:
@@ -128,7 +128,7 @@ def independent_difference(
 
 
 def cluster_means(values: Sequence[float], clusters: Sequence[Hashable]) -> FloatArray:
-    """Return the mean of every cluster, in the order in which the clusters first come."""
+    """Return the mean of every cluster, in the order of first occurrence."""
     groups: dict[Hashable, list[float]] = {}
     for value, cluster in zip(values, clusters, strict=True):
         groups.setdefault(cluster, []).append(value)
@@ -232,7 +232,7 @@ def newcombe_interval(k1: int, n1: int, k2: int, n2: int, confidence: float) -> 
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return adjusted p-values in the given order. Raises ``ValueError``: a value that is no probability."""
+    """Return adjusted p-values in the given order. Raises ``ValueError``: a value outside 0 to 1."""
     p = np.asarray(p_values, dtype=np.float64)
     if p.size == 0:
         return []
@@ -245,11 +245,11 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 ALPHA = 0.01
-"""Chance of any FAIL in a night in which nothing has changed; the same again for any IMPROVED."""
+"""Probability of any FAIL in a night without changes; the same again for any IMPROVED."""
 
 
 class Verdict(StrEnum):
-    """What came of a gate or a night."""
+    """Verdict on a gate or a night."""
 
     PASS = "PASS"
     FAIL = "FAIL"

@@ -45,7 +45,7 @@ Verdict = Literal["meets", "fails", "open"]
 
 
 def verdict_of(within: Mapping[str, Any], availability: float) -> Verdict:
-    """Return what a share of frames within the error says of a required availability."""
+    """Return the verdict on a share of frames within the error for a required availability."""
     if not within["of"]:
         return "open"
     if within["lower"] >= availability:
@@ -54,7 +54,7 @@ def verdict_of(within: Mapping[str, Any], availability: float) -> Verdict:
 
 
 def frames_needed(availability: float) -> int:
-    """Return how many independent frames without a miss show an availability."""
+    """Return the number of independent frames without a miss that shows an availability."""
     return math.ceil(math.log(1.0 - CONFIDENCE) / math.log(availability) - 1e-9)
 
 
@@ -163,7 +163,7 @@ def _text(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]], prices: 
 
 
 def _tie(prices: Sequence[JsonObject]) -> str:
-    """Return why designs are tied: at one cost, or at costs that are not known well enough."""
+    """Return the reason of a tie: equal costs, or uncertain ones."""
     values = [price["value"] for price in prices]
     if None in values:
         return "without a cost"
@@ -174,7 +174,7 @@ def _tie(prices: Sequence[JsonObject]) -> str:
 
 
 def _is_cheaper(answer: JsonObject, prices: Mapping[str, JsonObject]) -> bool:
-    """Whether the candidate costs less than the cheapest that meets, and not only by chance."""
+    """Whether the candidate costs significantly less than the cheapest that meets."""
     candidate, meets = prices[answer["candidate"]], prices[answer["cheapest"]]
     if candidate["value"] is None or meets["value"] is None:
         return candidate["value"] is not None
@@ -233,7 +233,7 @@ def read_data(plan: StudyPlan, root: Path) -> Data:
 
 
 def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
-    """Work out and write the results of a study; return them and the costs."""
+    """Compute and write the results of a study; return them and the costs."""
     plan, requirement = data.plan, data.plan.requirement
     designs = [_design(number, design, data) for number, design in enumerate(plan.designs, start=1)]
     costs = _costs(data, root)
@@ -274,7 +274,7 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
 
 
 def files_of_study(root: Path) -> list[Path]:
-    """Return the files that the results of a study are."""
+    """Return the result files of a study."""
     return [root / name for name in (PLAN_FILE, RESULT, cost.COSTS_FILE, TABLE)]
 
 
@@ -353,7 +353,7 @@ def _front(
 
 
 def _neighbours(designs: Sequence[JsonObject], chosen: Sequence[str]) -> list[tuple[str, str]]:
-    """Return pairs that follow each other on a front, from the most pixels to the fewest."""
+    """Return neighbouring pairs on a front, from the most pixels to the fewest."""
     on = sorted((d for d in designs if d["name"] in chosen), key=lambda d: (-d["pixel_rate"], d["name"]))
     return [(a["name"], b["name"]) for a, b in pairwise(on)]
 

@@ -27,7 +27,7 @@ from horizonval.studies.trade.sample import CONFIDENCE
 from horizonval.suites.units.scored import PROCESSOR
 
 LONGEST = 500
-"""Characters."""
+"""Maximum length of an expression, characters."""
 _BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -42,20 +42,20 @@ _FUNCTIONS: dict[str, tuple[Callable[..., float], int | None]] = {
     "abs": (abs, 1),
     "sqrt": (math.sqrt, 1),
 }
-"""By name, with how many arguments it takes; ``None``: one or more."""
+"""Number of arguments by function; ``None``: one or more."""
 GRAMMAR = f"numbers, names, + - * / **, parentheses, {', '.join(_FUNCTIONS)}"
 
 
 @dataclass(frozen=True)
 class Expression:
-    """An expression that was read; ``names`` are those it uses."""
+    """A parsed expression; ``names`` are those it uses."""
 
     text: str
     names: frozenset[str]
     tree: ast.expr
 
     def value(self, values: Mapping[str, float]) -> float | None:
-        """Return its value; ``None`` where it has none, as of a division by zero."""
+        """Return its value; ``None`` if undefined, as for a division by zero."""
         try:
             value = float(_value(self.tree, values))
         except (ArithmeticError, ValueError):
@@ -91,7 +91,7 @@ class _RefusedError(ValueError):
 
 
 def _names(node: ast.expr) -> set[str]:
-    """Return the names of an expression; everything that is no arithmetic is refused."""
+    """Return the names of an expression; refuse everything but arithmetic."""
     match node:
         case ast.Constant(value=value) if isinstance(value, int | float) and not isinstance(value, bool):
             if not math.isfinite(float(value)):
@@ -132,7 +132,7 @@ EXACT = ("pixel_rate", "pixels", "width", "height", "heads")
 MEASURES = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg", "exclusion_deg")
 SHARES = ("availability", "answered_due", "false_valid", "within")
 COLUMNS = (*EXACT, SECONDS, *MEASURES, *SHARES)
-"""What an expression may use of every design, beside the numbers of its file."""
+"""Columns of every design that an expression may use, in addition to the numbers of its file."""
 
 
 def read_price(text: str, costs: Mapping[str, float], where: str) -> Expression:
@@ -147,7 +147,7 @@ def read_price(text: str, costs: Mapping[str, float], where: str) -> Expression:
 
 
 def is_timed(price: Expression) -> bool:
-    """Whether a price hangs on processor time, and so on the machine."""
+    """Whether a price depends on processor time, and so on the machine."""
     return SECONDS in price.names
 
 
@@ -211,7 +211,7 @@ def is_tie(a: JsonObject, b: JsonObject) -> bool:
 
 
 def read_timings(folder: Path) -> dict[str, dict[str, float]]:
-    """Return the seconds of every stage by case, those of all shards together."""
+    """Return the seconds of every stage by case, summed over the shards."""
     timings: dict[str, dict[str, float]] = {}
     for path in sorted(folder.glob("timings*.json")):
         for case, stages in ((intact_json(path) or {}).get("cases") or {}).items():
@@ -248,7 +248,7 @@ def mean_of(values: Sequence[float]) -> JsonObject:
 
 
 def all_stages(timings: Mapping[str, Mapping[str, float]]) -> float:
-    """Return the seconds of the clock that all frames took together, in all processes."""
+    """Return the wall-clock seconds of all frames, summed over processes."""
     return math.fsum(
         spent for stages in timings.values() for stage, spent in stages.items() if not stage.startswith(PROCESSOR)
     )

@@ -91,7 +91,7 @@ class StudyPlan:
         return self.head.requirement
 
     def design(self, name: str, where: str) -> Design:
-        """Return the design of a name, or of a number from 1. Raises ``UserError``: there is none."""
+        """Return the design of a name, or of a number from 1. Raises ``UserError``: no such design."""
         for number, design in enumerate(self.designs, start=1):
             if name in (design.name, str(number)):
                 return design
@@ -101,7 +101,7 @@ class StudyPlan:
 
 @dataclass(frozen=True)
 class Study(StudyPlan):
-    """A study that is expanded, with the suite of its frames."""
+    """An expanded study, with the suite of its frames."""
 
     suite: Suite
 
@@ -215,7 +215,7 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
 
 
 def _together(spec: StudySpec, items: Sequence[JsonObject]) -> tuple[JsonObject, list[str], Any, dict[str, float]]:
-    """Return entries of the lists laid over each other as a scene, their names, estimators and costs."""
+    """Return merged entries of the lists as a scene, their names, estimators and costs."""
     costs: Counter[str] = Counter()
     for table in (spec.design.cost, *(item.get("cost", {}) for item in items)):
         for key, value in table.items():
@@ -245,7 +245,7 @@ def _estimators(chosen: Any, where: str) -> tuple[str, ...]:
 
 
 def _check_keys(spec: StudySpec, entries: Sequence[DesignEntry], path: Path) -> None:
-    """What a design fixes must not be varied by the conditions: it would be lost."""
+    """Conditions must not vary what a design fixes: it would override them."""
     frames = spec.frames
     varied = set(leaves(frames.grid or {})) | set(leaves(frames.sobol.ranges if frames.sobol else {}))
     for item in frames.list or []:
@@ -285,7 +285,7 @@ def _cases(spec: StudySpec, path: Path, entry: DesignEntry) -> list[tuple[str, C
 
 
 def _cluster(spec: StudySpec, case: Case, condition: str) -> str:
-    """Return the flight that a condition is a sample of; conditions that are drawn alone are clusters of their own."""
+    """Return the flight of a condition; a condition without one is a separate cluster."""
     orbit = spec.frames.orbit
     return condition if orbit is None or orbit.get("n") == 1 else case.variant or "one flight"
 

@@ -26,10 +26,10 @@ from horizonval.core.json_types import JsonObject
 from horizonval.studies.trade.sample import FEWEST_DRAWN, Sample, interval_of, rms
 
 FLOOR_DEG = 1e-6
-"""Smaller errors count as this: a logarithm has no zero."""
+"""Minimum error, since a logarithm has no zero."""
 FEWEST_COMMON = 5
 MOST_LEFT_OUT = 0.25
-"""Share of the designs that may be left out so that the others have frames in common."""
+"""Share of the designs that may be left out to obtain common frames."""
 
 
 def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: FloatArray) -> JsonObject | None:
@@ -72,7 +72,7 @@ def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: 
 def _with_frames_in_common(
     designs: Sequence[tuple[str, Mapping[str, Any], Sample]],
 ) -> list[tuple[str, Mapping[str, Any], Sample]]:
-    """Leave out one after the other the design that costs most frames in common, until there are enough."""
+    """Leave out, one by one, the design that costs most common frames, until there are enough."""
     answered = [{k for k, e in zip(d[2].keys, d[2].error_deg, strict=True) if np.isfinite(e)} for d in designs]
     kept = list(range(len(designs)))
 
@@ -95,7 +95,7 @@ def _word(value: Any) -> Any:
 
 
 def _responses(samples: Sequence[Sample], draws: FloatArray) -> tuple[FloatArray, str, int]:
-    """Return mean log errors, shape (designs, 1 + draws), what they are over, and of how many frames."""
+    """Return mean log errors, shape (designs, 1 + draws), their basis, and the number of frames."""
     errors = [
         dict(zip(sample.keys, zip(sample.error_deg, sample.cluster, strict=True), strict=True)) for sample in samples
     ]

@@ -54,7 +54,7 @@ class InformationWork(Recorded[Case]):
         return item.name
 
     def group(self, item: Case) -> str:
-        """Return what says which view tables a case shares."""
+        """Return the key of cases that share view tables."""
         return shared_view(item.scene, item.camera)
 
     def path(self, item: Case) -> Path:

@@ -43,7 +43,6 @@ class StudyResult:
 
 
 def study_in(path_or_name: str | Path, frames: int | None = None) -> Study:
-    """Return a study as it is run. Raises ``UserError``: a mistake in the study."""
     spec, path = read_study(path_or_name, frames)
     study = expand(spec, path)
     if frames is not None:
@@ -81,7 +80,7 @@ def run_study(
 
 
 def open_study(folder: Path) -> Data:
-    """Return the results of a study's folder. Raises ``UserError``: there is no finished study in it."""
+    """Return the results of a study's folder. Raises ``UserError``: no finished study in it."""
     plan = read_plan(folder)
     if plan is None:
         raise UserError(
@@ -91,7 +90,7 @@ def open_study(folder: Path) -> Data:
 
 
 def conclude_again(folder: Path) -> StudyResult:
-    """Work out the results of a folder again, and its page."""
+    """Recompute the results of a folder and its page."""
     data = open_study(folder)
     result, costs = conclude(data, folder)
     page = study_page.write_page(folder)
@@ -100,6 +99,6 @@ def conclude_again(folder: Path) -> StudyResult:
 
 
 def ask(data: Data, result: StudyResult, requirement: Requirement, by: str | None = None) -> dict[str, Any]:
-    """Return the cheapest design for a requirement, by an expression or by what the study counts as cheap."""
+    """Return the cheapest design for a requirement, by an expression or by the study's price."""
     price, where = (data.plan.head.cheapest_by, "study.cheapest_by") if by is None else (by, "--cheapest-by")
     return query(data, result.result["designs"], requirement, price, result.costs["designs"], where)

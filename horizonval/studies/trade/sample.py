@@ -41,7 +41,7 @@ CONFIDENCE = 0.95
 ARCSEC_PER_DEG = 3600.0
 NOT_MADE = "not_made"
 SUN_DECIDES = (Outcome.VALID, Outcome.SUN_GLARE, Outcome.SATURATED)
-"""Expected outcomes of frames in which the Sun's place decides: not those without a limb or in the dark."""
+"""Expected outcomes in which the Sun's position decides: with a limb, and not in the dark."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Sample:
         return len(self.keys)
 
     def within(self, error_deg: float) -> BoolArray:
-        """Return which frames were answered with at most this error."""
+        """Return which frames have an answer with at most this error."""
         return self.claimed & (np.nan_to_num(self.error_deg, nan=np.inf) <= error_deg)
 
 
@@ -109,7 +109,7 @@ def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
 
 
 def cluster_draws(clusters: int, name: str, seed: int, draws: int = DRAWS) -> FloatArray:
-    """Return how often each cluster is drawn, shape (1 + draws, clusters); the first line is the sample itself."""
+    """Return the frequency of each cluster in each draw, shape (1 + draws, clusters); the first line is the sample."""
     random = np.random.default_rng(np.random.SeedSequence(seed_of("study bootstrap", name, seed)))
     counts = random.multinomial(clusters, np.full(clusters, 1.0 / clusters), size=draws)
     return np.concatenate([np.ones((1, clusters)), counts.astype(np.float64)])
@@ -152,7 +152,7 @@ def proportion(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> JsonObje
 
 
 def effective_size(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> float:
-    """Return how many independent frames a sample is worth, at most as many as it has."""
+    """Return the number of independent frames equivalent to a sample, at most its size."""
     n = int(flags.size)
     _, index = np.unique(cluster, return_inverse=True)
     clusters = int(index.max()) + 1
@@ -169,7 +169,7 @@ def effective_size(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> floa
 
 
 def _bounds(rate: float, n: float, tail: float) -> tuple[float, float]:
-    """Return Clopper and Pearson's bounds, each of which a share beyond passes with the probability ``tail``."""
+    """Return Clopper and Pearson's bounds, each with the tail probability ``tail``."""
     k = rate * n
     low = 0.0 if rate == 0.0 else float(stats.beta.ppf(tail, k, n - k + 1.0))
     high = 1.0 if rate == 1.0 else float(stats.beta.ppf(1.0 - tail, k + 1.0, n - k))
@@ -180,7 +180,7 @@ THREE_SIGMA = 0.997
 P95 = 0.95
 FEWEST_CLAIMS = 2
 FEWEST_DRAWN = 5
-"""Drawing fewer than this anew says nothing about their scatter: no interval then."""
+"""Minimum number of items for a bootstrap interval."""
 
 
 def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> JsonObject:
@@ -242,7 +242,7 @@ def rms(values: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
-    """Return a quantile for every line of weights, each value taken as often as it weighs; linear between ranks."""
+    """Return a weighted quantile for every line of weights, with linear interpolation between ranks."""
     if values.size == 0:
         return np.full(len(weights), np.nan)
     order = np.argsort(values, kind="stable")
@@ -296,11 +296,11 @@ def _three_sigma(error: FloatArray) -> JsonObject:
 
 
 FALSE, INACCURATE = "false claim", "too inaccurate"
-"""Causes beside the outcomes of refusals: claims that are false, and other claims beyond the required error."""
+"""Causes in addition to refusals: false claims, and other claims beyond the required error."""
 
 
 def misses_of(sample: Sample, error_deg: float) -> JsonObject:
-    """Return by cause, the most first, how many frames were missed (``n``), and how many of them were due (``due``)."""
+    """Return by cause, largest first, the number of missed frames (``n``), and of those to be answered (``due``)."""
     within = sample.within(error_deg)
     causes: Counter[str] = Counter()
     due: Counter[str] = Counter()
