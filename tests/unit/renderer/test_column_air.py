@@ -5,35 +5,27 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import emission_models
 import numpy as np
 import pytest
 
 import horizonval as hv
 from horizonval.earth.optical import optical_model
 from horizonval.renderer.backend import activate
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
 activate()
 from horizonval.renderer.frame import render_frame  # noqa: E402
 
-CAMERA = CameraSpec.model_validate(
-    {
-        "camera": {"width": 24, "height": 24, "fov_deg": 60.0},
-        "band": [{"name": "b", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 2}],
-    }
-)
+CAMERA = emission_models.camera({"name": "b", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 2}, pixels=24)
 
 
 def _scene(atmosphere: dict[str, Any], latitude_deg: float = 40.0, **render: Any) -> SceneSpec:
-    return SceneSpec.model_validate(
-        {
-            "camera": {"file": "test", "mount_roll_deg": 66.0},
-            "platform": {"altitude_km": 500.0, "latitude_deg": latitude_deg, "epoch_utc": "2026-01-15T12:00:00Z"},
-            "sun": {"zenith_deg": 60.0, "azimuth_deg": 60.0},
-            "atmosphere": atmosphere,
-            "render": {"orders": "single"} | render,
-        }
+    return emission_models.scene(
+        platform={"altitude_km": 500.0, "latitude_deg": latitude_deg, "epoch_utc": "2026-01-15T12:00:00Z"},
+        sun={"zenith_deg": 60.0, "azimuth_deg": 60.0},
+        atmosphere=atmosphere,
+        render={"orders": "single"} | render,
     )
 
 
