@@ -23,11 +23,6 @@ def _fly(profile, t):
     return attitude_against_lvlh(profile, _states, SUN, np.asarray(t, float))
 
 
-def test_an_offset_is_reported_as_given():
-    angles, _ = _fly(AttitudeProfile(offset_rad=(0.3, -0.2, 0.1)), [0.0, 500.0])
-    assert angles == pytest.approx(np.tile([0.3, -0.2, 0.1], (2, 1)), abs=1e-12)
-
-
 def test_the_stars_turn_by_the_orbital_rate_about_the_normal():
     _, rates = _fly(AttitudeProfile(reference="inertial"), [0.0])
     # A body fixed among the stars turns against lvlh by the orbital rate about +y; J2 adds 2e-3 of it.

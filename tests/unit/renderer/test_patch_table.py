@@ -60,15 +60,6 @@ def test_cubics_of_both_coordinates_come_out_exactly_in_a_patch() -> None:
         assert weights[0] @ near @ weights[1] == pytest.approx(1.0 + a - 0.3 * a**3 + a * b**2 - b**3, abs=1e-11)
 
 
-def test_coefficients_do_not_depend_on_how_many_patches_there_are() -> None:
-    values = np.random.default_rng(3).random((50, patch_table.NODES, patch_table.NODES, 12))
-    alone = np.stack([patch_table.coefficients_of(v) for v in values])
-    assert np.array_equal(patch_table.coefficients_of(values), alone)
-    for axis in (0, 1):
-        alone = np.stack([patch_table.predicted(v, axis) for v in values])
-        assert np.array_equal(patch_table.predicted(values, axis), alone)
-
-
 def test_a_smooth_function_is_less_than_a_tenth_of_the_tolerance_off() -> None:
     table = _table(_smooth)
     x, azimuth = _draws(20_000)

@@ -12,7 +12,7 @@ from astropy import units
 from astropy.coordinates import EarthLocation
 from astropy.time import Time
 from astropy.utils.iers import conf
-from synthetic import truth_at
+from synthetic import CMOS, truth_at
 
 from horizonval.frame import FrameTruth, Hit
 from horizonval.geometry.ellipsoid import WGS84
@@ -22,15 +22,6 @@ from horizonval.store.entry import shown
 
 conf.auto_download = False
 
-DETECTOR: dict[str, Any] = {
-    "kind": "cmos",
-    "pixel_pitch_um": 5.5,
-    "exposure_s": 2e-4,
-    "quantum_efficiency": 0.6,
-    "full_well_e": 13500,
-    "read_noise_e": 13,
-    "bits": 10,
-}
 CAMERA: dict[str, Any] = {
     "camera": {"name": "off", "width": 80, "height": 60, "fx": 70.0, "fy": 90.0, "cx": 30.25, "cy": 41.5},
     "optics": {"f_number": 4.0, "transmission": 0.64},
@@ -38,7 +29,7 @@ CAMERA: dict[str, Any] = {
         {"name": "red", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7},
         {"name": "free", "kind": "solar", "wavelength_um": [0.4, 0.45, 0.5], "response": [0.1, 1.0, 0.3]},
     ],
-    "detector": DETECTOR,
+    "detector": CMOS,
 }
 
 
