@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import emission_models
@@ -51,28 +50,6 @@ def test_one_column_serves_where_air_is_the_same(atmosphere: dict[str, Any]) -> 
     model = optical_model(_scene(atmosphere), CAMERA)
     assert model.columns is None
     assert model.nodes[0].more_extinction_per_m.size == 0
-
-
-def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With refraction and particles, marched, to single precision: view tables have other borders."""
-    from horizonval.renderer import description
-
-    scene = _scene(CLIMATES, method="march")
-    model = optical_model(scene, CAMERA)
-    nodes = tuple(
-        replace(
-            n,
-            more_extinction_per_m=0.0 * n.more_extinction_per_m,
-            more_molecular_per_m=0.0 * n.more_molecular_per_m,
-        )
-        for n in model.nodes
-    )
-    images = []
-    for columns in (model.columns, None):
-        changed = replace(model, nodes=nodes, columns=columns)
-        monkeypatch.setattr(description, "optical_model", lambda *_, changed=changed, **__: changed)
-        images.append(render_frame(scene, CAMERA).radiance["b"])
-    assert images[0] == pytest.approx(images[1], rel=2e-6)
 
 
 @pytest.mark.parametrize("atmosphere", [CLIMATES, pytest.param(WEATHER, marks=pytest.mark.slow)], ids=["rows", "map"])

@@ -16,9 +16,8 @@ from synthetic import CMOS, truth_at
 
 from horizonval.frame import FrameTruth, Hit
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.store import attributes, exr
-from horizonval.store.attributes import UNITS, camera_of, own_attributes, standard_attributes
-from horizonval.store.entry import shown
+from horizonval.store import attributes
+from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
 
 conf.auto_download = False
 
@@ -71,31 +70,6 @@ def test_what_has_no_detector_has_no_sensor(truth: FrameTruth) -> None:
     assert "exposure_s" not in own_attributes(truth, spec)
     assert camera_of(truth, {"camera": spec.model_dump(mode="json")}).detector is None
     assert camera_of(truth, {}) == camera_of(truth) == truth.camera_spec
-
-
-def test_a_header_is_shown_as_it_was_written(tmp_path, make_frame) -> None:
-    path = tmp_path / "frame.exr"
-    frame = make_frame()
-    exr.write_frame(path, frame)
-    told = shown(path)
-    spec = frame.truth.camera_spec
-    standard = standard_attributes(frame.truth, spec)
-    for name in ("altitude", "aperture", "latitude", "tStop"):
-        assert told["standard"][name] == [pytest.approx(float(standard[name]), rel=1e-6), UNITS.get(name, "")]
-    assert told["standard"]["capDate"][0] == standard["capDate"]
-    assert told["standard"]["focus"][0] == "inf"
-    own = own_attributes(frame.truth, spec)
-    found = told["horizonval"]["horizonval:camera_position_m"][0]
-    assert found == pytest.approx([float(v) for v in own["camera_position_m"]], rel=1e-15)
-    assert told["horizonval"]["horizonval:band_names"][0] == own["band_names"]
-    assert told["file"]["bytes"][0] == path.stat().st_size
-    assert told["file"]["size"] == ["40 x 30", "px"]
-    assert told["truth"] == frame.truth.to_dict() or told["truth"].keys() == frame.truth.to_dict().keys()
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        assert told["channels"] == sorted(file.channels())
-    assert not {"channels", "compression", "dataWindow"} & set(told["standard"])
 
 
 def test_masks_follow_the_maps(truth: FrameTruth) -> None:
