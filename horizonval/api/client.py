@@ -143,16 +143,13 @@ class Client:
     def image(self, **keys: Unpack[ImageKeywords]) -> ServedImage:
         """Return the image of a pose; missing keys come from the server's scene, not from earlier requests.
 
+        Raises ``UserError``: the server refused, did not answer in time, or the connection is lost.
+
         Parameters
         ----------
         **keys
             Keys of a pose are keywords of :class:`horizonval.Scene`, from ``epoch_utc`` to ``head``. Others are
             ``exposure_s``; ``seed`` of the noise; ``band``; and whether the answer has ``truth`` and ``radiance``.
-
-        Raises
-        ------
-        UserError
-            The server refused, did not answer in time, or the connection is lost.
         """
         given = {key: x.isoformat() if isinstance(x, datetime) else x for key, x in keys.items() if x is not None}
         answer = self._ask("image", plain(given))

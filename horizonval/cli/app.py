@@ -1,4 +1,4 @@
-"""All commands in the order in which ``--help`` lists them, and how a run of one of them ends."""
+"""All commands in the order of ``--help``, and the exit of a command."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from horizonval.core.errors import UserError, printable
 from horizonval.jobs.pool import hush, sign_of_life
 
 COMPLETION = "_HORIZONVAL_COMPLETE"
-"""Environment variable by which shells ask."""
+"""Environment variable with which shells request completions."""
 
 app = typer.Typer(
     name="horizonval",
@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def _command_name(arguments: list[str]) -> str:
-    """Return the words that name the command, as far as they are known before parsing."""
+    """Return the words that name the command, as far as known before parsing."""
     words = [word for word in arguments[:2] if not word.startswith("-")]
     return " ".join(words if words[:1] in (["archive"], ["baseline"], ["bench"]) else words[:1]) or "it"
 

@@ -1,4 +1,4 @@
-"""Suites and studies: checked, run from frames to report, and asked when they are finished."""
+"""Suites and studies: check, run, report, and query."""
 
 from __future__ import annotations
 
@@ -272,7 +272,7 @@ def _ask_study(
 
 
 def _answer_lines(answer: dict[str, Any]) -> list[str]:
-    """Return the answer in words, and where no design meets what is asked for, why frames were missed."""
+    """Return the answer in words; if no design meets the requirement, with the causes of misses."""
     from horizonval.studies.trade.formatting import miss_lines
 
     missed = answer["cheapest"] is None and any(answer["misses"].values())
