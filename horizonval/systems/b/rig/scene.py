@@ -95,14 +95,14 @@ def share_shown(level: NDArray[np.uint8], panel: Panel) -> FloatArray:
 
 NEAR_MM, FAR_MM = 1.0, 1e4
 FINE = 4
-"""Samples per camera pixel and axis. Behind the lens an even panel then differs by 0.2 % from what eight give; the
-detector's own noise is 1 %."""
+"""Samples per camera pixel and axis; an even panel then differs by 0.2 % from eight, below the detector noise of 1
+%."""
 
 
 def bench_scene(panel: Panel, share: FloatArray, panel_at: BenchPose, camera: CameraModel, camera_at: BenchPose) -> Any:
-    """Return the loaded Mitsuba scene, in millimetres; it must outlive what is rendered from it.
+    """Return the loaded Mitsuba scene, in millimetres; keep it while its renders are used.
 
-    ``share``, shape (H, W): of white, what each of the panel's pixels shines with; ``camera``: undistorted pinhole.
+    ``share``: shape (H, W), of white, per panel pixel; ``camera``: undistorted pinhole.
     """
     half_width, half_height = (0.5 * v for v in panel.size_mm)
     away_mm = float(np.linalg.norm(panel_at.r_bench_mm - camera_at.r_bench_mm))
