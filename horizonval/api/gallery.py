@@ -75,7 +75,7 @@ def _infrared(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exh
 
 
 def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
-    # Only here: the list of scenes is asked for without a renderer.
+    # Imported here: the list of scenes needs no renderer.
     from horizonval.renderer.frame import render_frame
 
     return render_frame(scene, camera)

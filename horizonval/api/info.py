@@ -88,7 +88,7 @@ def _shipped(kind: Kind) -> Callable[[], dict[str, str]]:
 def _estimators() -> dict[str, str]:
     from horizonval.plugins import registry
 
-    # Of other packages nothing is imported here.
+    # Nothing of other packages is imported here.
     return {
         name: f"Of another package, in {registry.module_of(name)}."
         if registry.is_foreign(name)

@@ -207,7 +207,7 @@ def _with_keywords(data: JsonObject, keywords: Mapping[str, Any], camera: Camera
             data = deep_merge(data, {key: value} if key in TABLES else {FLAT[key]: {key: value}})
     if any(key in VECTORS for key in given):
         if "position_itrs_km" in given:
-            # A scene needs an altitude before it is known which one.
+            # A scene needs an altitude; the value is not yet known.
             data = deep_merge(data, {"platform": {"altitude_km": pose.altitude_km}})
         for key, value in scene_keys(pose, _resolved(data, camera)[0], "Scene").items():
             data = deep_merge(data, {TABLE_OF[key]: {key: value}})

@@ -297,7 +297,7 @@ def plans(
     lists = {"band": chosen_bands, "exposure": chosen_exposures, "seed": chosen_seeds}
     differ = [f"{{{name}}}" for name, values in lists.items() if len(values) > 1]
     if differ and "{" not in out and (Path(out).is_dir() or not Path(out).suffix):
-        # A folder: its files are named after what differs.
+        # A folder: file names contain the options that differ.
         out = str(Path(out) / ("-".join(differ) + ".exr"))
     images = [
         ImagePlan(Path(_filled(out, camera, band, exposure, seed)), seed, exposure, band)

@@ -62,7 +62,7 @@ def interruptible(kept: str | None = None) -> Iterator[None]:
         print(f"horizonval: interrupted; {finished}the same command goes on from here", file=sys.stderr)
         raise SystemExit(130) from None
     except SystemExit as end:
-        # Work that comes to its end leaves the block: whoever ends the process inside it has not finished it.
+        # Finished work leaves the block: ending the process inside it means failure.
         if end.code not in (None, 0):
             raise
         print("horizonval: error: foreign code ended the process before the work was done", file=sys.stderr)

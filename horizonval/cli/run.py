@@ -106,7 +106,7 @@ def run(
         print(f"report: {result.report}")
     if result.failed:
         print(f"horizonval: {len(result.failed)} failed: {', '.join(result.failed)}", file=sys.stderr)
-    # A run that ends without its summary has not done what was asked, whatever stopped it.
+    # A run without its summary has failed, whatever stopped it.
     return 1 if result.failed or (shard is None and not result.summary) else 0
 
 

@@ -106,7 +106,7 @@ class Remaining:
         once: dict[str, float] = {}
         for item in self._left.values():
             once |= {key: seconds for key, seconds in item.once.items() if key not in self._made}
-        # What others find made already (on the disk, from an earlier run) the rest will find as well.
+        # If others found one-time work done (on disk, from an earlier run), the rest will too.
         share = self._once_spent / self._once_expected if self._once_expected else 1.0
         longest = max(item.seconds for item in self._left.values())
         total = pace * sum(item.seconds for item in self._left.values()) + share * sum(once.values())

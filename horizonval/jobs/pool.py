@@ -216,7 +216,7 @@ def _drain(work: Callable[[I], T], waiting: Turns[I], workers: int, renderer: bo
     workers = max(1, min(workers, len(waiting)))
     threads = max(1, available_cpus() // workers)
     others = set(multiprocessing.active_children())
-    # A pool for every worker: one of them all would give an item to any.
+    # A pool for every worker: a common one would give an item to any.
     pools = [
         ProcessPoolExecutor(
             1,
@@ -261,7 +261,7 @@ def _drain(work: Callable[[I], T], waiting: Turns[I], workers: int, renderer: bo
         if under_way:
             for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
-        # Waits for the pools' threads too: one that still closes while the interpreter ends prints a traceback.
+        # Waits for the pools' threads too: one that closes during the interpreter's exit prints a traceback.
         for pool in pools:
             pool.shutdown(cancel_futures=True)
     waiting.release()

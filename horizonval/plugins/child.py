@@ -80,7 +80,7 @@ def answer(estimator: Estimator, exchange: int, length: int) -> None:
         result: Fit | Refusal = registry.run_safely(estimator, observation)
         message = pack_answer(checked(result), _processor_s() - start)
     except BaseException as e:
-        # Also what ends a program, and whatever the names above have become in a process that runs foreign code.
+        # Also SystemExit, and whatever foreign code has made of the names above.
         message = pack_answer(crash(f"the estimator raised {raised(e)}", traceback_of(e, 2)), _processor_s() - start)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(BaseException):
@@ -126,7 +126,7 @@ def _forked(estimator: Estimator | None, exchange: int, length: int, pipes: Iter
 def _be_asked(estimator: Estimator | None, exchange: int, length: int, pipes: Iterable[IO[bytes]]) -> NoReturn:
     with contextlib.suppress(BaseException):
         _prctl(_DEATH_SIGNAL, signal.SIGKILL)
-        # Signals to the estimate's group of processes spare the process that imported it.
+        # Signals to the estimate's process group must not reach the importing process.
         os.setpgid(0, 0)
         for pipe in pipes:
             os.close(pipe.fileno())
@@ -178,7 +178,7 @@ def limit_memory(memory_mb: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     except (ImportError, OSError, ValueError):
-        # Without Linux's limits memory is the user's care, as for every other program.
+        # Without Linux's limits memory is the user's responsibility.
         return
 
 
@@ -193,11 +193,11 @@ def hide(folders: Iterable[str | Path]) -> bool:
     """
     try:
         libc = ctypes.CDLL(None, use_errno=True)
-        # A process sees what lies below the folder that it works in whatever is mounted over it later.
+        # A process still sees its working folder below a later mount.
         os.chdir("/")
         return (
             _new_namespaces(libc, _NEW_MOUNTS)
-            # No mount may reach the namespaces outside.
+            # Mounts must not propagate to the outer namespaces.
             and libc.mount(b"none", b"/", None, _PRIVATE_TREE, None) == 0
             and all(libc.mount(b"none", os.fsencode(f), b"tmpfs", 0, b"size=4k,mode=555") == 0 for f in folders)
             and _new_namespaces(libc, _NEW_MOUNTS | _NEW_NETWORK)
@@ -211,7 +211,7 @@ def _new_namespaces(libc: ctypes.CDLL, kinds: int) -> bool:
     user, group = os.getuid(), os.getgid()
     if libc.unshare(_NEW_USER | kinds) != 0:
         return False
-    # The same names for user and group inside; without them files would seem nobody's.
+    # The same user and group inside; otherwise files would belong to nobody.
     for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
         with contextlib.suppress(OSError), open(f"/proc/self/{name}", "w", encoding="ascii") as table:
             table.write(text)

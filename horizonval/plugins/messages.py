@@ -115,7 +115,7 @@ def unpack_answer(message: bytes) -> tuple[Fit | Refusal, float]:
         raise ValueError("its processor time is none")
     points = arrays.get("points", np.empty((0, 2)))
     if "status" in about:
-        # The type says text, the check that follows holds it to that.
+        # The following check verifies that it is text.
         return checked(Refusal(about["status"], about.get("reason"), points, about.get("output"))), float(spent)  # type: ignore[arg-type]
     wanted = {field.name for field in dataclasses.fields(Fit)}
     numbers = {name: value for name, value in about.items() if name in wanted}

@@ -58,7 +58,7 @@ def command_line(command: str, folder: Path, image: Path, camera: Path, prior: P
     for place, path in places.items():
         words = [word.replace(place, str(path)) for word in words]
     program = folder / words[0]
-    # Links stay: the python of a virtual environment knows its packages by the name under which it is called.
+    # Links are not resolved: a virtual environment's python finds its packages by its path.
     return [str(program.absolute()) if "/" in words[0] and program.is_file() else words[0], *words[1:]]
 
 
@@ -113,7 +113,7 @@ def prior_file(prior: Prior) -> str:
         if isinstance(value, datetime):
             text = value.isoformat()
         elif isinstance(value, str):
-            # JSON's text between quotes is TOML's.
+            # Quoted JSON strings are valid TOML.
             text = json.dumps(value)
         else:
             text = repr((np.asarray(value) / (factor or 1.0)).tolist())
@@ -124,7 +124,7 @@ def prior_file(prior: Prior) -> str:
 def _answer(words: list[str], folder: Path) -> bytes | Refusal:
     """Run a program; return its output, or the reason that there is none."""
     try:
-        # Standard error is this process's own, whose last lines are kept.
+        # Standard error is inherited; the supervisor stores its last lines.
         process = subprocess.Popen(words, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
     except OSError as e:
         return crash(f"the program {words[0]!r} cannot be started: {e.strerror}")

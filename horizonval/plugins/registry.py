@@ -48,7 +48,7 @@ def _module(point: EntryPoint) -> str | None:
     try:
         return point.module
     except (AttributeError, ValueError, AssertionError):
-        # What is declared names no object of a module: readers of entry points differ in how they say so.
+        # The entry point names no object of a module: readers of entry points differ in their errors.
         return None
 
 
@@ -100,7 +100,7 @@ def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     Numbers are rounded to the digits of results (:mod:`horizonval.estimation.answer`).
     """
     try:
-        # What a user's own method returns may be anything.
+        # A user's method may return anything.
         result: object = estimator.run(observation)
     except Exception as e:
         return crash(f"the estimator raised {raised(e)}", traceback_of(e))

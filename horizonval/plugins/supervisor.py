@@ -174,7 +174,7 @@ class _Process:
             except (BrokenPipeError, EOFError):
                 if self._name is not None:
                     raise
-                # What ended our process may have had nothing to do with this estimate; what has does it again.
+                # The process may have died for another reason; a defect of this estimate will recur.
                 self.close()
                 status = self._asked(name, observation, limit_s)
         except TimeoutError as e:
@@ -183,7 +183,7 @@ class _Process:
         except (OSError, EOFError, ValueError) as e:
             return crash(f"the estimator's process {self._end(e)}", self._printed), None
         except BaseException:
-            # Interrupted: a late answer must not be taken for that to the next question.
+            # Interrupted: a late answer must not count for the next observation.
             self.close()
             raise
         if status != 0:
@@ -204,7 +204,7 @@ class _Process:
         if process.poll() is None:
             with contextlib.suppress(psutil.Error):
                 root = psutil.Process(process.pid)
-                # Stopped, it adopts what its descendants leave but starts no more.
+                # A stopped process still adopts orphans but starts nothing.
                 root.suspend()
                 end_descendants(root)
         _end_session(process.pid)
@@ -257,7 +257,7 @@ class _Process:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            # Temporary files of an estimate that is ended go with the process.
+            # Temporary files of an ended estimate are deleted with the process.
             env=os.environ | _ONE_THREAD | {"TMPDIR": self._scratch.name},
             start_new_session=True,
             pass_fds=[self._exchange],

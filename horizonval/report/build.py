@@ -179,7 +179,7 @@ def _whose(groups: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, Any]]:
-    # Estimators that are given the pose have zero errors, and would only stretch the axes.
+    # Estimators that receive the pose have zero errors and would stretch the axes.
     names, rows, many = run.judged_estimators, run.judged_rows, len(run.views) > 45
     floor = f"{unit.of(plots.FLOOR_ARCSEC):g}{unit.sign}"
     figures = [
@@ -249,7 +249,7 @@ def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) ->
             "width": width,
             "height": height,
             "coarse": max(width, height) <= COARSE_PX,
-            # A line of pixels would be a hair on the page: it is drawn tall, its rows out of proportion.
+            # A line of pixels is drawn taller than to scale, or it would be invisible.
             "strip": width > STRIP_RATIO * height,
             "facts": [*_facts(expected, image.truth), *infrared.facts_of(image.truth, view.band),
                       ("drawn from black to white", drawn)],

@@ -467,7 +467,7 @@ def curves(
         below.axhline(LIMIT_DEG, **LIMIT)
         below.set(yscale="log", ylabel="nadir error [deg]", xlabel=label)
         plain_ticks(below.yaxis)
-        # Names with an angle behind them are long: in two columns they would run out of the figure.
+        # Long names with an angle do not fit in two columns.
         longest = max((len(name) + len(words.get(name, "")) for name in estimators), default=0)
         plots.legend_above(figure, above, 2 if longest < 32 else 1)
         figure.legend(handles=handles, loc="outside lower left", ncols=3, fontsize=SMALL)

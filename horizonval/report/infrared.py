@@ -134,7 +134,7 @@ def _place(low_km: float | None, high_km: float | None) -> str:
 
 
 def section_of_year(run_dir: Path) -> dict[str, Any] | None:
-    """Return the template's data of the yearly study; None if there is none. Raises ``DamagedFileError``: altered file."""
+    """Return the template's data of the yearly study; None without one. Raises ``DamagedFileError``: a changed file."""
     path = run_dir / "stability" / "result.json"
     result: JsonObject | None = read_json(path, fix="run the suite again")
     if result is None:

@@ -165,7 +165,7 @@ def _is_striking(path: Path) -> bool:
 
 
 def _store(run_dir: Path, head: dict[str, Any]) -> Store:
-    # The images of a run that was scored again lie elsewhere.
+    # Rescored runs have their images elsewhere.
     return Store(archive_of(RunFolder(run_dir), head), read_only=True)
 
 

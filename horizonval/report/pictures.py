@@ -230,7 +230,7 @@ def infrared_picture(panels: Sequence[ThermalPanel]) -> NDArray[np.uint8]:
             colours = ScalarMappable(Normalize(*scale_k(row)), COLOURS)
             for c, panel in enumerate(row):
                 x = _EDGE + c * (w + _GAP)
-                # Laid down pixel by pixel: axes may round where their image begins.
+                # Copied pixel by pixel: axes may round the image's origin.
                 figure.figimage(_enlarged(colours.to_rgba(panel.temperature_k, bytes=True), scale), x, total_h - y - h)
                 figure.text(x / total_w, 1 - (y - 7) / total_h, panel.title, va="baseline")
             bar = figure.add_axes((bar_x / total_w, 1 - (y + h) / total_h, _BAR / total_w, h / total_h))
@@ -284,7 +284,7 @@ def tiles_of(sources: Sequence[Path]) -> list[Tile]:
                 expected=f"at most {MOST_CASES} on one sheet",
                 fix=f"name the images, see {command_line('archive', 'ls', source)}",
             )
-        # All heads of a scene together show the first one's image, which has a tile of its own.
+        # A view of all heads shows the first one's image, which has a separate tile.
         views = [view for view in run.views if view.image is not None and not view.head_paths]
         for case, group in itertools.groupby(views, lambda view: view.case):
             tiles += _tiles_of_case(case, {view.band: view.image for view in group if view.image is not None})

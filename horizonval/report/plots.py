@@ -104,7 +104,7 @@ def png(make: Callable[[], Figure], dpi: int) -> bytes:
         made = make()
         for axes in made.axes:
             if axes.images:
-                # The grid is for curves; over a picture it would look like a part of it.
+                # Over a picture a grid would look like a part of it.
                 axes.grid(visible=False, which="major")
         FigureCanvasAgg(made)
         stream = io.BytesIO()

@@ -40,9 +40,9 @@ def rerun_of(view: CaseView, run: ReportRun) -> Rerun:
     truth, case, band = view.image.truth, view.case, view.band
     estimators = [name for name in run.estimators if name in view.rows] or list(run.estimators)
     suites = run.suite_of_programs
-    # Of all heads of the scene where they were estimated together, else the one image; empty where one was not kept.
+    # All heads if they were estimated together, else one image; empty if one was not archived.
     image_paths = view.head_paths or ({"": view.image_path} if view.image_path else {})
-    # A word that begins with a hyphen would be taken for an option.
+    # A word with a leading hyphen would be parsed as an option.
     stem = f"./{case}" if case.startswith("-") else case
     files = [(f"{case}.toml", toml(truth.scene))]
     camera_file = truth.camera_file

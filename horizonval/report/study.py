@@ -252,7 +252,7 @@ def pareto(
         shown = [d for d in designs if d["p95_deg"]["value"] is not None and x_of[d["name"]]["value"] is not None]
         places = [v for d in shown for v in (x_of[d["name"]]["value"], *(x_of[d["name"]]["interval"] or ())) if v]
         if log_x and places:
-            # A log axis finds no room of its own round a single place.
+            # A log axis has no margin around a single value.
             axes.set_xlim(min(places) / 1.5, max(places) * 1.5)
         for d in shown:
             i, on = words.index(groups[d["name"]]), d["name"] in front
@@ -267,7 +267,7 @@ def pareto(
         if len(steps) > 1:
             axes.step(*zip(*steps, strict=True), where="post", color=INK, lw=1.0, ls="-", zorder=2)
         axes.axhline(limit_deg, **LIMIT)
-        # Not before there is data: a log axis complains of an empty one.
+        # After the data: an empty log axis warns.
         axes.set_yscale("log")
         plain_ticks(axes.yaxis)
         axes.set(xlabel=label, ylabel="p95 of the nadir error [deg]")

@@ -108,7 +108,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Keep the terminal free for the user."""
 
     def do_GET(self) -> None:
-        # A page of another site that has this address looked up under its own name gets nothing.
+        # Refuse other host names: protection against DNS rebinding.
         port = self.server.server_address[1]
         if self.headers.get("Host") not in (f"{HOST}:{port}", f"localhost:{port}"):
             return self._send(HTTPStatus.FORBIDDEN, b"ask for 127.0.0.1\n", "text/plain")

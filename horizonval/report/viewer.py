@@ -224,7 +224,7 @@ def heat_of(image: DetectorImage) -> dict[str, Any] | None:
         return {"zero": -step * black_level_dn(image), "step": step, "width_um": width, "temperature_k": None}
     zero = image.observation.get("radiance_at_zero")
     if zero is None:
-        # A frozen image carries the step of its detector alone.
+        # A frozen image has only the step of its detector.
         return None
     ends = zero + step, zero + step * image.full_scale
     kelvin = brightness_temperature_k(band, np.geomspace(*ends, _TEMPERATURES))

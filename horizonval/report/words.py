@@ -407,7 +407,7 @@ NIGHT = "Airglow is known to a factor of two, the Moon's brightness to 3 %."
 def accuracy_of(truths: Iterable[FrameTruth]) -> list[str]:
     """Return the renderer's tested accuracy for the frames' content; empty without scattered sunlight."""
     solar = [t for t in truths if any(band["kind"] == "solar" for band in t.camera.get("band", []))]
-    # Frames of other versions may say less.
+    # Frames of other versions may lack keys.
     airs = [{"profile": "none", "file": None} | t.scene.get("atmosphere", {}) for t in solar]
     found = {
         SUNLIGHT: any(air["profile"] != "none" or air["file"] is not None for air in airs),

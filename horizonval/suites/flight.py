@@ -51,7 +51,7 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
     """
     track = _track(spec, beside)
     epoch, states, itrs = track.epoch_utc, track.states, track.itrs
-    # Whole microseconds, which is what an epoch holds.
+    # Whole microseconds, the resolution of an epoch.
     seconds: FloatArray = np.round(np.arange(spec.n) * (_duration_s(spec, track) / spec.n), 6)
     r, v = states(seconds)
     matrices = itrs(seconds)
@@ -145,7 +145,7 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
     history = attitude_of_aem(path) if kind_of(path) == "aem" else attitude_of_csv(path)
 
     def body_from_axes(seconds: FloatArray) -> FloatArray:
-        # The file says it against celestial axes, the states may be in others.
+        # The file refers to celestial axes, the states may be in others.
         gcrs_from_axes = np.swapaxes(itrs_from_gcrs(found.epoch_utc, seconds), -1, -2) @ found.itrs(seconds)
         return np.asarray(history.body_from_gcrs(found.epoch_utc, seconds) @ gcrs_from_axes)
 
@@ -172,7 +172,7 @@ def _track_of_elements(spec: OrbitSpec) -> _Track:
     def itrs(seconds: FloatArray) -> FloatArray:
         return orbit.turn_about_pole(orbit.sidereal_time(epoch, seconds))
 
-    # From node to node: what "one revolution" means to who looks down.
+    # A revolution is counted from node to node.
     _, perigee_rate, mean_rate = orbit.secular_rates(elements)
     return _Track(epoch, states, itrs, 2.0 * math.pi / (mean_rate + perigee_rate))
 
@@ -194,7 +194,7 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
     def itrs(seconds: FloatArray) -> FloatArray:
         return itrs_from_teme(epoch, seconds)
 
-    # From node to node, as for elements; the satellite's own mean motion is counted from perigee to perigee.
+    # From node to node, as for elements; the satellite's mean motion counts from perigee to perigee.
     return _Track(epoch, states, itrs, 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot))
 
 

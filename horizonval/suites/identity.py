@@ -62,7 +62,7 @@ def _scene_content(case: Case) -> str:
     content = {"scene": case.scene.model_dump(mode="json"), "camera": case.camera.model_dump(mode="json")}
     for key, path in _atmosphere_files(case).items():
         content[f"atmosphere {key}"] = {"sha256": files.sha256_of(path, expected="an atmosphere file")}
-        # The content counts, not where it lies: a folder can be moved.
+        # The content counts, not the path: a folder can be moved.
         content["scene"]["atmosphere"][key] = path.name
     climate = None if case.scene.prior is None else case.scene.prior.climate
     if climate is not None and is_climate_file(climate):

@@ -60,7 +60,7 @@ def observation_of(
         band_width_um=None if seen is None else width_um(seen),
         lens=stated_lens(spec, seen) if isinstance(source, DetectorImage) else None,
         radiance_per_dn=radiance_per_dn(source) if isinstance(source, DetectorImage) else None,
-        # A Sun sensor is mounted on the body as well, and its reading comes to the camera as the mounting is believed.
+        # A Sun sensor is mounted on the body; the assumed mounting converts its reading to camera axes.
         sun_cam=sun if sun is None or not any(errors.mounting_rad) else _by_mounting(sun, truth, mounting),
         calibration=sigmas,
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,

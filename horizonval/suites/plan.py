@@ -55,7 +55,7 @@ class CasePlan:
             for spec in self.limits.programs
             if spec.name in names
         ]
-        # Results of a single draw are what they were before there could be more.
+        # Only a number above 1 enters the digest.
         return json.dumps([names, self.keep, programs, *([self.draws] if self.draws != 1 else [])])
 
 

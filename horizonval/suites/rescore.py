@@ -91,7 +91,7 @@ def rescore(
     entries = [entry for entry in store.index.select() if entry.kind == "frame"]
     entries += [entry for entry in store.index.select(wanted) if entry.kind == "image"]
     items = items_of(entries, chosen)
-    # In the order of the suite, as far as it is known.
+    # In the suite's order, as far as known.
     place = {name: number for number, name in enumerate(head.get("cases", ()))}
     items.sort(key=lambda item: place.get(item.name, len(place)))
     if not items:

@@ -131,7 +131,7 @@ def run_suite(
     with folder.locked(execution.shard):
         _claim(folder, suite, plan, units)
         if execution.shard is None:
-            # Shards may be at work beside each other: what is temporary may be theirs.
+            # Temporary files may belong to concurrent shards.
             folder.remove_temporary_files()
         for other in execution.merge:
             adopt(RunFolder(other), folder, suite)
@@ -139,7 +139,7 @@ def run_suite(
         try:
             briefs = _run_units(units, plan, folder, execution, progress, seconds, on_start)
         except BaseException:
-            # The times of what is finished cannot be had again.
+            # Times of finished work cannot be measured again.
             _add_timings(folder, seconds, execution.shard)
             raise
         if execution.shard is not None:
@@ -162,7 +162,7 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
     """
     identity = suite_identity(suite)
     before = intact_json(folder.suite)
-    # Where run.json is lost, the summary still says whose folder it is.
+    # Without run.json the summary still identifies the suite.
     lost = {} if before is not None else intact_json(folder.summary) or {}
     if lost.get("suite", suite.name) != suite.name:
         before = lost

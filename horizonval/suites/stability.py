@@ -156,7 +156,7 @@ def month_profiles(spec: StabilitySpec, month: int) -> dict[str, tuple[FloatArra
     direction = np.stack([directions(r, a[:, None], eta) for r, a, eta in zip(position, azimuth, angle, strict=True)])
     origin = np.broadcast_to(position[:, None, None, :], direction.shape)
     parallel_origin, parallel_direction = rays_along_parallels(np.radians(LATITUDE_DEG), height)
-    # The Sun stands across the orbit, where no head looks.
+    # The Sun is across the orbit, outside all heads.
     inclination = math.radians(spec.inclination_deg)
     found = thermal_radiance(
         month_model(spec, month),
@@ -177,7 +177,7 @@ def month_profiles(spec: StabilitySpec, month: int) -> dict[str, tuple[FloatArra
 def heights_m(spec: StabilitySpec) -> FloatArray:
     """Return the lowest heights of a profile's rays, from below the field sensor's field to the top of the air."""
     distance_km = math.sqrt((spec.altitude_km + 6378.0) ** 2 - 6357.0**2)
-    # Half a field below a horizon that stands above the ground, and a tenth more.
+    # Half a field below a horizon above the ground, plus a tenth.
     depth_km = 0.55 * math.radians(spec.field_deg) * distance_km
     # The disc is smooth below the horizon: six steps are enough.
     below = -np.linspace(depth_km, 10.0, 7)[:-1] if depth_km > 10.0 else np.zeros(0)
@@ -271,7 +271,7 @@ def highest_crossing(height_m: FloatArray, radiance: FloatArray, level: ArrayLik
     found = np.empty(len(profiles))
     for i, goal in enumerate(np.broadcast_to(np.asarray(level, dtype=np.float64), radiance.shape[:-1]).ravel()):
         roots = PchipInterpolator(height_m, profiles[i]).solve(goal, extrapolate=False)
-        # A stretch that lies on the level has its start and a NaN among the roots.
+        # A constant interval at the level gives its start and a NaN.
         found[i] = np.nanmax(roots) if len(roots) else height_m[-1 if profiles[i, -1] >= goal else 0]
     return found.reshape(radiance.shape[:-1])
 
@@ -292,7 +292,7 @@ def sensors_of(height_m: FloatArray, angle_rad: FloatArray, radiance: FloatArray
     mean = float(np.mean(half))
     centre = _angles(np.full_like(half, mean), height_m, angle_rad)
     output, slope = field_output(centre, field_rad, np.broadcast_to(angle_rad, radiance.shape), radiance)
-    # A field that is lifted sees less Earth: its slope is negative.
+    # A raised field sees less Earth: its slope is negative.
     excess = (output - float(np.mean(output))) / -float(np.mean(slope))
     return [*sensors, _errors("field", excess) | {"height_km": _plain(mean / 1e3)}]
 

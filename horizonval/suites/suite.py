@@ -51,7 +51,7 @@ def fly_scene(spec: OrbitSpec, scene: JsonObject, seed: int, name: str, where: s
     try:
         earth = Earth.model_validate(scene.get("earth", {}), strict=True)
     except ValidationError:
-        # The scene is validated as a whole, with its own words, once it has a place.
+        # The complete scene is validated later, with better messages.
         earth = Earth()
     try:
         return fly(spec, ellipsoid_from_spec(earth), seed, name, Path(where.partition(": ")[0]).parent)

@@ -188,7 +188,7 @@ def groups_of(target: Suite | Study) -> list[Group]:
         try:
             key = (name, *_what_runs(case, plan))
         except UserError:
-            # The check for mistakes reports estimators that do not exist.
+            # The check for mistakes reports unknown estimators.
             key = (name, 0, "image")
         members.setdefault(key, []).append(case)
     return [Group(name, tuple(cases), count, needs) for (name, count, needs), cases in members.items()]
@@ -281,7 +281,7 @@ def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws
         totals["render_s"] += len(places) * mean["view_tables_s"]
         disk += n * RECORD_BYTES + (0.0 if keep == "none" else n * (mean["frame_bytes"] + mean["image_bytes"]))
         frames += n
-        # Columns of a group differ in what they hold, hardly in how many nodes they have.
+        # Columns of a group differ in content, hardly in their number of nodes.
         columns |= {column_key(case.scene, case.camera): costs[0] for case in group.cases if costs[0].tables}
     totals["observe_s"] *= draws
     totals["estimate_s"] *= draws

@@ -49,12 +49,12 @@ def make_frames(
             raise UserError(f"{len(done.failed)} frames failed, the first {name}: {why}", where=str(out / group))
         images = Store(out / group / "archive").index.select(Filter(kind="image"))
         made[group] = {
-            # Of one instant the bands of a camera are images of their own; the heads of a scene are looked at together.
+            # Bands are separate images; the heads of a scene are estimated together.
             "questions": len({image.scene for image in images}) if group == "heads" else len(images),
             "images": len(images),
             "images_sha256": content_digest(sorted(image.address for image in images)),
         }
-    # No seed of a sealed suite: whoever reads the folder of a competition must not draw its frames again.
+    # No seed of a sealed suite: readers of a competition's folder must not reproduce its frames.
     head = {
         "bench": 1,
         "sealed": seed is not None,
@@ -77,7 +77,7 @@ def run_submissions(
     _head(out)
     limits = replace(limits, hidden=(out.resolve(),) if contained else ())
     for name in names:
-        # Every frame is due an answer of who is told it, so that such a method cannot be ranked.
+        # Estimators that receive the pose answer every frame, so they cannot be ranked.
         if supervisor.get(name, limits).needs == "pose":
             raise UserError(
                 f"{name} is told the pose", where="bench run", expected="a method of one image, or of several heads"

@@ -87,8 +87,8 @@ def _claim(seeds: SeedList, out: Path) -> None:
 
 
 def _drawing(seeds: SeedList, suite: Suite) -> Drawing:
-    # The code that runs counts, not the one that made the list.
-    # A list that was read has its keys in another order than the one that was made.
+    # The running code counts, not that of the list.
+    # Keys of a list from a file have another order than those of a new list.
     listed = json.dumps({**asdict(seeds), "code": ""}, sort_keys=True)
     digest = content_digest(listed, code_digest(*CODE))
     return Drawing(digest, seeds.seed, seeds.spec, seeds.format, suite.source)

@@ -232,7 +232,7 @@ def list_of(
         shard_size=shard_size,
         scenes=scenes,
         format=format_name,
-        # Sorted, as it comes back from the file: the order of ranges decides which is drawn from which coordinate.
+        # Sorted as in the file: the order of ranges assigns them to coordinates.
         dataset=json.loads(json.dumps(spec.model_dump(mode="json"), sort_keys=True)),
         texts=texts,
     )

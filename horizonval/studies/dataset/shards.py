@@ -132,7 +132,7 @@ def _write_hdf5(path: Path, content: ShardContent) -> None:
     """One array ``image`` and one of every column, each with its meaning as the attribute ``text``."""
     import h5py
 
-    # A narrow range of versions keeps the layout of the file the same whatever library comes next.
+    # A narrow range of versions fixes the file's layout for future libraries.
     with h5py.File(path, "w", libver=("earliest", "v110")) as file:
         for name, values in _arrays(content).items():
             array = file.create_dataset(name, data=values, track_times=False)

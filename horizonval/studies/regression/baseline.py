@@ -96,7 +96,7 @@ def write_pack(path: Path, pack: Pack) -> None:
         scales = [float(pack.frames[i].radiance.max(initial=0.0)) for i in group]
         codes = np.stack([_encode(pack.frames[i].radiance, s) for i, s in zip(group, scales, strict=True)])
         name = f"frame_{shape}"
-        # Neighbours are alike: their differences, modulo 2^16, compress to a third.
+        # Neighbouring pixels are correlated: their differences, modulo 2^16, compress to a third.
         arrays[f"{name}_high"], arrays[f"{name}_low"] = _planes(np.diff(codes, axis=2, prepend=np.uint16(0)))
         arrays[f"{name}_regions"] = np.stack([pack.frames[i].regions for i in group])
         frames += [(i, name, k, s) for (k, i), s in zip(enumerate(group), scales, strict=True)]

@@ -62,7 +62,7 @@ def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
     if gate.lane == "fresh":
         mine, theirs = _chosen(gate, now.fresh), _chosen(gate, base.fresh)
         if now.fresh_night != base.fresh_night or not now.fresh_night:
-            # A method that only one of them has would be taken for a change of all.
+            # A method in only one of them would look like a change of all.
             both = {row.estimator for row in mine} & {row.estimator for row in theirs}
             mine, theirs = ([row for row in rows if row.estimator in both] for rows in (mine, theirs))
             return Measured(gate, _independent(gate, mine, theirs), (), paired=False)

@@ -126,7 +126,7 @@ def compare_images(
     if frozen is None or (not same and radiance is None):
         return found | {"limb_radiance": None, "disc_radiance": None, "limb_displacement": None}
     old = frozen.radiance
-    # Equal digests still say which regions there are: the metric applies, and is 0.
+    # With equal digests the metric of an existing region is 0.
     new = old if same or radiance is None else np.asarray(radiance, dtype=np.float64)
     limb, disc = frozen.regions == LIMB, frozen.regions == DISC
     at_limb, on_disc, moved = bias(old, new, limb), bias(old, new, disc), displacement_px(old, new, limb)

@@ -98,7 +98,7 @@ def checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
             expected="a suite that declares gates",
             fix="scenes/suites/nightly.toml is one",
         )
-    # Every replicate has a row of its own; the draws that a run scores together are not asked for.
+    # Every replicate has a separate row, so a run's common scoring of noise samples is off.
     plan = replace(plan_of(suite), draws=1)
     check_heads(suite, plan)
     return suite.regression, plan
@@ -171,7 +171,7 @@ class Night:
         except (UserError, RuntimeError) as error:
             self.failed[PUBLISHED] = str(error)
             return
-        # An interrupted night goes on from it; a finished one must not leave what the next has no use for.
+        # An interrupted night resumes from it; a finished one needs it no longer.
         shutil.rmtree(folder)
 
     def first_tasks(self) -> dict[str, Task]:
@@ -260,7 +260,7 @@ class Night:
             assert self.accepted is not None
             about = {(row.case, row.band): row for row in self.accepted.results.rows}
             for row in rows:
-                # A scene that no method saw before has no partner to be compared with.
+                # A new scene has no partner for the comparison.
                 before = about.get((row.case, row.band), row)
                 due = {"expected": before.expected, "borderline": before.borderline}
                 self.replayed.append(row.against(before.bound_arcsec, table=before.table, **due))
@@ -348,7 +348,7 @@ def _against(
     for gate in night.spec.gate:
         if gate.lane not in night.wanted.lanes:
             continue
-        # The release's own detector images are not kept: what is compared with it is the whole chain.
+        # The release's detector images are not stored: the comparison covers the whole chain.
         whole_chain = gate.lane == "rerender" or name == "release"
         mine = whole if whole_chain and (gate.lane != "replay" or "rerender" in night.wanted.lanes) else now
         found.append(measure(gate, mine, theirs))
@@ -425,7 +425,7 @@ def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObjec
     proven = any(Verdict(item["verdict"]) is Verdict.FAIL for item in [*gates, *night.published])
     status = EXIT[verdict] if proven or not problems else INCOMPLETE
     if problems and not proven and verdict in (Verdict.PASS, Verdict.IMPROVED):
-        # What was not looked at has not passed.
+        # Incomplete comparisons have not passed.
         verdict = Verdict.INCONCLUSIVE
     return {
         "schema": NIGHT_SCHEMA,
@@ -551,7 +551,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         night.compute_published(published)
         verdict = verdict_of(night, release, reference)
         write_json(wanted.out / "night.json", night.content(), indent=None)
-        # A folder that serves every night must not grow with them.
+        # The folder must not grow from night to night.
         sweep(wanted.out / WORK, night.identities)
         history.append(wanted.out / history.FILE, verdict)
         verdict["trend"] = history.steps_of(history.read(wanted.out / history.FILE))

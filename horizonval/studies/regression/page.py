@@ -214,7 +214,7 @@ def trend(name: str, one: Mapping[str, Any], verdicts: Mapping[str, str]) -> Dra
             pad = max(abs(one["values"][0]) * 0.05, 0.5)
             axes.set_ylim(one["values"][0] - pad, one["values"][0] + pad)
         elif len(parts) > 1:
-            # The date of a step stands at the top, where the marks of the higher level would cross it.
+            # Room at the top for the date of a step, clear of the marks of the higher level.
             low, high = axes.get_ylim()
             axes.set_ylim(low, high + 0.12 * (high - low))
         axes.set_ylabel("" if one["unit"] == "1" else one["unit"])
@@ -270,7 +270,7 @@ def shown_of(
     rank = {key: min(VERDICTS.index(verdict_of(row)) for row in own.values()) for key, own in by_image.items()}
     views = []
     for place in expected:
-        # Of the replicates of a scene the worst, and of equal ones the first.
+        # The worst replicate of a scene, the first of equal ones.
         key = min((key for key in by_image if key[:2] == place), key=lambda key: (rank[key], key[2]))
         if (image := load(key)) is not None:
             truth, own = known[key[0]], by_image[key]

@@ -112,7 +112,7 @@ def _observe_case(
     for band in (one.name for one in case.camera.band):
         clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
         images = [observe(frame, case.camera, band=band, seed=seed) for seed in range(replicates)]
-        # The information is the frame's, the same under every draw of the noise.
+        # The information depends on the frame only, not on the noise sample.
         information = information_of(frame, case.camera, band)
         carried = {KEY: None if information is None else information.to_dict()}
         images = [replace(image, observation={**image.observation, **carried}) for image in images]

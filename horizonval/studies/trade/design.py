@@ -144,7 +144,7 @@ def expand(spec: StudySpec, path: Path) -> Study:
             frame = _frame_of(case, entry, condition)
             cases.append(frame)
             cluster = _cluster(spec, case, condition)
-            # Of several heads each is a frame; a method that sees all of them has one of the scene's name.
+            # Each head is a frame; a method of all heads has one under the scene's name.
             frames[frame.scene_name] = (entry.name, condition)
             clusters.setdefault(condition, cluster)
             if frame.head is not None:
@@ -167,7 +167,7 @@ def expand(spec: StudySpec, path: Path) -> Study:
         study=True,
     )
     if len(set(clusters.values())) == 1:
-        # Of one flight nobody can say how flights differ: what follows holds for this one.
+        # A single flight gives no variation between flights: results hold for it alone.
         clusters = {condition: condition for condition in clusters}
     return Study(head, tuple(designs), clusters, frames, suite)
 
@@ -185,7 +185,7 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
     where = f"{path}: design"
     grid = dict(spec.design.grid or {})
     listed = [_together(spec, items) for items in itertools.product(*spec.design.lists.values())]
-    # The estimator is the last axis, whichever way it is given.
+    # The estimator is always the last axis.
     axis = grid.pop(ESTIMATOR_AXIS, None)
     if axis is not None:
         raise UserError(
@@ -228,7 +228,7 @@ def _together(spec: StudySpec, items: Sequence[JsonObject]) -> tuple[JsonObject,
             scene, {key: value for key, value in item.items() if key not in ("name", "estimators", "cost")}
         )
         estimators = item.get("estimators", estimators)
-    # One name of all of them, of the characters that names are made of.
+    # One name of all of them, with valid characters.
     word = re.sub(r"[^A-Za-z0-9._-]+", "-", "_".join(names)) if names else ""
     return (
         (deep_merge(scene, {"scene": {"name": word}}) if word else scene),

@@ -145,7 +145,7 @@ def _terms(factors: Sequence[str], columns: Mapping[str, FloatArray], response: 
         without, rank = _residual([*mains, *(c for p, c in cross.items() if p != pair)], response)
         if rank_all > rank:
             terms.append((list(pair), rank_all - rank, without - everything))
-    # Rounding must not make a share of nothing look like one.
+    # Rounding errors of a zero sum must not become a share.
     whole = np.where(total > 1e-18, total, np.nan)
     terms.sort(key=lambda term: -float(np.nan_to_num(term[2][0] / whole[0])))
     left = len(response) - rank_all

@@ -252,7 +252,7 @@ def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
     below = np.floor(place)
 
     def at(rank: FloatArray) -> FloatArray:
-        # The first value that more than ``rank`` copies stand up to.
+        # The first value with a cumulative weight above ``rank``.
         index = np.minimum((upto <= rank[:, None]).sum(axis=1), len(ranked) - 1)
         values_at_rank: FloatArray = ranked[index]
         return values_at_rank

@@ -69,7 +69,7 @@ def climates_of(item: Item, store: Store) -> set[Path]:
         try:
             truth = read_header(store.path(next(iter(images.values()))))["truth"]
         except UserError:
-            # scoring it will say what is wrong
+            # scoring will report the error
             continue
         climate = (truth["scene"].get("prior") or {}).get("climate")
         if climate is not None and is_climate_file(climate):
@@ -104,7 +104,7 @@ def items_of(entries: Sequence[StoreEntry], estimators: Sequence[Estimator]) -> 
             frames.setdefault((entry.scene_id, entry.head), []).append(entry.address)
         elif entry.kind == "image":
             key: tuple[str, ...] = (entry.scene, entry.camera, entry.epoch_utc, entry.seed)
-            # A head changes the scene's identity; without heads it tells what has the same name apart.
+            # A head changes the scene's identity; without heads it distinguishes equal names.
             key += ("",) if entry.head else (entry.scene_id,)
             by_band = groups.setdefault(key, {}).setdefault(entry.head, {})
             band = entry.bands[0]

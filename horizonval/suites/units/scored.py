@@ -92,7 +92,7 @@ def score_together(
         for estimator in names:
             observations = (observation_of_heads(images, plan.estimator(estimator)) for images in draws)
             _score(scene, name, band, number, estimator, observations, plan, watch)
-    # The Sun troubles the head it is nearest to, which need not be the first.
+    # The Sun affects the nearest head most, which need not be the first.
     nearest_rad = min(one.truth.sun_boresight_rad for one in heads.values())
     scene.rows = [replace(row, sun_boresight_deg=math.degrees(nearest_rad)) for row in scene.rows]
     return scene
@@ -120,7 +120,7 @@ def _score(
         with watch.stage(DRAWS):
             results.append(supervisor.run(estimator_name, other))
     fits = [one for one in results if isinstance(one, Fit)]
-    # A crash under any draw of the noise is a crash on the frame.
+    # A crash with any noise sample is a crash on the frame.
     result = next((one for one in results if one.status is Outcome.CRASHED), result)
     with watch.stage("score"):
         scored = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
@@ -137,5 +137,5 @@ def _score(
             bound=observed.bound(band),
         )
     observed.rows.append(row)
-    # The report draws the first band; further bands keep their own entry beside it.
+    # The report draws the first band; further bands have separate entries.
     observed.details[estimator_name if band_number == 0 else f"{estimator_name} [{band}]"] = details_of(result)
