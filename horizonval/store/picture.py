@@ -1,7 +1,6 @@
 """Read any picture an estimator may be given: EXR, PNG, TIFF, JPEG, FITS; 8 or 16 bit or float; ours with its truth.
 
-A few kilobytes can stand for any number of pixels: their number is read from the header, and judged, before one is
-decoded.
+A few kilobytes can encode any number of pixels, so that their number is read from the header and checked first.
 """
 
 from __future__ import annotations

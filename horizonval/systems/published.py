@@ -1,6 +1,6 @@
 """What the sources print (``published.toml``) and the texts of the pages (``page/text.toml``), for every system.
 
-``published.toml`` holds the printed figures with their units and the place where each stands; nothing in it is ours.
+``published.toml`` holds the printed figures with their units and the place of each; nothing in it is ours.
 The pages (:mod:`horizonval.systems.pages`) compare it with our measurements.
 
 Rows, tables and figures of a system are made here alone, so that the experiments hold numbers and no prose. Texts have

@@ -161,7 +161,7 @@ def g_points(band: Band, *, where: str = "") -> GPoints:
     touched = [b for b in range(len(edges)) if weight[band_of == b].sum() > 0]
     rows = []
     for b in touched:
-        # Share of class g per cm-1, times the width it stands for.
+        # Share of class g per cm-1, times its width.
         density = _share()[bin_of] / np.diff(bins, axis=1)[bin_of] * (edges[b, 1] - edges[b, 0])
         rows.append((density * g_weight * (weight * (band_of == b))[:, None]).T)
     centroid = [1e4 * weight[band_of == b].sum() / (weight @ (nu * (band_of == b))) for b in touched]

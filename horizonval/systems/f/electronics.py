@@ -139,7 +139,7 @@ def find_edges(signal: ScanSignal, threshold: Threshold, half_angle_rad: float) 
 def _running_mean(value: FloatArray, samples: float) -> FloatArray:
     """Return the mean over so many samples around each, whole or not; the ends go on as they are."""
     whole = np.concatenate([[0.0], np.cumsum(value)])
-    # The integral of samples, each of which stands for half a step on either side.
+    # The integral of samples, each over half a step on either side.
     places = np.arange(len(whole), dtype=np.float64)
     middle = np.arange(len(value)) + 0.5
     ends = [np.clip(middle + side * samples / 2.0, 0.0, len(value)) for side in (-1.0, 1.0)]

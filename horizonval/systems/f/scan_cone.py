@@ -148,7 +148,7 @@ def distance_to_clouds(
     met = np.flatnonzero(inside.any(axis=1))
     k = np.maximum(np.argmax(inside[met], axis=1), 1)
     before, after = above[met, k - 1], above[met, k]
-    # Between clear sky and a cloud there is no slope: the cloud's wall stands at the step that is inside it.
+    # Between clear sky and a cloud there is no slope: the cloud's wall is at the step inside it.
     part = np.where(before < 1e8, before / np.where(before > after, before - after, 1.0), 1.0)
     out[low[met]] = t[met, k - 1] + np.clip(part, 0.0, 1.0) * (t[met, k] - t[met, k - 1])
     return out

@@ -26,7 +26,7 @@ A field's output is its mean radiance. There are two ways of processing::
 
     plain: D = A - S,        normalised: D = (A - S) / (B - S)
 
-D falls when the limb sinks in the field. The limb stands at ``limb + K (D - D_0)``, with one gain K and one zero D_0
+D falls when the limb sinks in the field. The limb is at ``limb + K (D - D_0)``, with one gain K and one zero D_0
 for all quadrants and for good.
 
 *Noise.* A thermopile of detectivity 1e8 cm Hz^0.5 / W, an aperture of 1 cm2 with a focal length of 2 cm, half of the

@@ -5,8 +5,8 @@ a bitmap fine enough for the stripes of two million pixels would take a gigabyte
 followed: nothing else in the room shines back.
 
 A camera pixel covers a panel pixel or so with open and black parts, which random samples average slowly: 64 of them
-leave 8 % of noise, more than the detector's own. So the samples stand on a regular grid, ``FINE x FINE`` in each pixel
-of the camera, and each takes the mean of the stripes over the square that it stands for, which the texture gives in
+leave 8 % of noise, more than the detector's own. The samples are therefore on a regular grid, ``FINE x FINE`` in each
+pixel of the camera, and each takes the mean of the stripes over its square, which the texture gives in
 closed form: the difference of the stripes' running sum at the square's two ends. The render has no noise.
 
 **The lens blurs before the pixels sample.** Elsewhere in this package a frame is even within a pixel and the blur may

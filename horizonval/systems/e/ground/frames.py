@@ -1,8 +1,8 @@
 """Frames of a pass over one station: a mount that rests, a satellite that streaks, stars, sky, detector.
 
 For every exposure the mount is sent to where an old orbit predicts the satellite, rests there, and the shutter opens.
-The camera then looks beside its reading, the clock is beside UTC, and the orbit was old: errors of stated size, each
-drawn from a stream of its own name. Frames know all of them; what is measured in them
+The camera points away from its reading, the clock differs from UTC, and the orbit is old: errors of stated size, each
+from a named random stream. Frames know all of them; what is measured in them
 (:mod:`~horizonval.systems.e.ground.reduction`) does not.
 
 *Camera.* The mount rests during an exposure, so that stars are points (they move by 1.5 arcsec in 0.1 s) and a
