@@ -25,6 +25,17 @@ from horizonval.suites.suite import load_suite
 from horizonval.suites.units import scored
 
 Run = Callable[[str, Any], Any]
+
+
+def gate_tables(*rows: tuple[str, str, str, float, str, str]) -> str:
+    """Return the tables of gates from their names, lanes, metrics, margins, units and reasons."""
+    keys = ("name", "lane", "metric", "margin", "unit", "reason")
+    return "".join(
+        "[[regression.gate]]\n" + "".join(f"{key} = {value!r}\n" for key, value in zip(keys, row, strict=True))
+        for row in rows
+    )
+
+
 SUITE = """
 [suite]
 name = "tiny"
@@ -45,47 +56,13 @@ sobol.ranges = { "sun.zenith_deg" = [10.0, 40.0], "sun.azimuth_deg" = [45.0, 90.
 
 [regression]
 replicates = 1
-
-[[regression.gate]]
-name = "accuracy"
-lane = "replay"
-metric = "nadir_error"
-margin = 20.0
-unit = "arcsec"
-reason = "five percent of what images of 96 pixels allow"
-
-[[regression.gate]]
-name = "limb"
-lane = "rerender"
-metric = "limb_radiance"
-margin = 1.0
-unit = "%"
-reason = "radiances are known to one percent"
-
-[[regression.gate]]
-name = "disc"
-lane = "rerender"
-metric = "disc_radiance"
-margin = 1.0
-unit = "%"
-reason = "radiances are known to one percent"
-
-[[regression.gate]]
-name = "moved"
-lane = "rerender"
-metric = "limb_displacement"
-margin = 0.1
-unit = "px"
-reason = "sub-pixel edges are good to a tenth of a pixel"
-
-[[regression.gate]]
-name = "noise"
-lane = "rerender"
-metric = "noise"
-margin = 5.0
-unit = "%"
-reason = "data sheets give read noise to two figures"
-"""
+""" + gate_tables(
+    ("accuracy", "replay", "nadir_error", 20.0, "arcsec", "five percent of what images of 96 pixels allow"),
+    ("limb", "rerender", "limb_radiance", 1.0, "%", "radiances are known to one percent"),
+    ("disc", "rerender", "disc_radiance", 1.0, "%", "radiances are known to one percent"),
+    ("moved", "rerender", "limb_displacement", 0.1, "px", "sub-pixel edges are good to a tenth of a pixel"),
+    ("noise", "rerender", "noise", 5.0, "%", "data sheets give read noise to two figures"),
+)
 
 
 def row(scene: str, error: float | None = 10.0, **columns: Any) -> ReplicateRow:

@@ -44,6 +44,15 @@ TALL_CAMERA: dict[str, Any] = {
     "camera": {"name": "strip-64x512", "width": 64, "height": 512, "fov_deg": 8.0},
     "band": [{"name": "co2", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.0}],
 }
+CMOS: dict[str, Any] = {
+    "kind": "cmos",
+    "pixel_pitch_um": 5.5,
+    "exposure_s": 2e-4,
+    "quantum_efficiency": 0.6,
+    "full_well_e": 13500.0,
+    "read_noise_e": 13.0,
+    "bits": 10,
+}
 SUN_RADIUS_RAD = math.radians(959.63 / 3600)
 
 

@@ -1,4 +1,4 @@
-"""Cameras calibrated: from the limbs in the images of a pass, and by other programs."""
+"""Calibration of cameras from limb images, and import of other programs' calibrations."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from horizonval.store.store import Store
 
 PLACES, SHARES = ("field_deg", "radius_px"), ("relative_illumination", "vignetting")
 BRIGHTER = 1.02
-"""Largest transmission over the law of the pupil, which allows for errors of the measurement."""
+"""Maximum transmission relative to the law of the pupil, with a margin for measurement errors."""
 
 
 def calibrate(
@@ -87,7 +87,7 @@ def calibrate(
 def images_of(paths: Sequence[Path]) -> list[Path]:
     """Return the given files, and for a run's folder all its detector images in the order of their times.
 
-    Raises ``UserError`` for a folder without an archive of images.
+    Raises ``UserError``: a folder without an archive of images.
     """
     found: list[Path] = []
     for path in paths:
@@ -140,6 +140,8 @@ def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:
 def camera_text(path: Path, camera: str | None = None, base: str | None = None, vignetting: Path | None = None) -> str:
     """Return the text of a camera file.
 
+    Raises ``UserError``: a mistake, with file and key.
+
     Parameters
     ----------
     path : Path
@@ -152,11 +154,6 @@ def camera_text(path: Path, camera: str | None = None, base: str | None = None, 
         Table of ``field_deg`` or ``radius_px``, the distance from the principal point along its row, and either
         ``relative_illumination``, the total loss towards the edge, or ``vignetting``, the loss beyond the law of the
         pupil.
-
-    Raises
-    ------
-    UserError
-        With file and key.
     """
     found, program = read_camera(path, camera)
     data: dict[str, Any] = {} if base is None else read_toml(find("camera", base))

@@ -1,4 +1,4 @@
-"""A camera as users hold it: a camera file, a shipped name, or plain data."""
+"""Cameras for users: a camera file, a shipped name, or plain data."""
 
 from __future__ import annotations
 
@@ -39,10 +39,7 @@ class Camera:
     def from_file(cls, path_or_name: str | Path) -> Camera:
         """Read a camera: a TOML file, or the name of a shipped camera (:func:`horizonval.list_cameras`).
 
-        Raises
-        ------
-        UserError
-            No such file, or a mistake in it: one line with the file, the key, and what was expected.
+        Raises ``UserError``: no such file, or a mistake in it: one line with file, key, and the expected value.
 
         Examples
         --------
@@ -73,16 +70,13 @@ class Camera:
     def changed(self, **tables: Mapping[str, Any]) -> Camera:
         """Return the camera with other values; all others stay.
 
+        Raises ``UserError``: an unknown table or key, or an invalid value.
+
         Parameters
         ----------
         **tables : mapping
             Tables of a camera file with the keys that change: ``camera``, ``platform``, ``optics``, ``detector``,
             and ``band``, whose keys are the bands' names.
-
-        Raises
-        ------
-        UserError
-            An unknown table or key, or an invalid value.
 
         Examples
         --------

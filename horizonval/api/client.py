@@ -131,7 +131,7 @@ class Client:
                 self._stream = self.address.connect(timeout_s)
                 return
             except OSError as e:
-                # A server makes its socket before it can answer, so a refused one may only be late.
+                # A server creates its socket before it can answer, so a refused connection may succeed later.
                 if time.monotonic() >= end:
                     raise UserError(
                         "nobody listens there",
@@ -143,16 +143,13 @@ class Client:
     def image(self, **keys: Unpack[ImageKeywords]) -> ServedImage:
         """Return the image of a pose; missing keys come from the server's scene, not from earlier requests.
 
+        Raises ``UserError``: the server refused, did not answer in time, or the connection is lost.
+
         Parameters
         ----------
         **keys
             Keys of a pose are keywords of :class:`horizonval.Scene`, from ``epoch_utc`` to ``head``. Others are
             ``exposure_s``; ``seed`` of the noise; ``band``; and whether the answer has ``truth`` and ``radiance``.
-
-        Raises
-        ------
-        UserError
-            The server refused, did not answer in time, or the connection is lost.
         """
         given = {key: x.isoformat() if isinstance(x, datetime) else x for key, x in keys.items() if x is not None}
         answer = self._ask("image", plain(given))
@@ -193,7 +190,7 @@ class Client:
             request["token"] = self._token
         where = str(self.address)
         try:
-            # A server that has no place says so and closes; its words can be read although nothing can be sent.
+            # A full server sends a message and closes; the message is readable although sending fails.
             with contextlib.suppress(ConnectionError):
                 send(self._stream, pack(request), self._timeout_s)
             body = receive(self._stream, LONGEST_BODY, self._timeout_s, self._timeout_s)

@@ -31,12 +31,15 @@ AIR_STEPS = {
 }
 """Field of ``AirChange`` and step of the difference [m, K, relative, relative]."""
 ROTATION_STEP_PX = 1e-3
-"""Step of rotations. Rotated frames share the tables of light, so that the errors of the tables cancel."""
+"""Step of rotations. Rotated frames share the view tables, so that the errors of the tables cancel."""
 SHIFT_STEP_PX, LARGEST_SHIFT_M = 0.02, 30.0
 """Step of shifts, in pixels at the limb, and its upper limit."""
 SKYLIGHT_FACTOR = 10.0
-"""Factor of the steps of shifts with multiple scattering. Each position has separate tables in single precision: with
-shorter steps rounding errors reach one per cent of the derivative."""
+"""Factor of the steps of shifts with multiple scattering.
+
+Each position has separate tables in single precision, whose rounding errors reach 1 % of the derivative at shorter
+steps.
+"""
 LARGEST_BEND = 0.2
 """Difference of the slopes to both sides that counts as a jump, as a share of their sum; 0.02 at a limb 8 km wide."""
 _RADIANCE = "W m-2 sr-1"
@@ -104,7 +107,7 @@ class FrameDerivatives:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters, in the order in which they were asked for."""
+        """Names of the parameters in the requested order."""
         return tuple(self.images)
 
     def jacobian(self, band: str) -> NDArray[np.float32]:
@@ -139,21 +142,10 @@ def derivatives_of(scene: Scene, parameters: Sequence[str] | None, progress: boo
 def image_derivatives(
     scene: Scene, parameters: Sequence[str], *, scale: float = 1.0, progress: Progress | None = None
 ) -> dict[str, Images]:
-    """Return the derivatives of every band by the parameters, in double precision.
+    """Return the derivatives of every band by parameters of :data:`UNITS`, in double precision.
 
-    Parameters
-    ----------
-    scene : Scene
-    parameters : sequence of str
-        Of :data:`UNITS`.
-    scale : float
-        Factor of all steps, for estimates of the error.
-    progress : Progress, optional
-
-    Raises
-    ------
-    UserError
-        For a scene with parts, whose illumination would change too; else as :func:`horizonval.render`.
+    ``scale``: factor of all steps, for error estimates. Raises ``UserError``: a scene with parts, whose illumination
+    would change too; else as :func:`horizonval.render`.
     """
     from horizonval.earth.atmosphere.air import AirChange
     from horizonval.renderer.description import describe
@@ -204,7 +196,7 @@ def _pose_step(described: Described, parameter: str, all_orders: bool) -> float:
 
 
 def _displaced(described: Described, parameter: str, step: float) -> Described:
-    """Return the scene with its camera turned or moved by a step [rad or m]; Sun, Moon and air stay."""
+    """Return the scene with its camera rotated or moved by a step [rad or m]; Sun, Moon and air stay."""
     sensor = described.sensor
     if parameter in ROTATIONS:
         turn = Rotation.from_rotvec(step * np.eye(3)[ROTATIONS.index(parameter)]).as_matrix()
@@ -214,7 +206,7 @@ def _displaced(described: Described, parameter: str, step: float) -> Described:
 
 
 def _radiance(described: Described, progress: Progress | None) -> Images:
-    """Return the radiance of every band before it is rounded to single precision."""
+    """Return the radiance of every band before rounding to single precision."""
     from horizonval.renderer.plugins import mitsuba_scene, prepare
 
     prepare(described.limb, progress)
@@ -225,7 +217,7 @@ def _radiance(described: Described, progress: Progress | None) -> Images:
 
 
 def _difference(above: FloatArray, middle: FloatArray, below: FloatArray, step: float, moves: bool) -> FloatArray:
-    """Return the central difference; where rays move and a jump lies on one side, the difference to the other."""
+    """Return the central difference; for moving rays with a jump on one side, the difference to the other."""
     forward, backward = (above - middle) / step, (middle - below) / step
     central = 0.5 * (forward + backward)
     if not moves:

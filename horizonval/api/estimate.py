@@ -1,4 +1,4 @@
-"""One estimator on any image, how far its answer is from the truth, and what an ideal sensor reads there."""
+"""One estimator on any image, the error of its answer, and the readings of an ideal sensor there."""
 
 from __future__ import annotations
 
@@ -118,10 +118,10 @@ def estimate_report(
     camera: AnyCamera | None = None,
     prior: AnyPrior | None = None,
 ) -> dict[str, Any]:
-    """Run one estimator on an image and return what ``horizonval estimate --json`` prints.
+    """Run one estimator on an image and return the content of ``horizonval estimate --json``.
 
     Parameters as for :func:`estimate`. An image with its truth also has the errors against it (:data:`ERRORS`,
-    :data:`BOUNDS`); the estimator is not given the truth. Keys that do not apply are None.
+    :data:`BOUNDS`); the estimator does not receive the truth. Keys that do not apply are None.
     """
     method = estimator_of(estimator)
     observation, sources = _observed(image, method, camera, prior)
@@ -150,15 +150,13 @@ def score(fit: Fit | Refusal, frame: RadianceFrame | DetectorImage) -> Score:
 
 
 def horizon_sensor(image: Source | FrameTruth | str | Path) -> dict[str, Any]:
-    """Return what an ideal horizon sensor reads at the pose of an image, truth or image file; pixels are not used.
+    """Return the readings [deg] of an ideal horizon sensor at the pose of an image, truth or image file.
 
-    Returns
-    -------
-    dict
-        Both readings of the published module's documentation [deg]; None where the sensor reads nothing.
-        ``roll_error_deg``, ``pitch_error_deg``: between the axes of the sensor and those of the nearest horizon point;
-        ``roll_elevation_deg``, ``pitch_elevation_deg``: of the axes of the sensor over the tangent plane there. The
-        Earth is the sphere whose angular radius is the mean over the horizon; ``horizon_cam`` points to the point.
+    Both readings of the published module's documentation: ``roll_error_deg``, ``pitch_error_deg`` are the angles
+    between the axes of the sensor and those of the nearest horizon point; ``roll_elevation_deg``,
+    ``pitch_elevation_deg`` the elevations of the axes over the tangent plane there. The Earth is the sphere with the
+    mean angular radius of the horizon; ``horizon_cam`` points to the horizon point. None where the sensor reads
+    nothing. Pixels are not used.
     """
     if isinstance(image, str | Path):
         truth = FrameTruth.from_dict(exr.read_header(Path(image))["truth"])
@@ -196,6 +194,9 @@ def mission_table(
 ) -> MissionTable:
     """Return the table of limb profiles that a fit needs for the frames of a suite or scene.
 
+    Raises ``UserError``: no such file; several bands; no table for the band; no limb in view; an unknown or varying
+    air.
+
     Parameters
     ----------
     target : str
@@ -209,11 +210,6 @@ def mission_table(
     clear : bool
         Whether the table has no clouds.
     progress : Progress, optional
-
-    Raises
-    ------
-    UserError
-        No such file; several bands; no table for the band; no limb in view; an unknown air, or one that varies.
     """
     from horizonval.api.check import kind_of
     from horizonval.suites.suite import load_suite
@@ -229,8 +225,8 @@ def mission_table(
 def estimator_of(estimator: AnyEstimator, suite: str | Path | None = None) -> Estimator:
     """Return an estimator from an estimator, a name, an ONNX file or a function.
 
-    ``suite`` is a suite or study whose programs (``[[estimator]]``) a name may be. Raises ``UserError`` for an unknown
-    name or an invalid file.
+    ``suite``: suite or study whose programs (``[[estimator]]``) a name may be. Raises ``UserError``: an unknown name or
+    an invalid file.
     """
     if isinstance(estimator, Estimator):
         return estimator
@@ -247,7 +243,7 @@ def estimator_of(estimator: AnyEstimator, suite: str | Path | None = None) -> Es
 
 
 def _program_of(suite: str | Path, name: str) -> Estimator:
-    """Return the estimator of a name in a suite or study: one of its programs, or an installed one."""
+    """Return an estimator of a suite or study: one of its programs, or an installed one."""
     path = find("suite", suite)
     data = read_toml(path)
     head: StudyHead | SuiteHead
@@ -286,7 +282,7 @@ def _observed(
     camera: AnyCamera | None,
     prior: AnyPrior | None,
 ) -> tuple[Observation, list[Source]]:
-    """Return the observation for an estimator, and the images and frames of this package in it."""
+    """Return the observation for an estimator, and the images and frames of this package among the sources."""
     known = prior_from(prior) if isinstance(prior, str | Path) else prior
     if not isinstance(image, Sequence) or isinstance(image, str):
         return observation_from(image, estimator, None if camera is None else camera_of(camera), known)
@@ -301,9 +297,9 @@ def _observed(
 
 
 def sources_of_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estimator) -> dict[str, Source]:
-    """Return the images of all heads of one housing by head, in the order of the camera file.
+    """Return the images of all heads of one housing by head, in the camera file's order.
 
-    The answer is in the camera frame of the first. ``pictures`` are pairs of a name for errors and a picture.
+    The answer is in the camera frame of the first. ``pictures``: name for errors, and picture.
     """
     if estimator.needs != "heads":
         names = ", ".join(name for name, _ in pictures)
@@ -336,7 +332,7 @@ def sources_of_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estim
 def observation_from(
     image: AnyImage, estimator: Estimator, camera: Camera | None = None, known: PriorSpec | Prior | None = None
 ) -> tuple[Observation, list[Source]]:
-    """Return what an estimator is given of one image, and the image if it is one of ours; as :func:`estimate`."""
+    """Return the observation of one image, and the image if it is of this package; as :func:`estimate`."""
     where = str(image) if isinstance(image, str | Path) else "image"
     picture = _picture_of(image, camera)
     source = picture.source
@@ -399,7 +395,7 @@ def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
 
 
 def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:
-    """A 12 bit converter saturates at 4095, also in a 16 bit file; the detector knows, the file does not."""
+    """A 12 bit converter saturates at 4095 even in a 16 bit file, which does not state it."""
     if picture.full_scale is None or picture.source is not None or camera.detector is None:
         return picture.full_scale
     return min(picture.full_scale, float(2**camera.detector.bits - 1))

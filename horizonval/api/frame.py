@@ -1,4 +1,4 @@
-"""Rendered frames, and how a scene becomes one."""
+"""Rendered frames, and the rendering of a scene."""
 
 from __future__ import annotations
 
@@ -94,7 +94,8 @@ class Frame(RadianceFrame):
         """Return how the radiance of every pixel changes with attitude, position, gain and the air.
 
         Each parameter takes two frames. Frames of the pose share the tables of the air; every parameter of the air
-        needs new ones. The scene is that of the frame's truth, so a frame from a file serves as well.
+        needs new ones. The scene is that of the frame's truth, so a frame from a file serves as well. Raises
+        ``UserError``: an unknown parameter; as :func:`horizonval.render`.
 
         Parameters
         ----------
@@ -103,21 +104,13 @@ class Frame(RadianceFrame):
             ``gain``, ``temperature``, ``density``, ``aerosol``; all by default.
         progress : bool or Progress
             As for :func:`horizonval.render`.
-
-        Raises
-        ------
-        UserError
-            An unknown parameter; as :func:`horizonval.render`.
         """
         return derivatives_of(self.scene, parameters, progress)
 
     def save(self, path: str | Path) -> Path:
         """Write the frame as an OpenEXR file with its truth in the header; :func:`horizonval.open_frame` reads it.
 
-        Raises
-        ------
-        UserError
-            The file cannot be written.
+        Raises ``UserError``: the file cannot be written.
         """
         from horizonval.store.exr import write_frame
 
@@ -127,8 +120,8 @@ class Frame(RadianceFrame):
     def picture(self) -> NDArray[np.uint8]:
         """Return the frame as a picture, shape (H, W, 3), sRGB.
 
-        Sunlight is relative to a white ground and compressed so that bright and dark parts are visible together. Frames
-        with thermal bands alone show brightness temperatures with their scale.
+        Sunlight is relative to a white ground and compressed. Frames with thermal bands alone show brightness
+        temperatures with their scale.
         """
         from horizonval.report.pictures import frame_picture
 
@@ -240,6 +233,8 @@ def radiance(
 ) -> tuple[RayFile, dict[str, FloatArray]]:
     """Compute the radiance along given rays in a given atmosphere, without camera or scene.
 
+    Raises ``UserError``: a mistake in one of the files, or no back-end works.
+
     Parameters
     ----------
     rays : Path
@@ -259,11 +254,6 @@ def radiance(
     table : RayFile
     radiance : dict of ndarray, shape (n,)
         By band: 1/sr for unit solar irradiance; of emission W m-2 sr-1 um-1 at the wavelength of the band.
-
-    Raises
-    ------
-    UserError
-        A mistake in one of the files, or no back-end works.
     """
     from horizonval.earth.atmosphere_file import file_model, read_atmosphere
     from horizonval.formats.rays import check_above_ground, read_rays
@@ -295,10 +285,7 @@ def radiance(
 def open_frame(path: str | Path) -> Frame:
     """Read a rendered frame from an OpenEXR file that this package wrote.
 
-    Raises
-    ------
-    UserError
-        No such file, or it is damaged or not written by this package.
+    Raises ``UserError``: no such file, or it is damaged or not written by this package.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The gallery: the shipped scenes on one page, in three colours of visible light or in the infrared of their camera."""
+"""The gallery: the shipped scenes on one page, in three visible bands or in their camera's infrared."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from horizonval.spec.scene import SceneSpec
 
 LIMITS_UM = {"red": (0.61, 0.66), "green": (0.52, 0.57), "blue": (0.44, 0.49)}
 NODES = 2
-"""Of each band: 50 nm are narrow."""
+"""Spectral nodes of each band, 50 nm wide."""
 
 
 def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Progress = True) -> Path:
     """Render the named shipped scenes, or all, write their pictures and ``index.html``, and return its path.
 
-    Existing pictures are replaced: the page always shows the scenes as they are now.
+    Existing pictures are replaced.
     """
     known = shipped_names("scene")
     for name in names:
@@ -75,7 +75,7 @@ def _infrared(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exh
 
 
 def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
-    # Only here: the list of scenes is asked for without a renderer.
+    # Imported here: the list of scenes needs no renderer.
     from horizonval.renderer.frame import render_frame
 
     return render_frame(scene, camera)

@@ -1,4 +1,4 @@
-"""Detector images, and how a frame becomes one."""
+"""Detector images, and the simulation of a detector."""
 
 from __future__ import annotations
 
@@ -56,10 +56,7 @@ class Image(DetectorImage):
     def save(self, path: str | Path) -> Path:
         """Write the image as an OpenEXR file with its truth in the header; :func:`horizonval.open_image` reads it.
 
-        Raises
-        ------
-        UserError
-            The file cannot be written.
+        Raises ``UserError``: the file cannot be written.
         """
         from horizonval.store.exr import write_image
 
@@ -122,10 +119,7 @@ def observe(
 def open_image(path: str | Path) -> Image:
     """Read a detector image from an OpenEXR file that this package wrote.
 
-    Raises
-    ------
-    UserError
-        No such file, or it is damaged or not written by this package.
+    Raises ``UserError``: no such file, or it is damaged or not written by this package.
 
     Examples
     --------

@@ -88,7 +88,7 @@ def _shipped(kind: Kind) -> Callable[[], dict[str, str]]:
 def _estimators() -> dict[str, str]:
     from horizonval.plugins import registry
 
-    # Of other packages nothing is imported here.
+    # Nothing of other packages is imported here.
     return {
         name: f"Of another package, in {registry.module_of(name)}."
         if registry.is_foreign(name)
@@ -117,7 +117,7 @@ def _detectors() -> dict[str, str]:
 
 
 def first_sentence(text: str) -> str:
-    """Return what a text begins with, as one sentence."""
+    """Return the first sentence of a text."""
     sentence = text.split(". ")[0].rstrip(" .:;")
     return f"{sentence}." if sentence else ""
 
@@ -135,7 +135,7 @@ LISTS: dict[str, Callable[[], dict[str, str]]] = {
 
 
 def examine() -> dict[str, Any]:
-    """Return what is found, as plain data: ``facts`` (label, text), ``problems`` (text, fix), ``can_render``."""
+    """Return the state of this machine: ``facts`` (label, text), ``problems`` (text, fix), ``can_render``."""
     from horizonval.core.environment import configured_folder, is_usable
     from horizonval.jobs.pool import available_cpus
     from horizonval.renderer.backend import probe

@@ -36,18 +36,10 @@ BASELINES, PAGES = Path("results/baseline"), Path("results/published")
 
 @dataclass(frozen=True)
 class DryRun:
-    """What a run would make, counted without rendering or writing anything.
+    """Counts of a run without rendering or writing anything.
 
-    Attributes
-    ----------
-    what : str
-    out : str
-        Output folder.
-    total, finished : dict of str to int
-        Numbers of items by kind, and how many of them are finished in the folder.
-    cost : Cost or None
-        Of all items, finished or not; None where it is not known.
-    notes : tuple of str
+    ``total``, ``finished``: number of items by kind, and of those finished in the folder ``out``. ``cost``: of all
+    items; None if unknown.
     """
 
     what: str
@@ -120,11 +112,7 @@ class Run:
         """Return the results as a relation, one row for every frame and estimator.
 
         ``.df()`` makes it a pandas frame, ``.arrow()`` an Arrow table, ``.filter("status = 'valid'")`` a relation.
-
-        Raises
-        ------
-        UserError
-            The run is not finished, or the file with its results is damaged.
+        Raises ``UserError``: the run is not finished, or its results are damaged.
         """
         import duckdb
 
@@ -221,10 +209,7 @@ def run(
 def open_run(folder: str | Path) -> Run:
     """Open the folder of a run.
 
-    Raises
-    ------
-    UserError
-        It is not the folder of a run.
+    Raises ``UserError``: it is not the folder of a run.
 
     Examples
     --------
@@ -288,6 +273,8 @@ def regress(
 ) -> JsonObject | DryRun:
     """Run the regression of one night and return its verdict.
 
+    Raises ``UserError``: no such lane; or as :func:`horizonval.studies.regression.night.run_night`.
+
     Parameters
     ----------
     suite : str
@@ -304,11 +291,6 @@ def regress(
         Folder of this night by another version; fresh scenes are compared in pairs.
     workers, dry_run, progress
         As for :func:`run`. A dry run counts only the first batch of fresh scenes: later ones depend on its result.
-
-    Raises
-    ------
-    UserError
-        As :func:`horizonval.studies.regression.night.run_night`; no such lane.
     """
     from horizonval.studies.regression.night import LANES, Wanted, planned, run_night
 
@@ -355,16 +337,8 @@ def reproduce(
 ) -> Iterator[JsonObject | DryRun]:
     """Repeat the published experiments and yield the content of each page as it is written, or the dry run.
 
-    Parameters
-    ----------
-    systems : sequence of str
-        Letters of published systems; empty or ``all`` for all of them.
-    out : Path
-        Folder of the pages.
-    seed : int
-        Of all noise in the experiments.
-    workers, dry_run, progress
-        As for :func:`run`. A dry run leaves out items that depend on results which do not exist yet.
+    ``systems``: letters; empty or ``all`` for all. ``out``: folder of the pages. ``seed``: of all noise. Others as for
+    :func:`run`. A dry run leaves out items that depend on missing results.
     """
     from horizonval.systems.quick import chosen, experiment
     from horizonval.systems.run import WORK, reproduce_systems
@@ -413,7 +387,7 @@ def execution_of(
     dask: str | None = None,
     merge: Iterable[str | Path] = (),
 ) -> Execution:
-    """Return where frames are made; parameters as for :func:`run`."""
+    """Return the execution of a run; parameters as for :func:`run`."""
     text = f"{shard[0]}/{shard[1]}" if isinstance(shard, tuple) else shard
     return Execution(workers, None if text is None else parse_shard(text), dask, tuple(map(Path, merge)))
 
@@ -429,7 +403,7 @@ def _before(target: Suite | Study, listener: Progress, found: list[Finding]) -> 
 
 
 def _dry_run(suite: Suite, out: Path, execution: Execution, report: Report) -> DryRun:
-    """Return the dry run of a suite, or of the suite of a study; raises what the run would refuse."""
+    """Return the dry run of a suite, or of the suite of a study; raises as the run."""
     if report.cost is None:
         error = next(finding for finding in report.findings if finding.code == "cannot-run")
         raise UserError(error.text, fix=error.fix)

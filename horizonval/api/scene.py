@@ -1,4 +1,4 @@
-"""A scene as users hold it: one camera, one pose, one planet, one instant."""
+"""Scenes for users: one camera, one pose, one planet, one instant."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from horizonval.spec.pose import TABLE_OF, VECTORS, PoseKeys, PoseKeywords
 from horizonval.spec.scene import SceneName, SceneSpec
 
 FLAT = TABLE_OF | dict.fromkeys(SceneName.model_fields, "scene")
-"""Keys of a scene file that are keywords of :class:`Scene` as they are, and their tables."""
+"""Scene-file keys that are keywords of :class:`Scene` under the same name, with their tables."""
 TABLES = tuple(key for key in SceneSpec.model_fields if key != "camera")
-"""Keywords that are a whole table of a scene file."""
+"""Keywords that are entire tables of a scene file."""
 
 
 class SceneKeywords(PoseKeywords, total=False):
@@ -117,12 +117,8 @@ class Scene:
     def from_file(cls, path_or_name: str | Path, head: str | None = None) -> Scene:
         """Read a scene, a TOML file or a shipped name (:func:`horizonval.list_scenes`), and the camera that it names.
 
-        ``head`` replaces the scene's ``camera.head``.
-
-        Raises
-        ------
-        UserError
-            No such file, a mistake in it or in the camera file, or a camera of several heads without a choice.
+        ``head`` replaces the scene's ``camera.head``. Raises ``UserError``: no such file, a mistake in it or in the
+        camera file, or a camera of several heads without a choice.
 
         Examples
         --------
@@ -211,7 +207,7 @@ def _with_keywords(data: JsonObject, keywords: Mapping[str, Any], camera: Camera
             data = deep_merge(data, {key: value} if key in TABLES else {FLAT[key]: {key: value}})
     if any(key in VECTORS for key in given):
         if "position_itrs_km" in given:
-            # A scene needs an altitude before it is known which one.
+            # A scene needs an altitude; the value is not yet known.
             data = deep_merge(data, {"platform": {"altitude_km": pose.altitude_km}})
         for key, value in scene_keys(pose, _resolved(data, camera)[0], "Scene").items():
             data = deep_merge(data, {TABLE_OF[key]: {key: value}})

@@ -1,4 +1,4 @@
-"""Frames in real time: one place and instant, and attitudes as they come."""
+"""Frames in real time: one position and instant, any sequence of attitudes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Attitude: TypeAlias = "Sequence[float] | NDArray[np.float64] | Mapping[str, Any]
 """Yaw, pitch and roll [deg]; a quaternion; or keys of a pose that turn the camera."""
 
 ATTITUDE = "Session: attitude"
-"""What errors call it."""
+"""Name in error messages."""
 
 
 class Session:
@@ -100,6 +100,8 @@ class Session:
     def frame(self, attitude: Attitude | None = None, *, maps: bool = True) -> Frame:
         """Return the frame of an attitude: radiance per band, truth maps, and the exact truth.
 
+        Raises ``UserError``: an invalid attitude; the first frame also as :func:`horizonval.render`.
+
         Parameters
         ----------
         attitude : sequence or mapping, optional
@@ -108,11 +110,6 @@ class Session:
             attitude, rate and mounting. Missing values come from ``scene``.
         maps : bool
             False leaves out the truth maps, which a detector does not need: quicker.
-
-        Raises
-        ------
-        UserError
-            An invalid attitude; the first frame also as :func:`horizonval.render`.
         """
         return Frame.of(self._rendered(attitude, maps=maps))
 
@@ -127,19 +124,9 @@ class Session:
     ) -> Image:
         """Return the detector image of an attitude; quicker than a frame and ``observe``, as it needs no maps.
 
-        Parameters
-        ----------
-        attitude : sequence or mapping, optional
-            As of :meth:`frame`.
-        exposure_s : float, optional
-            Replaces the exposure of the camera's detector.
-        seed, band, noise
-            As of :func:`horizonval.observe`.
-
-        Raises
-        ------
-        UserError
-            As :meth:`frame`, and for a camera without a detector, a band that it lacks, or an invalid exposure.
+        ``attitude``: as of :meth:`frame`. ``exposure_s``: replaces the exposure of the camera's detector. ``seed``,
+        ``band``, ``noise``: as of :func:`horizonval.observe`. Raises ``UserError``: as :meth:`frame`, and for a camera
+        without a detector, a band that it lacks, or an invalid exposure.
         """
         camera = self.camera
         if exposure_s is not None:

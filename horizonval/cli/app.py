@@ -1,4 +1,4 @@
-"""All commands in the order in which ``--help`` lists them, and how a run of one of them ends."""
+"""All commands in the order of ``--help``, and the exit of a command."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from horizonval.core.errors import UserError, printable
 from horizonval.jobs.pool import hush, sign_of_life
 
 COMPLETION = "_HORIZONVAL_COMPLETE"
-"""Environment variable by which shells ask."""
+"""Environment variable with which shells request completions."""
 
 app = typer.Typer(
     name="horizonval",
@@ -60,11 +60,11 @@ def main() -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     settle_libraries()
-    # A terminal or pipe of another encoding must not stop a command at a name that it cannot show.
+    # Unencodable names must not stop a command on a terminal or pipe.
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     arguments = sys.argv[1:]
-    # Where the shell asks what may come next, nothing else may be said.
+    # Shell completion allows no other output.
     life = sign_of_life(f"horizonval: {_command_name(arguments)} is getting ready")
     with nullcontext() if COMPLETION in os.environ else life:
         status = run_command_line(arguments)
@@ -72,7 +72,7 @@ def main() -> None:
 
 
 def _command_name(arguments: list[str]) -> str:
-    """Return the words that name the command, as far as they are known before parsing."""
+    """Return the words that name the command, as far as known before parsing."""
     words = [word for word in arguments[:2] if not word.startswith("-")]
     return " ".join(words if words[:1] in (["archive"], ["baseline"], ["bench"]) else words[:1]) or "it"
 
@@ -85,7 +85,7 @@ def run_command_line(arguments: list[str]) -> int:
     except UserError as e:
         return _fail(*e.lines())
     except BrokenPipeError:
-        # The reader has gone (``| head``); nothing is wrong, and nothing more may be written.
+        # The reader has gone (``| head``): no error, and no further output.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 0
     except OSError as e:

@@ -1,4 +1,4 @@
-"""The archive of a run: its frames and images listed, checked, exported, cleaned, scored again."""
+"""The archive of a run: list, check, export, clean and rescore frames and images."""
 
 from __future__ import annotations
 

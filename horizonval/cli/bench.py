@@ -1,4 +1,4 @@
-"""Images for others: the benchmark (frames made, submissions run on them, all ranked), and data sets to learn from."""
+"""Images for others: the benchmark (frames, submissions, ranking) and training data sets."""
 
 from __future__ import annotations
 

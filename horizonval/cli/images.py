@@ -1,4 +1,4 @@
-"""Images and cameras: detector images made of a frame, looked at, estimated from; cameras calibrated."""
+"""Images and cameras: detector images, sheets, estimates, calibration."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def _each(images: list[Path], estimated: Callable[[Path], dict[str, Any]], as_js
 
 
 def _line(report: dict[str, Any]) -> str:
-    """Return the answer, what it claims of itself, and how far off it is, on a line."""
+    """Return the answer, its claimed uncertainty and its error as a line."""
     parts = [report["status"]]
     if report["reason"]:
         parts.append(report["reason"])
@@ -265,7 +265,7 @@ def camera(
 
 @dataclass(frozen=True)
 class ImagePlan:
-    """One image to make. ``exposure_s`` is None where the camera file decides, ``band`` where it is the first one."""
+    """One image to make; ``exposure_s`` and ``band`` None mean the camera file's."""
 
     path: Path
     seed: int
@@ -283,11 +283,10 @@ class ImagePlan:
 def plans(
     out: str, seeds: Sequence[str], exposures: Sequence[str], bands: Sequence[str], camera: CameraSpec
 ) -> list[ImagePlan]:
-    """Return the images that options request, one for every combination.
+    """Return the requested images, one for every combination of options; ``out`` is a path, pattern or folder.
 
-    ``out`` is a path, pattern or folder. The lists are empty for seed 0, the camera's exposure, or its first band.
-    Raises ``UserError`` for text that is no number, an exposure for a detector without one, or a pattern that gives two
-    images one name.
+    Empty lists mean seed 0, the camera's exposure, its first band. Raises ``UserError``: text that is not a number, an
+    exposure for a detector without one, or two images of one name.
     """
     chosen_seeds = _seeds(seeds) or [0]
     chosen_exposures: Sequence[float | None] = _exposures(exposures, camera) or [None]
@@ -298,7 +297,7 @@ def plans(
     lists = {"band": chosen_bands, "exposure": chosen_exposures, "seed": chosen_seeds}
     differ = [f"{{{name}}}" for name, values in lists.items() if len(values) > 1]
     if differ and "{" not in out and (Path(out).is_dir() or not Path(out).suffix):
-        # A folder: its files are named after what differs.
+        # A folder: file names contain the options that differ.
         out = str(Path(out) / ("-".join(differ) + ".exr"))
     images = [
         ImagePlan(Path(_filled(out, camera, band, exposure, seed)), seed, exposure, band)

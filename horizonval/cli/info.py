@@ -1,4 +1,4 @@
-"""What there is: on this machine, and by name."""
+"""State of this machine, and lists of names."""
 
 from __future__ import annotations
 

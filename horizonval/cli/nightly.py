@@ -1,4 +1,4 @@
-"""The nightly verdict, the baseline it is measured against, and published systems reproduced."""
+"""The nightly verdict, its baseline, and the reproduction of published systems."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Options that several commands share, what a shell offers for them, and those that choose entries of an archive.
+"""Shared options, shell completions, and options that select entries of an archive.
 
-Nothing heavy is loaded for what a shell offers after <Tab>: a key press must not take a second.
+Completions load nothing heavy: a key press must not take a second.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ Dask = Annotated[
 ]
 
 Offer = Callable[[str], list[tuple[str, str]]]
-"""What is offered for the beginning of a word: words, each with a description."""
+"""Completions of the beginning of a word, each with a description."""
 
 
 def shipped(*kinds: Kind) -> Offer:
-    """Return what offers the shipped files of some kinds, and TOML files and folders."""
+    """Return the completion of shipped files of some kinds, TOML files and folders."""
 
     def offer(incomplete: str) -> list[tuple[str, str]]:
         from horizonval.api.info import first_sentence
@@ -58,12 +58,12 @@ def shipped(*kinds: Kind) -> Offer:
 
 
 def files(suffix: str) -> Offer:
-    """Return what offers files of an ending and folders."""
+    """Return the completion of folders and of files with a suffix."""
     return lambda incomplete: [(path, "") for path in _paths(incomplete, suffix)]
 
 
 def estimators(incomplete: str) -> list[tuple[str, str]]:
-    """Offer the installed estimators."""
+    """Complete installed estimators."""
     from importlib.metadata import entry_points
 
     names = {point.name for point in entry_points(group="horizonval.estimators")}
@@ -71,26 +71,26 @@ def estimators(incomplete: str) -> list[tuple[str, str]]:
 
 
 def lists(incomplete: str) -> list[tuple[str, str]]:
-    """Offer what there are lists of."""
+    """Complete the names of lists."""
     from horizonval.api.info import LISTS
 
     return [(name, "") for name in LISTS if name.startswith(incomplete)]
 
 
 def systems(incomplete: str) -> list[tuple[str, str]]:
-    """Offer the letters of the published systems."""
+    """Complete the letters of published systems."""
     return [
         (name, "") for name in ("A", "B", "C", "D", "E", "F", "G", "all") if name.lower().startswith(incomplete.lower())
     ]
 
 
 def kinds_of_files(incomplete: str) -> list[tuple[str, str]]:
-    """Offer the kinds of files that have a schema."""
+    """Complete the kinds of files with a schema."""
     return [(name, "") for name in ("scene", "camera", "suite", "study", "prior") if name.startswith(incomplete)]
 
 
 def _paths(incomplete: str, suffix: str) -> Iterator[str]:
-    """Yield files of an ending and folders that a path begins; hidden ones only if they are asked for."""
+    """Yield files of a suffix and folders by prefix; hidden ones only on request."""
     folder, _, begin = incomplete.rpartition("/")
     try:
         entries = sorted(Path(f"{folder}/" if folder or incomplete.startswith("/") else ".").iterdir())
@@ -134,7 +134,7 @@ Merge = Annotated[
 
 @dataclass(frozen=True)
 class EntryOptions:
-    """Entries of an archive by what their headers say; what is None does not matter."""
+    """Entries of an archive by header values; None matches all."""
 
     scene: Annotated[str | None, typer.Option("--scene", help="Name of the scene; `*` and `?` stand for others.")] = (
         None
@@ -159,10 +159,7 @@ ALL = EntryOptions()
 
 
 def selects(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the fields of :class:`EntryOptions` as options, in the place of its argument ``options``.
-
-    The parser knows single options only.
-    """
+    """Give a command the fields of :class:`EntryOptions` as options in place of its argument ``options``."""
     hints = get_type_hints(EntryOptions, include_extras=True)
     choices = [
         Parameter(field.name, Parameter.POSITIONAL_OR_KEYWORD, default=field.default, annotation=hints[field.name])

@@ -1,4 +1,4 @@
-"""What commands share while they work and when they are done: checked outputs, progress, interruptions, tables."""
+"""Shared output of commands: checked targets, progress, interruptions, tables."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def check_target(out: Path, source: Path | None = None) -> None:
-    """Refuse a file that cannot be written before the work is done, not after."""
+    """Refuse an unwritable file before the work."""
     if not out.parent.is_dir():
         raise UserError("no such folder", where=str(out.parent), fix="create it first")
     if out.is_dir():
@@ -28,7 +28,7 @@ def check_target(out: Path, source: Path | None = None) -> None:
 
 
 def check_folder(out: Path) -> None:
-    """Refuse a folder that is not new or empty: what lies there is not ours to overwrite."""
+    """Refuse a folder that is not new or empty: user data must not be overwritten."""
     if not out.parent.is_dir():
         raise UserError("no such folder", where=str(out.parent), fix="create it first")
     if out.exists() and not out.is_dir():
@@ -41,7 +41,7 @@ def check_folder(out: Path) -> None:
 def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> Iterator[Terminal]:
     """Show the progress of resumable work, counted in ``unit``; an interruption prints a line and gives status 130.
 
-    ``kept`` names what an interruption does not lose, for that line.
+    ``kept``: what an interruption preserves, for that line.
     """
     from horizonval.jobs.progress import Terminal
 
@@ -53,7 +53,7 @@ def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> It
 def interruptible(kept: str | None = None) -> Iterator[None]:
     """End with status 130 and one line after an interruption; ``kept`` as for :func:`resumable`.
 
-    Other early ends, such as a plug-in's ``sys.exit(0)`` or a closed pipe, are no success.
+    Other early ends, such as a plug-in's ``sys.exit(0)`` or a closed pipe, do not count as success.
     """
     try:
         yield
@@ -62,7 +62,7 @@ def interruptible(kept: str | None = None) -> Iterator[None]:
         print(f"horizonval: interrupted; {finished}the same command goes on from here", file=sys.stderr)
         raise SystemExit(130) from None
     except SystemExit as end:
-        # Work that comes to its end leaves the block: whoever ends the process inside it has not finished it.
+        # Finished work leaves the block: ending the process inside it means failure.
         if end.code not in (None, 0):
             raise
         print("horizonval: error: foreign code ended the process before the work was done", file=sys.stderr)
@@ -72,7 +72,7 @@ def interruptible(kept: str | None = None) -> Iterator[None]:
 
 
 def watched(what: str, unit: str = "files") -> Terminal:
-    """Show on a terminal how far work has come that needs no log."""
+    """Show progress on a terminal, without log lines."""
     from horizonval.jobs.progress import Terminal
 
     return Terminal(what, unit, log=False)
@@ -84,7 +84,7 @@ def print_json(data: object) -> None:
 
 
 def print_result(data: object, as_json: bool, lines: Iterable[str]) -> None:
-    """Print plain data as JSON, or else lines of text; of a generator of lines the others are never made."""
+    """Print plain data as JSON, or else lines of text; generators of lines are only consumed for text."""
     if as_json:
         print_json(data)
     else:
@@ -98,9 +98,9 @@ def print_dry_run(counted: DryRun, as_json: bool) -> None:
 
 
 def print_summary(summary: dict[str, Any]) -> None:
-    """Print the table of a run, one line for every estimator and camera, and what that says in words.
+    """Print the table of a run, one line for every estimator and camera, and its summary in words.
 
-    Estimators that receive the true pose come last: they test the scoring, and count in no other line.
+    Estimators that receive the true pose come last: they test the scoring, and are excluded from other lines.
     """
     from horizonval.report.words import headline, unit_of
 
@@ -142,7 +142,7 @@ def print_summary(summary: dict[str, Any]) -> None:
 
 
 def print_shard(shard: str | None, missing: int) -> None:
-    """Print that a shard is done, and what the whole still lacks."""
+    """Print that a shard is finished, and what the whole lacks."""
     print(f"shard {shard} is done, {missing} results of others are missing; run without --shard to conclude")
 
 

@@ -1,4 +1,4 @@
-"""Scenes to frames, pictures or Mitsuba's files, and the integrator alone."""
+"""Scenes to frames, pictures or Mitsuba files, and the integrator alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Suites and studies: checked, run from frames to report, and asked when they are finished."""
+"""Suites and studies: check, run, report, and query."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def run(
         print(f"report: {result.report}")
     if result.failed:
         print(f"horizonval: {len(result.failed)} failed: {', '.join(result.failed)}", file=sys.stderr)
-    # A run that ends without its summary has not done what was asked, whatever stopped it.
+    # A run without its summary has failed, whatever stopped it.
     return 1 if result.failed or (shard is None and not result.summary) else 0
 
 
@@ -272,7 +272,7 @@ def _ask_study(
 
 
 def _answer_lines(answer: dict[str, Any]) -> list[str]:
-    """Return the answer in words, and where no design meets what is asked for, why frames were missed."""
+    """Return the answer in words; if no design meets the requirement, with the causes of misses."""
     from horizonval.studies.trade.formatting import miss_lines
 
     missed = answer["cheapest"] is None and any(answer["misses"].values())

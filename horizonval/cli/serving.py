@@ -1,4 +1,4 @@
-"""What stays and answers: images for a simulation in the loop, and a report in a browser."""
+"""Servers: images for a simulation in the loop, and a report in a browser."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def view(
 
 
 def _open_browser(address: str) -> None:
-    """Open a graphical browser, where there is a screen: one of the terminal would take it over."""
+    """Open a graphical browser if there is a display: a terminal browser would take over the terminal."""
     import os
     import sys
     import webbrowser

@@ -190,10 +190,7 @@ def _mistake(problem: Any, file: str) -> UserError:
 
 
 def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
-    """Return the checked content of an atmosphere file from its parsed JSON.
-
-    Raises ``UserError``: naming ``file``, the first offending keys and what was expected there.
-    """
+    """Return the checked content of an atmosphere file; raises ``UserError`` with the first wrong keys."""
     if not isinstance(data, dict) or not AtmosphereFile.model_fields.keys() & data:
         raise UserError("not an atmosphere file", where=file, expected="a JSON object of the format's keys")
     try:
@@ -203,10 +200,7 @@ def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
 
 
 def read_atmosphere(path: Path | str) -> AtmosphereFile:
-    """Read and check an atmosphere file.
-
-    Raises ``UserError``: file missing, not JSON, or not in the format.
-    """
+    """Read and check an atmosphere file; raises ``UserError`` if it is missing, not JSON, or invalid."""
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="an atmosphere file (JSON)")
     return parse_atmosphere(files.parse_json(text, path), str(path))
 
@@ -253,10 +247,7 @@ def scatterers(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArra
 
 
 def refractivity(file: AtmosphereFile, altitude_m: FloatArray, where: str) -> FloatArray:
-    """Return n - 1 on other altitudes.
-
-    Raises ``UserError``: the file has no refractivity.
-    """
+    """Return n - 1 on other altitudes; raises ``UserError`` if the file has no refractivity."""
     if file.refractivity is None:
         raise UserError(
             "missing", where=f"{where}: refractivity", expected="n - 1 at every altitude, to refract light with"
@@ -269,7 +260,7 @@ def file_model(file: AtmosphereFile, *, thermal: bool, refracted: str = "") -> O
 
     Parameters
     ----------
-    file : AtmosphereFile thermal : bool
+    thermal : bool
         False: scattered sunlight of irradiance 1, one node of weight 1 per band, radiances in 1/sr. The Sun is a point,
         so its disc has no radiance. True: emission at the band's wavelength, one emitting band of one g point per band,
         radiances in W m-2 sr-1 um-1. Extinction is then absorption alone: removing scattered light without its source

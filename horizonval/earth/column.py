@@ -26,14 +26,9 @@ from horizonval.earth.weather.field import ColumnMap
 class ColumnPlaces:
     """Positions of columns of air that differ from the one below the camera.
 
-    Attributes
-    ----------
-    altitude_m : ndarray, shape (k,)
-        Even levels from 0 to the top of the model.
-    sin_latitude : ndarray, shape (m,)
-        Sine of geodetic latitudes, even and rising, at least two. Empty where there is a map.
-    column_map : ColumnMap or None
-        Positions of the m columns if the air varies with longitude too.
+    ``altitude_m``: shape (k,), even levels from 0 to the top of the model; ``sin_latitude``: shape (m,), even and
+    rising, of geodetic latitudes, at least two, empty with a map; ``column_map``: positions of the m columns if the air
+    varies with longitude too.
     """
 
     altitude_m: FloatArray
@@ -47,33 +42,28 @@ class SpectralNode:
 
     Attributes
     ----------
-    name : str band : str
+    band : str
         Band this node adds to.
     weight : float
         Band radiance = sum over nodes of ``weight`` * node radiance [um]; 1 for an atmosphere file's band.
     wavelength_um : float
         Nominal wavelength.
-    extinction_per_m : ndarray, shape (n,) molecular_per_m : ndarray, shape (n,)
+    extinction_per_m : ndarray, shape (n,)
+    molecular_per_m, molecular_cos2 : ndarray, shape (n,); float
         Scattering coefficient of molecules. Their phase function is ``(1 - c/3 + c cos^2) / (4 pi)`` with c =
-        ``molecular_cos2``.
-    molecular_cos2 : float
-        0.75 without depolarisation (Rayleigh), ``0.75 (1 - q) / (1 + 2 q)`` with ``q = rho / (2 - rho)`` for a
-        depolarisation factor rho, 0 for isotropic scattering.
-    particle_per_m : ndarray, shape (n,)
-        Scattering coefficient of particles, phase function of Henyey and Greenstein.
-    asymmetry : ndarray, shape (n,)
-        Its asymmetry g; any number in (-1, 1) where there are no particles.
+        ``molecular_cos2``: 0.75 without depolarisation (Rayleigh), ``0.75 (1 - q) / (1 + 2 q)`` with ``q = rho / (2 -
+        rho)`` for a depolarisation factor rho, 0 for isotropic scattering.
+    particle_per_m, asymmetry : ndarray, shape (n,)
+        Scattering coefficient of particles, and asymmetry g of their Henyey-Greenstein phase function, in (-1, 1).
     solar_irradiance : float
         W m-2 um-1 outside the atmosphere, across the rays, at the scene's distance of the Sun. 1 for atmosphere files
         of the ``radiance`` command, whose radiances are in 1/sr.
-    sun_radiance : float
-        Mean radiance of the Sun's disc outside the atmosphere, unit of the node radiance.
+    sun_radiance, sky_radiance : float
+        Outside the atmosphere, in the unit of the node radiance: mean of the Sun's disc, and the sky behind everything.
     limb_darkening : tuple of float
         Coefficients of ``I(mu) / I(1) = sum a_k mu^k`` on the Sun's disc; (1,) for a uniform one.
     moon_irradiance : float
         The Moon's irradiance at the Earth's centre, outside the atmosphere, unit of ``solar_irradiance``.
-    sky_radiance : float
-        Of the sky behind everything, unit of the node radiance.
     glow_per_m : ndarray, shape (m,)
         Airglow on the model's ``glow_altitude_m``: W m-3 sr-1 um-1, the node radiance per metre. Empty for none.
     layer_per_m : ndarray, shape (m, n)
@@ -125,11 +115,9 @@ class OpticalModel:
 
     Attributes
     ----------
-    altitude_m : ndarray, shape (n,)
-        Rising from 0 to ``top_m``.
-    top_m : float
-        Vacuum above.
-    nodes : tuple of SpectralNode albedo : float
+    altitude_m, top_m : ndarray, shape (n,); float
+        Rising from 0 to ``top_m``, with vacuum above.
+    albedo : float
         Lambert albedo of the ground, for sunlight.
     ground_varies : bool
         Whether the ground differs from a Lambert ground of ``albedo``, or has clouds above it.
@@ -137,7 +125,7 @@ class OpticalModel:
         Altitudes of ``glow_per_m``, from 0; may extend above ``top_m``, where the glow is not attenuated. May be empty.
     refractivity : ndarray, shape (n,), or None
         n - 1 of the air, one for all nodes. None: straight rays.
-    thermal : tuple of EmittingBand emission : GroundEmission or None
+    emission : GroundEmission or None
         What ground and clouds emit in the thermal bands.
     layers : tuple of (float, float)
         Base and top of the layers of thin cloud, where the columns bend sharply.

@@ -99,23 +99,11 @@ def systematic_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis.
-
-    Raises ``numpy.linalg.LinAlgError``: if the points do not determine a cone.
-
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-        Unit lines of sight to the limb points used, n >= 3.
-    axis_cam : ndarray, shape (3,) rho_rad : float flattening : float
-        Of the planet; 0 for a sphere.
-    reliefs : tuple of Relief
-        Independent contributions.
-    earth_radius_m : float estimates : {"geocentric", "geodetic"}
-        Vertical with which the axis is compared; the effect of oblateness depends on it.
-    gain : ndarray, shape (3, n), optional
-        Derivative of (axis 1, axis 2, half-angle) by the outward shift [rad] of the limb at each point, for methods
-        that do not fit a cone; all points are then used.
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. ``los_cam``: shape (n, 3), n >= 3 unit
+    lines of sight to limb points; ``flattening``: 0 for a sphere; ``reliefs``: independent contributions;
+    ``estimates``: vertical with which the axis is compared, on which the effect of oblateness depends; ``gain``: shape
+    (3, n), derivative of the three by the outward shift [rad] at each point, for methods that do not fit a cone. Raises
+    ``LinAlgError``: the points do not determine a cone.
     """
     thin = gain is None and len(los_cam) > 3
     some = los_cam[:: max(1, -(-len(los_cam) // MOST_POINTS))] if thin else los_cam
@@ -188,10 +176,7 @@ def air_refractivity(
 
 
 def file_refractivity(scene: SceneSpec, file: AtmosphereFile, altitude_m: FloatArray, where: str) -> FloatArray | None:
-    """Return n - 1 of an atmosphere file on other altitudes; None without refraction.
-
-    Raises ``UserError``: the scene asks for refraction, and the file has no refractivity.
-    """
+    """Return n - 1 of an atmosphere file on other altitudes, None without refraction; ``UserError`` if missing."""
     wanted = scene.atmosphere.refraction
     if wanted is False or (wanted is None and file.refractivity is None):
         return None
@@ -203,18 +188,9 @@ def horizon_rise_m(
 ) -> float:
     """Return the height of the refracted horizon above the geometric one [m]; 0 without refraction.
 
-    Inside the air, at index n(h), the planet appears larger by ``(n(0) - n(h)) R``.
-
-    Raises ``UserError``: as :func:`horizonval.earth.optical.optical_model` for the air.
-
-    Parameters
-    ----------
-    scene, camera altitude_m : float
-        Of the camera.
-    mean_radius_m : float
-        Of the planet.
-    base_dir : Path, optional
-        Folder against which files of the atmosphere are resolved; default the current one.
+    Inside the air, at index n(h), the planet appears larger by ``(n(0) - n(h)) R``. ``altitude_m``: of the camera;
+    ``mean_radius_m``: of the planet; ``base_dir``: folder of the atmosphere's files, default the current one. Raises
+    ``UserError``: as :func:`horizonval.earth.optical.optical_model` for the air.
     """
     atmosphere = scene.atmosphere
     if not camera.band or atmosphere.refraction is False:

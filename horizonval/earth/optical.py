@@ -74,19 +74,10 @@ def optical_model(
     Where the air varies over the globe, solar nodes have the column below the satellite and the differences from it of
     the columns in sight (:mod:`horizonval.earth.atmosphere.sunlit_gases`).
 
-    Raises ``UserError``: camera without bands; unknown profile; band outside the tables; an invalid file; an atmosphere
-    file without a band of the camera's name; ``render.band_error`` out of reach.
-
-    Parameters
-    ----------
-    scene : SceneSpec
-        Atmosphere, surface and ``render.band_error`` are used; for air that varies the platform too.
-    camera : CameraSpec
-        Its bands are used.
-    sun_distance_au : float base_dir : Path, optional
-        Folder against which ``atmosphere.file`` and ``profile_file`` are resolved; default the current one.
-    change : AirChange
-        How the air differs from the scene's; spectral nodes and ground are those of the scene.
+    ``base_dir``: folder of ``atmosphere.file`` and ``profile_file``, default the current one; ``change``: how the air
+    differs from the scene's, with the scene's spectral nodes and ground. Raises ``UserError``: camera without bands;
+    unknown profile; band outside the tables; an invalid file; an atmosphere file without a band of the camera's name;
+    ``render.band_error`` out of reach.
     """
     if not camera.band:
         raise UserError(

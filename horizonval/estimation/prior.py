@@ -98,7 +98,7 @@ class Prior:
     epoch_utc : datetime or None
         Of the image. Exact: what a clock is off by is far below what a position is.
     limb_height_m, limb_height_sigma_m : float or None
-        By how much the limb that the camera sees stands above the horizon of the shape, all round the mean.
+        Mean height along the limb of the visible limb above the horizon of the shape.
     climate : str or None
         What is known of the air: the name of an atmosphere (``horizonval list atmospheres``), the path of a profile
         file (.csv, .json) or of a table of ``horizonval templates`` (.npz), or ``"by_latitude_month"`` for the climate

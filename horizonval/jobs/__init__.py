@@ -1,1 +1,1 @@
-"""The engine: do items on all processors, keep each result under its digest, go on after a break."""
+"""Engine of long work: processes, stored results, resumption after an interruption."""

@@ -1,8 +1,7 @@
-"""The same work on a Dask cluster: more machines than one, the same bytes.
+"""The same work on a Dask cluster, with the same bytes.
 
-A worker writes its results into a folder which all must see (a shared file system); what it returns is small.
-One thread per worker: the renderer keeps a state of its own in each process. A worker that dies costs what it was
-doing, which Dask hands to another; a case that kills three is given up.
+Workers write their results into a folder on a shared file system. Each worker has one thread, because the renderer
+keeps its state per process. Dask gives the item of a dead worker to another; an item that kills three is given up.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ T = TypeVar("T")
 
 CONNECT_LIMIT_S = 30.0
 DEATHS = 2
-"""Of workers that one item may cost before it is given up, as on one machine."""
+"""Number of workers that an item may kill before it is given up."""
 
 _ready = False
 
@@ -37,25 +36,11 @@ def run_on_cluster(
     renderer: bool = True,
     on_start: Callable[[], None],
 ) -> Results[I, T | None, None]:
-    """Yield every item with its result, as they come; ``None`` for one that killed its workers.
+    """Yield every item with its result as it finishes; ``None`` for one that killed its workers.
 
-    Raises ``UserError``: no scheduler answers, or its workers do not see the folder, have other code or more than one
-    thread.
-
-    Parameters
-    ----------
-    work : callable
-        Picklable; must not raise.
-    items : iterable
-        Of anything picklable.
-    address : str
-        Of a scheduler, or ``local:N`` for N processes on this machine.
-    folder : Path
-        Where the results are kept.
-    renderer : bool
-        Whether the workers get a renderer.
-    on_start : callable
-        Called once when the workers are there.
+    ``work``: picklable; must not raise. ``address``: of a scheduler, or ``local:N`` for N processes on this machine.
+    ``renderer``: whether workers get a renderer. ``on_start``: called once when the workers are ready. Raises
+    ``UserError``: no scheduler answers, or its workers do not see the folder, have other code or more than one thread.
     """
     workers = local_workers(address)
     import distributed

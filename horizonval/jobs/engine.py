@@ -1,15 +1,14 @@
 """The engine of suites, nights, studies and experiments: it makes items, stores each result, and resumes.
 
 A :class:`Work` says how an item is made and where its result is stored. The engine reads the stored results, has the
-rest made by processes of this machine or of a cluster, and yields every result as it comes. A failure of an item is
-that item's result. After an interruption the same call resumes.
+rest made by processes of this machine or of a cluster, and yields every result as it comes. A failed item has its
+failure as result. After an interruption the same call resumes.
 
-The time left follows from the expected costs of the items, scaled by the ratio of measured to expected time, since a
-mean over the first items says little of the others. What is spent once for all (compiling kernels, making a table) is
-counted separately.
+The time left follows from the expected costs of the items, scaled by the ratio of measured to expected time. One-time
+costs (compiling kernels, making a table) are counted separately.
 
-A record is a JSON object in a file, written whole or not at all. It states the digest of everything that it depends on,
-and is sealed: results of other inputs or code, and altered ones, are recognised.
+A record is a JSON object in a file, written atomically. It is sealed and states the digest of its inputs and code, so
+that outdated and altered results are recognised.
 """
 
 from __future__ import annotations
@@ -34,30 +33,29 @@ from horizonval.jobs.progress import Stopwatch
 from horizonval.store.folder import intact_json, write_json
 
 PRIOR_ITEMS = 0.1
-"""How many items the expected cost counts for, before there are measured ones."""
+"""Weight of the expected cost in the ratio of measured to expected time, in items."""
 FEWEST_UNKNOWN = 3
-"""Items that must be finished before there is a figure, where none was expected."""
+"""Finished items before an estimate without expected times."""
 
 
 @dataclass(frozen=True)
 class ExpectedTime:
-    """What an item is expected to take.
+    """Expected time of an item.
 
-    ``seconds``: without what is made once. ``once``: what it needs that is made once for all items, by name, and the
-    seconds that this takes.
+    ``seconds``: without one-time costs. ``once``: one-time costs [s] by name, shared by all items.
     """
 
     seconds: float
     once: Mapping[str, float] = field(default_factory=dict)
 
     def __add__(self, other: ExpectedTime) -> ExpectedTime:
-        """Return what two things take that are one item."""
+        """Return the time of two parts of one item."""
         return ExpectedTime(self.seconds + other.seconds, {**self.once, **other.once})
 
 
 @dataclass(frozen=True)
 class SpentTime:
-    """What an item took: all of it, and what of it was spent on what is made once and on compiling."""
+    """Time that an item took: the total, and its one-time and compiling parts."""
 
     seconds: float
     once_s: float = 0.0
@@ -65,10 +63,9 @@ class SpentTime:
 
 
 class Remaining:
-    """The time left.
+    """Estimate of the time left.
 
-    ``expected``: by item; None where nothing is known. ``processes``: that work at the same time; None where it is not
-    known, and is told from the time that has passed.
+    ``expected``: by item, or None. ``processes``: number in parallel; None if unknown, then the elapsed time counts.
     """
 
     def __init__(self, expected: Mapping[str, ExpectedTime | None], processes: int | None) -> None:
@@ -86,7 +83,7 @@ class Remaining:
         self._finished, self._spent = 0, 0.0
 
     def done(self, name: str, spent: SpentTime) -> None:
-        """Learn from an item that is finished."""
+        """Update the estimate with a finished item."""
         item = self._left.pop(name, None)
         if item is None:
             return
@@ -99,7 +96,7 @@ class Remaining:
         self._made |= set(item.once)
 
     def seconds(self, elapsed_s: float) -> float | None:
-        """Return the seconds left, ``elapsed_s`` after the first item was begun; None while nothing tells it."""
+        """Return the seconds left, ``elapsed_s`` after the start; None if unknown."""
         if not self._left:
             return 0.0
         if self._finished < (1 if self._known else FEWEST_UNKNOWN):
@@ -109,7 +106,7 @@ class Remaining:
         once: dict[str, float] = {}
         for item in self._left.values():
             once |= {key: seconds for key, seconds in item.once.items() if key not in self._made}
-        # What others find made already (on the disk, from an earlier run) the rest will find as well.
+        # If others found one-time work done (on disk, from an earlier run), the rest will too.
         share = self._once_spent / self._once_expected if self._once_expected else 1.0
         longest = max(item.seconds for item in self._left.values())
         total = pace * sum(item.seconds for item in self._left.values()) + share * sum(once.values())
@@ -121,16 +118,13 @@ Record = dict[str, Any]
 
 
 def keep(path: Path, identity: str, record: Mapping[str, Any], *, sort_keys: bool = True) -> None:
-    """Write a record with its identity; its keys sorted, or in the order that they have."""
+    """Write a record with its identity; ``sort_keys`` False preserves the order of keys."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_json(path, {**record, "identity": identity}, indent=None, sort_keys=sort_keys)
 
 
 def kept(path: Path, identity: str) -> Record | None:
-    """Return a finished record of this identity; None if there is none, or one that says why there is no result.
-
-    A record that is damaged is none, and that is said.
-    """
+    """Return a finished record of this identity; None for a missing, failed or damaged one (with a warning)."""
     record: Record | None = intact_json(path)
     if record is None or record.get("identity") != identity or record.get("error") is not None:
         return None
@@ -138,10 +132,10 @@ def kept(path: Path, identity: str) -> Record | None:
 
 
 def take_over(source: Path, target: Path, rooms: Iterable[str], wanted: Callable[[Path], bool]) -> None:
-    """Copy the files of another folder that ``target`` does not have, below some of its sub-folders.
+    """Copy missing files below some sub-folders of another folder into ``target``.
 
-    They are looked at like the folder's own: what is damaged or of other code is made again. Only regular files are
-    copied, and none to where a link leads out of ``target``.
+    They are validated like the folder's own files later. Only regular files are copied, and none through a link out of
+    ``target``.
     """
     for room in rooms:
         for path in sorted((source / room).rglob("*")):
@@ -160,18 +154,10 @@ OnStart = Callable[[], Mapping[str, ExpectedTime] | None]
 
 @dataclass(frozen=True)
 class Done(Generic[R]):
-    """What became of an item.
+    """Outcome of an item: ``result``, or None and ``error`` on one line.
 
-    Attributes
-    ----------
-    result : object, or None
-        None where there is none.
-    error : str, or None
-        Why there is no result, on one line.
-    seconds : dict
-        By stage; empty for a result that was kept.
-    spent : SpentTime or None
-        All of it, for the time that the rest will take; None for a result that was kept.
+    ``seconds``: by stage; empty for a stored result. ``spent``: total, for the estimate of the time left; None for a
+    stored result.
     """
 
     result: R | None
@@ -181,39 +167,39 @@ class Done(Generic[R]):
 
 
 class Work(ABC, Generic[I, R]):
-    """How items of one kind are made and kept. Picklable: it goes to other processes with every item."""
+    """Definition of how items of one kind are made and stored. Picklable: each item is sent with it."""
 
     renders: bool = True
-    """Whether the processes get a renderer, without which there is then no work."""
+    """Whether processes need a renderer."""
     folder: Path | None = None
-    """What the workers of a cluster must see."""
+    """Folder that the workers of a cluster must see."""
 
     @abstractmethod
     def name(self, item: I) -> str:
-        """Return the name of an item: unique among those that are done together."""
+        """Return the unique name of an item."""
 
     @abstractmethod
     def finished(self, item: I) -> R | None:
-        """Return the result of an item that needs no work any more, or None."""
+        """Return the stored result of an item, or None."""
 
     @abstractmethod
     def make(self, item: I, watch: Stopwatch) -> R:
-        """Make an item, keep its result, and return what the caller needs of it; in another process."""
+        """Make an item in another process, store its result, and return what the caller needs."""
 
     def group(self, item: I) -> Hashable:
-        """Return what an item shares with others that is made once for them: best one after another, by one process."""
+        """Return the key of items with shared one-time costs: one process makes them in sequence."""
         return self.name(item)
 
     def limit_s(self, item: I) -> float | None:
-        """Return the time after which the process of an item is ended, or None."""
+        """Return the time limit of the process of an item, or None."""
         return None
 
     def lost(self, item: I, why: str) -> Done[R]:
-        """Return what becomes of an item whose processes died again and again."""
+        """Return the result of an item whose processes died repeatedly."""
         return Done(None, why)
 
     def parts(self, item: I, done: Done[R] | None) -> Mapping[str, str | None]:
-        """Return what counts as finished with an item, and why it failed: several things, where it is made of them."""
+        """Return the parts that count as finished with an item, and why each failed."""
         return {self.name(item): None if done is None else done.error}
 
 
@@ -236,11 +222,11 @@ class Recorded(Work[I, Record]):
         """Make an item and return its record: plain data."""
 
     def finished(self, item: I) -> Record | None:
-        """Return the record that is kept of an item."""
+        """Return the stored record of an item."""
         return kept(self.path(item), self.identity(item))
 
     def make(self, item: I, watch: Stopwatch) -> Record:
-        """Make a record, keep it, and read it back: a result must not depend on what was still in memory."""
+        """Make and store a record, and read it back: a result must not depend on what was in memory."""
         keep(self.path(item), self.identity(item), self.record(item, watch), sort_keys=self.sort_keys)
         record = self.finished(item)
         if record is None:
@@ -258,29 +244,24 @@ def stream(
     what: str = "",
     on_start: OnStart | None = None,
 ) -> Iterator[tuple[I, Done[R]]]:
-    """Yield every item with what became of it: those that are finished already, then the others as they come.
+    """Yield every item with its outcome: stored ones first, then the others as they finish.
+
+    Closing the generator ends the workers at once; only unfinished items are lost.
 
     Parameters
     ----------
-    work : Work
     items : iterable
-        Of anything picklable; all of them, whatever the shard.
-    execution : Execution
-    progress : Progress
+        Picklable; all of them, whatever the shard.
     unit, what : str
         For the display: what is counted, and of what.
     on_start : callable, optional
-        Called once when workers can be had for what is missing; never if nothing is. It may return what the parts of
-        items are expected to take, by their names, from which the time left is told.
+        Called once when workers are available for missing items. May return the expected times of the items' parts by
+        name.
 
     Raises
     ------
     UserError
-        Nothing on this machine can render, or the cluster cannot do the work.
-
-    Notes
-    -----
-    Closing the generator ends the workers at once; what they were doing is lost, nothing else.
+        No back-end on this machine, or the cluster cannot do the work.
     """
     ready: list[tuple[I, Done[R]]] = []
     missing: list[I] = []
@@ -314,7 +295,7 @@ def do(
     unit: str = "",
     what: str = "",
 ) -> dict[str, Done[R]]:
-    """Return what became of every item, by its name and in the items' order; otherwise as :func:`stream`."""
+    """Return the outcome of every item by name, in the items' order; otherwise as :func:`stream`."""
     done = {work.name(item): one for item, one in stream(work, items, execution, progress, unit=unit, what=what)}
     return {name: done[name] for item in items if (name := work.name(item)) in done}
 
@@ -337,7 +318,7 @@ def _run(
 
 
 class _Clock(Generic[I, R]):
-    """Tells the time that the rest of the missing items will take."""
+    """Estimates the time left for the missing items."""
 
     def __init__(self, work: Work[I, R], missing: Sequence[I], execution: Execution, on_start: OnStart | None) -> None:
         self._work, self._missing, self._on_start = work, missing, on_start
@@ -346,7 +327,7 @@ class _Clock(Generic[I, R]):
         self._begin = 0.0
 
     def start(self) -> None:
-        """Ask what is expected, and begin."""
+        """Start with the expected times."""
         stated = (self._on_start() if self._on_start is not None else None) or {}
         expected: dict[str, ExpectedTime | None] = {}
         for item in self._missing:
@@ -358,7 +339,7 @@ class _Clock(Generic[I, R]):
         self._begin = time.monotonic()
 
     def left_s(self, item: I, done: Done[R]) -> float | None:
-        """Return the seconds left when an item is done."""
+        """Return the seconds left after an item."""
         self._remaining.done(self._work.name(item), done.spent or SpentTime(0.0))
         return self._remaining.seconds(time.monotonic() - self._begin)
 
@@ -393,7 +374,7 @@ def _died(work: Work[I, R], item: I) -> str:
 
 @contextlib.contextmanager
 def _ended_after(limit_s: float | None) -> Iterator[None]:
-    """End this process after a time, also inside foreign code that never comes back."""
+    """End this process after a time, even inside blocking foreign code."""
     if limit_s is None:
         yield
         return

@@ -4,11 +4,10 @@ Items go to spawned processes one at a time. When a worker dies (out of memory, 
 finish their items; the items of dead workers are then tried once more, each alone, and only one that kills its worker
 again is given up.
 
-**Turns.** Items of a group go to one worker, so that what they share is found in memory. An idle worker takes over the
-later half of the longest group in work. Results do not depend on it.
+**Groups.** Items of a group go to one worker, which keeps their shared data in memory. An idle worker takes over the
+later half of the longest group. Results do not depend on it.
 
-**Sign of life.** One line on standard error if a command loads for a while before it says anything; :func:`hush`
-suppresses it.
+**Sign of life.** A command that loads for a while prints one line on standard error; :func:`hush` suppresses it.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ from typing import Generic, TypeAlias, TypeVar
 from horizonval.core.errors import UserError
 
 AFTER_S = 0.7
-"""From the program's start; the interpreter took up to half a second before, and two are allowed."""
+"""Delay of the sign of life [s]; with up to 0.5 s for the interpreter's start it comes within 2 s."""
 
 _hushed = threading.Event()
 
 
 @contextmanager
 def sign_of_life(line: str, after_s: float = AFTER_S) -> Iterator[None]:
-    """Write a line to standard error if the work inside goes on for so long without :func:`hush`."""
+    """Write a line to standard error if the work inside takes too long without :func:`hush`."""
     _hushed.clear()
 
     def tell() -> None:
@@ -57,7 +56,7 @@ def sign_of_life(line: str, after_s: float = AFTER_S) -> Iterator[None]:
 
 
 def hush() -> None:
-    """Say that there is output of another kind, so that no sign of life is needed."""
+    """Suppress the sign of life, because there is other output."""
     _hushed.set()
 
 
@@ -65,10 +64,7 @@ I = TypeVar("I")  # noqa: E741
 
 
 class Turns(Generic[I]):
-    """Items that wait for workers.
-
-    ``group`` (optional): returns what the items of a group have in common; by default every item is alone.
-    """
+    """Queue of items, by ``group``; by default every item is a separate group."""
 
     def __init__(self, items: Iterable[I], group: Callable[[I], Hashable] | None = None) -> None:
         groups: dict[Hashable, deque[I]] = {}
@@ -78,22 +74,21 @@ class Turns(Generic[I]):
         self._begun: dict[int, deque[I]] = {}
 
     def __len__(self) -> int:
-        """Return how many items wait."""
         return sum(map(len, (*self._groups, *self._begun.values())))
 
     def take(self, worker: int) -> I | None:
-        """Return a worker's next item; None if it has nothing to do."""
+        """Return a worker's next item, or None."""
         if not self._begun.get(worker):
             self._begun[worker] = self._groups.popleft() if self._groups else self._half_of_the_longest()
         turns = self._begun[worker]
         return turns.popleft() if turns else None
 
     def put_back(self, worker: int, item: I) -> None:
-        """Let an item wait that a worker took and did not begin."""
+        """Return an item to the queue that a worker did not start."""
         self._begun[worker].appendleft(item)
 
     def release(self) -> None:
-        """Let the groups that were begun go to whoever comes next: their workers are gone."""
+        """Release the groups of dead workers."""
         self._groups.extendleft(turns for _, turns in sorted(self._begun.items(), reverse=True) if turns)
         self._begun = {}
 
@@ -107,25 +102,25 @@ class Turns(Generic[I]):
 
 MOST_WORKERS = 4096
 MOST_SHARDS = 1_000_000
-"""As many as a suite may have frames."""
+"""Maximum number of shards, equal to that of a suite's frames."""
 
 
 @dataclass(frozen=True)
 class Execution:
-    """Where the work is done. It changes no result.
+    """Where the work is done; results do not depend on it.
 
-    Raises ``UserError``: no number of processes, or too many; no address of a scheduler, or Dask is not installed.
+    Raises ``UserError``: an invalid number of processes or address, or Dask is not installed.
 
     Attributes
     ----------
     workers : int, optional
-        Processes on this machine; one per processor by default, as most stages run on a single one.
+        Processes on this machine; one per processor by default.
     shard : (int, int), optional
         (i, n): only every n-th item, from the i-th on. Shards can share a folder, also at the same time.
     dask : str, optional
         Address of a Dask scheduler, or ``local:N``; its workers must see the run's folder.
     merge : tuple of Path
-        Folders of other runs of the same suite, whose results are taken over.
+        Folders of other runs of the same suite, whose results are copied.
     """
 
     workers: int | None = None
@@ -158,7 +153,7 @@ class Execution:
 
 
 def available_cpus() -> int:
-    """Return how many processors this process may use: its affinity, and a container's share of time."""
+    """Return the number of usable processors: affinity and a container's CPU quota."""
     cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     with contextlib.suppress(OSError, ValueError), open("/sys/fs/cgroup/cpu.max") as file:
         quota, period = file.read().split()
@@ -167,10 +162,7 @@ def available_cpus() -> int:
 
 
 def local_workers(address: str) -> int | None:
-    """Return N of the address ``local:N``, ``None`` for that of a Dask scheduler.
-
-    Raises ``UserError`` if N is no number of processes.
-    """
+    """Return N of ``local:N``, None for the address of a scheduler. Raises ``UserError``: an invalid N."""
     local, _, count = address.partition(":")
     if local != "local":
         return None
@@ -181,7 +173,7 @@ def local_workers(address: str) -> int | None:
 
 
 def parse_shard(text: str) -> tuple[int, int]:
-    """Return (i, n) of ``"i/n"``. Raises ``UserError`` if it is not two whole numbers with 1 <= i <= n."""
+    """Return (i, n) of ``"i/n"``. Raises ``UserError`` unless they are integers with 1 <= i <= n."""
     match = re.fullmatch(r"([0-9]{1,7})/([0-9]{1,7})", text)
     if match and 1 <= int(match[1]) <= int(match[2]) <= MOST_SHARDS:
         return int(match[1]), int(match[2])
@@ -205,24 +197,11 @@ def run_in_processes(
     renderer: bool = True,
     group: Callable[[I], Hashable] | None = None,
 ) -> Results[I, T | None, None]:
-    """Yield every item with its result, as they come; ``None`` for one that killed its worker.
+    """Yield every item with its result as it finishes; ``None`` for one that killed its worker.
 
-    Parameters
-    ----------
-    work : callable
-        Picklable; must not raise.
-    items : iterable
-        Of anything picklable.
-    workers : int
-        Processes; the processors are shared among them.
-    renderer : bool
-        Whether they get a renderer.
-    group : callable, optional
-        Returns what an item shares with others: those of a group go to one worker (:mod:`horizonval.jobs.pool`).
-
-    Notes
-    -----
-    Closing the generator (or Ctrl-C) ends the workers at once; what they were doing is lost, nothing else.
+    ``work``: picklable; must not raise. ``workers``: processes, among which the processors are shared. ``renderer``:
+    whether they get a renderer. ``group``: key of the items that go to one worker. Closing the generator (or Ctrl-C)
+    ends the workers at once; only unfinished items are lost.
     """
     waiting = Turns(items, group)
     while len(waiting):
@@ -233,11 +212,11 @@ def run_in_processes(
 
 
 def _drain(work: Callable[[I], T], waiting: Turns[I], workers: int, renderer: bool) -> Results[I, T, list[I]]:
-    """Have items made until none waits or a worker dies; return those whose workers died."""
+    """Process items until none waits or a worker dies; return those whose workers died."""
     workers = max(1, min(workers, len(waiting)))
     threads = max(1, available_cpus() // workers)
     others = set(multiprocessing.active_children())
-    # A pool for every worker: one of them all would give an item to any.
+    # A pool for every worker: a common one would give an item to any.
     pools = [
         ProcessPoolExecutor(
             1,
@@ -282,7 +261,7 @@ def _drain(work: Callable[[I], T], waiting: Turns[I], workers: int, renderer: bo
         if under_way:
             for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
-        # Waits for the pools' threads too: one that still closes while the interpreter ends prints a traceback.
+        # Waits for the pools' threads too: one that closes during the interpreter's exit prints a traceback.
         for pool in pools:
             pool.shutdown(cancel_futures=True)
     waiting.release()
@@ -291,11 +270,11 @@ def _drain(work: Callable[[I], T], waiting: Turns[I], workers: int, renderer: bo
 
 @contextlib.contextmanager
 def _inherited_by_children() -> Iterator[None]:
-    """Set what spawned processes inherit: one thread for linear algebra, and deafness to Ctrl-C, which is for us.
+    """Set what spawned processes inherit: single-threaded linear algebra, and a blocked SIGINT, which is for the
+    parent.
 
-    A blocked signal stays blocked in the child, from its first instruction on; here it is only delayed. The user's
-    script is no part of the inheritance: a child that imported it again would start the script's work again, and all
-    that is sent to a child comes from this package.
+    A blocked signal stays blocked in the child; here it is only delayed. The user's script is not inherited: a child
+    that imported it again would start its work again, and everything sent to a child comes from this package.
     """
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(_ONE_THREAD)
@@ -324,7 +303,7 @@ def _start_worker(threads: int, renderer: bool) -> None:
 
 
 def get_ready(threads: int, renderer: bool) -> None:
-    """Give this process its share of the processors, and a renderer."""
+    """Give this process its share of the processors, and a renderer if needed."""
     import cv2
 
     cv2.setNumThreads(threads)

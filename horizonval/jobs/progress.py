@@ -1,7 +1,4 @@
-"""Progress of long work on the terminal: a bar for people, plain lines for log files. Written to standard error.
-
-Seconds by stage, kept out of everything that must be reproducible.
-"""
+"""Progress of long work on standard error (a bar, or plain lines for log files), and seconds by stage."""
 
 from __future__ import annotations
 
@@ -17,11 +14,11 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import hush
 
 FEWEST_ALIKE = 3
-"""Items that must be done before a mean over them says how long the rest will take."""
+"""Finished items before their mean gives an estimate of the time left."""
 
 
 def about(seconds: float | None) -> str:
-    """Return the time left in words, as roughly as it is known; empty for None."""
+    """Return the time left in words, rounded to its accuracy; empty for None."""
     if seconds is None:
         return ""
     if seconds < 90:
@@ -34,7 +31,7 @@ def about(seconds: float | None) -> str:
 
 @contextmanager
 def shown(progress: bool | Progress, what: str = "", unit: str = "frames") -> Iterator[Progress]:
-    """Give a listener of ``what``: the terminal for True, none for False, else the one that was given."""
+    """Return a listener of ``what``: the terminal for True, none for False, else the given one."""
     if isinstance(progress, bool):
         with Terminal(what, unit) if progress else nullcontext(Silent()) as listener:
             yield listener
@@ -43,10 +40,10 @@ def shown(progress: bool | Progress, what: str = "", unit: str = "frames") -> It
 
 
 class Terminal:
-    """A bar with rate and time left where standard error is a terminal, else one line per item.
+    """A bar with rate and time left on a terminal, else one line per item.
 
-    Steps of unknown length are shown in a line that changes; in a log file, when they begin. ``what``: the work that is
-    shown. ``unit``: what is counted of it. ``log``: false for work of which a log file need say nothing.
+    A terminal shows steps of unknown length in a changing line, a log file their start. ``what``: the work. ``unit``:
+    what is counted. ``log``: False for work that a log file need not mention.
     """
 
     def __init__(self, what: str = "", unit: str = "frames", *, log: bool = True) -> None:
@@ -111,11 +108,11 @@ class Terminal:
             self._line(line.rstrip())
 
     def left(self, seconds: float | None) -> None:
-        """Show what the work says of the time left, in place of a mean over what is done."""
+        """Show an estimate of the time left in place of the mean rate."""
         self._left_s, self._told = seconds, True
 
     def step(self, what: str, state: str = "") -> None:
-        """Show what is under way; beside a bar there is no place for it."""
+        """Show the current step, except next to a bar."""
         if self._bar.tasks:
             return
         hush()
@@ -128,7 +125,7 @@ class Terminal:
         self._step = what
 
     def note(self, text: str) -> None:
-        """Print a line that stays."""
+        """Print a permanent line."""
         self._end_step()
         hush()
         self._line(f"horizonval: {text}")
@@ -148,7 +145,7 @@ class Terminal:
 
 @dataclass
 class Stopwatch:
-    """Seconds that the stages of an item took, by the stages' names."""
+    """Seconds by stage of an item."""
 
     seconds: dict[str, float] = field(default_factory=dict)
 

@@ -1,10 +1,10 @@
-"""Estimators by name, and how code of other people is run: in supervised processes, found without being imported.
+"""Estimators by name, and how third-party code runs: in supervised processes, found without being imported.
 
 =================  ======================================================================================
 ``registry``       names from the entry points of installed packages; running one safely in this process
-``supervisor``     a worker's side: processes, their limits of time and memory, a crash as an outcome
+``supervisor``     the worker's side: processes, their limits of time and memory, crashes as outcomes
 ``child``          the other side: the program that runs estimators for a worker
-``messages``       what passes between the two: observations as objects, answers as plain data
+``messages``       messages between the two: observations as objects, answers as plain data
 ``program``        ``command = "..."``: any program as an estimator
 =================  ======================================================================================
 """

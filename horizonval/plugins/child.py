@@ -1,12 +1,12 @@
 """The program that runs estimators for a worker: ``python -m horizonval.plugins.child``.
 
-Estimators of this package are run here one after the other. Code of others, one estimator a process, is imported once
-and forked for every image: what an estimate changes of its process (modules, limits, folder, handlers) ends with it, so
-that no answer depends on the images before.
+Estimators of this package run here in sequence. Third-party code, one estimator per process, is imported once and
+forked for every image: changes of the process (modules, limits, folder, handlers) end with the estimate, so no answer
+depends on earlier images.
 
-The worker writes a line of JSON for each image, with the observation in a file that both have open; the answer replaces
-the observation there, and a line of JSON says how the estimate's process ended. What estimators print goes to standard
-error, which the worker reads.
+The worker writes a line of JSON for each image, with the observation in a shared open file; the answer replaces it
+there, and a line of JSON says how the process ended. Output of estimators goes to standard error, which the worker
+reads.
 """
 
 from __future__ import annotations
@@ -39,13 +39,7 @@ _DEATH_SIGNAL, _CHILD_SUBREAPER = 1, 36
 
 
 def main(exchange: int) -> None:
-    """Answer until the worker closes the pipe.
-
-    Parameters
-    ----------
-    exchange : int
-        Descriptor of the file of observations and answers.
-    """
+    """Answer until the worker closes the pipe; ``exchange`` is the descriptor of the shared file."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -77,7 +71,7 @@ def main(exchange: int) -> None:
 
 
 def answer(estimator: Estimator, exchange: int, length: int) -> None:
-    """Replace an observation by an estimator's answer to it; whatever happens becomes an answer."""
+    """Replace an observation by the estimator's answer; any failure becomes an answer."""
     observation = read_observation(exchange, length)
     # An estimator that ends its process leaves no answer.
     os.ftruncate(exchange, 0)
@@ -86,7 +80,7 @@ def answer(estimator: Estimator, exchange: int, length: int) -> None:
         result: Fit | Refusal = registry.run_safely(estimator, observation)
         message = pack_answer(checked(result), _processor_s() - start)
     except BaseException as e:
-        # Also what ends a program, and whatever the names above have become in a process that runs foreign code.
+        # Also SystemExit, and whatever foreign code has made of the names above.
         message = pack_answer(crash(f"the estimator raised {raised(e)}", traceback_of(e, 2)), _processor_s() - start)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(BaseException):
@@ -103,7 +97,7 @@ def _ours(name: str) -> Estimator:
 
 
 def _loaded(setup: dict[str, Any], exchange: int) -> tuple[Estimator | None, dict[str, Any]]:
-    """Import an estimator; return it with what it says of itself, or nothing after its crash was written."""
+    """Import an estimator; return it with its description, or None after writing its crash."""
     try:
         if setup["program"] is not None:
             estimator = program_estimator(ProgramSpec(**setup["program"]), Path(setup["folder"]))
@@ -122,7 +116,7 @@ def _loaded(setup: dict[str, Any], exchange: int) -> tuple[Estimator | None, dic
 
 
 def _forked(estimator: Estimator | None, exchange: int, length: int, pipes: Iterable[IO[bytes]]) -> int:
-    """Answer in a copy of this process; return how that ended, negative for a signal."""
+    """Answer in a forked process; return its exit code, negative for a signal."""
     asked = os.fork()
     if asked == 0:
         _be_asked(estimator, exchange, length, pipes)
@@ -132,7 +126,7 @@ def _forked(estimator: Estimator | None, exchange: int, length: int, pipes: Iter
 def _be_asked(estimator: Estimator | None, exchange: int, length: int, pipes: Iterable[IO[bytes]]) -> NoReturn:
     with contextlib.suppress(BaseException):
         _prctl(_DEATH_SIGNAL, signal.SIGKILL)
-        # Signals to the estimate's group of processes spare the process that imported it.
+        # Signals to the estimate's process group must not reach the importing process.
         os.setpgid(0, 0)
         for pipe in pipes:
             os.close(pipe.fileno())
@@ -143,7 +137,7 @@ def _be_asked(estimator: Estimator | None, exchange: int, length: int, pipes: It
 
 
 def _end_strays(kept: set[int]) -> None:
-    """End what an estimate has left running, but for what its package started when it was imported."""
+    """End processes left by an estimate, except those that its package started at import."""
     try:
         while os.waitpid(-1, os.WNOHANG)[0]:
             pass
@@ -174,7 +168,7 @@ def end_descendants(process: psutil.Process, kept: Iterable[int] = ()) -> None:
 
 
 def limit_memory(memory_mb: int) -> None:
-    """Limit the address space of this process and its children to so much more than it has now."""
+    """Limit the address space of this process and its children to ``memory_mb`` beyond its present size."""
     try:
         import resource
 
@@ -184,27 +178,26 @@ def limit_memory(memory_mb: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     except (ImportError, OSError, ValueError):
-        # Without Linux's limits memory is the user's care, as for every other program.
+        # Without Linux's limits memory is the user's responsibility.
         return
 
 
 def hide(folders: Iterable[str | Path]) -> bool:
-    """Hide folders from this process and all that it starts, and cut the network; whether the system granted it.
+    """Hide folders from this process and its descendants, and cut the network; return whether the system permitted it.
 
-    An empty folder in memory is laid over each, in namespaces of users and mounts where that needs no rights. The
-    process then moves to further ones, in which those mounts cannot be taken away: the kernel locks the mounts that
-    came from a namespace of other users (mount_namespaces(7)). Nor may it look into processes outside: that takes
-    rights in their namespace of users (ptrace(2)), which guard ``/proc/PID/root`` too.
+    An empty file system in memory is mounted over each folder in user and mount namespaces, which needs no privileges.
+    The process then enters further namespaces, in which those mounts are locked (mount_namespaces(7)). Nor may it
+    inspect outside processes, including ``/proc/PID/root``: that takes privileges in their user namespace (ptrace(2)).
 
-    To be called before the process has a second thread.
+    The process must have a single thread.
     """
     try:
         libc = ctypes.CDLL(None, use_errno=True)
-        # A process sees what lies below the folder that it works in whatever is mounted over it later.
+        # A process still sees its working folder below a later mount.
         os.chdir("/")
         return (
             _new_namespaces(libc, _NEW_MOUNTS)
-            # No mount may reach the namespaces outside.
+            # Mounts must not propagate to the outer namespaces.
             and libc.mount(b"none", b"/", None, _PRIVATE_TREE, None) == 0
             and all(libc.mount(b"none", os.fsencode(f), b"tmpfs", 0, b"size=4k,mode=555") == 0 for f in folders)
             and _new_namespaces(libc, _NEW_MOUNTS | _NEW_NETWORK)
@@ -214,11 +207,11 @@ def hide(folders: Iterable[str | Path]) -> bool:
 
 
 def _new_namespaces(libc: ctypes.CDLL, kinds: int) -> bool:
-    """Move into new namespaces, one of users among them; whether that was granted."""
+    """Enter new namespaces, including a user namespace; return whether the system permitted it."""
     user, group = os.getuid(), os.getgid()
     if libc.unshare(_NEW_USER | kinds) != 0:
         return False
-    # The same names for user and group inside; without them files would seem nobody's.
+    # The same user and group inside; otherwise files would belong to nobody.
     for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
         with contextlib.suppress(OSError), open(f"/proc/self/{name}", "w", encoding="ascii") as table:
             table.write(text)
@@ -226,19 +219,19 @@ def _new_namespaces(libc: ctypes.CDLL, kinds: int) -> bool:
 
 
 def _prctl(option: int, value: int) -> None:
-    """Ask Linux to end this process with its parent's thread, or to adopt orphans; elsewhere nothing is done."""
+    """Ask Linux to end this process with its parent's thread, or to adopt orphans; no effect elsewhere."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
 
 
 def _processor_s() -> float:
-    """Return the processor time of this process and of the programs that it ran."""
+    """Return the processor time of this process and its finished children."""
     times = os.times()
     return time.process_time() + times.children_user + times.children_system
 
 
 def _take_pipes() -> tuple[IO[bytes], IO[bytes]]:
-    """Return the pipes; an estimator finds nothing to read in their place, and writes to standard error."""
+    """Return the pipes; estimators get an empty standard input, and standard error as output."""
     requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)

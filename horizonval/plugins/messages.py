@@ -1,9 +1,8 @@
-"""What passes between a worker and the processes of estimators, through a file that both have open.
+"""Messages between a worker and the processes of estimators, through a shared open file.
 
-The worker is trusted: an observation is pickled, its arrays behind it. An estimator's process is not: an answer is the
-length of its head, the head as JSON, and the arrays that the head declares, all float64 in C order. Sizes are bounded
-before anything is allocated, and the whole is held against the form of an answer
-(:func:`horizonval.estimation.answer.checked`).
+The worker is trusted: an observation is pickled, followed by its arrays. An estimator's process is not: an answer is
+the length of its head, the head as JSON, and the arrays that the head declares, all float64 in C order. Sizes are
+bounded before allocation, and :func:`horizonval.estimation.answer.checked` validates the whole.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from horizonval.estimation.observation import Fit, Observation
 LENGTH = struct.Struct("<Q")
 LONGEST_HEAD = 1 << 16
 LONGEST_ANSWER = LONGEST_HEAD + 8 * (6 * MOST_POINTS + 64)
-"""Bytes: head, points, residuals and steps at their most."""
+"""Maximum size of head, points, residuals and steps, bytes."""
 _ALIGNED = 64
 _FIT_ARRAYS = ("nadir_cam", "covariance_nadir_cam", "systematic_nadir_cam", "points", "residuals_rad", "steps")
 _FIT_NUMBERS = ("roll_rad", "pitch_rad", "angular_radius_rad", "altitude_m", "sigma_altitude_m")
@@ -49,7 +48,7 @@ def write_observation(exchange: int, observation: Observation) -> int:
 
 
 def read_observation(exchange: int, length: int) -> Observation:
-    """Return the observation in the file, its arrays from multiples of 64 bytes on: alike in every process."""
+    """Return the observation in the file; its arrays are aligned to 64 bytes, equal in every process."""
     memory = np.empty(length + _ALIGNED, dtype=np.uint8)
     data = memory[-memory.ctypes.data % _ALIGNED :][:length]
     data[:] = np.frombuffer(os.pread(exchange, length, 0), dtype=np.uint8)
@@ -86,13 +85,7 @@ def pack_answer(result: Fit | Refusal, spent_s: float) -> bytes:
 
 
 def read_answer(exchange: int) -> tuple[Fit | Refusal, float]:
-    """Return the answer in the file and the processor time that it took.
-
-    Raises
-    ------
-    ValueError
-        It has not the form of an answer; in one line, why.
-    """
+    """Return the answer in the file and its processor time; as :func:`unpack_answer`."""
     length = os.fstat(exchange).st_size
     if length > LONGEST_ANSWER:
         raise ValueError(f"it is longer than {LONGEST_ANSWER} bytes")
@@ -100,13 +93,7 @@ def read_answer(exchange: int) -> tuple[Fit | Refusal, float]:
 
 
 def unpack_answer(message: bytes) -> tuple[Fit | Refusal, float]:
-    """Return an answer and the processor time that it took.
-
-    Raises
-    ------
-    ValueError
-        It has not the form of an answer; in one line, why.
-    """
+    """Return an answer and its processor time. Raises ``ValueError``: an invalid form, in one line."""
     about, rest = _head(message)
     shapes = about.get("shapes")
     if not isinstance(shapes, dict) or not set(shapes) <= set(_FIT_ARRAYS):
@@ -128,7 +115,7 @@ def unpack_answer(message: bytes) -> tuple[Fit | Refusal, float]:
         raise ValueError("its processor time is none")
     points = arrays.get("points", np.empty((0, 2)))
     if "status" in about:
-        # The type says text, the check that follows holds it to that.
+        # The following check verifies that it is text.
         return checked(Refusal(about["status"], about.get("reason"), points, about.get("output"))), float(spent)  # type: ignore[arg-type]
     wanted = {field.name for field in dataclasses.fields(Fit)}
     numbers = {name: value for name, value in about.items() if name in wanted}

@@ -1,11 +1,10 @@
 """A program as an estimator: it reads an image and a camera file and prints one JSON object.
 
-The program gets a 16 bit PNG of the digital numbers, the calibrated camera as TOML, and if it asks for it what is known
-beside the image; nothing else: not the truth that our own files carry. It prints what ``horizonval estimate --json``
-prints; ``status`` is required, for a fit also ``nadir_cam``. Angles that are missing follow from the nadir.
-``sigma_nadir_arcsec`` is the rms error claimed, taken as equal in all directions; without it the fit claims no
-uncertainty, and is judged by a default. A crash, a wrong answer or too long an answer is an outcome, and so is none
-within the limits of time and memory, which :mod:`horizonval.plugins.supervisor` sets.
+The program gets a 16 bit PNG of the digital numbers, the calibrated camera as TOML, and on request the prior; it never
+gets the truth. It prints the format of ``horizonval estimate --json``; ``status`` is required, for a fit also
+``nadir_cam``. Missing angles follow from the nadir. ``sigma_nadir_arcsec`` is the claimed rms error, taken as
+isotropic; without it the fit claims no uncertainty, and is judged by a default. A crash, a wrong or oversized answer,
+and none within the limits of time and memory (:mod:`horizonval.plugins.supervisor`) are outcomes.
 """
 
 from __future__ import annotations
@@ -33,19 +32,12 @@ from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
 from horizonval.spec.suite import ProgramSpec
 
 LONGEST_ANSWER = 1 << 20
-"""Bytes; an answer has a few hundred."""
+"""Maximum size of an answer, bytes; typical answers have a few hundred."""
 _ARCSEC = math.radians(1 / 3600)
 
 
 def program_estimator(spec: ProgramSpec, folder: Path) -> Estimator:
-    """Return the estimator that runs a program, in this process and without limits.
-
-    Parameters
-    ----------
-    spec : ProgramSpec
-    folder : Path
-        A relative path of the program starts here.
-    """
+    """Return the estimator that runs a program in this process, without limits; ``folder`` is the base of its path."""
     return Estimator(
         name=spec.name,
         title=spec.command,
@@ -55,9 +47,9 @@ def program_estimator(spec: ProgramSpec, folder: Path) -> Estimator:
 
 
 def command_line(command: str, folder: Path, image: Path, camera: Path, prior: Path) -> list[str]:
-    """Return the words of a command with the paths in their places.
+    """Return the words of a command with the paths filled in.
 
-    A command without any has image and camera last; the prior is for those that ask for it by ``{prior}``.
+    A command without placeholders gets image and camera as last words; the prior needs ``{prior}``.
     """
     words = shlex.split(command)
     places = {"{image}": image, "{camera}": camera, "{prior}": prior}
@@ -66,7 +58,7 @@ def command_line(command: str, folder: Path, image: Path, camera: Path, prior: P
     for place, path in places.items():
         words = [word.replace(place, str(path)) for word in words]
     program = folder / words[0]
-    # Links stay: the python of a virtual environment knows its packages by the name under which it is called.
+    # Links are not resolved: a virtual environment's python finds its packages by its path.
     return [str(program.absolute()) if "/" in words[0] and program.is_file() else words[0], *words[1:]]
 
 
@@ -90,7 +82,7 @@ def _run(observation: Observation, *, command: str, folder: Path) -> Fit | Refus
 
 
 def camera_file(observation: Observation) -> str:
-    """Return the calibrated camera as the camera file of the ``estimate`` command."""
+    """Return the camera file for the ``estimate`` command."""
     camera = observation.camera
     height, width = observation.image.shape
     numbers = {"pinhole": 5, "fisheye": 4, "equal_angle": 0}[camera.projection]
@@ -112,7 +104,7 @@ def camera_file(observation: Observation) -> str:
 
 
 def prior_file(prior: Prior) -> str:
-    """Return what is known as the file of the ``estimate`` command's ``--prior``; only the table's head of nothing."""
+    """Return the file for the ``estimate`` command's ``--prior``; an empty table if nothing is known."""
     lines = ["[prior]"]
     for key, name, factor in FILE_KEYS:
         value = getattr(prior, name)
@@ -121,7 +113,7 @@ def prior_file(prior: Prior) -> str:
         if isinstance(value, datetime):
             text = value.isoformat()
         elif isinstance(value, str):
-            # JSON's text between quotes is TOML's.
+            # Quoted JSON strings are valid TOML.
             text = json.dumps(value)
         else:
             text = repr((np.asarray(value) / (factor or 1.0)).tolist())
@@ -130,9 +122,9 @@ def prior_file(prior: Prior) -> str:
 
 
 def _answer(words: list[str], folder: Path) -> bytes | Refusal:
-    """Run a program; return what it printed, or why that is nothing."""
+    """Run a program; return its output, or the reason that there is none."""
     try:
-        # Standard error is this process's own, whose last lines are kept.
+        # Standard error is inherited; the supervisor stores its last lines.
         process = subprocess.Popen(words, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
     except OSError as e:
         return crash(f"the program {words[0]!r} cannot be started: {e.strerror}")
@@ -146,7 +138,7 @@ def _answer(words: list[str], folder: Path) -> bytes | Refusal:
 
 
 def result_of(answer: bytes, observation: Observation) -> Fit | Refusal:
-    """Return what a program's answer says."""
+    """Return the result in a program's answer."""
     try:
         data = json.loads(answer)
     except (ValueError, RecursionError):

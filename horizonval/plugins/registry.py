@@ -1,7 +1,7 @@
-"""Estimators by name, from the package entry points ``horizonval.estimators``: ours and any user's, side by side.
+"""Estimators by name, from the entry points ``horizonval.estimators`` of this and other packages.
 
-Names come from what packages declare; nothing of a user's package is imported for them. Only :func:`load` imports it,
-in the process that the estimator runs in (:mod:`horizonval.plugins.child`).
+Names come from the packages' metadata. Only :func:`load` imports third-party code, in the estimator's process
+(:mod:`horizonval.plugins.child`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class _Declared:
 
 @cache
 def _points() -> dict[str, _Declared]:
-    """Return entry points by name: ours keep their names; among others the first package in the alphabet counts."""
+    """Return entry points by name: this package goes first, then other packages in alphabetical order."""
     points = [
         _Declared(point, "" if point.dist is None else str(point.dist.name).lower())
         for point in entry_points(group=GROUP)
@@ -48,34 +48,30 @@ def _module(point: EntryPoint) -> str | None:
     try:
         return point.module
     except (AttributeError, ValueError, AssertionError):
-        # What is declared names no object of a module: readers of entry points differ in how they say so.
+        # The entry point names no object of a module: readers of entry points differ in their errors.
         return None
 
 
 def names() -> list[str]:
-    """Return the names of all estimators that are installed, sorted."""
     return sorted(_points())
 
 
 def is_foreign(name: str) -> bool:
-    """Whether an estimator is installed that is another package's."""
+    """Whether an installed estimator belongs to another package."""
     declared = _points().get(name)
     return declared is not None and not declared.is_ours
 
 
 def module_of(name: str) -> str | None:
-    """Return the module that an installed estimator is in, by its dotted name."""
+    """Return the dotted name of an installed estimator's module."""
     declared = _points().get(name)
     return None if declared is None else _module(declared.point)
 
 
 def get(name: str) -> Estimator:
-    """Return an estimator of ours; those of other packages come from :func:`horizonval.plugins.supervisor.get`.
+    """Return an estimator of this package. Raises ``UserError``: no such estimator.
 
-    Raises
-    ------
-    UserError
-        If there is none of that name.
+    For those of other packages see :func:`horizonval.plugins.supervisor.get`.
     """
     if name not in _points():
         known = ", ".join(nearest(name, names()))
@@ -87,12 +83,9 @@ def get(name: str) -> Estimator:
 
 @cache
 def load(name: str) -> Estimator:
-    """Import an estimator's module and return it: of another package only in the process that is there for it.
+    """Import and return an estimator; third-party code in its separate process only.
 
-    Raises
-    ------
-    TypeError
-        What is declared is no estimator.
+    Raises ``TypeError``: the entry point is not an estimator.
     """
     point = _points()[name].point
     estimator = point.load()
@@ -102,12 +95,12 @@ def load(name: str) -> Estimator:
 
 
 def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
-    """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes.
+    """Run an estimator; exceptions, wrong types and NaN become crashes.
 
-    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.answer`).
+    Numbers are rounded to the digits of results (:mod:`horizonval.estimation.answer`).
     """
     try:
-        # What a user's own method returns may be anything.
+        # A user's method may return anything.
         result: object = estimator.run(observation)
     except Exception as e:
         return crash(f"the estimator raised {raised(e)}", traceback_of(e))

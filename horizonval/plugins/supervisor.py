@@ -1,17 +1,16 @@
-"""Estimators in supervised processes: one that hangs, eats memory or crashes is an outcome, not the end of the run.
+"""Estimators in supervised processes: hanging, excessive memory and crashes are outcomes and do not end the run.
 
-Our own methods share one process, started once. Every estimator of another package, and every program, has a process
-of its own (:mod:`horizonval.plugins.child`). All end with the worker, however that ends.
+Methods of this package share one process. Every third-party estimator and every program has a separate process
+(:mod:`horizonval.plugins.child`). All end with the worker.
 
-**Time.** An estimate is ended when it has used its limit of *processor time*, with all processes that it started, so
-that the outcome does not depend on what else the machine does. What sleeps or waits uses none: the clock ends it after
-:data:`CLOCK_FACTOR` times the limit, or :data:`LEAST_CLOCK_S` where that is longer. This is the one time limit of our
-methods, plug-ins and programs.
+**Time.** An estimate has a limit of *processor time*, including its child processes, so that the outcome does not
+depend on the machine's load. For sleeping processes the wall clock decides: :data:`CLOCK_FACTOR` times the limit, or
+:data:`LEAST_CLOCK_S` if longer. The same limit applies to methods, plug-ins and programs.
 
-**Memory.** The address space of each process is limited to so much more than it has before its first estimate.
+**Memory.** The address space of each process is limited relative to its size before the first estimate.
 
-The worker trusts nothing that comes from a process: lengths are bounded, an answer is plain data that is held against
-its form (:mod:`horizonval.estimation.answer`), and whatever is wrong is a crash of the estimator that was asked.
+The worker trusts no output of a process: lengths are bounded, the form of answers is validated
+(:mod:`horizonval.estimation.answer`), and any defect counts as a crash of the estimator.
 """
 
 from __future__ import annotations
@@ -42,35 +41,25 @@ from horizonval.plugins.messages import read_answer, write_observation
 from horizonval.spec.suite import ProgramSpec
 
 IMPORT_LIMIT_S = 60.0
-"""Processor time, at least, for the start of a process and the import of a plug-in's package."""
+"""Minimum processor time for starting a process and importing a plug-in."""
 CLOCK_FACTOR, LEAST_CLOCK_S = 10.0, 60.0
-"""The limit by the clock over that of processor time, and its least value [s]."""
+"""Ratio of the wall-clock limit to that of processor time, and its minimum [s]."""
 _POLL_S = (0.05, 1.0)
-"""Shortest and longest time between two looks at the processor time; a look takes some milliseconds."""
+"""Shortest and longest interval between measurements of the processor time, which take some milliseconds."""
 _LONGEST_LINE = 1 << 16
 _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-"""For linear algebra, as in every worker: the last bit must not depend on the machine. And a process with several
-threads is granted no namespace in which folders are hidden."""
+"""Single-threaded linear algebra keeps the last bit independent of the machine; hiding folders needs it too."""
 _MOST_PROCESSES = 16
-"""Of other people's code at the same time, each of some 50 MB; the one that was asked longest ago goes first."""
+"""Maximum number of third-party processes, each of some 50 MB; the least recently used ends first."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What an estimate may use, and the programs that are estimators here.
+    """Limits of an estimate, and the programs that are estimators here.
 
-    Attributes
-    ----------
-    time_s : float
-        Processor time of one estimate, with the processes that it starts.
-    memory_mb : int
-        Address space beyond what the process has before its first estimate.
-    programs : tuple of ProgramSpec
-    folder : Path
-        Relative paths of programs start here.
-    hidden : tuple of Path
-        Folders that estimators of other packages and programs must not read. With one they have no network either, and
-        where the system does not grant it they are not asked.
+    ``time_s``: processor time of one estimate, including child processes. ``memory_mb``: address space beyond the size
+    before the first estimate. ``folder``: base of the programs' paths. ``hidden``: folders that third-party estimators
+    and programs must not read; they then have no network either, and do not run if the system does not permit it.
     """
 
     time_s: float = 60.0
@@ -81,14 +70,9 @@ class Limits:
 
 
 def get(name: str, limits: Limits | None = None) -> Estimator:
-    """Return an estimator by name: ours as it is, a program or one of another package as a proxy of its process.
+    """Return an estimator by name: those of this package directly, others as a proxy of their process.
 
-    One whose package cannot be imported is returned too: it crashes on every image.
-
-    Raises
-    ------
-    UserError
-        If there is none of that name.
+    An estimator that cannot be imported crashes on every image. Raises ``UserError``: no such estimator.
     """
     limits = limits or Limits()
     run = partial(_run, name, limits)
@@ -106,7 +90,7 @@ def _run(name: str, limits: Limits, observation: Observation) -> Fit | Refusal:
 
 
 def can_hide() -> bool:
-    """Whether this system hides folders from a process: tried on an empty one, by a process that then ends."""
+    """Whether this system can hide folders from a process, tested with an empty one."""
     with tempfile.TemporaryDirectory() as folder:
         code = "import sys; from horizonval.plugins.child import hide; sys.exit(not hide(sys.argv[1:]))"
         tried = subprocess.run([sys.executable, "-c", code, folder], capture_output=True, env=os.environ | _ONE_THREAD)
@@ -114,26 +98,26 @@ def can_hide() -> bool:
 
 
 class Supervisor:
-    """The processes of one set of limits, started when they are needed."""
+    """The processes of one set of limits, started on demand."""
 
     spent_s: float | None = None
-    """Processor time of the last estimate, programs that it ran included; ``None`` if it did not end by itself."""
+    """Processor time of the last estimate, including child processes; None if it was ended."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._processes: dict[str | None, _Process] = {}
 
     def run(self, name: str, observation: Observation) -> Fit | Refusal:
-        """Return what the estimator of a name makes of an observation."""
+        """Return the answer of an estimator to an observation."""
         result, self.spent_s = self._process(name).ask(name, observation, self._limits.time_s)
         return result
 
     def describe(self, name: str) -> dict[str, Any] | Refusal:
-        """Return what an estimator of another package says of itself; a crash if it cannot be imported."""
+        """Return the description of a third-party estimator; a crash if it cannot be imported."""
         return self._process(name).describe()
 
     def close(self) -> None:
-        """End the processes and what they started."""
+        """End the processes and their descendants."""
         for process in self._processes.values():
             process.close()
 
@@ -160,14 +144,7 @@ def supervisor_of(limits: Limits) -> Supervisor:
 
 
 class _Process:
-    """A process of estimators; started when it is needed, again after it was ended.
-
-    Parameters
-    ----------
-    limits : Limits
-    name : str or None
-        The one estimator that it runs, of another package or a program; ``None`` for ours.
-    """
+    """A process of estimators, started on demand; ``name``: third-party estimator or program, None for ours."""
 
     def __init__(self, limits: Limits, name: str | None) -> None:
         self._limits, self._name = limits, name
@@ -179,17 +156,16 @@ class _Process:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a process."""
         return self._process is not None
 
     def describe(self) -> dict[str, Any] | Refusal:
-        """Return what the estimator says of itself, asked for once; a crash if it cannot be imported."""
+        """Return the cached description of the estimator; a crash if it cannot be imported."""
         if self._said is None:
             self._said = self._described()
         return self._said
 
     def ask(self, name: str, observation: Observation, limit_s: float) -> tuple[Fit | Refusal, float | None]:
-        """Return what an estimator makes of an observation, and its processor time if it ended by itself."""
+        """Return the answer to an observation, and its processor time unless the process was ended."""
         if self._name is not None and isinstance(said := self.describe(), Refusal):
             return said, None
         try:
@@ -198,7 +174,7 @@ class _Process:
             except (BrokenPipeError, EOFError):
                 if self._name is not None:
                     raise
-                # What ended our process may have had nothing to do with this estimate; what has does it again.
+                # The process may have died for another reason; a defect of this estimate will recur.
                 self.close()
                 status = self._asked(name, observation, limit_s)
         except TimeoutError as e:
@@ -207,7 +183,7 @@ class _Process:
         except (OSError, EOFError, ValueError) as e:
             return crash(f"the estimator's process {self._end(e)}", self._printed), None
         except BaseException:
-            # Interrupted: a late answer must not be taken for that to the next question.
+            # Interrupted: a late answer must not count for the next observation.
             self.close()
             raise
         if status != 0:
@@ -219,7 +195,7 @@ class _Process:
         return self._with_printed(result) if isinstance(result, Refusal) else result, spent
 
     def close(self) -> None:
-        """End the process and what it started."""
+        """End the process and its descendants."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -228,7 +204,7 @@ class _Process:
         if process.poll() is None:
             with contextlib.suppress(psutil.Error):
                 root = psutil.Process(process.pid)
-                # Stopped, it adopts what its descendants leave but starts no more.
+                # A stopped process still adopts orphans but starts nothing.
                 root.suspend()
                 end_descendants(root)
         _end_session(process.pid)
@@ -258,7 +234,7 @@ class _Process:
             return crash(f"the estimator cannot be loaded: its process {self._end(e)}", self._printed)
 
     def _asked(self, name: str, observation: Observation, limit_s: float) -> int:
-        """Have an observation answered; return how the process that answered ended, negative for a signal."""
+        """Send an observation; return the exit code of the answering process, negative for a signal."""
         if self._process is None or self._process.poll() is not None:
             self._start()
         assert self._process is not None
@@ -272,7 +248,7 @@ class _Process:
         return status
 
     def _start(self) -> dict[str, Any]:
-        """Start the process; return what it says of its estimator once that is imported."""
+        """Start the process; return the description of its estimator after the import."""
         self.close()
         self._printed = b""
         self._scratch = tempfile.TemporaryDirectory(prefix="horizonval-", ignore_cleanup_errors=True)
@@ -281,7 +257,7 @@ class _Process:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            # Temporary files of an estimate that is ended go with the process.
+            # Temporary files of an ended estimate are deleted with the process.
             env=os.environ | _ONE_THREAD | {"TMPDIR": self._scratch.name},
             start_new_session=True,
             pass_fds=[self._exchange],
@@ -309,16 +285,10 @@ class _Process:
         stdin.flush()
 
     def _receive(self, limit_s: float) -> dict[str, Any]:
-        """Return the line that the process writes next.
+        """Return the next line of the process.
 
-        Raises
-        ------
-        TimeoutError
-            It has used more processor time, or much more time of the clock; with the limit.
-        EOFError
-            The process has ended.
-        ValueError
-            What it wrote is no JSON object.
+        Raises ``TimeoutError``: processor time or wall clock exceeded, with the limit. Raises ``EOFError``: the process
+        has ended. Raises ``ValueError``: the line is not a JSON object.
         """
         assert self._process is not None
         _, stdout, stderr = _pipes(self._process)
@@ -352,7 +322,7 @@ class _Process:
         return said
 
     def _drain(self, stderr: IO[bytes]) -> bool:
-        """Keep the end of what was printed, but for what comes faster than it is read; whether there may be more."""
+        """Keep the end of the output, unless it comes faster than it is read; return whether more may follow."""
         for _ in range(64):
             try:
                 data = os.read(stderr.fileno(), 1 << 16)
@@ -374,17 +344,14 @@ class _Process:
         return f"is lost ({error})" if code is None else _how(code)
 
     def _with_printed(self, refusal: Refusal) -> Refusal:
-        """Put what was printed before the traceback of a crash."""
+        """Prepend the printed output to the traceback of a crash."""
         if not refusal.output or not self._printed.strip():
             return refusal
         return crash(refusal.reason, self._printed.rstrip() + b"\n" + refusal.output.encode())
 
 
 def processor_s(process: psutil.Process) -> float:
-    """Return the processor time [s] of a process and its descendants.
-
-    On Linux a process that has ended counts with its parent; elsewhere it is missing.
-    """
+    """Return the processor time [s] of a process and its descendants (of finished ones on Linux only)."""
     with contextlib.suppress(psutil.Error):
         return sum(map(_own_s, (process, *process.children(recursive=True))))
     return 0.0
@@ -398,7 +365,7 @@ def _own_s(process: psutil.Process) -> float:
 
 
 def _end_session(session: int) -> None:
-    """Kill what is left of a session of processes, whoever its parent is now."""
+    """Kill the remaining processes of a session, whatever their parent."""
     for pid in psutil.pids():
         with contextlib.suppress(OSError):
             if os.getsid(pid) == session:
@@ -406,7 +373,7 @@ def _end_session(session: int) -> None:
 
 
 def _poll_s(left_s: float) -> float:
-    """Return when to look at the processor time again: no sooner than all cores together could have used the rest."""
+    """Return the time to the next measurement: no longer than all cores need for the remaining processor time."""
     return min(max(left_s / (os.cpu_count() or 1), _POLL_S[0]), _POLL_S[1])
 
 

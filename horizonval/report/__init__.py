@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that needs nothing beside it."""
+"""The report of a run as self-contained HTML pages."""
 
 from horizonval.report.build import build_report
 

@@ -42,18 +42,17 @@ from horizonval.spec.prior import PriorSpec
 from horizonval.store.verify import amend_manifest
 
 STRIP_RATIO = 20
-"""Wider images than this are drawn as a strip of their own proportions."""
+"""Aspect ratio above which images are drawn as strips of their proportions."""
 MOST_CASES_SHOWN = 300
-"""With a picture each; the page of a longer run would not open."""
+"""Maximum number of pictures; a larger page would not open."""
 COARSE_PX = 320
-"""Pixels of smaller images are shown as squares."""
+"""Largest size of images whose pixels are shown as squares."""
 
 
 def build_report(run_dir: Path) -> Path:
-    """Write ``run_dir/report/index.html``, the page of a campaign and the figures, and return the first page's path.
+    """Write ``run_dir/report/index.html``, the page of a campaign and the figures; return the first page's path.
 
-    An unfinished run, or one with a damaged archive, gets a report that says so. Raises ``UserError`` if there is no
-    run, or its files cannot be read or written.
+    The report of an unfinished run or damaged archive says so. Raises ``UserError``: no run, or unreadable files.
     """
     before = {path for path in (run_dir / "report").rglob("*") if path.is_file()}
     pages = write_report(run_dir)
@@ -62,7 +61,7 @@ def build_report(run_dir: Path) -> Path:
 
 
 def write_report(run_dir: Path) -> list[Path]:
-    """Write the pages of a report and return them, the first one first; otherwise as :func:`build_report`."""
+    """Write the pages of a report and return them, as :func:`build_report` does the first."""
     run = load_run(run_dir, MOST_CASES_SHOWN)
     summary = summarise(run.rows, run.given_pose, run.orbit, run.likelihood)
     opening = sentences(run.judged_rows, run.judged_estimators, summary["groups"])
@@ -109,7 +108,7 @@ def write_report(run_dir: Path) -> list[Path]:
 
 
 def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return everything that the template of the first page shows."""
+    """Return the content of the first page's template."""
     unit = unit_of(row.nadir_error_arcsec for row in run.judged_rows if row.is_claim)
     broken = sum(view.broken for view in run.views)
     views = [view for view in run.views if view.shown]
@@ -138,7 +137,7 @@ def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _in_order(groups: Sequence[Mapping[str, Any]], run: ReportRun) -> list[Mapping[str, Any]]:
-    """Return groups in the suite's order of estimators; those that receive the true pose last."""
+    """Return groups in the suite's order of estimators, those that receive the true pose last."""
     return sorted(groups, key=lambda group: (group["given_pose"], run.estimators.index(group["estimator"])))
 
 
@@ -150,7 +149,7 @@ def _finding(group: Mapping[str, Any], unit: AngleUnit) -> str:
 
 
 def _verdict(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[str, str]:
-    """The first thing to know: crashes and false claims, else broken or missing frames, else that all is well."""
+    """Main result: crashes and false claims, else failed or missing frames, else success."""
     rates = summary["rates"]
     false, claims, crashes = rates["false_valid"]["n"], rates["false_valid"]["of"], rates["crashed"]["n"]
     parts = [f"{crashes} {'crash' if crashes == 1 else 'crashes'}"] if crashes else []
@@ -168,7 +167,7 @@ def _verdict(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[st
 
 
 def _whose(groups: Sequence[Mapping[str, Any]]) -> str:
-    """Return whose the false claims are, the most first."""
+    """Return the sources of the false claims, most frequent first."""
     counts: Counter[str] = Counter()
     for group in groups:
         if not group["given_pose"]:
@@ -180,7 +179,7 @@ def _whose(groups: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, Any]]:
-    # Estimators that are given the pose have zero errors, and would only stretch the axes.
+    # Estimators that receive the pose have zero errors and would stretch the axes.
     names, rows, many = run.judged_estimators, run.judged_rows, len(run.views) > 45
     floor = f"{unit.of(plots.FLOOR_ARCSEC):g}{unit.sign}"
     figures = [
@@ -225,7 +224,7 @@ def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, Any]]:
 
 
 def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) -> dict[str, Any]:
-    """Return what the card of a frame shows, and its frame for the viewer."""
+    """Return the content of a frame's card, and its data for the viewer."""
     image = view.image
     expected = expected_outcome(image.truth, view.band) if image is not None else None
     frame = viewer.one_frame(view, run.estimators, expected, numbered=numbered)
@@ -250,7 +249,7 @@ def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) ->
             "width": width,
             "height": height,
             "coarse": max(width, height) <= COARSE_PX,
-            # A line of pixels would be a hair on the page: it is drawn tall, its rows out of proportion.
+            # A line of pixels is drawn taller than to scale, or it would be invisible.
             "strip": width > STRIP_RATIO * height,
             "facts": [*_facts(expected, image.truth), *infrared.facts_of(image.truth, view.band),
                       ("drawn from black to white", drawn)],
@@ -346,7 +345,7 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
 
 
 def _known(truth: FrameTruth) -> list[tuple[str, str]]:
-    """Return what methods were given beside the image, where the scene says what that is."""
+    """Return the prior of the methods, if the scene has one."""
     stated = truth.scene.get("prior")
     if stated is None:
         return []

@@ -1,6 +1,6 @@
-"""The page of a campaign: the figures that the suite asks for, rates with their intervals, and the worst frames.
+"""The page of a campaign: the suite's figures, rates with their intervals, and the worst frames.
 
-Made of the run's folder alone. Every mark of a frame links to that frame's card on the report's first page.
+It uses the run's folder alone. Every mark of a frame links to the frame's card on the first page.
 """
 
 from __future__ import annotations
@@ -49,17 +49,17 @@ from horizonval.scoring.summary import rates, summarise
 
 PAGE = "campaign.html"
 FIGURES = "figures"
-"""Folder beside the page with its figures as files."""
+"""Subfolder for figures as files."""
 WORST = 6
-"""Frames of a kind that the page names."""
+"""Number of named frames of each kind."""
 GUARDED = "guarded-"
 
 Link = Callable[[Row], str | None]
-"""The address of a row's frame; ``None`` where the first page does not show it."""
+"""Address of a row's frame; None if the first page does not show it."""
 
 
 def is_due(run: ReportRun) -> bool:
-    """Whether a run has this page: figures that the suite asks for, or several draws of the noise, or both."""
+    """Whether a run has this page: the suite has figures, or several noise samples, or both."""
     return bool(run.figures) or _has_draws(run)
 
 
@@ -76,7 +76,7 @@ def headline(run: ReportRun) -> str:
 
 
 def page_of(run: ReportRun) -> JsonObject:
-    """Return everything the template shows."""
+    """Return the content of the template."""
     rows, link, names = run.judged_rows, links_of(run), run.judged_estimators
     groups = summarise(rows, likelihood=run.likelihood)["groups"]
     tails = plots.figure(
@@ -111,7 +111,7 @@ def page_of(run: ReportRun) -> JsonObject:
 
 
 def links_of(run: ReportRun) -> Link:
-    """Return what gives the address of a row's frame."""
+    """Return the function that gives the address of a row's frame."""
     shown = {view.case for view in run.views if view.shown}
     return lambda row: f"index.html#{quote(row.case)}" if row.case in shown else None
 
@@ -135,7 +135,7 @@ def _section(run: ReportRun, plan: JsonObject, index: int, link: Link) -> JsonOb
 def _drawings(
     plan: JsonObject, rows: Sequence[Row], names: Sequence[str], link: Link
 ) -> list[tuple[str, Draw, float, float]]:
-    """Return the estimator of each drawing, "" of all together, what draws it, and its width and height [in]."""
+    """Return estimator ("" for all together), drawing function, and width and height [in] of each drawing."""
     first = {case: values[0] for case, values in plan["cases"].items() if values}
     curves_in = 5.2 + (0.25 + STRIP_IN) * len(names)
     match plan["kind"]:
@@ -172,7 +172,7 @@ def _minutes(rows: Sequence[Row]) -> dict[str, float]:
 
 
 def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[tuple[str, float, float]]:
-    """Return name, start and end of eclipses, Sun in frame and terminator in view; half-way between frames."""
+    """Return name, start and end of eclipses, Sun in frame and terminator in view; ends are midway between frames."""
     by_case = {row.case: row for row in rows}
     order = sorted(by_case, key=lambda case: minutes[case])
     times = [minutes[case] for case in order]
@@ -192,18 +192,18 @@ def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[tuple[str,
 
 
 def _bound(rate: float) -> str:
-    """Return an upper bound in per cent, rounded up: it must not look better than it is."""
+    """Return an upper bound in per cent, rounded up."""
     digits = 1 if rate >= 0.01 else 3
     return f"{math.ceil(100 * rate * 10**digits - 1e-9) / 10**digits:.{digits}f} %"
 
 
 def _bias(found: Mapping[str, Any]) -> str:
-    """Return the words of a bias, to a thousandth of a degree: below that it is nothing to anyone."""
+    """Return a bias in words, to a thousandth of a degree."""
     return DASH if found["mean"] is None else f"{DEG.of(found['mean']):+.3f}".replace("-", "\N{MINUS SIGN}")
 
 
 def _consistency(found: Mapping[str, Any]) -> dict[str, str]:
-    """Return the words of a mean normalised error squared, per degree of freedom."""
+    """Return a mean normalised error squared, per degree of freedom, in words."""
     if not found["n"]:
         return {"mean": DASH, "interval": "", "glyph": ""}
     dof = found["expected"]
@@ -226,7 +226,7 @@ FILTERS: dict[str, Callable[..., Any]] = {
 
 
 def _worst(rows: Sequence[Row], link: Link) -> list[JsonObject]:
-    """Return the worst frames of each kind: false claims by their error, and usable frames that were refused."""
+    """Return the worst frames of each kind: false claims by error, and refused usable frames."""
     false = sorted(
         (row for row in rows if verdict_of(row) is FALSE_VALID), key=lambda row: -(row.nadir_error_arcsec or 0)
     )
@@ -255,16 +255,16 @@ def _worst(rows: Sequence[Row], link: Link) -> list[JsonObject]:
 # ------------------------------------------------------------------------------------------------------------ figures
 
 THIN_CELL = 3
-"""Cells of a map with fewer frames are hatched."""
+"""Number of frames below which cells of a map are hatched."""
 MOST_WORDY_CELLS = 60
 """Largest number of cells of a map with numbers in them."""
 TAIL = 20
-"""Number of an estimator's largest errors that are marked in the figure of its tail."""
+"""Number of an estimator's largest errors that are marked in the tail figure."""
 LIMIT_DEG = math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
 LEAST_SHOWN_DEG = 1e-3
 """Smallest error in timelines; smaller ones are drawn here."""
 STRIP_IN, PANEL_IN, EMPTY_IN = 0.2, 1.05, 0.25
-"""Heights of a line of verdicts, of an estimator's panel, and of one without a claim."""
+"""Heights of a line of verdicts, of an estimator's panel, and of an empty panel."""
 _PAIR_COLOURS = {"roll": "#0072b2", "pitch": "#d55e00"}
 _SPAN_LOOKS: dict[str, dict[str, Any]] = {
     "eclipse": {"color": GREY, "alpha": 0.25, "lw": 0},
@@ -279,14 +279,14 @@ def _claims(rows: Sequence[Row], estimator: str) -> list[Row]:
 
 
 def _degrees(row: Row, least: float = DEG.of(FLOOR_ARCSEC)) -> float:
-    """Return a claim's error, not below what an axis shows."""
+    """Return a claim's error, at least the minimum of the axis."""
     return max(DEG.of(row.nadir_error_arcsec or 0.0), least)
 
 
 def _strip(
     axes: Axes, rows: Sequence[Row], estimators: Sequence[str], x_of: Mapping[str, float], link: Link
 ) -> list[Any]:
-    """Draw the verdicts on the rows over an axis, a line for each estimator; return what a legend shows."""
+    """Draw the verdicts on the rows over an axis, a line for each estimator; return the legend's entries."""
     plots.verdict_strip(axes, estimators)
     shown: dict[VerdictMark, Any] = {}
     for line_number, name in enumerate(estimators):
@@ -310,8 +310,7 @@ def timeline(
 ) -> Draw:
     """Outcome strip and error with three claimed sigma of every estimator along the time of a flight.
 
-    ``rows`` are of one camera and band, ``minutes`` the time of every case, ``spans`` shaded intervals (name, start,
-    end) [min].
+    ``rows``: of one camera and band. ``minutes``: time of every case. ``spans``: shaded (name, start, end) [min].
     """
     errors = [_degrees(row, LEAST_SHOWN_DEG) for row in rows if row.nadir_error_arcsec is not None]
     # All panels share the axis, so that they can be compared.
@@ -358,8 +357,8 @@ def heat_map(
 ) -> Draw:
     """Median nadir error over a grid of two axes, on a logarithmic colour scale, for one estimator, camera and band.
 
-    Cells without an answer are empty and crossed, cells with fewer than :data:`THIN_CELL` frames hatched; an outline
-    marks errors beyond the limit of a false claim. ``x_of`` and ``y_of`` are the axis values of every case.
+    Cells without an answer are crossed, cells with fewer than :data:`THIN_CELL` frames hatched, errors beyond the limit
+    of a false claim outlined. ``x_of`` and ``y_of``: axis values of every case.
     """
 
     xs = np.array(sorted({x_of[row.case] for row in rows}))
@@ -374,7 +373,7 @@ def heat_map(
     wordy = median.size <= MOST_WORDY_CELLS
 
     def words(own: Sequence[Row], at: tuple[int, int]) -> str:
-        """Return a cell's median error, how many were answered if not all were, and how many claims are false."""
+        """Return a cell's median error, the number of answers if below the number of frames, and of false claims."""
         answers, false = sum(row.nadir_error_arcsec is not None for row in own), sum(row.false_valid for row in own)
         lines = [f"{median[at]:.2g}", f"{answers}/{len(own)}" * (answers < len(own)), f"✖{false}" * bool(false)]
         return "\n".join(filter(None, lines))
@@ -432,7 +431,7 @@ def curves(
     link: Link,
     exclusion_deg: Mapping[str, float | None] | None = None,
 ) -> Draw:
-    """Outcome strip, share of frames answered rightly, and the errors, over one axis.
+    """Outcome strip, share of frames with a right answer, and the errors, over one axis.
 
     ``exclusion_deg``: over the Sun's distance from the boresight, the exclusion angle of each estimator.
     """
@@ -468,7 +467,7 @@ def curves(
         below.axhline(LIMIT_DEG, **LIMIT)
         below.set(yscale="log", ylabel="nadir error [deg]", xlabel=label)
         plain_ticks(below.yaxis)
-        # Names with an angle behind them are long: in two columns they would run out of the figure.
+        # Long names with an angle do not fit in two columns.
         longest = max((len(name) + len(words.get(name, "")) for name in estimators), default=0)
         plots.legend_above(figure, above, 2 if longest < 32 else 1)
         figure.legend(handles=handles, loc="outside lower left", ncols=3, fontsize=SMALL)
@@ -477,9 +476,9 @@ def curves(
 
 
 def error_distribution(rows: Sequence[Row], estimators: Sequence[str], link: Link) -> Draw:
-    """Share of claims with a larger nadir error, both axes logarithmic: tails are what matters.
+    """Share of claims with a larger nadir error, both axes logarithmic, to show the tails.
 
-    The largest errors of every estimator, :data:`TAIL` of them, are marks that link to their frames.
+    The largest errors of every estimator, :data:`TAIL` of them, are marks with links to their frames.
     """
 
     def draw(figure: Figure) -> None:
@@ -503,9 +502,9 @@ def error_distribution(rows: Sequence[Row], estimators: Sequence[str], link: Lin
 
 
 def bias_and_noise(groups: Sequence[Mapping[str, Any]]) -> Draw:
-    """Mean (bias) and standard deviation (noise) of roll and pitch errors side by side, with 95 % bars on the mean.
+    """Mean (bias) and standard deviation (noise) of roll and pitch errors, with 95 % bars on the mean.
 
-    ``groups`` are those of :func:`horizonval.scoring.summary.summarise`: a line for every estimator and camera.
+    ``groups``: as from :func:`horizonval.scoring.summary.summarise`, a line for every estimator and camera.
     """
 
     def draw(figure: Figure) -> None:

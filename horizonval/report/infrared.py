@@ -1,7 +1,6 @@
-"""The report's sections on the infrared horizon: the height where the radiance of thermal bands drops, and its error.
+"""Sections of the report on the infrared horizon, the height where the radiance of thermal bands drops, and its error.
 
-One section comes from the truth of the images, the other, along an orbit and through the year, from
-``stability/result.json``.
+One section uses the truth of the images, the other ``stability/result.json``, along an orbit and through the year.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ _SEASONS = (3, 6, 9, 12)
 
 
 def section_of_frames(views: Sequence[CaseView]) -> dict[str, Any] | None:
-    """Return what the template shows of the infrared horizon; None for runs whose truths have none."""
+    """Return the template's data of the infrared horizon; None for runs without one."""
     frames = [
         (view.case, view.band, view.image.truth, view.image.truth.infrared_horizon[view.band])
         for view in views
@@ -80,7 +79,7 @@ def section_of_frames(views: Sequence[CaseView]) -> dict[str, Any] | None:
 
 
 def facts_of(truth: FrameTruth, band: str) -> list[tuple[str, str]]:
-    """Return what a frame's list of facts says of the infrared horizon in view."""
+    """Return a frame's facts about the infrared horizon in view."""
     half, steepest = (visible_height_m(truth, band, *locator) for locator in ((), (MAXIMUM_GRADIENT,)))
     if half is None or steepest is None:
         return []
@@ -90,7 +89,7 @@ def facts_of(truth: FrameTruth, band: str) -> list[tuple[str, str]]:
 
 
 def _curves_of_frames(frames: Sequence[tuple[str, str, str, JsonObject]], kinds: Sequence[str]) -> plots.Draw:
-    """Draw the heights of frames, given as kind, band, case and what is stored, a panel for each kind."""
+    """Draw the heights of frames (kind, band, case, stored data), a panel for each kind."""
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
@@ -119,7 +118,7 @@ def _curves_of_frames(frames: Sequence[tuple[str, str, str, JsonObject]], kinds:
 
 
 def _notes(sentences: dict[str, list[str]]) -> list[str]:
-    """Return a paragraph for every band of what is said of it alone, and one of what is said of all."""
+    """Return a paragraph for every band with its sentences, and one with the common sentences."""
     if not sentences:
         return []
     common = [s for s in next(iter(sentences.values())) if all(s in lines for lines in sentences.values())]
@@ -135,10 +134,7 @@ def _place(low_km: float | None, high_km: float | None) -> str:
 
 
 def section_of_year(run_dir: Path) -> dict[str, Any] | None:
-    """Return the template's data of the yearly study in a run's folder; None if there is none.
-
-    Raises ``DamagedFileError`` if the file was changed.
-    """
+    """Return the template's data of the yearly study; None without one. Raises ``DamagedFileError``: a changed file."""
     path = run_dir / "stability" / "result.json"
     result: JsonObject | None = read_json(path, fix="run the suite again")
     if result is None:
@@ -196,7 +192,7 @@ def _title(band: JsonObject) -> str:
 
 
 def _shown(months: list[int]) -> dict[int, str]:
-    """Return the months that are drawn and their colours: one of each season, else up to four of those there are."""
+    """Return the months to draw and their colours: one of each season, else up to four."""
     chosen = _SEASONS if set(_SEASONS) <= set(months) else [months[int(i)] for i in np.linspace(0, len(months) - 1, 4)]
     return dict(zip(dict.fromkeys(chosen), ("#009e73", "#d55e00", "#cc79a7", "#0072b2"), strict=False))
 

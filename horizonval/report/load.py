@@ -20,9 +20,9 @@ from horizonval.store.store import Store
 class CaseView:
     """One band of one case: a tile of the report.
 
-    ``image`` is ``None`` where there is none; ``problem`` then says why. ``broken``: the frame itself failed.
-    ``shown``: a long report shows this case; image and details of others are not read. A view of all heads of a scene
-    shows the first one's image; ``head_paths`` has the path of every head's, or empty.
+    ``image``: None if missing, with the reason in ``problem``. ``broken``: the frame itself failed. ``shown``: a long
+    report shows this case; other images and details are not read. A view of all heads of a scene shows the first one's
+    image; ``head_paths``: of every head, or empty.
     """
 
     case: str
@@ -39,12 +39,12 @@ class CaseView:
 
 @dataclass(frozen=True)
 class ReportRun:
-    """A run as the report needs it: views in the suite's order, the cases without result, the requested figures.
+    """A run as the report needs it: views in the suite's order, failed cases, requested figures.
 
-    ``figures``: results of :func:`horizonval.suites.record.figure_plans`; ``study``: whether it is a trade study;
-    ``command``: the words that repeat the run in its folder; ``programs``: estimators that are programs of the suite's
-    file; ``given_pose``: estimators that receive the true pose; ``likelihood``: estimators whose claims are those of a
-    likelihood fit; ``orbit``: cases that sample an orbit.
+    ``figures``: from :func:`horizonval.suites.record.figure_plans`. ``study``: whether it is a trade study.
+    ``command``: words that repeat the run in its folder. ``programs``: estimators that are programs of the suite's
+    file. ``given_pose``: estimators that receive the true pose. ``likelihood``: estimators with claims of a likelihood
+    fit. ``orbit``: cases that sample an orbit.
     """
 
     suite: str
@@ -74,7 +74,7 @@ class ReportRun:
 
     @property
     def suite_of_programs(self) -> dict[str, str]:
-        """The suite's file, from the run's folder on, by the name of each estimator that is a program of it."""
+        """The suite's file, relative to the run's folder, by program estimator."""
         return dict.fromkeys(self.programs, self.command[2]) if len(self.command) > 2 else {}
 
     @property
@@ -91,16 +91,9 @@ class ReportRun:
 def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
     """Read ``run.json``, the case files and the detector images.
 
-    Missing cases and missing or damaged images are part of the report. ``most`` limits the cases whose images are read:
-    at most half of them are failures and unexpected outcomes, which go first, the rest is evenly spread over the
-    others.
-
-    Raises
-    ------
-    UserError
-        There is no ``run.json``.
-    DamagedFileError
-        ``run.json`` or a case file was changed.
+    Missing cases and missing or damaged images are part of the report. Images of at most ``most`` cases are read: up to
+    half of them failures and unexpected outcomes, the rest evenly spread over the others. Raises ``UserError``: no
+    ``run.json``. Raises ``DamagedFileError``: ``run.json`` or a case file was changed.
     """
     path = run_dir / "run.json"
     if not path.is_file():
@@ -130,7 +123,7 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
 def load_case(run_dir: Path, case: str) -> list[CaseView]:
     """Return the views of one case of a run with their images.
 
-    Raises ``UserError`` if there is no run or no finished case of that name, ``DamagedFileError`` for a changed file.
+    Raises ``UserError``: no run or no finished case of that name. Raises ``DamagedFileError``: a changed file.
     """
     head = _read(RunFolder(run_dir).suite, ("suite", "estimators", "cases"))
     views = _views_of(run_dir, head, _store(run_dir, head), case, True) if case in head["cases"] else None
@@ -159,12 +152,12 @@ def _shown(run_dir: Path, names: list[str], most: int | None) -> set[str]:
 
 
 def _spread(names: list[str], most: int) -> list[str]:
-    """Return at most so many of them, evenly spread."""
+    """Return at most so many names, evenly spread."""
     return names if len(names) <= most else [names[i * len(names) // most] for i in range(most)]
 
 
 def _is_striking(path: Path) -> bool:
-    """Whether a case failed, or an outcome was false or not the one expected."""
+    """Whether a case failed or has a false or unexpected outcome."""
     if not path.is_file():
         return False
     record = _read(path, ("rows",))
@@ -172,12 +165,12 @@ def _is_striking(path: Path) -> bool:
 
 
 def _store(run_dir: Path, head: dict[str, Any]) -> Store:
-    # The images of a run that was scored again lie elsewhere.
+    # Rescored runs have their images elsewhere.
     return Store(archive_of(RunFolder(run_dir), head), read_only=True)
 
 
 def _views_of(run_dir: Path, head: dict[str, Any], store: Store, case: str, shown: bool) -> list[CaseView] | None:
-    """Return the views of a case, with images if they are shown; ``None`` if it is not finished."""
+    """Return the views of a case, with shown images; None if it is not finished."""
     folder = RunFolder(run_dir)
     path = folder.case(case)
     if not path.is_file():
@@ -232,7 +225,7 @@ def _views(
 
 
 def _path(store: Store, run_dir: Path, address: str | None) -> str:
-    """Return the path of an image in the archive from the run's folder on, if it is there."""
+    """Return the path of an existing archived image relative to the run's folder."""
     try:
         return Path(os.path.relpath(store.path(address), run_dir)).as_posix() if address else ""
     except UserError:

@@ -50,28 +50,10 @@ def render(
 ) -> str:
     """Return a page as text.
 
-    Parameters
-    ----------
-    template : str
-        File name, in ``folder`` or in this room.
-    title, heading : str
-        Of the browser's tab, and of the page.
-    version : str
-        Of the package that made the results.
-    about : sequence of str
-        The line above the heading.
-    links : sequence of (str, str)
-        Text and address of the other pages of the folder.
-    sentences : sequence of str
-        The result in words, below the heading.
-    again : str
-        The command that repeats the work in the results' folder.
-    folder : Path
-        Of the template.
-    filters : mapping, optional
-        Filters of this page alone.
-    content
-        Variables of the template's blocks.
+    ``template``: file name, in ``folder`` or in this package. ``title``: of the browser's tab. ``version``: of the
+    package that made the results. ``about``: lines above the heading. ``links``: text and address of the other pages of
+    the folder. ``sentences``: the result in words, below the heading. ``again``: command that repeats the work.
+    ``filters``: additional template filters. ``content``: variables of the template's blocks.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([folder, FOLDER]),
@@ -103,7 +85,7 @@ def render(
 
 
 def write(path: Path, text: str) -> None:
-    """Write a page, whole or not at all."""
+    """Write a page atomically."""
     atomic.write_text(path, text)
 
 

@@ -68,7 +68,7 @@ def grey_levels(image: DetectorImage) -> tuple[NDArray[np.uint8], float, float]:
 
 
 def card_uri(grey: NDArray[np.uint8]) -> str:
-    """Return grey levels as a ``data:`` URI for a card: whole and lossless if they are small, else reduced."""
+    """Return grey levels as a ``data:`` URI for a card, lossless if small, else reduced."""
     scale = CARD_SIDE_PX / max(grey.shape)
     if scale >= 1:
         return png_uri(grey)
@@ -83,7 +83,7 @@ def png(picture: NDArray[np.uint8]) -> bytes:
 
 
 def png_uri(picture: NDArray[np.uint8]) -> str:
-    """Return a picture as a PNG in a ``data:`` URI, for a page that needs nothing beside it."""
+    """Return a picture as a PNG in a ``data:`` URI."""
     return _uri("png", png(picture))
 
 
@@ -107,14 +107,14 @@ DARKEST = 1e-12
 
 @dataclass(frozen=True)
 class ToneMapped:
-    """An 8-bit sRGB picture, shape (H, W, 3), and the reflectance that became white."""
+    """An 8-bit sRGB picture, shape (H, W, 3), and the reflectance shown as white."""
 
     rgb: NDArray[np.uint8]
     white: float
 
 
 def tone_mapped(reflectance: NDArray[np.float64]) -> ToneMapped:
-    """Return the picture of red, green and blue radiances over those of a white ground, shape (H, W, 3)."""
+    """Return the picture of red, green and blue radiances relative to a white ground, shape (H, W, 3)."""
     brightest = reflectance.max(axis=-1)
     lit = brightest[brightest > DARKEST]
     white = float(np.percentile(lit, WHITE_PERCENTILE)) if lit.size else 1.0
@@ -126,14 +126,14 @@ def tone_mapped(reflectance: NDArray[np.float64]) -> ToneMapped:
 
 
 LOW_LIMB_M = 15e3
-"""Air seen up to here decides the colour scale of an infrared picture together with ground and clouds."""
+"""Tangent height up to which air determines the infrared colour scale, with ground and clouds."""
 
 
 def frame_picture(frame: RadianceFrame) -> NDArray[np.uint8]:
     """Return a picture of a frame, shape (H, W, 3), sRGB.
 
-    Three solar bands give colour, the longest wavelength red; other numbers of solar bands give the first in grey.
-    Without solar bands all thermal ones are shown as brightness temperatures with their scale.
+    Three solar bands give colour, the longest wavelength red; other numbers give the first in grey. Without solar bands
+    all thermal ones are shown as brightness temperatures with their scale.
     """
     shown = [band for band in frame.truth.camera_spec.band if band.name in frame.radiance]
     solar = [band for band in shown if band.kind == "solar"]
@@ -145,7 +145,7 @@ def frame_picture(frame: RadianceFrame) -> NDArray[np.uint8]:
 
 
 def reflectance(radiance: NDArray[np.float32], band: Band, epoch_utc: datetime) -> FloatArray:
-    """Return a solar band's radiance over that of a white ground under the Sun's zenith, in the shape of the image."""
+    """Return a solar band's radiance relative to a white ground under the Sun's zenith, in the shape of the image."""
     _, distance_m = sun_itrs(epoch_utc)
     distance_au = distance_m / AU_M
     if band.lo_um is not None and band.hi_um is not None:
@@ -157,7 +157,7 @@ def reflectance(radiance: NDArray[np.float32], band: Band, epoch_utc: datetime) 
 
 
 def thermal_panel(band: Band, frame: RadianceFrame) -> ThermalPanel:
-    """Return a thermal band of a frame as brightness temperatures, with the pixels that decide their scale."""
+    """Return a thermal band of a frame as brightness temperatures, with the pixels that determine their scale."""
     hit, height = frame.maps["hit"], frame.maps["tangent_height"]
     counts = (hit == Hit.SURFACE) | (hit == Hit.CLOUD) | ((hit == Hit.ATMOSPHERE) & (height < LOW_LIMB_M))
     lo, hi = bands.limits_um(band)
@@ -169,7 +169,7 @@ def thermal_panel(band: Band, frame: RadianceFrame) -> ThermalPanel:
 # --------------------------------------------------------------------------- thermal bands as brightness temperatures
 
 SPAN_K = 60.0
-"""From end to end, at least."""
+"""Minimum span of a scale."""
 MARGIN_K = 15.0
 STEP_K = 5.0
 SCALE_PERCENTILES = (0.5, 99.8)
@@ -194,7 +194,7 @@ _DARK: dict[Any, Any] = {
 class ThermalPanel:
     """One band of a frame: its brightness temperature, shape (H, W), 0 where there is no radiance.
 
-    ``counts`` marks the pixels that determine the scale; none is the same as all.
+    ``counts`` marks the pixels that determine the scale; none means all.
     """
 
     title: str
@@ -203,7 +203,7 @@ class ThermalPanel:
 
 
 def scale_k(panels: Sequence[ThermalPanel]) -> tuple[float, float]:
-    """Return the temperatures that are drawn black and brightest in the pictures of some bands."""
+    """Return the temperatures shown as black and as brightest in the pictures of some bands."""
     seen = np.concatenate([p.temperature_k[p.counts] for p in panels])
     if not seen.size:
         seen = np.concatenate([p.temperature_k.ravel() for p in panels])
@@ -230,7 +230,7 @@ def infrared_picture(panels: Sequence[ThermalPanel]) -> NDArray[np.uint8]:
             colours = ScalarMappable(Normalize(*scale_k(row)), COLOURS)
             for c, panel in enumerate(row):
                 x = _EDGE + c * (w + _GAP)
-                # Laid down pixel by pixel: axes may round where their image begins.
+                # Copied pixel by pixel: axes may round the image's origin.
                 figure.figimage(_enlarged(colours.to_rgba(panel.temperature_k, bytes=True), scale), x, total_h - y - h)
                 figure.text(x / total_w, 1 - (y - 7) / total_h, panel.title, va="baseline")
             bar = figure.add_axes((bar_x / total_w, 1 - (y + h) / total_h, _BAR / total_w, h / total_h))
@@ -253,7 +253,7 @@ CAPTION_PX = 40
 MARGIN_PX = 10
 MOST_CASES = 400
 LOWEST_TILE_PX = 24
-"""A row of detectors is drawn as a strip of this height."""
+"""Height of the strip that shows a linear array."""
 
 
 @dataclass(frozen=True)
@@ -265,9 +265,9 @@ class Tile:
 
 
 def tiles_of(sources: Sequence[Path]) -> list[Tile]:
-    """Return the images of files and of the folders of runs, in order and with all bands.
+    """Return the images of files and of run folders, in order and with all bands.
 
-    Raises ``UserError`` for a missing file, a file without image, or a run without images or with too many for a sheet.
+    Raises ``UserError``: a missing file, a file without image, or a run without images or with too many for a sheet.
     """
     from horizonval.store.exr import read_image
 
@@ -284,7 +284,7 @@ def tiles_of(sources: Sequence[Path]) -> list[Tile]:
                 expected=f"at most {MOST_CASES} on one sheet",
                 fix=f"name the images, see {command_line('archive', 'ls', source)}",
             )
-        # All heads of a scene together show the first one's image, which has a tile of its own.
+        # A view of all heads shows the first one's image, which has a separate tile.
         views = [view for view in run.views if view.image is not None and not view.head_paths]
         for case, group in itertools.groupby(views, lambda view: view.case):
             tiles += _tiles_of_case(case, {view.band: view.image for view in group if view.image is not None})
@@ -326,7 +326,7 @@ def contact_sheet(tiles: Sequence[Tile], columns: int) -> bytes:
 
 
 def _drawn(tile: Tile) -> tuple[NDArray[np.uint8], tuple[str, str]]:
-    """Return the picture, as wide as a tile, in grey or in colour, and its two lines of text."""
+    """Return the picture at a tile's width, in grey or in colour, and its two lines of text."""
     first = tile.images[0]
     # All colours share the scale, so that white stays white.
     dn = np.concatenate([image.dn for image in tile.images])
@@ -352,7 +352,7 @@ def _drawn(tile: Tile) -> tuple[NDArray[np.uint8], tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Exhibit:
-    """One picture: its scene's name, what the scene is, and a remark on the picture itself, if there is one to make."""
+    """One picture: its scene's name, a description, and an optional remark on the picture."""
 
     name: str
     caption: str

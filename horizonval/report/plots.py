@@ -76,7 +76,7 @@ Draw = Callable[[Figure], None]
 
 @contextmanager
 def house_style(style: Mapping[Any, Any] = _STYLE) -> Iterator[None]:
-    """Set the look of all figures, or another; a user's own matplotlibrc does not show."""
+    """Apply the style of all figures, or another, regardless of a user's matplotlibrc."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(dict(style))
@@ -84,9 +84,9 @@ def house_style(style: Mapping[Any, Any] = _STYLE) -> Iterator[None]:
 
 
 def svg(draw: Draw, width_in: float, height_in: float, name: str) -> str:
-    """Draw a figure as SVG markup for the middle of a page, where links work; the same data give the same text.
+    """Draw a figure as SVG markup for a page, where links work; the same data give the same text.
 
-    ``name`` must differ between the figures of a page: it keeps their ids apart.
+    ``name`` must differ between the figures of a page: it makes their ids unique.
     """
     with house_style(), matplotlib.rc_context({"svg.hashsalt": name}):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
@@ -104,7 +104,7 @@ def png(make: Callable[[], Figure], dpi: int) -> bytes:
         made = make()
         for axes in made.axes:
             if axes.images:
-                # The grid is for curves; over a picture it would look like a part of it.
+                # Over a picture a grid would look like a part of it.
                 axes.grid(visible=False, which="major")
         FigureCanvasAgg(made)
         stream = io.BytesIO()
@@ -117,18 +117,15 @@ def figure(
 ) -> dict[str, Any]:
     """Return a figure as pages show it: ``title``, ``text`` below it, ``svg``, ``wide`` and ``file``.
 
-    ``title`` differs from those of the page's other figures; ``wide``: over the whole width of the page; ``file``:
-    where the figure lies as a file, from the page on.
+    ``title``: unique on the page. ``wide``: over the whole width of the page. ``file``: relative path of the figure's
+    file.
     """
     markup = svg(draw, width_in, height_in, file or title)
     return {"title": title, "text": text, "svg": markup, "wide": wide, "file": file}
 
 
 def mark(index: int, *, hollow: bool = False) -> dict[str, Any]:
-    """Return the look of an estimator's marks.
-
-    ``hollow``: what one estimator did must not hide what another did with the same frame.
-    """
+    """Return the style of an estimator's marks; ``hollow`` marks do not hide each other."""
     look = {"marker": MARKERS[index % len(MARKERS)], "zorder": 3}
     colour = COLOURS[index % len(COLOURS)]
     if hollow:
@@ -138,18 +135,18 @@ def mark(index: int, *, hollow: bool = False) -> dict[str, Any]:
 
 
 def line(index: int) -> dict[str, Any]:
-    """Return the look of an estimator's line."""
+    """Return the style of an estimator's line."""
     return {"color": COLOURS[index % len(COLOURS)], "ls": LINE_STYLES[index % len(LINE_STYLES)]}
 
 
 def verdict_look(verdict: VerdictMark) -> dict[str, Any]:
-    """Return the look of the marks of a verdict; those that matter are filled."""
+    """Return the style of a verdict's marks; important ones are filled."""
     face = verdict.colour if verdict in (VALID, FALSE_VALID, MISSED, CRASHED, BROKEN) else "none"
     return {"marker": verdict.marker, "s": 24, "facecolors": face, "edgecolors": verdict.colour, "linewidths": 1.0}
 
 
 def verdict_strip(axes: Axes, estimators: Sequence[str]) -> None:
-    """Make axes a strip of verdicts, a line for each estimator."""
+    """Turn axes into a strip of verdicts, a line for each estimator."""
     axes.set(yticks=range(len(estimators)), yticklabels=list(estimators))
     axes.set_ylim(len(estimators) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
@@ -170,7 +167,7 @@ def plain_ticks(*axes: Axis) -> None:
 
 
 def limit_line(axes: Axes, unit: AngleUnit) -> None:
-    """Draw the error beyond which a claim is false, whatever it claims of its uncertainty."""
+    """Draw the error beyond which a claim is false, whatever its uncertainty."""
     limit = unit.of(3600 * float(np.degrees(limits.NADIR_ERROR_LIMIT_RAD)))
     axes.axhline(limit, **LIMIT, label=f"false claim beyond {limit:g}{unit.sign}")
 
@@ -181,7 +178,7 @@ def legend_above(figure: Figure, axes: Axes, columns: int = 2) -> None:
 
 
 def empty(axes: Axes, text: str) -> None:
-    """Say in axes why there is nothing in them."""
+    """State in axes why they are empty."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
     axes.set(xticks=[], yticks=[])
 
@@ -231,7 +228,7 @@ def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str], unit: A
 
 
 def error_by_sigma(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUnit) -> Draw:
-    """Nadir error against the error each estimator claims: honest claims scatter about the diagonal."""
+    """Nadir error against the claimed error: honest claims scatter about the diagonal."""
     pairs = _pairs(rows, estimators, unit, lambda row: row.sigma_total_arcsec)
     # A log axis has no zero.
     exact = sum(sigma <= 0 for found in pairs.values() for sigma, _ in found)
@@ -258,7 +255,7 @@ def error_by_sigma(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUn
 
 
 def error_by_bound(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUnit) -> Draw:
-    """Nadir error against what the limb of the frame allows: about the diagonal by a method that uses all of it."""
+    """Nadir error against the bound of the frame's limb: efficient methods scatter about the diagonal."""
     pairs = _pairs(rows, estimators, unit, lambda row: row.bound_arcsec)
     over = {
         name: [row.error_over_bound for row in rows if row.estimator == name and row.error_over_bound is not None]
@@ -320,7 +317,7 @@ def roll_and_pitch(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUn
 def _pairs(
     rows: Sequence[Row], estimators: Sequence[str], unit: AngleUnit, x_of: Callable[[Row], float | None]
 ) -> dict[str, list[tuple[float, float]]]:
-    """Return something in arc seconds and the nadir error of every claim that has both, by estimator."""
+    """Return a value in arcsec and the nadir error of every claim with both, by estimator."""
     return {
         name: [
             (unit.of(x), unit.of(_floored(row)))

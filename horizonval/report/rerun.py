@@ -1,7 +1,7 @@
 """How to repeat one frame exactly: the scene as a file, and the commands.
 
 The scene in a frame's truth is complete, and its hash is the seed of the detector noise. Written to a file it gives the
-same frame and the same image, bit by bit, on a machine with the same version.
+same frame and image, bit by bit, with the same version.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 @dataclass(frozen=True)
 class Rerun:
-    """Files to save (name and content) and the commands to give."""
+    """Files to save (name and content) and the commands."""
 
     files: tuple[tuple[str, str], ...]
     commands: tuple[str, ...]
@@ -33,16 +33,16 @@ class Rerun:
 def rerun_of(view: CaseView, run: ReportRun) -> Rerun:
     """Return the files and commands that repeat an image (or all heads') and its results, or use the archived one.
 
-    The files belong into an empty folder inside the run's folder, where the commands are run, because two frames may
-    have different cameras of the same name.
+    The files and commands belong in an empty folder inside the run's folder, because two frames may have different
+    cameras of the same name.
     """
     assert view.image is not None
     truth, case, band = view.image.truth, view.case, view.band
     estimators = [name for name in run.estimators if name in view.rows] or list(run.estimators)
     suites = run.suite_of_programs
-    # Of all heads of the scene where they were estimated together, else the one image; empty where one was not kept.
+    # All heads if they were estimated together, else one image; empty if one was not archived.
     image_paths = view.head_paths or ({"": view.image_path} if view.image_path else {})
-    # A word that begins with a hyphen would be taken for an option.
+    # A word with a leading hyphen would be parsed as an option.
     stem = f"./{case}" if case.startswith("-") else case
     files = [(f"{case}.toml", toml(truth.scene))]
     camera_file = truth.camera_file
@@ -73,20 +73,20 @@ def _estimator(name: str, suites: Mapping[str, str]) -> str:
 
 
 def _from_inside(path: str) -> str:
-    """Return a path from the run's folder on as one from a folder inside; a shipped name stays as it is."""
+    """Return a path relative to a subfolder of the run's folder; shipped names are unchanged."""
     is_name = path in shipped_names("suite") or path in shipped_names("study")
     return path if is_name or Path(path).is_absolute() else f"../{path.removeprefix('./')}"
 
 
 def _is_shipped(name: str, truth: FrameTruth) -> bool:
-    """Whether a frame's camera is a shipped one as it is: a suite may have changed its keys."""
+    """Whether a frame's camera is an unmodified shipped one; a suite may change its keys."""
     if name not in shipped_names("camera"):
         return False
     return load_camera(shipped_path("camera", name)) == truth.camera_spec
 
 
 def toml(data: Mapping[str, Any]) -> str:
-    """Return plain data (as JSON has it) as a TOML document; ``None``, which TOML lacks, is left out."""
+    """Return JSON-like data as a TOML document; None, which TOML lacks, is left out."""
     return "\n\n".join(_tables(data, ())) + "\n"
 
 

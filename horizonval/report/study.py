@@ -1,6 +1,6 @@
-"""The page of a trade study: made of ``study.json`` and ``study-costs.json``, and a few frames of the run.
+"""The page of a trade study: made of ``study.json``, ``study-costs.json``, and a few frames of the run.
 
-Designs carry their numbers; markers and hatching, not colours alone, tell what is what.
+Designs carry their numbers; markers and hatching, not only colours, distinguish them.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from horizonval.store.folder import read_json
 RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
 VERDICTS = {"meets": "● meets", "open": "○ too few frames to say", "fails": "✕ fails"}
 MOST_LEVELS = 7
-"""As many as there are markers."""
+"""Maximum number of levels with separate markers."""
 NAMED_COSTS = ("pixel_rate", "processor_s")
-"""Costs that the page has columns and figures of in any case."""
+"""Costs that always have columns and figures."""
 MOST_LABEL = 40
 MOST_WORDY = 20
-"""Among more designs only those on the front have their numbers and bars."""
+"""Number of designs above which only those on the front have numbers and bars."""
 ERRORS = (
     ("bias_deg", "bias", "^"),
     ("noise_deg", "noise", "s"),
@@ -86,7 +86,7 @@ def _read(path: Path, keys: set[str]) -> dict[str, Any]:
 
 
 def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
-    """Return everything the template shows beside the study's own numbers."""
+    """Return the template's content in addition to the study's numbers."""
     head, designs = result["study"], result["designs"]
     words = axis_words(result["axes"])
     required = head["requirement"]
@@ -125,7 +125,7 @@ def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
 
 
 def axis_words(axes: Sequence[str]) -> dict[str, str]:
-    """Return short words for the axes, the unit in brackets; the whole key where two would be alike."""
+    """Return short names of the axes, the unit in brackets; the whole key where two would be equal."""
     short = {key: key_words(key) for key in axes}
     twice = {word for word in short.values() if list(short.values()).count(word) > 1}
     return {key: key if word in twice else word for key, word in short.items()}
@@ -198,7 +198,7 @@ def _complement(found: JsonObject) -> JsonObject:
 
 
 def _groups(result: JsonObject, words: Mapping[str, str]) -> dict[str, str]:
-    """Return the word whose marker each design carries: its level on the axis that matters most, of few levels."""
+    """Return each design's word for its marker: its level on the most important axis with few levels."""
     designs, effects = result["designs"], result["effects"]
     terms = effects["terms"] if effects is not None else []
     axes = [term["axes"][0] for term in terms if len(term["axes"]) == 1 and term["axes"][0] in result["axes"]]
@@ -210,7 +210,7 @@ def _groups(result: JsonObject, words: Mapping[str, str]) -> dict[str, str]:
 
 
 def _effects_of(effects: JsonObject | None) -> str:
-    """Return which claims the shares of the variance are over."""
+    """Return the claims that the shares of the variance are based on."""
     if effects is None:
         return ""
     if effects["basis"] == "common":
@@ -219,7 +219,7 @@ def _effects_of(effects: JsonObject | None) -> str:
 
 
 def _measure(found: JsonObject) -> dict[str, str]:
-    """Return the words of a number and its interval, which may be open above."""
+    """Return a number and its interval, which may be open above, in words."""
     if found["interval"] is None or found["interval"][1] is not None:
         return {"value": number(found["value"]), "interval": interval(found["interval"])}
     return {"value": number(found["value"]), "interval": f"above {number(found['interval'][0])}, open"}
@@ -239,8 +239,8 @@ def pareto(
 ) -> Draw:
     """The p95 error of every design against a cost, with the front as a staircase.
 
-    ``x_of`` has ``{value, interval}`` of every design (None is omitted), ``front`` the names on the front, ``label``
-    the axis with its unit, and ``groups`` the word that selects a design's marker.
+    ``x_of``: ``{value, interval}`` of every design (None is omitted). ``front``: names on the front. ``label``: of the
+    axis, with unit. ``groups``: word that selects a design's marker.
     """
 
     def draw(figure: Figure) -> None:
@@ -252,7 +252,7 @@ def pareto(
         shown = [d for d in designs if d["p95_deg"]["value"] is not None and x_of[d["name"]]["value"] is not None]
         places = [v for d in shown for v in (x_of[d["name"]]["value"], *(x_of[d["name"]]["interval"] or ())) if v]
         if log_x and places:
-            # A log axis finds no room of its own round a single place.
+            # A log axis has no margin around a single value.
             axes.set_xlim(min(places) / 1.5, max(places) * 1.5)
         for d in shown:
             i, on = words.index(groups[d["name"]]), d["name"] in front
@@ -267,7 +267,7 @@ def pareto(
         if len(steps) > 1:
             axes.step(*zip(*steps, strict=True), where="post", color=INK, lw=1.0, ls="-", zorder=2)
         axes.axhline(limit_deg, **LIMIT)
-        # Not before there is data: a log axis complains of an empty one.
+        # After the data: an empty log axis warns.
         axes.set_yscale("log")
         plain_ticks(axes.yaxis)
         axes.set(xlabel=label, ylabel="p95 of the nadir error [deg]")
@@ -312,7 +312,7 @@ def by_design(designs: Sequence[JsonObject], limit_deg: float, availability: flo
 
 
 def shares_of_variance(effects: JsonObject, words: Mapping[str, str]) -> Draw:
-    """Share of the variance of the log error that each axis, and each pair of axes, takes."""
+    """Share of the variance of the log error of each axis and each pair of axes."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -333,7 +333,7 @@ def shares_of_variance(effects: JsonObject, words: Mapping[str, str]) -> Draw:
 
 
 def level_factors(effects: JsonObject, words: Mapping[str, str]) -> Draw:
-    """By how much every level of every axis multiplies the error."""
+    """Factor by which every level of every axis multiplies the error."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -371,7 +371,7 @@ def level_words(level: Any) -> str:
 
 
 def _ends(found: JsonObject, value: float) -> list[float]:
-    """Return the ends of the bar of a number; an open end, and one without interval, is at the number itself."""
+    """Return the ends of a number's error bar; an open or missing end is at the number."""
     known = [value, *(bound for bound in found["interval"] or () if bound is not None)]
     return [min(known), max(known)]
 

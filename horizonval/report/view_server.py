@@ -1,7 +1,7 @@
 """A local server that shows a report in a browser and reads frames from the archive on request.
 
-The pages are the files in the folder. The server tells their viewer that it is there; the viewer then lists all frames
-of a run, including those that a long run's page omits, and requests numbers that the page does not hold.
+The pages are the files in the folder. With the server the viewer lists all frames of a run, including those that a long
+run's page omits, and requests numbers that the page does not hold.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from horizonval.report.viewer import RunFrames
 
 HOST = "127.0.0.1"
 FRAMES, FRAME = "/.view/frames", "/.view/frame"
-"""Where the viewer asks; a file of the folder is never at a name with a dot in front."""
+"""Addresses of the viewer's requests; files of the folder never begin with a dot."""
 _MARK = (b'<html lang="en">', b'<html lang="en" data-served>')
 _POLICY = (b"default-src 'none';", b"default-src 'none'; connect-src 'self';")
 
 
 @dataclass(frozen=True)
 class Viewable:
-    """A folder with a page: ``page`` from the folder on; ``frames`` where it is a run's."""
+    """A folder with a page: relative path ``page``; ``frames`` of a run."""
 
     root: Path
     page: str
@@ -96,7 +96,7 @@ class _Server(ThreadingHTTPServer):
     what: Viewable
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Stay silent: a browser that goes away in the middle of an answer is no mistake."""
+        """Stay silent: a browser may disconnect in the middle of an answer."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -105,10 +105,10 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 60.0
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Print nothing: the terminal is the user's."""
+        """Keep the terminal free for the user."""
 
     def do_GET(self) -> None:
-        # A page of another site that has this address looked up under its own name gets nothing.
+        # Refuse other host names: protection against DNS rebinding.
         port = self.server.server_address[1]
         if self.headers.get("Host") not in (f"{HOST}:{port}", f"localhost:{port}"):
             return self._send(HTTPStatus.FORBIDDEN, b"ask for 127.0.0.1\n", "text/plain")
@@ -162,7 +162,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def file_below(root: Path, address: str) -> Path | None:
-    """Return the file below a folder that an address names; ``None`` for leading dots or links that leave it."""
+    """Return the file of an address below a folder; None for leading dots or links that leave it."""
     parts = unquote(address).split("/")[1:]
     if any(not part or part.startswith(".") or "\\" in part or "\0" in part for part in parts):
         return None

@@ -47,19 +47,19 @@ from horizonval.sensor.expected_image import black_level_dn, radiance_per_dn
 from horizonval.truth.infrared_horizon import curve_cam
 
 BUDGET_PX = 12_000_000
-"""Pixels whose numbers one page holds: about 20 MB of noisy 12-bit frames."""
+"""Maximum number of pixels with numbers on one page: about 20 MB of noisy 12-bit frames."""
 MOST_BESIDE, BESIDE_PX = 16, 4_000_000
-"""Frames, and their pixels, that a page other than a run's first one holds."""
+"""Maximum numbers of frames and of their pixels on pages other than a run's first one."""
 CACHED = 16
-"""Frames that the server of a run keeps, for a reader who steps back and forth."""
+"""Frames cached by the server, for stepping back and forth."""
 NODES = 15
-"""Directions along each side of the image."""
+"""Nodes along each side of the image."""
 _SMALLEST_Z = 0.1
 _TEMPERATURES = 129
 """Entries of a thermal frame's table."""
 _CONE_SAMPLES = 40_000
 _POINTS_PER_LINE = 160
-"""Vertices of a drawn line: a horizon bends by less than 0.1 px between them in a 1000 px image."""
+"""Vertices of a line: a horizon bends by less than 0.1 px between them in a 1000 px image."""
 
 # ----------------------------------------------------------------------------------------------------- frames of a run
 
@@ -67,10 +67,10 @@ _POINTS_PER_LINE = 160
 def one_frame(
     view: CaseView, estimators: Sequence[str], expected: Expected | None = None, *, numbered: bool = True
 ) -> dict[str, Any]:
-    """Return the viewer's data of a view: numbers, curves, outcomes and light.
+    """Return the viewer's data of a view: numbers, curves, outcomes and illumination.
 
-    A view without image has its outcomes and the reason. ``expected`` is the expected outcome if it is known already,
-    ``numbered`` whether the digital numbers are included.
+    A view without image has its outcomes and the reason. ``expected``: the expected outcome if already known.
+    ``numbered``: whether to include the digital numbers.
     """
     shown = about_frame(view, estimators)
     image = view.image
@@ -98,9 +98,9 @@ def one_frame(
 
 
 def about_frame(view: CaseView, estimators: Sequence[str]) -> dict[str, Any]:
-    """Return what is known of a view without its image: name, outcomes by estimator, and light.
+    """Return the data of a view without its image: name, outcomes by estimator, and illumination.
 
-    ``light`` is day or eclipse, ``sun_deg`` the Sun's angle from the axis, ``sun`` whether it is in the frame: exact.
+    ``light`` is day or eclipse, ``sun_deg`` the Sun's exact angle from the axis, ``sun`` whether it is in the frame.
     """
     truth = view.image.truth if view.image is not None else None
     row = next((one for one in view.rows.values() if one.sun_visible_fraction is not None), None)
@@ -132,7 +132,7 @@ def about_frame(view: CaseView, estimators: Sequence[str]) -> dict[str, Any]:
 
 
 def numbered_frames(images: Sequence[DetectorImage | None], budget_px: int = BUDGET_PX) -> set[int]:
-    """Return which images' numbers a page holds: all that fit, else as many as fit, evenly spread."""
+    """Return the images whose numbers a page holds: all if they fit, else an even selection."""
     there = [i for i, image in enumerate(images) if image is not None]
     pixels = sum(image.dn.size for image in images if image is not None)
     if pixels <= budget_px:
@@ -142,10 +142,10 @@ def numbered_frames(images: Sequence[DetectorImage | None], budget_px: int = BUD
 
 
 def striking_frames(views: Sequence[CaseView], estimators: Sequence[str]) -> dict[str, Any]:
-    """Return the frames that a page other than a run's first one shows.
+    """Return the frames for a page other than a run's first one.
 
-    False claims, crashes and missed frames go first, up to a size that keeps the page small. The result has ``frames``,
-    ``kept`` (the number of frames with an image) and ``estimators``.
+    False claims, crashes and missed frames go first, up to a size limit. The result has ``frames``, ``kept`` (the
+    number of frames with an image) and ``estimators``.
     """
     views = [view for view in views if view.image is not None]
     order = sorted(
@@ -164,7 +164,7 @@ def striking_frames(views: Sequence[CaseView], estimators: Sequence[str]) -> dic
 
 
 class RunFrames:
-    """The frames of a run's folder, read one at a time on request."""
+    """Frames of a run's folder, read one at a time on request."""
 
     def __init__(self, run_dir: Path) -> None:
         self._dir = run_dir
@@ -200,7 +200,7 @@ class RunFrames:
 
 
 def packed(dn: NDArray[np.uint16]) -> str:
-    """Return digital numbers, shape (H, W), as the text that the page's code unpacks."""
+    """Return digital numbers, shape (H, W), as text for the page's code."""
     difference = dn.astype(np.uint16)
     difference[:, 1:] -= dn[:, :-1]
     planes = np.concatenate([(difference & 0xFF).ravel(), (difference >> 8).ravel()]).astype(np.uint8)
@@ -208,13 +208,12 @@ def packed(dn: NDArray[np.uint16]) -> str:
 
 
 def heat_of(image: DetectorImage) -> dict[str, Any] | None:
-    """Return how an image's digital numbers become radiance and brightness temperature; ``None`` without calibration.
+    """Return the conversion of digital numbers to radiance and brightness temperature; None without calibration.
 
-    ``zero`` and ``step`` [W m-2 sr-1] make radiances, over ``width_um`` those per wavelength: of a photon counting
-    detector as its data sheet has it on the axis, above the black level, with noise and dark current in it.
-    ``temperature_k``, of thermal bands, has the temperatures of radiances in equal
-    ratios, from the first step's to full scale's. Between them the inverse of the temperature is linear in the
-    logarithm of the radiance to better than 0.01 K.
+    Radiances have the steps ``step`` from ``zero`` [W m-2 sr-1]; divided by ``width_um`` they are spectral. For a
+    photon counting detector they follow the data sheet on the axis, above the black level, including noise and dark
+    current. ``temperature_k`` of thermal bands has the temperatures of radiances in equal ratios, from the first step's
+    to full scale's; interpolating 1 / T linearly in the logarithm of the radiance is accurate to 0.01 K.
     """
     step = radiance_per_dn(image)
     band = next((one for one in image.truth.camera_spec.band if one.name == image.band), None)
@@ -225,7 +224,7 @@ def heat_of(image: DetectorImage) -> dict[str, Any] | None:
         return {"zero": -step * black_level_dn(image), "step": step, "width_um": width, "temperature_k": None}
     zero = image.observation.get("radiance_at_zero")
     if zero is None:
-        # A frozen image carries the step of its detector alone.
+        # A frozen image has only the step of its detector.
         return None
     ends = zero + step, zero + step * image.full_scale
     kelvin = brightness_temperature_k(band, np.geomspace(*ends, _TEMPERATURES))
@@ -238,10 +237,10 @@ def heat_of(image: DetectorImage) -> dict[str, Any] | None:
 
 
 def sightline_of(truth: FrameTruth) -> dict[str, Any] | None:
-    """Return ``{flat, directions, nadir, cone}``; ``None`` where some place in the image has no direction.
+    """Return ``{flat, directions, nadir, cone}``; None if some node of the image has no direction.
 
-    ``directions`` has those of the nodes, row by row: ``x/z, y/z`` if ``flat``, else unit vectors. ``nadir``, the
-    geocentric one, and the upper triangle of ``cone`` are in camera axes; light that is bent raises the cone.
+    ``directions``: row by row, ``x/z, y/z`` if ``flat``, else unit vectors. ``nadir`` (geocentric) and the upper
+    triangle of ``cone`` are in camera axes; refraction raises the cone.
     """
     camera = replace(truth.camera_model, image_circle_rad=None)
     node = np.cos(np.pi * np.arange(NODES) / (NODES - 1))
@@ -267,7 +266,7 @@ def sightline_of(truth: FrameTruth) -> dict[str, Any] | None:
 
 
 def horizon_path(truth: FrameTruth) -> str:
-    """Return the exact horizon inside the image, refracted where light is bent; empty if there is none."""
+    """Return the exact, refracted horizon inside the image; empty if there is none."""
     ellipsoid = truth.apparent_ellipsoid
     lines = horizon_pixels(truth.camera_model, truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _POINTS_PER_LINE)
     return "".join(_line(line) for line in lines)

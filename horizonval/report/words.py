@@ -1,4 +1,4 @@
-"""Results as people read them: numbers, units, outcomes, verdicts on rows, and sentences about estimators."""
+"""Results in words: numbers, units, outcomes, verdicts on rows, and sentences about estimators."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ UNITS = {
     "_c": "°C",
     "_e": "e",
 }
-"""Units by the ending of a key."""
+"""Units by suffix of a key."""
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Return a number with so many significant digits, without exponent between 1e-4 and 1e6; a dash for ``None``.
+    """Return a number with the given significant digits, without exponent between 1e-4 and 1e6; a dash for None.
 
-    Below one millionth, of an arc second or any other unit, everything in a report is rounding, and shown as 0.
+    Below 1e-6 of any unit everything in a report is rounding, and shown as 0.
     """
     if value is None:
         return DASH
@@ -58,7 +58,7 @@ def percent(value: float | None) -> str:
 
 
 def interval(bounds: Sequence[float] | None, *, as_percent: bool = False) -> str:
-    """Return ``low to high``, or nothing."""
+    """Return ``low to high``, or an empty text."""
     if bounds is None:
         return ""
     if as_percent:
@@ -68,7 +68,7 @@ def interval(bounds: Sequence[float] | None, *, as_percent: bool = False) -> str
 
 
 def share(found: Mapping[str, Any]) -> dict[str, str]:
-    """Return the words of a proportion: ``rate``, ``of`` (n of how many) and its ``interval``."""
+    """Return a proportion in words: ``rate``, ``of`` (n of how many) and its ``interval``."""
     if not found["of"]:
         return {"rate": DASH, "of": "none", "interval": ""}
     return {
@@ -96,9 +96,9 @@ def key_words(key: str) -> str:
 
 @dataclass(frozen=True)
 class AngleUnit:
-    """The unit of all errors on a page, so that no two of them are compared across units.
+    """The common unit of all errors on a page.
 
-    ``sign`` follows a number in a sentence, ``name`` stands in brackets; ``arcsec`` is how many arc seconds it has.
+    ``sign`` follows a number in a sentence, ``name`` stands in brackets; ``arcsec`` is its size in arc seconds.
     """
 
     name: str
@@ -123,17 +123,17 @@ ARCSEC = AngleUnit("arcsec", " arcsec", 1.0)
 
 
 def unit_of(errors_arcsec: Iterable[float | None]) -> AngleUnit:
-    """Return degrees, as sensors are specified; arc seconds where every error is below a hundredth of a degree."""
+    """Return degrees; arc seconds if every error is below a hundredth of a degree."""
     largest = max((error for error in errors_arcsec if error is not None), default=math.inf)
     return ARCSEC if largest < 0.01 * DEG.arcsec else DEG
 
 
 DEFAULT_SIGMA_ARCSEC = 3600.0 * math.degrees(limits.DEFAULT_SIGMA_RAD)
-"""Claims without a usable uncertainty are judged by this one."""
+"""Standard deviation assumed for claims without a usable one."""
 
 
 def limit_words(unit: AngleUnit) -> dict[str, str]:
-    """Return the limits of false claims, as the notes below the tables state them."""
+    """Return the limits of false claims for the notes below the tables."""
     return {
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
         "likelihood_deg": f"{math.degrees(limits.LIKELIHOOD_LIMITS.nadir_error_rad):g}",
@@ -165,16 +165,16 @@ def outcome(name: str) -> str:
 
 
 def meaning(name: str) -> str:
-    """Return what an outcome says about the frame."""
+    """Return the meaning of an outcome for the frame."""
     return OUTCOME_WORDS.get(Outcome(name), name) if name in set(Outcome) else name
 
 
 @dataclass(frozen=True)
 class VerdictMark:
-    """One kind of result, as word, glyph and colour; none of the three is needed to tell the others apart.
+    """One kind of result by word, glyph and colour, each sufficient alone.
 
-    ``key`` is for the code of pages, ``marker`` for matplotlib. Colours are those of Okabe and Ito (2008), which people
-    with any of the common colour vision deficiencies can tell apart, darkened where they are read as text on white.
+    ``key``: for the code of pages. ``marker``: for matplotlib. Colours are those of Okabe and Ito (2008), safe for
+    common colour vision deficiencies, darkened for text on white.
     """
 
     key: str
@@ -200,9 +200,9 @@ VERDICTS = (FALSE_VALID, CRASHED, MISSED, OTHER, FAIR, REFUSED, BONUS, VALID, BR
 
 
 def verdict_of(row: Row | None, *, broken: bool = False) -> VerdictMark:
-    """Return the verdict on one row; ``broken``: the frame itself failed, so the row is not the estimator's doing.
+    """Return the verdict on one row; ``broken``: the frame itself failed, regardless of the estimator.
 
-    A crash is as bad on every frame. On a borderline frame a refusal is as fair as a claim that is not false.
+    A crash is equally bad on every frame. On a borderline frame refusals and true claims are both acceptable.
     """
     if broken:
         return BROKEN
@@ -230,7 +230,7 @@ _FALSE_WORDS = {
 def confusion_tables(
     rows: Sequence[Row], estimators: Sequence[str], likelihood: Collection[str] = ()
 ) -> list[dict[str, Any]]:
-    """Return expected against reported outcomes, a table for each estimator, all cameras together, counted strictly.
+    """Return tables of expected against reported outcomes, one for each estimator over all cameras, counted strictly.
 
     Each has ``estimator``, ``n``, ``reported`` (the columns' words) and ``lines``: ``expected``, ``meaning``,
     ``total``, ``apart`` (borderline frames, always the last line) and ``cells`` of ``n``, ``share`` of the line,
@@ -273,13 +273,13 @@ def _cell_look(expected: str, reported: str) -> tuple[str, str]:
 # -------------------------------------------------------------------------------------------------------- sentences
 
 _MOST_NAMED = 2
-"""Estimators with a sentence each; of more the best and the worst."""
+"""Number of estimators with a sentence each; of more only the best and the worst."""
 _MOST_PLACES = 3
 
 
 @dataclass(frozen=True)
 class Record:
-    """What one estimator did with all cameras; errors in arc seconds; where it was false or silent, and how often."""
+    """Results of one estimator with all cameras; errors in arc seconds; false claims and refusals by place."""
 
     name: str
     due: int
@@ -313,9 +313,9 @@ class Record:
 
 
 def sentences(rows: Sequence[Row], estimators: Sequence[str], groups: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a sentence for each estimator, or for the best and the worst of many, which are named.
+    """Return a sentence for each estimator, or for the best and the worst of many, by name.
 
-    ``groups`` are those of :func:`horizonval.scoring.summary.summarise`.
+    ``groups``: as from :func:`horizonval.scoring.summary.summarise`.
     """
     if not any(row.is_due or row.is_claim for row in rows):
         return ["No frame is due an answer."]
@@ -339,7 +339,7 @@ def sentences(rows: Sequence[Row], estimators: Sequence[str], groups: Sequence[M
 
 
 def opening(records: Sequence[Record]) -> list[str]:
-    """Return the records' sentences, the best first; of many those of the best and the worst."""
+    """Return the records' sentences, best first; of many those of the best and the worst."""
     ranked = sorted(records, key=lambda one: one.rank)
     if len(ranked) <= _MOST_NAMED:
         return [record.text for record in ranked]
@@ -347,7 +347,7 @@ def opening(records: Sequence[Record]) -> list[str]:
 
 
 def _pooled_places(name: str, groups: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> tuple[tuple[str, int], ...]:
-    """Return where an estimator failed so, with all cameras, and how often; the most first."""
+    """Return the places of an estimator's failures of one kind over all cameras, with counts, most frequent first."""
     found: Counter[str] = Counter()
     for group in groups:
         if group["estimator"] == name and not group["given_pose"]:
@@ -358,9 +358,9 @@ def _pooled_places(name: str, groups: Sequence[Mapping[str, Any]], keys: Sequenc
 
 
 def headline(group: Mapping[str, Any], unit: AngleUnit) -> str:
-    """Return how often an estimator works with a camera, where it does not, and how far off it is at most.
+    """Return the summary of an estimator with a camera: rate, exceptions, largest error.
 
-    ``group`` is one of the summary's.
+    ``group``: one of the summary's.
     """
     line = group["headline"]
     orbit, due = line["orbit"], line["due"]
@@ -405,9 +405,9 @@ NIGHT = "Airglow is known to a factor of two, the Moon's brightness to 3 %."
 
 
 def accuracy_of(truths: Iterable[FrameTruth]) -> list[str]:
-    """Return the renderer's tested accuracy for what the frames hold; nothing for frames without scattered sunlight."""
+    """Return the renderer's tested accuracy for the frames' content; empty without scattered sunlight."""
     solar = [t for t in truths if any(band["kind"] == "solar" for band in t.camera.get("band", []))]
-    # Frames of other versions may say less.
+    # Frames of other versions may lack keys.
     airs = [{"profile": "none", "file": None} | t.scene.get("atmosphere", {}) for t in solar]
     found = {
         SUNLIGHT: any(air["profile"] != "none" or air["file"] is not None for air in airs),

@@ -31,24 +31,10 @@ INDEX_PREFIX = "index."
 class StoreEntry:
     """One stored file, described by its header.
 
-    Attributes
-    ----------
-    address : str
-    kind : {"frame", "image", "damaged", "missing"}
-        A ``damaged`` entry has a size only; ``missing`` is a file in the index that is gone.
-    size_bytes : int
-    scene, scene_id, camera, head : str
-        Names of scene, camera and head (empty where there are none), and the digest that identifies the scene.
-    bands : tuple of str
-    schema : int
-        Version of the file's layout.
-    width, height : int
-    epoch_utc : str
-        ISO 8601, UTC.
-    seed : str
-        Of the noise in an image, as text for integers of any size. Empty for frames.
-    content : str
-        Digest of pixels and truth, which does not depend on the compression.
+    ``kind``: ``"frame"``, ``"image"``, ``"damaged"`` (with a size only) or ``"missing"`` (in the index only);
+    ``scene``, ``camera``, ``head``: names, empty where there are none; ``scene_id``: digest that identifies the scene;
+    ``schema``: version of the file's layout; ``epoch_utc``: ISO 8601; ``seed``: of an image's noise, as text for
+    integers of any size; ``content``: digest of pixels and truth, independent of the compression.
     """
 
     address: str
@@ -80,10 +66,7 @@ def place(root: Path, address: str) -> Path:
 
 
 def places(root: Path) -> list[Path]:
-    """Return every regular file at the position of an entry, in the order of addresses; none is opened.
-
-    Links to files or folders do not count.
-    """
+    """Return regular files at the positions of entries, by address, unopened; links do not count."""
     addresses = []
     for folder in _scanned(root):
         if _FOLDER.fullmatch(folder.name) and folder.is_dir(follow_symlinks=False):
@@ -111,10 +94,7 @@ def _is_regular(file: os.DirEntry[str]) -> bool:
 
 
 def describe(path: Path) -> StoreEntry:
-    """Return the content of an entry's header; for a damaged entry its kind says so.
-
-    Raises ``UserError`` if there is no regular file, or it cannot be read.
-    """
+    """Return an entry from its header, also if damaged; ``UserError`` if the file is missing or unreadable."""
     with files.open_file(path, expected="an entry", links=False) as file:
         size = os.fstat(file.fileno()).st_size
     try:

@@ -137,10 +137,7 @@ def export_file(path: Path, out: Path, formats: Collection[Format] = (), *, zipp
 
 
 def write_masks(path: Path, frames: Iterable[Path]) -> None:
-    """Write one COCO file of the masks of all frames in some files; images have no truth maps.
-
-    Raises ``UserError`` if no file is a frame.
-    """
+    """Write one COCO file of the masks of all frames in some files; ``UserError`` if none is a frame."""
     read = []
     for one in frames:
         if exr.kind(one) == "frame":

@@ -65,10 +65,9 @@ from horizonval.store.attributes import (
 )
 
 FILE_SCHEMA = 5
-"""Of the files' layout. 1 to 3 went with the truth's own schema (:data:`horizonval.frame.FRAME_SCHEMA`): 1 before there
-was a Moon, 2 before the infrared horizon. 4: masks, typed keys, the camera of an image in its standard attributes. Up
-to then all files were ZIP, and digital numbers uint32. 5: digital numbers as floating point, units of channels, HTJ2K.
-"""
+"""Version of the files' layout. 1 to 3 followed the truth's schema (:data:`horizonval.frame.FRAME_SCHEMA`). 4: masks,
+typed keys, an image's camera in its standard attributes. 5: digital numbers as floating point, units of channels,
+HTJ2K."""
 READABLE_SCHEMAS = (1, 2, 3, 4, 5)
 
 Kind = Literal["frame", "image", "foreign"]
@@ -174,8 +173,7 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
 def read_frame(path: str | os.PathLike[str]) -> RadianceFrame:
     """Read and verify a frame.
 
-    Raises ``UserError``: no such file, or it holds a detector image. Raises ``DamagedFileError``: anything in it
-    differs from what was written, or it is not ours.
+    Raises ``UserError``: no such file, or a detector image; ``DamagedFileError``: changed, or not ours.
     """
     path = Path(path)
     header, channels = _read(path, "frame")

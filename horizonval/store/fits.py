@@ -89,16 +89,9 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
 def read_fits(path: Path) -> tuple[NDArray[Any], float | None, RadianceFrame | DetectorImage | None]:
     """Read an image from any FITS file, and the whole content of one that :func:`fits_bytes` made.
 
-    Raises ``UserError``: not a FITS file with a two-dimensional image, changed after its export, or no astropy.
-
-    Returns
-    -------
-    pixels : ndarray, shape (H, W)
-        Of the first unit with pixels, the upper row first.
-    full_scale : float or None
-        ``SATURATE``, else the largest number of an integer type.
-    source : RadianceFrame, DetectorImage or None
-        The whole content, if the file is one of ours.
+    Result: pixels (H, W) of the first unit with pixels, upper row first; full scale, from ``SATURATE`` or an integer
+    type; the content of one of our files, else None. Raises ``UserError``: no FITS file with a two-dimensional image,
+    changed after its export, or no astropy.
     """
     with _opened(path) as units:
         try:

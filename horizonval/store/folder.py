@@ -82,11 +82,7 @@ class RunFolder:
         return _record(self.state, name)
 
     def create(self, *, stability: bool = False) -> None:
-        """Make the folders.
-
-        Raises ``UserError`` if that fails, or a link leads out of the run's folder. Only the archive may be elsewhere,
-        so that runs can share it.
-        """
+        """Make the folders; ``UserError`` if that fails, or a link leads out (only the archive may be shared)."""
         self.refuse_links()
         extra = (self.stability,) if stability else ()
         for folder in (self.root, self.archive, self.cases, self.state, *extra):

@@ -65,10 +65,7 @@ class Index:
         self.path = root / NAME
 
     def known(self) -> dict[str, StoreEntry] | None:
-        """Return every row by address; None where there is no index.
-
-        Raises ``DamagedFileError`` if the index was changed or is no regular file.
-        """
+        """Return rows by address, None without an index; ``DamagedFileError`` if it was changed."""
         fix = f"run {command_line('archive', 'reindex', self.root)}"
         try:
             content = read_json(self.path, fix=fix)

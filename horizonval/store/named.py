@@ -88,8 +88,7 @@ def archive_of_results(folder: Path) -> Store | None:
 def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str]:
     """Return the addresses that the results of a run name, each with the result.
 
-    ``strict`` is for deletion: raise ``DamagedFileError`` for a file that cannot be read, and count every digest as an
-    address.
+    ``strict``, for deletion: ``DamagedFileError`` for an unreadable file, and every digest counts as an address.
     """
     named: dict[str, str] = {}
     for room, what in ((folder.state, "the rendered frame"), (folder.cases, "the case")):

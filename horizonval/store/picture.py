@@ -1,7 +1,6 @@
 """Read any picture an estimator may be given: EXR, PNG, TIFF, JPEG, FITS; 8 or 16 bit or float; ours with its truth.
 
-A few kilobytes can stand for any number of pixels: their number is read from the header, and judged, before one is
-decoded.
+A few kilobytes can encode any number of pixels, so that their number is read from the header and checked first.
 """
 
 from __future__ import annotations
@@ -34,8 +33,7 @@ LARGEST_SIDE_PX = 16384
 """Of a camera file, and so of a picture."""
 
 BYTES_PER_PIXEL = 48.0
-"""Of a picture that is decoded, turned grey and given to an estimator: measured 36 to 37 of 8 bit grey (peak of
-``estimate`` between 512 x 512 and 4096 x 4096 pixels, three methods), and up to 8 more for colour of 16 bit."""
+"""Memory of decoding, converting and estimating: 37 measured for 8 bit grey, up to 8 more for colour of 16 bit."""
 
 EXPECTED = "an EXR, PNG, TIFF, JPEG or FITS image"
 
@@ -54,13 +52,10 @@ class GreyImage:
 
 
 def read_picture(path: Path, camera: CameraSpec | None = None, camera_file: str = "") -> GreyImage:
-    """Read a picture; the content decides the format, not the name.
+    """Read a picture; the content decides the format. The header's size is checked before decoding.
 
-    The size is read from the header first: a picture of a wrong size is not decoded.
-
-    ``camera``: the camera whose size the picture must have; ``camera_file``: for error messages.
-    Raises ``UserError``: no such file, not a readable picture, another size than the camera's, or larger than any
-    camera or than memory.
+    ``camera``: whose size the picture must have; ``camera_file``: for messages. Raises ``UserError``: missing,
+    unreadable, of another size than the camera's, or larger than any camera or than memory.
     """
     magic = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=4)
     width, height = size_of(path)

@@ -1,4 +1,4 @@
-"""An orbit's samples as partial scenes: where the satellite is, when, which way it flies, how it is turned."""
+"""Samples of an orbit as partial scenes: position, time, heading and attitude."""
 
 from __future__ import annotations
 
@@ -36,23 +36,22 @@ from horizonval.spec.expand import seed_of
 from horizonval.spec.orbit import OrbitAttitude, OrbitSpec
 
 MAX_FILE_BYTES = 64 * 1024
-"""Of a file with one set of elements."""
+"""Maximum size of a file with one set of elements, bytes."""
 
 _ANGLE_DIGITS, _RATE_DIGITS, _KM_DIGITS = 7, 9, 6
-"""Of what is written into scenes: a centimetre on the ground and a thousandth of an arc second, so that the last bit of
-a sine, which machines disagree on, does not reach a scene's identity."""
+"""Decimals in scenes, about 1 cm on the ground and 0.001 arcsec: machine-dependent last bits stay out of identities."""
 
 
 def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[JsonObject]:
     """Return a partial scene for every sample: ``platform`` and ``attitude``.
 
-    Raises ``UserError``: elements that no satellite has, or that SGP4 refuses. ``ellipsoid``: latitude and altitude
-    refer to it. ``seed``: the suite's; the pointing error is drawn from it and the name. ``beside``: folder that a file
-    of two lines lies in.
+    ``ellipsoid``: reference of latitude and altitude. ``seed`` (of the suite) and ``name``: source of the pointing
+    error. ``beside``: base folder of the orbit's files. Raises ``UserError``: invalid elements, or those that SGP4
+    refuses.
     """
     track = _track(spec, beside)
     epoch, states, itrs = track.epoch_utc, track.states, track.itrs
-    # Whole microseconds, which is what an epoch holds.
+    # Whole microseconds, the resolution of an epoch.
     seconds: FloatArray = np.round(np.arange(spec.n) * (_duration_s(spec, track) / spec.n), 6)
     r, v = states(seconds)
     matrices = itrs(seconds)
@@ -96,11 +95,11 @@ def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> JsonObject:
 
 @dataclass(frozen=True)
 class _Track:
-    """Where a satellite is, and how it is turned where a file says so.
+    """Position of a satellite, and its attitude if a file gives it.
 
-    ``states`` in axes among the stars; ``itrs``: matrices from these to Earth-fixed axes, ``body_from_axes`` to the
-    body's, shape (n, 3, 3) each. ``period_s``: of a revolution, None where no elements say it; ``end_s``: of the file.
-    ``around``: begin and end of what files know around times, None where they know all.
+    ``states``: in celestial axes. ``itrs``, ``body_from_axes``: matrices from these to Earth-fixed and body axes, shape
+    (n, 3, 3). ``period_s``: of a revolution, None without elements; ``end_s``: of the file. ``around``: begin and end
+    of the files' coverage around times, None if unlimited.
     """
 
     epoch_utc: datetime
@@ -113,7 +112,7 @@ class _Track:
 
 
 def _duration_s(spec: OrbitSpec, track: _Track) -> float:
-    """Return the time from the first sample to the end, which is left out."""
+    """Return the time from the first sample to the (excluded) end."""
     if spec.duration_s is not None:
         return spec.duration_s
     if track.period_s is not None:
@@ -131,7 +130,7 @@ def _body_from_lvlh(track: _Track, seconds: FloatArray) -> FloatArray:
 
 
 def _track(spec: OrbitSpec, beside: Path) -> _Track:
-    """Return the orbit, of elements, lines, or files that lie in a folder."""
+    """Return the orbit from elements, lines, or files relative to a folder."""
     if spec.kernels is not None:
         found = _track_of_kernels(spec, beside)
     elif spec.ephemeris is not None:
@@ -146,7 +145,7 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
     history = attitude_of_aem(path) if kind_of(path) == "aem" else attitude_of_csv(path)
 
     def body_from_axes(seconds: FloatArray) -> FloatArray:
-        # The file says it against celestial axes, the states may be in others.
+        # The file refers to celestial axes, the states may be in others.
         gcrs_from_axes = np.swapaxes(itrs_from_gcrs(found.epoch_utc, seconds), -1, -2) @ found.itrs(seconds)
         return np.asarray(history.body_from_gcrs(found.epoch_utc, seconds) @ gcrs_from_axes)
 
@@ -173,7 +172,7 @@ def _track_of_elements(spec: OrbitSpec) -> _Track:
     def itrs(seconds: FloatArray) -> FloatArray:
         return orbit.turn_about_pole(orbit.sidereal_time(epoch, seconds))
 
-    # From node to node: what "one revolution" means to who looks down.
+    # A revolution is counted from node to node.
     _, perigee_rate, mean_rate = orbit.secular_rates(elements)
     return _Track(epoch, states, itrs, 2.0 * math.pi / (mean_rate + perigee_rate))
 
@@ -195,7 +194,7 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
     def itrs(seconds: FloatArray) -> FloatArray:
         return itrs_from_teme(epoch, seconds)
 
-    # From node to node, as for elements; the satellite's own mean motion is counted from perigee to perigee.
+    # From node to node, as for elements; the satellite's mean motion counts from perigee to perigee.
     return _Track(epoch, states, itrs, 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot))
 
 
@@ -240,7 +239,7 @@ def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
 
 
 def _lines(given: Sequence[str] | str | None, beside: Path) -> tuple[str, str]:
-    """Return the two lines, without the name that may stand before them."""
+    """Return the two lines, without the optional name before them."""
     if isinstance(given, str):
         path = beside / Path(given).expanduser()
         expected = "a text file with two lines of 69 columns"

@@ -1,9 +1,8 @@
-"""What a case depends on, as one digest: equal digests mean equal results.
+"""Digest of everything that a case depends on: equal digests mean equal results.
 
-A case is a pure function of its scene, its camera, the atmosphere or profile file it may use, and the code. The code
-enters with its own digest (:mod:`horizonval.core.code`) and not only with the version number, so that a result made by
-older code is never mistaken for one of this code. Only the rooms that a result flows through count: an estimator that
-was changed leaves the frames as they are, and a page of the report leaves everything.
+A case is a pure function of its scene, its camera, its atmosphere or profile file, and the code. The digest of the code
+(:mod:`horizonval.core.code`) enters, not only the version number. It covers only the packages that affect the result:
+estimators do not change frames, and report pages change nothing.
 """
 
 from __future__ import annotations
@@ -23,24 +22,24 @@ from horizonval.suites.plan import CasePlan, Unit, plan_of
 
 
 def code_of(estimators: Iterable[str]) -> tuple[str, ...]:
-    """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`CasePlan`."""
+    """Return the modules of estimators; programs are files, see :class:`CasePlan`."""
     return tuple(sorted({module for name in estimators if (module := registry.module_of(name)) is not None}))
 
 
 def frame_identity(case: Case) -> str:
-    """Return the digest of what a frame depends on; detectors, estimators and scores do not change a frame."""
+    """Return the digest of a frame's inputs; detectors, estimators and scores do not affect it."""
     return _digest(_scene_content(case), code_digest(rooms=FRAME_ROOMS))
 
 
 def unit_identity(unit: Unit, plan: CasePlan) -> str:
-    """Return the digest of what the results of a unit depend on: all its cases, their estimators, what is kept."""
+    """Return the digest of a unit's inputs: its cases, their estimators, what the archive keeps."""
     estimators = plan.of(unit.cases[0])
     code = code_digest(*code_of(estimators))
     return _digest(*(_scene_content(case) for case in unit.cases), plan.content(estimators), code)
 
 
 def suite_identity(suite: Suite) -> str:
-    """Return the digest of a suite's frames, estimators and study, whatever code runs them."""
+    """Return the digest of a suite's frames, estimators and study, without the code."""
     more = [] if suite.stability is None else [suite.stability.model_dump_json()]
     if suite.programs or suite.keep != "all" or suite.draws != 1:
         more.append(plan_of(suite).content())
@@ -50,9 +49,9 @@ def suite_identity(suite: Suite) -> str:
 
 
 def rescored_identity(addresses: Iterable[str], estimators: Iterable[str], climates: Iterable[Path] = ()) -> str:
-    """Return the digest of what the results of archived images depend on.
+    """Return the digest of the inputs of rescored images: bytes, estimators, code.
 
-    Their bytes, the estimators, the code, and the files of air that their priors name: an image holds the path alone.
+    Climate files of the priors count too: an image holds only their paths.
     """
     names = [*estimators]
     air = [files.sha256_of(path, expected="a climate's file") if path.exists() else "" for path in sorted(climates)]
@@ -63,7 +62,7 @@ def _scene_content(case: Case) -> str:
     content = {"scene": case.scene.model_dump(mode="json"), "camera": case.camera.model_dump(mode="json")}
     for key, path in _atmosphere_files(case).items():
         content[f"atmosphere {key}"] = {"sha256": files.sha256_of(path, expected="an atmosphere file")}
-        # The content counts, not where it lies: a folder can be moved.
+        # The content counts, not the path: a folder can be moved.
         content["scene"]["atmosphere"][key] = path.name
     climate = None if case.scene.prior is None else case.scene.prior.climate
     if climate is not None and is_climate_file(climate):
@@ -73,7 +72,7 @@ def _scene_content(case: Case) -> str:
 
 
 def _atmosphere_files(case: Case) -> dict[str, Path]:
-    """Return the files that a case's atmosphere is read from, by the key that names them."""
+    """Return the files of a case's atmosphere, by key."""
     atmosphere = case.scene.atmosphere
     found = {}
     if atmosphere.file is not None:

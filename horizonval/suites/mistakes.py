@@ -24,10 +24,9 @@ from horizonval.suites.worker_memory import largest_frame
 
 
 def refuse_mistakes(suite: Suite, plan: CasePlan) -> None:
-    """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
+    """Find mistakes beyond the reach of the files' models: estimators, atmospheres, detectors, positions.
 
-    Thousands of cases share few cameras and atmospheres, and each of those is looked at once. Raises ``UserError``:
-    naming the suite, the frame and the key.
+    Each distinct camera and atmosphere is checked once. Raises ``UserError``: naming the suite, the frame and the key.
     """
     from horizonval.earth.optical import optical_model
 
@@ -66,7 +65,7 @@ def refuse_mistakes(suite: Suite, plan: CasePlan) -> None:
 
 
 def check_heads(suite: Suite, plan: CasePlan) -> None:
-    """Every estimator has a frame to run on, and those that see all heads are not asked for on a camera of one."""
+    """Every estimator must have a frame, and those that see all heads a camera with several."""
     run: set[str] = set()
     for case in suite.cases:
         together = plan.together(case)
@@ -106,7 +105,7 @@ def _check_prior(prior: PriorSpec, camera: CameraSpec) -> None:
 
 
 def _check_table(climate: str, camera: CameraSpec) -> None:
-    """Raise a ``UserError`` where a table of profiles cannot be read, or is of none of a camera's bands."""
+    """Raise ``UserError`` for a table of profiles that cannot be read or has none of a camera's bands."""
     try:
         table = templates_of(Path(climate))
     except UserError as e:
@@ -121,10 +120,10 @@ def _check_table(climate: str, camera: CameraSpec) -> None:
 
 
 def _outermost_matters(cases: Sequence[Case]) -> set[str]:
-    """Return the names of the frames whose air and bands are looked at: a suite's frames share few of them.
+    """Return the names of the frames whose distinct air and bands are checked.
 
-    Of atmospheres that differ in numbers alone (a draw of the depth of the haze, say) those with the smallest and the
-    largest of each are looked at: what is out of reach is so at an end of its range.
+    Of atmospheres that differ only in numbers, such as a sampled haze depth, those with the extremes of each number are
+    checked: a value out of range is so at an end.
     """
     alike: dict[tuple[str, int, float], list[tuple[str, list[float]]]] = {}
     for case in cases:
@@ -142,7 +141,7 @@ def _outermost_matters(cases: Sequence[Case]) -> set[str]:
 
 
 def _without_numbers(value: Any, numbers: list[float]) -> Any:
-    """Return plain data with a word for each of its numbers, which go to ``numbers`` in their order."""
+    """Return plain data with a word in place of each number; the numbers are appended to ``numbers``."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         numbers.append(value)
         return "a number"

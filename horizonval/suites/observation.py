@@ -1,4 +1,4 @@
-"""From stored images to what an estimator is given."""
+"""From stored images to the observations that estimators receive."""
 
 from __future__ import annotations
 
@@ -31,10 +31,9 @@ def observation_of(
 ) -> Observation:
     """Return the observation of a detector image, or of one band of a frame (radiance, without a converter).
 
-    The truth in the header gives the calibrated camera and its mounting, which a flight computer knows too, with the
-    errors that ``[calibration]`` of the scene says (:mod:`horizonval.sensor.knowledge`); the pose itself is handed
-    only to an estimator that is ideal by definition. Of the rest of the truth it has what ``[prior]`` of the scene
-    says, or ``known`` in its place: the same whenever it is asked for.
+    The truth gives the calibrated camera and its mounting, with the errors of the scene's ``[calibration]``
+    (:mod:`horizonval.sensor.knowledge`). The pose goes only to ideal estimators. The scene's ``[prior]``, or ``known``
+    in its place, decides which other values are given; they are the same at every call.
     """
     truth = source.truth
     spec = truth.camera_spec
@@ -61,7 +60,7 @@ def observation_of(
         band_width_um=None if seen is None else width_um(seen),
         lens=stated_lens(spec, seen) if isinstance(source, DetectorImage) else None,
         radiance_per_dn=radiance_per_dn(source) if isinstance(source, DetectorImage) else None,
-        # A Sun sensor is mounted on the body as well, and its reading comes to the camera as the mounting is believed.
+        # A Sun sensor is mounted on the body; the assumed mounting converts its reading to camera axes.
         sun_cam=sun if sun is None or not any(errors.mounting_rad) else _by_mounting(sun, truth, mounting),
         calibration=sigmas,
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,
@@ -69,7 +68,7 @@ def observation_of(
 
 
 def band_of(source: DetectorImage | RadianceFrame, band: str | None = None) -> str:
-    """Return the band of an image, or of a frame the one that is asked for, else its first."""
+    """Return the band of an image, or the given or first band of a frame."""
     return source.band if isinstance(source, DetectorImage) else band or next(iter(source.radiance))
 
 
@@ -78,23 +77,8 @@ def observation_of_heads(
 ) -> Observation:
     """Return the observation of all heads of one housing at one instant.
 
-    Parameters
-    ----------
-    sources : mapping of str to DetectorImage or RadianceFrame
-        By the heads' names, in the camera file's order; at least one.
-    estimator : Estimator
-    known : PriorSpec or Prior, optional
-        In place of what the scene says.
-
-    Returns
-    -------
-    Observation
-        That of the first head, with every head's own in ``heads``.
-
-    Raises
-    ------
-    UserError
-        One attitude is stated for several heads.
+    ``sources``: by head, in the camera file's order; at least one. ``known``: replaces the scene's prior. The result is
+    the first head's observation, with every head's in ``heads``. Raises ``UserError``: one attitude for several heads.
     """
     if known is not None and len(sources) > 1 and known.q_cam_from_itrs is not None:
         raise UserError(
@@ -107,7 +91,7 @@ def observation_of_heads(
 
 
 def coarse_sun_cam(truth: FrameTruth) -> FloatArray | None:
-    """Return what a coarse Sun sensor reads: the Sun's two angles in whole degrees; None where the Sun is not seen."""
+    """Return the Sun's two angles in whole degrees, as a coarse Sun sensor reads them; None without the Sun."""
     if truth.sun_visible_fraction <= 0.0:
         return None
     x, y, z = truth.sun_cam
@@ -117,17 +101,17 @@ def coarse_sun_cam(truth: FrameTruth) -> FloatArray | None:
 
 
 def method_radius_m(truth: FrameTruth) -> float:
-    """Return the radius that a spherical method is given of a frame, where nobody says otherwise."""
+    """Return the default radius of a spherical method for a frame."""
     return knowledge.method_radius_m(scene_prior(truth), truth)
 
 
 def scene_prior(truth: FrameTruth) -> PriorSpec:
-    """Return the table ``[prior]`` of a frame's scene, which says what is known whatever camera looks."""
+    """Return the table ``[prior]`` of a frame's scene, the same for every camera."""
     return PriorSpec.model_validate(truth.scene.get("prior") or {})
 
 
 def known_of(truth: FrameTruth, band: str, known: PriorSpec | Prior | None = None) -> Prior:
-    """Return what is known of a frame: as the scene says, or as ``known`` says in its place."""
+    """Return the prior of a frame: ``known``, or else the scene's."""
     if isinstance(known, Prior):
         return known
     spec = scene_prior(truth) if known is None else known
@@ -137,12 +121,12 @@ def known_of(truth: FrameTruth, band: str, known: PriorSpec | Prior | None = Non
 
 
 def _by_mounting(direction_cam: FloatArray, truth: FrameTruth, mounting: FloatArray) -> FloatArray:
-    """Return a direction that is known on the body in the axes of a camera with the mounting that is believed."""
+    """Return a body direction in camera axes by the assumed mounting."""
     return rotate(mounting, rotate(inverse(truth.q_cam_from_body), direction_cam))
 
 
 def with_altitude_of(camera: CameraSpec, prior: Prior) -> Prior:
-    """Return a prior with the altitude of the camera file, if it has none of its own and the file has one."""
+    """Return a prior with the altitude of the camera file where it has none."""
     known = camera.platform
     if known.altitude_km is None or known.altitude_sigma_km is None or prior.altitude_m is not None:
         return prior
@@ -150,7 +134,7 @@ def with_altitude_of(camera: CameraSpec, prior: Prior) -> Prior:
 
 
 def oracle_pose(truth: FrameTruth) -> OraclePose:
-    """Return the exact pose, with the radius of the sphere whose angular radius is the truth's."""
+    """Return the exact pose, with the radius of the sphere that has the truth's angular radius."""
     r_itrs = np.array(truth.r_itrs)
     return OraclePose(
         r_itrs=r_itrs,

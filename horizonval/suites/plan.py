@@ -1,4 +1,4 @@
-"""What a run does with every case, and which cases are made together."""
+"""Plan of a run for every case, and the grouping of cases into units."""
 
 from __future__ import annotations
 
@@ -18,19 +18,12 @@ from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import Keep
 
 FRAME_LIMIT_S = 3600.0
-"""For everything about one frame: a renderer that hangs is ended then. Tables of scattering take minutes at most."""
+"""Time limit of everything about one frame, against a hanging renderer; scattering tables take minutes at most."""
 
 
 @dataclass(frozen=True)
 class CasePlan:
-    """Estimators in the suite's order, what they may use, what stays in the archive.
-
-    Attributes
-    ----------
-    keep : {"all", "failures", "none"}
-    draws : int
-        Observations of every frame, each with other noise.
-    """
+    """Estimators in the suite's order, their limits, what the archive keeps; ``draws`` noise samples of every frame."""
 
     estimators: tuple[str, ...]
     limits: Limits = field(default_factory=Limits)
@@ -39,10 +32,7 @@ class CasePlan:
     draws: int = 1
 
     def estimator(self, name: str) -> Estimator:
-        """Return an estimator of the suite: a program of it, or one that is installed.
-
-        Raises ``UserError`` if there is none of that name.
-        """
+        """Return an estimator of the suite, a program or an installed one. Raises ``UserError``: no such estimator."""
         return supervisor.get(name, self.limits)
 
     def of(self, case: Case) -> tuple[str, ...]:
@@ -50,37 +40,33 @@ class CasePlan:
         return self.estimators if case.estimators is None else case.estimators
 
     def alone(self, case: Case) -> tuple[str, ...]:
-        """Return the estimators of a case that see one image."""
+        """Return the estimators of a case that use one image."""
         return tuple(name for name in self.of(case) if self.estimator(name).needs != "heads")
 
     def together(self, case: Case) -> tuple[str, ...]:
-        """Return the estimators of a case that see the images of all heads at once."""
+        """Return the estimators of a case that use the images of all heads."""
         return tuple(name for name in self.of(case) if self.estimator(name).needs == "heads")
 
     def content(self, estimators: Sequence[str] | None = None) -> str:
-        """Return what of the plan results depend on: not the limits, which only cut off what would not end.
-
-        ``estimators`` are those that run, all by default.
-        """
+        """Return the part of the plan that results depend on, for ``estimators`` (default all); limits do not count."""
         names = self.estimators if estimators is None else estimators
         programs = [
             [spec.model_dump(mode="json"), _digests(spec.command, self.limits.folder)]
             for spec in self.limits.programs
             if spec.name in names
         ]
-        # Results of a single draw are what they were before there could be more.
+        # Only a number above 1 enters the digest.
         return json.dumps([names, self.keep, programs, *([self.draws] if self.draws != 1 else [])])
 
 
 def plan_of(suite: Suite) -> CasePlan:
-    """Return the plan of a suite."""
     folder = Path(suite.source).resolve().parent
     limits = Limits(suite.time_limit_s, suite.memory_limit_mb, suite.programs, folder)
     return CasePlan(suite.estimators, limits, suite.keep, draws=suite.draws)
 
 
 def _digests(command: str, folder: Path) -> list[str]:
-    """Digest of every file that a command names: a program that was changed gives other results."""
+    """Digest of every file that a command names, since programs change results."""
     try:
         paths = [folder / word for word in shlex.split(command)]
         return [files.sha256_of(path) for path in paths if files.kind_at(path, links=True) == "a file"]
@@ -90,7 +76,7 @@ def _digests(command: str, folder: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Unit:
-    """What one worker makes at once: a case, or those of all heads of a scene, which have a result in common.
+    """Work of one worker at a time: a case, or all heads of a scene with a common result.
 
     ``name`` is the case's, or the scene's where ``heads`` is set.
     """
@@ -101,12 +87,11 @@ class Unit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all results: the cases', and the scene's where the heads have one in common."""
+        """Names of all results: the cases', and the scene's for a common result of the heads."""
         return tuple(case.name for case in self.cases) + ((self.name,) if self.heads else ())
 
 
 def units_of(cases: Iterable[Case], plan: CasePlan) -> list[Unit]:
-    """Return the units of cases, in their order."""
     units: list[Unit] = []
     for (name, of_all_heads), group in itertools.groupby(cases, lambda case: (case.scene_name, of_heads(case))):
         members = tuple(group)
@@ -118,5 +103,5 @@ def units_of(cases: Iterable[Case], plan: CasePlan) -> list[Unit]:
 
 
 def of_heads(case: Case) -> bool:
-    """Whether a case is that of one head of a scene that has all of them."""
+    """Whether a case is one of all heads of a scene."""
     return case.head is not None

@@ -1,4 +1,4 @@
-"""What is written of a run: records of cases, the plans of its figures, and the command that makes it again."""
+"""Files of a run: records of cases, the plans of figures, and the command that repeats it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def record_of(
 ) -> Record:
     """Return the record of a case with results.
 
-    ``addresses`` are those of the images by band, the frame's under ``""``; empty where nothing was kept.
+    ``addresses``: images by band, the frame under ``""``; empty if nothing was archived.
     """
     images = {band: address for band, address in addresses.items() if band}
     placed = [
@@ -60,7 +60,7 @@ def record_of(
 
 
 def failed_record(name: str, case: Case, estimators: Sequence[str], plan: CasePlan, error: str) -> Record:
-    """Return the record of a case that has no result because something broke."""
+    """Return the record of a failed case."""
     truth = _truth_or_none(case)
     reason = " ".join(error.split())
     rows = []
@@ -94,13 +94,11 @@ def failed_record(name: str, case: Case, estimators: Sequence[str], plan: CasePl
 
 
 def camera_name(case: Case) -> str:
-    """Return the camera's own name, else its file's."""
     return case.camera.camera.name or case.scene.camera.file.rsplit("/", 1)[-1].removesuffix(".toml")
 
 
 def details_of(result: Fit | Refusal) -> dict[str, Any]:
-    """Return what the report draws over the image: limb points, evenly thinned, and the fitted limb; of a crash
-    what was printed last."""
+    """Return data for the report's overlay: thinned limb points and the fitted limb; of a crash its last output."""
     points = np.asarray(result.points, dtype=np.float64).reshape(-1, 2)
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) > MAX_POINTS:
@@ -128,7 +126,7 @@ HERE = ["--out", "."]
 
 
 def command_of_suite(suite: Suite, root: Path) -> list[str]:
-    """Return the words of ``run`` or ``study`` for a suite's run in the folder ``root``."""
+    """Return the words of the ``run`` or ``study`` command for the folder ``root``."""
     kind: Kind = "study" if suite.study else "suite"
     return ["horizonval", "study" if suite.study else "run", target_of(kind, suite.source, root), *suite.options, *HERE]
 
@@ -136,7 +134,7 @@ def command_of_suite(suite: Suite, root: Path) -> list[str]:
 def command_of_rescoring(
     archive: Path, root: Path, estimators: Sequence[str], wanted: Filter | None, time_limit_s: float
 ) -> list[str]:
-    """Return the words of ``archive rescore`` for images of an archive, scored again in the folder ``root``."""
+    """Return the words of the ``archive rescore`` command for the folder ``root``."""
     words = ["horizonval", "archive", "rescore", relative(archive, root)]
     words += [word for name in estimators for word in ("--estimator", name)]
     for field in fields(wanted or Filter()):
@@ -147,7 +145,7 @@ def command_of_rescoring(
 
 
 def target_of(kind: Kind, source: str, root: Path) -> str:
-    """Return a shipped file's name, or the path of a user's own file from a folder on."""
+    """Return a shipped file's name, or the relative path of a user's file."""
     path = Path(source).resolve()
     if path.stem in shipped_names(kind) and path == shipped_path(kind, path.stem).resolve():
         return path.stem
@@ -155,7 +153,7 @@ def target_of(kind: Kind, source: str, root: Path) -> str:
 
 
 def relative(path: Path, root: Path) -> str:
-    """Return a path from a folder on, or the absolute one where none leads there (another drive)."""
+    """Return a path relative to a folder, or the absolute one (another drive)."""
     try:
         text = Path(os.path.relpath(path.resolve(), root.resolve())).as_posix()
     except ValueError:
@@ -166,14 +164,8 @@ def relative(path: Path, root: Path) -> str:
 def figure_plans(suite: Suite) -> list[JsonObject]:
     """Return the plan of every figure of a suite: one for each value of its key ``by``.
 
-    Raises ``UserError``: a figure's key is no number in one of its cases.
-
-    Returns
-    -------
-    list of dict
-        ``kind``, ``title``, ``x`` and ``y`` (the keys, or None), and ``cases``: by the name of the case its values
-        ``[x, y]``, those without an axis left out. All heads of a scene together, which some estimators want, go by
-        the scene's name.
+    A plan has ``kind``, ``title``, ``x`` and ``y`` (the keys, or None), and ``cases``: the values ``[x, y]`` by case;
+    for methods of all heads by scene. Raises ``UserError``: a figure's key is not a number in one of its cases.
     """
     plans = []
     for number, figure in enumerate(suite.figures, start=1):
@@ -199,9 +191,9 @@ def figure_plans(suite: Suite) -> list[JsonObject]:
 
 
 def value_at(case: Case, key: str) -> Any:
-    """Return what a case has under a dotted key: of its scene, or ``camera.<table>.<key>`` of its camera file.
+    """Return the value of a dotted key in the scene, or of ``camera.<table>.<key>`` in the camera file.
 
-    Raises ``KeyError``: there is nothing of that name.
+    Raises ``KeyError``: no such key.
     """
     parts = key.split(".")
     tree: Any = case.scene.model_dump(mode="json")

@@ -1,6 +1,6 @@
-"""Score the detector images of an archive again, with the estimators of today.
+"""Rescore the detector images of an archive with the current estimators.
 
-The outcome is laid out like a run's folder, without an archive of its own, so that the report can be made of it.
+The output has the layout of a run's folder without an archive, so that the report can read it.
 """
 
 from __future__ import annotations
@@ -37,10 +37,7 @@ RESCORE_SCHEMA = 1
 
 @dataclass(frozen=True)
 class Rescored:
-    """Content of ``summary.json``, images without a result and why, the report's first page.
-
-    ``seconds``: by the stages of the images that were scored by this call, as the asking process measured them.
-    """
+    """Content of ``summary.json``, failed images with reasons, the report's first page, and seconds by stage."""
 
     summary: dict[str, Any]
     failed: dict[str, str]
@@ -57,19 +54,16 @@ class RescoreWork(Recorded[Item]):
         self.plan, self.archive, self.run = plan, archive, folder
 
     def name(self, item: Item) -> str:
-        """Return the name of a case, or of the scene of several heads."""
         return item.name
 
     def path(self, item: Item) -> Path:
-        """Return the file of the case."""
         return self.run.case(item.name)
 
     def identity(self, item: Item) -> str:
-        """Return the digest of the images' and frames' addresses, the air of their priors, estimators and code."""
+        """Return the digest of images, frames, climate files of the priors, estimators and code."""
         return rescored_identity(item.addresses, item.estimators(self.plan), climates_of(item, Store(self.archive)))
 
     def record(self, item: Item, watch: Stopwatch) -> Record:
-        """Score the images."""
         return archived_record(item, self.plan, Store(self.archive), watch)
 
 
@@ -82,23 +76,11 @@ def rescore(
     limits: Limits | None = None,
     progress: Progress | None = None,
 ) -> Rescored:
-    """Score the images of an archive, or finish what an earlier call left in ``out``.
+    """Rescore the images of an archive into ``out``, or resume.
 
-    Raises ``UserError``: unknown estimators, no images, or a folder that holds something else.
-
-    Parameters
-    ----------
-    out : Path
-        Made if need be.
-    estimators : sequence of str
-        By default those of the run that the archive belongs to.
-    wanted : Filter, optional
-        Which images.
-    workers : int
-        Estimates at the same time; the number changes no result.
-    limits : Limits, optional
-        Of one estimate.
-    progress : Progress, optional
+    ``estimators``: by default those of the archive's run. ``wanted``: selects images. ``workers``: parallel estimates;
+    results do not depend on it. ``limits``: of one estimate. Raises ``UserError``: unknown estimators, no images, or a
+    folder with other content.
     """
     run = run_folder_of(store.root)
     head = (read_json(run.suite) if run else None) or {}
@@ -109,7 +91,7 @@ def rescore(
     entries = [entry for entry in store.index.select() if entry.kind == "frame"]
     entries += [entry for entry in store.index.select(wanted) if entry.kind == "image"]
     items = items_of(entries, chosen)
-    # In the order of the suite, as far as it is known.
+    # In the suite's order, as far as known.
     place = {name: number for number, name in enumerate(head.get("cases", ()))}
     items.sort(key=lambda item: place.get(item.name, len(place)))
     if not items:

@@ -1,7 +1,6 @@
 """Run a suite: every case to its result, then the summary, the table and the report.
 
-The folder can be handed to the same command again at any time, whatever ended the last run: finished cases are kept,
-unfinished ones are made, and the outcome is the same bytes as of a run that was never cut off.
+The same command resumes an interrupted run: finished cases stay, and the result has the same bytes.
 """
 
 from __future__ import annotations
@@ -43,8 +42,7 @@ def conclude(
 ) -> tuple[dict[str, Any], list[Path]]:
     """Write table, summary and report; return the summary and the report's pages, the first one first.
 
-    ``suite``: name of the suite, where it is known. ``failed``: cases without a result, and why. ``more`` (optional):
-    what else the summary holds.
+    ``failed``: reasons by case. ``more``: additional content of the summary.
     """
     from horizonval.report.build import write_report
     from horizonval.scoring.row import write_results
@@ -64,11 +62,10 @@ ROOMS = ("archive", "cases", "state", "stability")
 
 
 def adopt(source: RunFolder, target: RunFolder, suite: Suite) -> None:
-    """Copy the results of a run of the same suite that ``target`` does not have.
+    """Copy missing results from another run of the same suite.
 
-    They are looked at like the folder's own: what is damaged or of other code is made again. The archive's index is not
-    copied; that of ``target`` catches up with the files. Raises ``UserError`` if ``source`` is no folder of a run, or
-    of another suite's.
+    They are validated like the folder's own files. The archive's index is not copied but updated from the files. Raises
+    ``UserError``: ``source`` is not a run of this suite.
     """
     run = read_json(source.suite)
     if run is None:
@@ -87,18 +84,10 @@ RUN_SCHEMA = 1
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run made.
+    """Result of a run.
 
-    Attributes
-    ----------
-    summary : dict
-        The content of ``summary.json``; empty as long as other shards are missing.
-    failed : dict
-        Cases without a result, by name, and why; months of the infrared horizon as ``stability/<month>``.
-    report : Path or None
-        The report's first page.
-    missing : int
-        Cases that other shards have yet to make.
+    ``summary``: content of ``summary.json``; empty while other shards are missing. ``failed``: reasons by case, and by
+    ``stability/<month>``. ``report``: the first page, or None. ``missing``: cases of other shards.
     """
 
     summary: dict[str, Any]
@@ -116,24 +105,20 @@ def run_suite(
     on_start: OnStart | None = None,
     also: Callable[[], Iterable[Path]] | None = None,
 ) -> RunResult:
-    """Run a suite into a folder, or finish what an earlier run left there.
+    """Run a suite into a folder, or resume.
 
-    Raises ``UserError``: a mistake in the suite (told before anything is rendered), frames or workers that memory does
-    not hold, no back-end to render with, a folder that holds another suite's run or in which another run is working.
+    Raises ``UserError``: a mistake in the suite, found before rendering; too little memory for frames or workers, no
+    back-end, a folder with another suite's run or an active one.
 
     Parameters
     ----------
-    out_dir : Path
-        Made if need be.
     workers : int, optional
         Short for ``Execution(workers)``.
-    progress : Progress, optional
-    execution : Execution, optional
     on_start : callable, optional
-        Called once before the first frame, when nothing is refused any more; never if all frames are finished. It may
-        return what the frames are expected to take, by the cases' names.
+        Called once before the first frame, unless all frames are finished. May return the expected times of the frames
+        by case.
     also : callable, optional
-        Called in the end, to make more of the results; returns the files of the folder that it made.
+        Called at the end to make more of the results; returns the files that it made.
     """
     progress = progress or Silent()
     execution = execution or Execution(workers)
@@ -146,7 +131,7 @@ def run_suite(
     with folder.locked(execution.shard):
         _claim(folder, suite, plan, units)
         if execution.shard is None:
-            # Shards may be at work beside each other: what is temporary may be theirs.
+            # Temporary files may belong to concurrent shards.
             folder.remove_temporary_files()
         for other in execution.merge:
             adopt(RunFolder(other), folder, suite)
@@ -154,7 +139,7 @@ def run_suite(
         try:
             briefs = _run_units(units, plan, folder, execution, progress, seconds, on_start)
         except BaseException:
-            # The times of what is finished cannot be had again.
+            # Times of finished work cannot be measured again.
             _add_timings(folder, seconds, execution.shard)
             raise
         if execution.shard is not None:
@@ -170,14 +155,14 @@ def run_suite(
 
 
 def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit]) -> None:
-    """Write down which suite this folder belongs to; refuse if it belongs to another.
+    """Record the suite of this folder; refuse a folder of another one.
 
-    A study's frames may change with its designs, and the number of frames that a suite draws: every case is known by
-    its own identity, and kept if that is the same. What is no frame of the suite any more stays, and counts nowhere.
+    The frames of a study and the number of a suite's frames may change: every case has its identity. Frames that no
+    longer belong to the suite stay but do not count.
     """
     identity = suite_identity(suite)
     before = intact_json(folder.suite)
-    # Where run.json is lost, the summary still says whose folder it is.
+    # Without run.json the summary still identifies the suite.
     lost = {} if before is not None else intact_json(folder.summary) or {}
     if lost.get("suite", suite.name) != suite.name:
         before = lost
@@ -216,7 +201,7 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
 
 
 def _may_go_on(before: Mapping[str, Any], suite: Suite) -> bool:
-    """Whether a folder of other frames is one of the same study, or of a suite that differs in ``frames`` alone."""
+    """Whether a folder's frames belong to the same study, or to a suite that differs only in ``frames``."""
     frames = before.get("frames")
     if before.get("suite") != suite.name:
         return False
@@ -240,7 +225,7 @@ def _run_units(
     seconds: dict[str, Mapping[str, float]],
     on_start: OnStart | None,
 ) -> dict[str, Brief]:
-    """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
+    """Make the missing units and return the outcomes of all; add the times to ``seconds``."""
     briefs: dict[str, Brief] = {}
     for unit, done in stream(UnitWork(plan, folder), units, execution, progress, on_start=on_start):
         if done.result is None:
@@ -285,7 +270,7 @@ def _add_timings(
     shard: tuple[int, int] | None = None,
     conclude: float | None = None,
 ) -> None:
-    """Add seconds to what earlier runs left; every shard has a file of its own."""
+    """Add seconds to those of earlier runs; every shard has a separate file."""
     path = folder.timings if shard is None else folder.shard_timings(shard)
     timings = intact_json(path) or {}
     cases = {**timings.get("cases", {}), **seconds}

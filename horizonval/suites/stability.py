@@ -1,23 +1,23 @@
-"""How steady the infrared horizon is round an orbit and through the year, and what that costs a horizon sensor.
+"""Stability of the infrared horizon around an orbit and through the year, and its effect on a horizon sensor.
 
-A suite with a table ``[stability]`` gets, besides the rows of its frames, the horizon of the clear limb for every
-month: along parallels, and as four heads see it that look forward, right, aft and left from positions round the orbit.
-The radiances come from the renderer's own march; half of the plateau and the steepest fall are those of a frame's truth
-(:mod:`horizonval.truth.infrared_horizon`). The planet does not turn below the orbit: nothing depends on
-longitude. Each month is a record of its own, so that an interrupted run resumes::
+A suite with a table ``[stability]`` gets, besides the rows of its frames, the clear limb for every month: along
+parallels, and as seen by four heads (forward, right, aft, left) from positions around the orbit. The radiances come
+from the renderer's march; half plateau and steepest fall are defined as in a frame's truth
+(:mod:`horizonval.truth.infrared_horizon`). The Earth does not rotate below the orbit: nothing depends on longitude.
+Each month is a separate record, so that an interrupted run resumes::
 
     stability/<month>.json     profiles of all bands
-    stability/result.json      what the report draws; its statistics are in the summary, too
+    stability/result.json      for the report; its statistics are also in the summary
 
-A head that sees the horizon too high by a small angle is in error as if the body were turned. Least squares over four
-heads, a quarter turn apart, give::
+A horizon that a head sees too high by a small angle acts like a rotation of the body. Least squares over four heads, a
+quarter turn apart, give::
 
     pitch = (aft - forward) / 2,    roll = (right - left) / 2
 
-*Edge sensors* locate half of their own plateau, the steepest fall, or a fixed radiance (half of the mean plateau). They
+*Edge sensors* locate half of their plateau, the steepest fall, or a fixed radiance (half of the mean plateau). They
 know the ellipsoid; the mean height of their edge is calibrated out. A *field sensor* measures the mean radiance in a
 square field centred on the mean horizon; mean output and mean slope are calibrated out. All calibrations hold for the
-whole year: what is left is the variation of the air.
+whole year, so the variation of the air remains.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ if TYPE_CHECKING:
     from horizonval.earth.column import OpticalModel
 
 LATITUDE_DEG = np.arange(-90.0, 91.0, 2.5)
-"""Parallels along which the horizon is measured."""
+"""Latitudes of the parallels."""
 NODES = 128
-"""Nodes of the march: half heights are within 4 m of those of 512."""
+"""Nodes of the march; half heights differ from those with 512 by at most 4 m."""
 _HEIGHT_KM = (
     *(-10.0, -6.0, -3.0, -1.0, -0.05, 0.05, 0.5, 1.0, 1.5, 2.0, 2.5),
     *range(3, 56),
@@ -71,31 +71,28 @@ _HEIGHT_KM = (
 )
 """Lowest heights of the rays: four times as many move the half height by 4 m in carbon dioxide, 24 m in the windows.
 
-Two rays stand on either side of the ground, where a window's radiance may jump.
+Two rays straddle the ground, where a window's radiance may jump.
 """
 _FAR_KM = 2e6
-"""A scene holds the air that its satellite can see; from here that is every latitude."""
+"""Range within which a scene's air includes every latitude."""
 _DECIMALS = 6
-"""1 mm, 4 milliarcsec, 1e-6 W m-2 sr-1: the last bits depend on the machine."""
+"""Decimals for 1 mm, 4 milliarcsec, 1e-6 W m-2 sr-1: the last bits depend on the machine."""
 _DIGITS = 8
 
 
 class StabilityWork(Recorded[int]):
-    """Months of a suite's study, into the folder of its run."""
+    """Months of a suite's study, in the folder of its run."""
 
     def __init__(self, spec: StabilitySpec, run: RunFolder) -> None:
         self.spec, self.run, self.folder = spec, run, run.root
 
     def name(self, item: int) -> str:
-        """Return the number of the month."""
         return f"{item:02d}"
 
     def path(self, item: int) -> Path:
-        """Return the file of a month."""
         return self.run.stability_case(self.name(item))
 
     def identity(self, item: int) -> str:
-        """Return the digest of the study, the month and the code."""
         content = json.dumps([self.spec.model_dump_json(), item, code_digest(__name__)])
         return hashlib.sha256(content.encode()).hexdigest()
 
@@ -107,7 +104,7 @@ class StabilityWork(Recorded[int]):
 
 
 def check(suite: Suite) -> None:
-    """Refuse bands that the tables of absorption do not cover. Raises ``UserError``: naming the suite and the table."""
+    """Refuse bands outside the absorption tables. Raises ``UserError``: naming the suite and the table."""
     if suite.stability is not None:
         try:
             month_model(suite.stability, suite.stability.months[0])
@@ -118,14 +115,9 @@ def check(suite: Suite) -> None:
 def run_stability(
     spec: StabilitySpec, folder: RunFolder, execution: Execution, progress: Progress
 ) -> tuple[JsonObject | None, dict[str, Done[Record]]]:
-    """March the months that are missing and write the result.
+    """March the missing months and write the result; return its statistics and the outcome of every month.
 
-    Returns
-    -------
-    dict or None
-        The statistics, for the summary; None where a month failed.
-    dict
-        What became of every month.
+    The statistics are None if a month failed.
     """
     done = do(StabilityWork(spec, folder), spec.months, execution, progress, unit="months", what="infrared horizon")
     path = folder.stability / "result.json"
@@ -142,10 +134,7 @@ def run_stability(
 
 
 def month_model(spec: StabilitySpec, month: int) -> OpticalModel:
-    """Return the optical properties of all bands in the middle of a month.
-
-    Raises ``UserError``: a band outside the tables.
-    """
+    """Return the optical properties of all bands in mid-month. Raises ``UserError``: a band outside the tables."""
     from horizonval.earth.optical import optical_model
 
     scene = SceneSpec(
@@ -167,7 +156,7 @@ def month_profiles(spec: StabilitySpec, month: int) -> dict[str, tuple[FloatArra
     direction = np.stack([directions(r, a[:, None], eta) for r, a, eta in zip(position, azimuth, angle, strict=True)])
     origin = np.broadcast_to(position[:, None, None, :], direction.shape)
     parallel_origin, parallel_direction = rays_along_parallels(np.radians(LATITUDE_DEG), height)
-    # The Sun stands across the orbit, where no head looks.
+    # The Sun is across the orbit, outside all heads.
     inclination = math.radians(spec.inclination_deg)
     found = thermal_radiance(
         month_model(spec, month),
@@ -188,7 +177,7 @@ def month_profiles(spec: StabilitySpec, month: int) -> dict[str, tuple[FloatArra
 def heights_m(spec: StabilitySpec) -> FloatArray:
     """Return the lowest heights of a profile's rays, from below the field sensor's field to the top of the air."""
     distance_km = math.sqrt((spec.altitude_km + 6378.0) ** 2 - 6357.0**2)
-    # Half a field below a horizon that stands above the ground, and a tenth more.
+    # Half a field below a horizon above the ground, plus a tenth.
     depth_km = 0.55 * math.radians(spec.field_deg) * distance_km
     # The disc is smooth below the horizon: six steps are enough.
     below = -np.linspace(depth_km, 10.0, 7)[:-1] if depth_km > 10.0 else np.zeros(0)
@@ -196,9 +185,9 @@ def heights_m(spec: StabilitySpec) -> FloatArray:
 
 
 def heads_round_orbit(spec: StabilitySpec) -> tuple[FloatArray, FloatArray]:
-    """Return positions [m], shape (p, 3), the first over the ascending node, and the heads' azimuths [rad], (p, 4).
+    """Return positions [m], shape (p, 3), from the ascending node on, and the heads' azimuths [rad], (p, 4).
 
-    Azimuths are from north to east about the geocentric nadir.
+    Azimuths run from north to east about the geocentric nadir.
     """
     u = _arguments_rad(spec)
     inclination = math.radians(spec.inclination_deg)
@@ -224,10 +213,7 @@ def nadir_angles(spec: StabilitySpec) -> FloatArray:
 
 
 def conclude(spec: StabilitySpec, months: Sequence[Mapping[str, Any]]) -> JsonObject:
-    """Return the result as plain data, rounded to six decimals.
-
-    ``months``: by month and band, the two arrays of :func:`month_profiles`.
-    """
+    """Return the result as plain data, six decimals; ``months`` has the arrays of :func:`month_profiles` by band."""
     height, angle = heights_m(spec), nadir_angles(spec)
     bands = []
     for band in spec.band:
@@ -262,7 +248,7 @@ def conclude(spec: StabilitySpec, months: Sequence[Mapping[str, Any]]) -> JsonOb
 def locate(height_m: FloatArray, radiance: FloatArray) -> tuple[str, FloatArray, FloatArray, FloatArray]:
     """Return the kind of horizon in profiles (months, ..., n); plateau, half height, steepest fall (months, ...).
 
-    Whether the air is the horizon is decided for all profiles of a month together; "mixed" where months differ.
+    The kind, air or ground, is decided once for all profiles of a month; "mixed" if months differ.
     """
     shape = radiance.shape[:-1]
     below, above = int(np.argmin(np.abs(height_m - infrared_horizon.GROUND_RAY_M))), height_m > 0.0
@@ -277,16 +263,15 @@ def locate(height_m: FloatArray, radiance: FloatArray) -> tuple[str, FloatArray,
 
 
 def highest_crossing(height_m: FloatArray, radiance: FloatArray, level: ArrayLike) -> FloatArray:
-    """Return the largest height [m], shape (...), at which profiles (..., n) have radiances of shape (...).
+    """Return the largest height [m], shape (...), at which profiles (..., n) cross a level of shape (...).
 
-    The lowest or the highest height of the rays where a profile stays below or above its level. Between its rays a
-    profile is a monotone cubic.
+    Profiles are monotone cubics between rays. One entirely below or above its level has the lowest or highest ray.
     """
     profiles = radiance.reshape(-1, len(height_m))
     found = np.empty(len(profiles))
     for i, goal in enumerate(np.broadcast_to(np.asarray(level, dtype=np.float64), radiance.shape[:-1]).ravel()):
         roots = PchipInterpolator(height_m, profiles[i]).solve(goal, extrapolate=False)
-        # A stretch that lies on the level has its start and a NaN among the roots.
+        # A constant interval at the level gives its start and a NaN.
         found[i] = np.nanmax(roots) if len(roots) else height_m[-1 if profiles[i, -1] >= goal else 0]
     return found.reshape(radiance.shape[:-1])
 
@@ -294,14 +279,8 @@ def highest_crossing(height_m: FloatArray, radiance: FloatArray, level: ArrayLik
 def sensors_of(height_m: FloatArray, angle_rad: FloatArray, radiance: FloatArray, field_rad: float) -> list[JsonObject]:
     """Return the attitude errors of three edge sensors and a field sensor in one band.
 
-    Parameters
-    ----------
-    height_m : ndarray, shape (n,)
-    angle_rad : ndarray, shape (p, 4, n)
-        Of the rays from the nadir.
-    radiance : ndarray, shape (months, p, 4, n)
-    field_rad : float
-        Side of the field.
+    Shapes: ``height_m`` (n,), ``angle_rad`` from the nadir (p, 4, n), ``radiance`` (months, p, 4, n). ``field_rad``:
+    side of the field.
     """
     _, plateau, half, gradient = locate(height_m, radiance)
     threshold = highest_crossing(height_m, radiance, 0.5 * float(np.mean(plateau)))
@@ -313,7 +292,7 @@ def sensors_of(height_m: FloatArray, angle_rad: FloatArray, radiance: FloatArray
     mean = float(np.mean(half))
     centre = _angles(np.full_like(half, mean), height_m, angle_rad)
     output, slope = field_output(centre, field_rad, np.broadcast_to(angle_rad, radiance.shape), radiance)
-    # A field that is lifted sees less Earth: its slope is negative.
+    # A raised field sees less Earth: its slope is negative.
     excess = (output - float(np.mean(output))) / -float(np.mean(slope))
     return [*sensors, _errors("field", excess) | {"height_km": _plain(mean / 1e3)}]
 
@@ -323,9 +302,8 @@ def field_output(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the mean radiance in square fields and its slope against the field's centre, shapes (...).
 
-    Profiles, shape (..., n), are monotone cubics between their rays, integrated exactly; nothing radiates above the
-    last of them. That the horizon is curved across the field is neglected: 0.005 deg for 2 deg at 900 km, the same in
-    all heads.
+    Profiles, shape (..., n), are monotone cubics, integrated exactly; radiance above the last ray is 0. Neglected:
+    curvature of the horizon across the field, 0.005 deg for 2 deg at 900 km, the same in all heads.
     """
     mean, slope = np.empty(centre_rad.shape), np.empty(centre_rad.shape)
     for i in np.ndindex(centre_rad.shape):

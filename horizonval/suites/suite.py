@@ -23,17 +23,13 @@ from horizonval.suites.flight import fly
 def load_suite(path_or_name: str | Path, frames: int | None = None, seed: int | None = None) -> Suite:
     """Read a suite file as :func:`horizonval.spec.load.load_suite` does; ``[cases.orbit]`` becomes scenes.
 
-    ``frames`` stands in place of ``suite.frames``, ``seed`` in place of the suite's own. Raises ``UserError``: naming
-    the file, the key, and what was expected.
+    ``frames`` and ``seed`` replace the suite's. Raises ``UserError``: a mistake, with file and key.
     """
     return load.load_suite(path_or_name, fly=fly_scene, frames=frames, seed=seed)
 
 
 def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> Suite:
-    """Return a suite with what the command line says in place of the file.
-
-    Raises ``UserError`` if ``keep`` is none of the words it can be.
-    """
+    """Return a suite with the values of the command line. Raises ``UserError``: an invalid value."""
     if time_limit_s is not None:
         if not 0.0 < time_limit_s < math.inf:
             raise UserError(f"found {time_limit_s:g}", where="--time-limit", expected="a number of seconds above 0")
@@ -48,14 +44,14 @@ def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> 
 
 
 def fly_scene(spec: OrbitSpec, scene: JsonObject, seed: int, name: str, where: str) -> list[JsonObject]:
-    """Return the samples of an orbit over a scene's Earth; errors name the place ``where`` of the file.
+    """Return the samples of an orbit over a scene's Earth; ``where`` is file and key for errors.
 
     Raises ``UserError``: as :func:`horizonval.suites.flight.fly`.
     """
     try:
         earth = Earth.model_validate(scene.get("earth", {}), strict=True)
     except ValidationError:
-        # The scene is validated as a whole, with its own words, once it has a place.
+        # The complete scene is validated later, with better messages.
         earth = Earth()
     try:
         return fly(spec, ellipsoid_from_spec(earth), seed, name, Path(where.partition(": ")[0]).parent)

@@ -1,4 +1,4 @@
-"""How many workers memory holds, each with the largest frame of a suite."""
+"""Number of workers that fit into memory, each with the largest frame of a suite."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from horizonval.spec.load import Case, Suite
 
 
 def largest_frame(suite: Suite) -> Case | None:
-    """Return the frame that takes most memory; None of a suite without frames."""
+    """Return the frame with the largest memory use; None without frames."""
     # Thousands of cases share few cameras.
     cases = {(id(case.camera), case.scene.render.subsamples): case for case in suite.cases}.values()
     return max(cases, key=lambda case: frame_bytes(case.scene, case.camera), default=None)
 
 
 def within_memory(execution: Execution, suite: Suite) -> Execution:
-    """Return an execution with as many workers of this machine as memory holds, at least one.
+    """Return an execution with as many local workers as fit into memory, at least one; cluster workers are unchanged.
 
-    A cluster's workers, on other machines, are left as they are. Raises ``UserError``: more workers were asked for than
-    memory holds.
+    Raises ``UserError``: an explicit number of workers does not fit.
     """
     largest = largest_frame(suite)
     if execution.dask is not None or largest is None:

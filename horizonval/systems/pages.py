@@ -134,10 +134,7 @@ PICTURE_DPI = 120
 
 
 def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[str, Any]:
-    """Write ``<X>.json``, ``<X>.md`` and the figures of one system; return the JSON's content.
-
-    Raises ``ValueError``: a measured figure that is not finite: a defect of the experiment.
-    """
+    """Write ``<X>.json``, ``<X>.md`` and figures of one system; return the JSON; ``ValueError`` if not finite."""
     letter = result.system
     names = [row.name for row in result.rows]
     if len(set(names)) < len(names):

@@ -1,6 +1,6 @@
 """What the sources print (``published.toml``) and the texts of the pages (``page/text.toml``), for every system.
 
-``published.toml`` holds the printed figures with their units and the place where each stands; nothing in it is ours.
+``published.toml`` holds the printed figures with their units and the place of each; nothing in it is ours.
 The pages (:mod:`horizonval.systems.pages`) compare it with our measurements.
 
 Rows, tables and figures of a system are made here alone, so that the experiments hold numbers and no prose. Texts have
@@ -41,8 +41,7 @@ class _PublishedModel(BaseModel):
 class PrintedFigure(_PublishedModel):
     """One printed figure, or a printed condition of an experiment.
 
-    ``value``: as printed; a text where the source claims without a number; ``where``: table, figure, equation or part
-    of the source.
+    ``value``: as printed, a text without a number; ``where``: table, figure, equation or part of the source.
     """
 
     value: int | float | str
@@ -53,12 +52,9 @@ class PrintedFigure(_PublishedModel):
 class PrintedTable(_PublishedModel):
     """One printed table.
 
-    - ``where``: its number or caption in the source;
-    - ``settings``: by quantity (unit in the name), one value for all columns or one for each;
-    - ``printed``: by quantity, the printed figures; None where one is lost. Empty where all of them are;
-    - ``units``: of the printed quantities;
-    - ``errors``: by quantity: printed ``mean`` and ``deviation`` of its errors, in its unit, where the source gives
-      them.
+    ``where``: number or caption in the source; ``settings``: by quantity with unit, one value or one per column;
+    ``printed``: figures by quantity, None where one is lost, empty where all are; ``units``: of the printed quantities;
+    ``errors``: printed ``mean`` and ``deviation`` of errors by quantity, where given.
     """
 
     where: str
@@ -76,20 +72,14 @@ class PrintedTable(_PublishedModel):
 
 
 class Published(_PublishedModel):
-    """What one source prints.
-
-    ``source``: authors, title, year.
-    """
+    """What one source (authors, title, year) prints."""
 
     source: str
     figures: dict[str, PrintedFigure] = {}
     tables: dict[str, PrintedTable] = {}
 
     def number(self, key: str) -> float:
-        """Return a printed figure that is a number.
-
-        Raises ``TypeError``: for one that is a text.
-        """
+        """Return a printed figure that is a number; raises ``TypeError`` for a text."""
         value = self.figures[key].value
         if isinstance(value, str):
             raise TypeError(f"{key} is printed as {value!r}")
@@ -141,12 +131,8 @@ class TableText(_TextModel):
 class PageText(_TextModel):
     """All texts of one system's page.
 
-    - ``system``: its letter;
-    - ``title``: what the system is;
-    - ``rows``, ``tables``, ``claims``: by key;
-    - ``choices``: what was chosen after a result had been seen;
-    - ``figures``: captions, by the figure's name;
-    - ``phrases``: parts of sentences, and cells of tables, that depend on the outcome.
+    ``rows``, ``tables``, ``claims``: by key; ``choices``: made after a result was seen; ``figures``: captions by name;
+    ``phrases``: sentence parts and table cells that depend on the outcome.
     """
 
     system: str
@@ -180,8 +166,8 @@ class PageText(_TextModel):
     ) -> Claim:
         """Return a judged claim.
 
-        ``key``: of the text; also of the printed figure or table, unless ``figure`` names that, and unless the text
-        says itself where it stands; ``printed``: as printed, with the unit if it is a text.
+        ``key``: of the text, and of the printed figure or table unless ``figure`` or the text names it; ``printed``: as
+        printed, with the unit if it is a text.
         """
         text = self.claims[key]
         what, reading, measured, fails = (

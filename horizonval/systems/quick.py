@@ -33,10 +33,7 @@ SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
 
 
 def chosen(names: list[str]) -> list[str]:
-    """Return the letters that the user asked for, in order; none, or ``all``, means all of them.
-
-    Raises ``UserError``: for anything that is no letter of a system.
-    """
+    """Return the requested letters in order, all for none or ``all``; ``UserError`` for anything else."""
     wanted = {name.upper() for name in names or ["all"]}
     if unknown := sorted(wanted - {*SYSTEMS, "ALL"}):
         raise UserError(f"no published system {unknown[0]!r}", expected=f"some of {', '.join(SYSTEMS)}, or all")
@@ -62,14 +59,11 @@ G_ALTITUDES_KM = (350.0, 402.5)
 
 
 def quick_figures(cache: TaskCache, pages: Path, systems: Sequence[str] = SYSTEMS) -> list[JsonObject]:
-    """Return the systems' key figures and the committed ones, as plain data with a verdict.
+    """Return the systems' key figures with the committed ones and a verdict, as plain data.
 
-    ``cache``: its seed must be that of the committed figures; ``pages``: folder of ``quick.json``.
-
-    Returned: ``system``, ``name``, ``unit``, ``measured``, ``accepted`` (None where no such figure is committed), and
-    ``verdict``, PASS or FAIL.
-
-    Raises ``UserError``: there are no committed figures.
+    ``cache``: with the seed of the committed figures; ``pages``: folder of ``quick.json``. Result: ``system``,
+    ``name``, ``unit``, ``measured``, ``accepted`` (None without a committed figure), ``verdict`` (PASS or FAIL). Raises
+    ``UserError``: there are no committed figures.
     """
     content = read_json(pages / FILE, bound=False)
     if content is None:

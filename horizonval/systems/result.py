@@ -38,10 +38,8 @@ class Status(StrEnum):
 class Claim:
     """One printed figure, or one printed table's figures of a kind, judged.
 
-    - ``what``: unique within the system;
-    - ``where``: page, table, figure or part of the source;
-    - ``printed``, ``reading``, ``measured``: the figure as printed, what we take it to mean, and ours with its unit;
-    - ``fails``: what would have made us call it contradicted.
+    ``what``: unique within the system; ``where``: page, table, figure or part of the source; ``printed``, ``reading``,
+    ``measured``: as printed, as we read it, and ours with its unit; ``fails``: what would contradict it.
     """
 
     what: str
@@ -67,16 +65,12 @@ class Claim:
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One published figure beside ours.
+    """One published figure compared with ours.
 
-    - ``name``: what the figure is, with its conditions: unique within the system;
-    - ``published``: as printed in the source; a text such as ``"< 1"``; None where the source's figure did not survive;
-    - ``measured``: ours, from this run;
-    - ``why``: one sentence: why the two differ, or what makes them agree;
-    - ``limit``: the largest ``|measured|`` (or, with ``against``, the largest departure) that still counts as
-      reproduced;
-    - ``against``: what ``measured`` is compared with; None compares with zero;
-    - ``at_least``: ``measured`` must reach ``limit`` instead of staying below it.
+    ``name``: figure and conditions, unique within the system; ``published``: as printed, or a text such as ``"< 1"``,
+    None if lost; ``measured``: of this run; ``why``: one sentence on the difference or agreement; ``limit``: largest
+    ``|measured|`` (with ``against``, largest departure) that counts as reproduced; ``against``: reference of
+    ``measured``, None for zero; ``at_least``: ``measured`` must reach ``limit`` instead.
     """
 
     name: str
@@ -132,16 +126,11 @@ class Figure:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """One system's experiment, done again.
+    """One system's experiment, reproduced.
 
-    - ``system``: the letter of the command: A to G;
-    - ``title``, ``source``: what the system is, and who published it;
-    - ``settings``: what was rendered, for the JSON file;
-    - ``template``: of the page, from this folder on; its summary says in a few sentences what was done and what came of
-      it;
-    - ``summary``: numbers of this run in the summary, by their names in the template;
-    - ``claims``: every printed figure of the source;
-    - ``choices``: what was chosen after a result had been seen, and therefore proves nothing.
+    ``system``: letter A to G; ``settings``: of the renders, for the JSON file; ``template``: of the page, from this
+    folder; ``summary``: numbers in the template's summary, by name; ``claims``: every printed figure of the source;
+    ``choices``: made after a result was seen, which therefore prove nothing.
     """
 
     system: str

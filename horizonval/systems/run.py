@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,15 +11,13 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
-from horizonval.store.folder import RunFolder, intact_json, write_json
+from horizonval.store.folder import RunFolder
 from horizonval.systems.pages import write_first_page, write_reproduction
 from horizonval.systems.quick import SYSTEMS, chosen, experiment, quick_figures, write_quick
 from horizonval.systems.task_cache import TaskCache
 
 WORK = ".work"
 """Folder beside the pages where finished parts of experiments wait for the rest; may be deleted at any time."""
-TIMINGS = "timings.json"
-"""Seconds of every system's last run; less than the whole where a run went on from another."""
 
 
 def reproduce_systems(
@@ -31,12 +28,10 @@ def reproduce_systems(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the content of each system's JSON file as it is written.
+    """Yield the content of each system's JSON file as it is written; results do not depend on ``workers``.
 
-    ``names``: letters, or ``all``; none are all; ``out``: made if need be; ``seed``: of all noise; ``workers``:
-    processes; as many as processors by default. The number does not change any result.
-    Raises ``UserError``: an unknown system, a folder of something else or in which another run works, or no back-end to
-    render with.
+    ``names``: letters or ``all``, none for all; ``out``: created if missing; ``seed``: of all noise. Raises
+    ``UserError``: an unknown system, a folder of something else or in use, or no back-end to render with.
     """
     from horizonval.renderer.backend import probe
 
@@ -50,10 +45,7 @@ def reproduce_systems(
     with RunFolder(work).locked():
         _remove_temporary_files(out)
         for letter in letters:
-            start = time.perf_counter()
             content = write_reproduction(experiment(letter)(cache), out, seed)
-            spent = {**(intact_json(out / TIMINGS) or {}), letter: round(time.perf_counter() - start, 1)}
-            write_json(out / TIMINGS, spent)
             write_first_page(out)
             yield content
         if letters == [*SYSTEMS]:

@@ -25,16 +25,7 @@ from horizonval.jobs.progress import Stopwatch
 
 @dataclass(frozen=True)
 class TaskCache:
-    """A folder for results, a seed, worker processes.
-
-    Attributes
-    ----------
-    folder : Path
-    seed : int
-        Of all noise in the experiments; see :meth:`rng`.
-    workers : int
-    progress : Progress
-    """
+    """A folder for results, a seed of all noise (:meth:`rng`), worker processes, and progress."""
 
     folder: Path
     seed: int = 0
@@ -46,17 +37,9 @@ class TaskCache:
     ) -> dict[str, JsonObject]:
         """Return what ``work`` gives for every item, by the item's name and in the items' order.
 
-        Raises ``RuntimeError``: a defect in ``work``; the other items' results are kept.
-
-        Parameters
-        ----------
-        title : str
-            For the progress display.
-        work : callable
-            A function at the top level of its module, of plain data, returning plain data; it runs in another process
-            with the renderer ready. It must depend on nothing but its item, so a seed that it needs is in the item.
-        items : mapping
-            By unique name.
+        ``title``: for the progress display; ``work``: a top-level function from plain data to plain data, which runs in
+        another process with the renderer ready; it must depend on its item only, which therefore holds any seed. Raises
+        ``RuntimeError``: a defect in ``work``; other items' results are kept.
         """
         named = [NamedItem(name, dict(item)) for name, item in items.items()]
         execution = Execution(self.workers)

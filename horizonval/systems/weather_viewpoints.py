@@ -65,10 +65,7 @@ def weather_places(count: int, inclination_deg: float, seed: int) -> dict[str, J
 
 @dataclass(frozen=True)
 class WeatherPlace:
-    """One place on one day.
-
-    ``latitude_deg``, ``longitude_deg``: geocentric; ``weather``, ``clouds``: seeds.
-    """
+    """One geocentric position on one day; ``weather``, ``clouds``: seeds."""
 
     latitude_deg: float
     longitude_deg: float

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from functools import cache
 
 import numpy as np
@@ -12,7 +11,7 @@ from reference_rays import DATA, RayTable
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.renderer.backend import activate
-from horizonval.renderer.rays import RAY_NODES, radiance_along_rays, thermal_radiance
+from horizonval.renderer.rays import radiance_along_rays
 
 BANDS = ("450nm", "550nm", "850nm")
 
@@ -96,25 +95,3 @@ def test_dark_rays_equal_brute_force(band: str) -> None:
             table.sun[i],
         )
         assert table.ours[band][i] == pytest.approx(exact, rel=1e-3)
-
-
-def test_grey_thermal_limb_equals_two_other_codes() -> None:
-    """1e-4; the tables agree with each other to 2e-5."""
-    with (DATA / "grey_limb_thermal_15um.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    activate()
-    atmosphere = read_atmosphere(DATA / "atm_grey_15um.json")
-    model = file_model(atmosphere, thermal=True)
-    tangent = atmosphere.planet_radius_m + 1e3 * np.array([float(r["tangent_or_impact_km"]) for r in rows])
-    distance = atmosphere.planet_radius_m + 500e3
-    zero = np.zeros_like(tangent)
-    observer = np.stack([-np.sqrt(distance**2 - tangent**2), zero, tangent], axis=1)
-    along = np.tile([1.0, 0.0, 0.0], (len(rows), 1))
-    ours = thermal_radiance(model, atmosphere.planet_radius_m, observer, along, nodes=RAY_NODES, round_sky=True)
-    opacities = sorted({float(r["k0_per_m"]) for r in rows})
-    assert len(opacities) == len(model.thermal) == 4
-    for k0, band in zip(opacities, model.thermal, strict=True):
-        for i, row in enumerate(rows):
-            if float(row["k0_per_m"]) == k0:
-                for column in ("radiance_sasktran2_dz100m_W_m2_sr_um", "radiance_independent_quadrature"):
-                    assert ours[band.name][i] == pytest.approx(float(row[column]), rel=1e-4)

@@ -33,10 +33,11 @@ KINDS: tuple[Kind, ...] = ("scene", "suite", "study")
 
 
 def check(target: Scene | Suite | Study | str | Path, *, frames: int | None = None) -> Report:
-    """Return the problems that a scene, suite or study would have, without rendering any of it.
+    """Return the expected problems of a scene, suite or study, without rendering.
 
-    Exposure, arc of the horizon in view, signal, Sun and Moon, eclipse, frames of which nothing can be determined,
-    bands outside the tables; time, memory and disk.
+    Exposure, arc of the horizon in view, signal, Sun and Moon, eclipse, indeterminate frames, bands outside the tables;
+    time, memory and disk. Raises ``UserError``: no such file, or it cannot be read. Errors that a run would raise later
+    are findings instead.
 
     Parameters
     ----------
@@ -50,11 +51,6 @@ def check(target: Scene | Suite | Study | str | Path, *, frames: int | None = No
     Report
         ``print`` shows it; ``ok`` is False if there is an error or a warning; ``findings`` has code, value, limit and
         what to change.
-
-    Raises
-    ------
-    UserError
-        The file does not exist or cannot be read. Errors that a run would raise later are findings instead.
 
     Examples
     --------

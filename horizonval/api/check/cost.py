@@ -37,10 +37,9 @@ SOLAR_S_PER_EVALUATION, SOLAR_FRAME_S = 1.1e-8, 0.1
 CHUNK = 4
 """Spectral nodes that are computed together."""
 TABLE_S_PER_LOOK, TABLE_S_PER_NODE, TWILIGHT_TABLES = 3e-8, 1.8e-3, 11.0
-"""View tables: seconds of a cell and of a node along the rays, for a chunk of spectral nodes, and the factor of tables
-with the edge of the Earth's shadow in view."""
+"""View tables: seconds per cell and per node along the rays, for a chunk of spectral nodes; factor in twilight."""
 CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
-"""Seconds of a cell that ends on a cloud, for a chunk of spectral nodes, and the factor of tables with clouds."""
+"""Seconds per cell that ends on a cloud, for a chunk of spectral nodes, and the factor of tables with clouds."""
 TWILIGHT_RAD = math.radians(18.0)
 """Depression of the Sun below which no air is sunlit."""
 SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 6.0
@@ -80,25 +79,12 @@ class FrameCost:
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of a run.
+    """Cost of a run: processor times of all frames, memory and disk.
 
-    Attributes
-    ----------
-    frames : int
-    cells : float
-        Cells of all frames that see ground or air.
-    evaluations : float
-        Of a march along every cell: cells x nodes along the ray x spectral nodes.
-    render_s, observe_s, estimate_s : float
-        Processor time of all frames. View tables are counted once for every position, Sun and air.
-    tables : int
-        Tables of multiple scattering.
-    tables_s : float
-        Processor time if the cache holds none of them.
-    memory_mb : float
-        Of one process with the largest frame.
-    disk_mb : float
-        Of the archive and records.
+    ``cells``: cells of all frames that see ground or air. ``evaluations``: of a march, cells x nodes along the ray x
+    spectral nodes. ``render_s`` counts view tables once for every position, Sun and air. ``tables``: tables of multiple
+    scattering; ``tables_s``: their time without the cache. ``memory_mb``: one process with the largest frame.
+    ``disk_mb``: archive and records.
     """
 
     frames: int
@@ -151,10 +137,7 @@ def _size(megabytes: float) -> str:
 
 
 def marched_cells(truth: FrameTruth, camera: CameraSpec, subsamples: int) -> float:
-    """Return the number of cells of a frame that see ground or air.
-
-    Counted on a grid of 48 x 48 pixels at most, to one part in fifty of the image.
-    """
+    """Return the number of cells that see ground or air, from at most 48 x 48 pixels, to 1/50 of the image."""
     geometry = camera_from_spec(camera.camera)
     columns = np.linspace(0, geometry.width - 1, min(geometry.width, _GRID))
     rows = np.linspace(0, geometry.height - 1, min(geometry.height, _GRID))
@@ -177,10 +160,9 @@ def marched_cells(truth: FrameTruth, camera: CameraSpec, subsamples: int) -> flo
 def frame_cost(
     truth: FrameTruth, scene: SceneSpec, camera: CameraSpec, spectral: dict[str, int], estimators: int
 ) -> FrameCost:
-    """Return the cost of one frame.
+    """Return the cost of one frame; ``estimators`` see each image.
 
-    ``spectral`` is the number of spectral nodes or g points of every band
-    (:func:`horizonval.earth.optical.node_counts`), ``estimators`` the number that see each image.
+    ``spectral``: spectral nodes or g points of every band (:func:`horizonval.earth.optical.node_counts`).
     """
     geometry = camera.camera
     pixels, cells = geometry.width * geometry.height, marched_cells(truth, camera, scene.render.subsamples)
@@ -248,7 +230,7 @@ def _airless(scene: SceneSpec) -> bool:
 
 
 def _by_place(scene: SceneSpec) -> bool:
-    """Return whether the air differs from place to place: profiles of many places cost as much as weather."""
+    """Return whether the air varies with position: profiles of many positions cost as much as weather."""
     atmosphere = scene.atmosphere
     if atmosphere.profile_file is not None:
         return has_places(atmosphere.profile_file)

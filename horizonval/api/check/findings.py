@@ -1,4 +1,4 @@
-"""What a check finds, and its report: for people as text, for machines as plain data."""
+"""Findings of a check, and its report as text and plain data."""
 
 from __future__ import annotations
 
@@ -17,17 +17,16 @@ from horizonval.core.errors import UserError, command_line
 Kind = Literal["scene", "suite", "study"]
 
 SUMMARY_LINES = 4
-"""Lines before a run: further warnings are counted in the last one."""
+"""Maximum number of lines before a run; the last one counts further warnings."""
 MOST_NAMES = 3
-"""Cameras, designs or bands that a line names; more of them are counted."""
+"""Maximum number of named cameras, designs or bands in a line."""
 SUBJECTS: dict[Kind, str] = {"scene": "bands", "suite": "cameras", "study": "designs"}
 
 
 class Level(StrEnum):
     """Severity of a finding.
 
-    ``ERROR``: a run would refuse it. ``WARNING``: it runs, but the result is most likely not the one wanted. ``NOTE``:
-    worth knowing.
+    ``ERROR``: a run would refuse it. ``WARNING``: it runs, but most likely not as intended. ``NOTE``: worth knowing.
     """
 
     ERROR = "error"
@@ -39,22 +38,10 @@ class Level(StrEnum):
 class Finding:
     """One problem or remark.
 
-    Attributes
-    ----------
-    level : Level
-    code : str
-        One of :data:`horizonval.api.check.rules.CODES`, for machines.
-    text : str
-        What was found, with value, limit and units.
-    value, limit : float or None
-        Compared numbers in ``unit``: of several frames those of the worst, or the median where the text says so.
-    unit : str
-    fix : str
-        What to change, or empty.
-    subject : str
-        A scene's band, a suite's camera, or a study's design.
-    frames, of, total : int
-        Frames with the problem, examined frames, and all frames.
+    ``code``: one of :data:`horizonval.api.check.rules.CODES`. ``text``: the problem with value, limit and units.
+    ``value``, ``limit``: in ``unit``, of the worst frame, or the median where the text says so. ``fix``: what to
+    change, or empty. ``subject``: a scene's band, a suite's camera, or a study's design. ``frames``, ``of``, ``total``:
+    frames with the problem, examined frames, and all frames.
     """
 
     level: Level
@@ -86,20 +73,9 @@ class Finding:
 class Report:
     """The result of a check; ``print`` shows it.
 
-    Attributes
-    ----------
-    kind : {"scene", "suite", "study"}
-    name : str
-    findings : tuple of Finding
-        Errors first, then warnings, then notes.
-    facts : dict
-        View and brightness as text, by subject.
-    examined, frames : int
-        Examined frames, and all frames.
-    cost : Cost or None
-        None where an error leaves nothing to be rendered.
-    source : str
-        The file, or empty.
+    ``findings``: errors first, then warnings, then notes. ``facts``: view and brightness as text, by subject.
+    ``examined``, ``frames``: examined and all frames. ``cost``: None if an error prevents all frames. ``source``: the
+    file, or empty.
     """
 
     kind: Kind
@@ -144,7 +120,7 @@ class Report:
         return "\n".join([*lines, verdict])
 
     def summary_lines(self) -> list[str]:
-        """Return errors and warnings in few lines, for what goes on after them."""
+        """Return errors and warnings in few lines, as shown before a run."""
         lines = _merged_lines(self.warnings, self.kind)
         check = command_line("check", self.source or self.name)
         if len(lines) > SUMMARY_LINES:
@@ -184,7 +160,7 @@ def cannot_run(error: UserError, subject: str = "") -> Finding:
 
 
 def _merged_lines(findings: Sequence[Finding], kind: Kind) -> list[str]:
-    """Return a line for every level and code: of several cameras, designs or bands the text of the worst one."""
+    """Return a line for every level and code, with the text of the worst subject."""
     merged: dict[tuple[str, str], list[Finding]] = {}
     for finding in findings:
         merged.setdefault((finding.level, finding.code), []).append(finding)
@@ -218,6 +194,6 @@ def percent(share: float) -> str:
 
 
 def median(values: Iterable[float | None]) -> float | None:
-    """Return the median of those that are known."""
+    """Return the median of the known values."""
     known = [value for value in values if value is not None]
     return statistics.median(known) if known else None

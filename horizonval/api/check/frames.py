@@ -1,4 +1,4 @@
-"""Check the frames of a scene, a suite or a study: all of them or an even sample; and add up what they cost."""
+"""Check the frames of a scene, a suite or a study, all or an even sample, and add up their cost."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ Spectral: TypeAlias = dict[tuple[str, ...], dict[str, int]]
 
 @dataclass(frozen=True)
 class Group:
-    """Frames that are judged together: of a camera of a suite, or of a design of a study."""
+    """Frames with a common verdict: of a camera of a suite, or of a design of a study."""
 
     subject: str
     cases: tuple[Case, ...]
@@ -63,7 +63,7 @@ class Look:
 
 
 def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:
-    """Return the report of a scene before it is rendered; with several heads and no choice every head is checked.
+    """Return the report of a scene; with several heads and no choice it covers every head.
 
     Facts are one line for every band: arc in view, level and signal-to-noise ratio of the limb. Takes one second for a
     solar camera, and up to two more for every thermal band.
@@ -91,7 +91,7 @@ def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:
 
 
 def _groups_of_heads(scene: SceneSpec, camera: CameraSpec) -> list[Group]:
-    """Return a group of one frame for every head that the scene has chosen, named after it."""
+    """Return a group of one frame for every chosen head, named after it."""
     if not camera.head or scene.camera.head not in (None, ALL_HEADS):
         return [Group(scene.scene.name, (Case(scene, camera),))]
     groups = []
@@ -103,18 +103,11 @@ def _groups_of_heads(scene: SceneSpec, camera: CameraSpec) -> list[Group]:
 
 
 def check_suite(target: Suite | Study, *, most: int = MOST_FRAMES, infrared: bool = True) -> Report:
-    """Return the report of a suite or a study before it is run.
+    """Return the report of a suite or a study; errors of the run are findings.
 
-    Designs of a study that differ in the estimator alone share their frames and are one group. Errors of the run
-    (:func:`horizonval.suites.mistakes.refuse_mistakes`) are findings.
-
-    Parameters
-    ----------
-    target : Suite or Study
-    most : int
-        Frames to examine; of more an even sample, whose size the report states.
-    infrared : bool
-        Whether to compute the level of thermal limbs, of one frame of every camera: up to 2 s for each band.
+    Designs of a study that differ in the estimator alone share their frames and are one group. Of more than ``most``
+    frames an even sample is examined; the report states its size. ``infrared``: whether to compute the level of thermal
+    limbs, for one frame of every camera: up to 2 s for each band.
     """
     suite = _suite_of(target)
     try:
@@ -127,7 +120,7 @@ def check_suite(target: Suite | Study, *, most: int = MOST_FRAMES, infrared: boo
 def check_before_run(target: Suite | Study) -> Report | None:
     """Return a report of an even sample of the frames, without thermal levels and cost.
 
-    None where the run itself is about to say what is wrong with the file.
+    None if the run itself will report a mistake in the file.
     """
     try:
         report = _check_groups(target, FEW_FRAMES, infrared=False, before_run=True)
@@ -158,9 +151,9 @@ def _check_groups(target: Suite | Study, most: int, *, infrared: bool, before_ru
 
 
 def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:
-    """Return what each frame is expected to take, by the names of the cases, from a few frames of every camera.
+    """Return the expected time of each frame by case, from a few frames of every camera.
 
-    Empty where the run itself is about to say what is wrong with the file.
+    Empty if the run itself will report a mistake in the file.
     """
     suite = _suite_of(target)
     spectral: Spectral = {}
@@ -187,7 +180,7 @@ def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:
 
 
 def groups_of(target: Suite | Study) -> list[Group]:
-    """Return the frames of a suite by camera, those of a study by entry of ``[design]``; and by what runs on them."""
+    """Return the frames of a suite by camera, those of a study by entry of ``[design]``, and by their estimators."""
     plan = plan_of(_suite_of(target))
     members: dict[tuple[str, int, Needs], list[Case]] = {}
     for case in _suite_of(target).cases:
@@ -195,14 +188,14 @@ def groups_of(target: Suite | Study) -> list[Group]:
         try:
             key = (name, *_what_runs(case, plan))
         except UserError:
-            # The check for mistakes reports estimators that do not exist.
+            # The check for mistakes reports unknown estimators.
             key = (name, 0, "image")
         members.setdefault(key, []).append(case)
     return [Group(name, tuple(cases), count, needs) for (name, count, needs), cases in members.items()]
 
 
 def _what_runs(case: Case, plan: CasePlan) -> tuple[int, Needs]:
-    """Return how many estimators run on every image of a case, and whether all of them need all heads together."""
+    """Return the number of estimators per image of a case, and whether all of them need all heads."""
     alone, together = plan.alone(case), plan.together(case) if of_heads(case) else ()
     return len(alone) + len(together), "heads" if together and not alone else "image"
 
@@ -221,9 +214,9 @@ def _is_linear(group: Group) -> bool:
 
 
 def sample_sizes(counts: Sequence[int], most: int) -> list[int]:
-    """Return how many frames of every group to look at: all, or an even share of ``most``, at least one of a group.
+    """Return the sample size of every group: all frames, or an even share of ``most``, at least one.
 
-    What a small group leaves of its share goes to the others. Of more groups than ``most`` the rest get none.
+    What a small group leaves of its share goes to the others. With more groups than ``most`` the rest get none.
     """
     sizes = [0] * len(counts)
     left = most
@@ -235,18 +228,10 @@ def sample_sizes(counts: Sequence[int], most: int) -> list[int]:
 
 
 def look_at(group: Group, count: int, spectral: Spectral | None, *, infrared: bool) -> Look:
-    """Look at an even sample of a group, the first frame among it.
+    """Examine an even sample of ``count`` frames of a group, including the first.
 
-    Parameters
-    ----------
-    group : Group
-    count : int
-        Frames of the sample.
-    spectral : dict or None
-        Spectral nodes by air, ground and bands, to which this adds; None leaves out what the frames cost, and whether
-        their air and bands are known.
-    infrared : bool
-        Whether to work out the infrared horizon of the first frame, hence the level of thermal limbs there.
+    ``spectral``: cache of spectral nodes by air, ground and bands; None skips costs and unknown air or bands.
+    ``infrared``: whether to compute the first frame's infrared horizon, hence the level of its thermal limbs.
     """
     seen = Look()
     places = np.floor(np.arange(count) * len(group.cases) / max(count, 1)).astype(int)
@@ -267,7 +252,7 @@ def look_at(group: Group, count: int, spectral: Spectral | None, *, infrared: bo
 
 
 def _spectral_nodes(case: Case, known: Spectral) -> dict[str, int]:
-    """Return the spectral nodes of the bands of a frame, worked out once for equal air, ground and bands."""
+    """Return the spectral nodes of the bands of a frame, cached by air, ground and bands."""
     scene = case.scene
     air, surface = scene.atmosphere.model_dump_json(), scene.surface.model_dump_json()
     key = (air, surface, json_of_bands(case.camera), str(scene.render.band_error))
@@ -277,10 +262,9 @@ def _spectral_nodes(case: Case, known: Spectral) -> dict[str, int]:
 
 
 def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws: int = 1) -> Cost | None:
-    """Return the cost of all frames of groups from that of those that were looked at; None if none can be made.
+    """Return the cost of all frames of groups; None if no frame can be made.
 
-    Frames that are not looked at are taken to cost the mean of those of their group that are, those of groups without
-    any the mean of all.
+    Unexamined frames cost the mean of their group, or of all frames if none of the group was examined.
     """
     known = [cost for look in looks for cost in look.costs]
     if not known:
@@ -297,7 +281,7 @@ def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws
         totals["render_s"] += len(places) * mean["view_tables_s"]
         disk += n * RECORD_BYTES + (0.0 if keep == "none" else n * (mean["frame_bytes"] + mean["image_bytes"]))
         frames += n
-        # Columns of a group differ in what they hold, hardly in how many nodes they have.
+        # Columns of a group differ in content, hardly in their number of nodes.
         columns |= {column_key(case.scene, case.camera): costs[0] for case in group.cases if costs[0].tables}
     totals["observe_s"] *= draws
     totals["estimate_s"] *= draws

@@ -42,32 +42,29 @@ Needs = Literal["image", "pose", "heads"]
 
 @dataclass(frozen=True)
 class LimbView:
-    """One band of one frame before it is rendered.
+    """One band of one frame, predicted without rendering.
 
     Attributes
     ----------
-    band : Band
     expected : Expected
         The outcome that an estimator should report, with its reasons.
     shortest_px : float
         Shortest arc that an estimator needs.
-    level : float or None
-        Median along the limb in view, over full scale, without clouds and snow; None without a limb, a detector or an
-        infrared horizon.
-    highest : float or None
-        Largest along the limb in view, with clouds and snow where the scene can have them.
+    level, highest : float or None
+        Over full scale along the limb in view: median without clouds and snow, and maximum with those that the scene
+        can have. None without a limb, a detector or an infrared horizon.
     saturated_share : float
         Of the limb in view, with clouds and snow.
     patchy : bool
-        Whether there can be clouds or snow.
+        Whether clouds or snow are possible.
     plateau_k : float or None
         Brightness temperature of a thermal limb.
     sun_outside_deg : float or None
-        Angle of the Sun's centre outside the image; None where the Sun is in the frame or behind the Earth.
+        Angle of the Sun's centre outside the image; None for the Sun in the frame or behind the Earth.
     sun_visible_fraction : float
         0 in the Earth's shadow.
     exposure_s : float or None
-        A fixed exposure; None for automatic and thermal ones.
+        Fixed exposure; None for automatic and thermal ones.
     ray_spacing_m : float
         Distance of the rays of a pixel on the axis, at the limb.
     """
@@ -106,7 +103,7 @@ class LimbView:
         return self.expected.limb_snr
 
     def line(self) -> str:
-        """Return the view of the frame and its brightness as text."""
+        """Return view and brightness of the frame as text."""
         parts = [
             f"{self.arc_deg:.0f} deg of horizon in view ({self.arc_px:.0f} px)" if self.arc_px else "no horizon in view"
         ]
@@ -123,7 +120,7 @@ class LimbView:
 
 
 def group_line(views: Sequence[LimbView], frames: int) -> str:
-    """Return what is in view of the frames of a group: medians, and how many of each outcome."""
+    """Return the view of a group's frames as text: medians, and the count of each outcome."""
     counts = Counter(str(view.outcome) for view in views)
     found = ", ".join(f"{count} {outcome}" for outcome, count in counts.most_common())
     looked = f"{frames} frames" if len(views) == frames else f"{len(views)} of {frames} frames"
@@ -139,16 +136,11 @@ def group_line(views: Sequence[LimbView], frames: int) -> str:
 
 
 def limb_views(truth: FrameTruth, camera: CameraSpec, needs: Needs = "image") -> list[LimbView]:
-    """Return what every band of a frame will see.
+    """Return the predicted view of every band of a frame.
 
-    Parameters
-    ----------
-    truth : FrameTruth
-        Without the infrared horizon thermal bands have no level, and a linear array among several heads is taken to see
-        the ground's horizon.
-    camera : CameraSpec
-    needs : {"image", "pose", "heads"}
-        What the estimators look through; see :func:`horizonval.scoring.expected.examine`.
+    Without an infrared horizon in the truth, thermal bands have no level, and a linear array among several heads is
+    taken to see the ground's horizon. ``needs``: input of the estimators; see
+    :func:`horizonval.scoring.expected.examine`.
     """
     return [_limb_view(truth, camera, band, needs) for band in camera.band]
 
@@ -207,7 +199,7 @@ def _thermal_levels(found: Examined, truth: FrameTruth, camera: CameraSpec, band
 
 
 def _plain_ground(scene: dict[str, Any]) -> dict[str, Any] | None:
-    """Return a scene with the Earth's mean albedo and no clouds; None if its ground and clouds are no brighter."""
+    """Return a scene with the Earth's mean albedo and no clouds; None if the given one is no brighter."""
     _, albedo, brightest = ground_and_air(scene)
     if brightest <= albedo:
         return None
@@ -215,9 +207,8 @@ def _plain_ground(scene: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def sun_outside_deg(camera: CameraModel, truth: FrameTruth) -> float | None:
-    """Return the angle from the Sun's centre to the nearest point of the image's outline; None behind the Earth.
-
-    The outline is taken at 400 pixels, which leaves a hundredth of the field.
+    """Return the angle from the Sun's centre to the nearest of 400 points of the image's outline; None behind the
+    Earth.
     """
     if truth.sun_visible_fraction <= 0.0:
         return None

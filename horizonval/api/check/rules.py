@@ -22,9 +22,9 @@ TARGET_LEVEL = 0.7
 """Level of the brightest limb with a proposed exposure; the prediction is within 30 %."""
 HIGH_LEVEL = limits.STRICT.filling
 DIM_LEVEL = 0.05
-"""Below it nineteen twentieths of the converter are unused."""
+"""Level below which 95 % of the converter's range is unused."""
 NEAR_DEG = 10.0
-"""Angle outside the image below which sunlight is scattered by the lens and rejected by few baffles."""
+"""Angle outside the image within which lenses scatter sunlight and few baffles reject it."""
 
 LARGEST_SPACING_M = 7.5e3
 """Largest distance of rays at a thermal limb, a scale height of the air. With wider rays errors of fits double."""
@@ -35,7 +35,7 @@ MOSTLY, SOME = 0.5, 0.2
 
 
 Views: TypeAlias = Sequence[LimbView]
-"""The frames that have a problem, the worst first."""
+"""Frames with a problem, the worst first."""
 Problem: TypeAlias = tuple[float | None, float | None, str]
 """A value, its limit, and their unit."""
 
@@ -44,15 +44,8 @@ Problem: TypeAlias = tuple[float | None, float | None, str]
 class Rule:
     """One problem that a frame can have.
 
-    Attributes
-    ----------
-    code : str
-    share : float or None
-        Share of frames from which it is a warning; None for a note.
-    find : callable
-        Returns the problem of a frame, or None.
-    text, fix : str or callable
-        Text of the finding and advice, for the frames that have the problem.
+    ``share``: share of frames from which it is a warning; None for a note. ``find``: returns the problem of a frame, or
+    None. ``text``, ``fix``: finding and advice, or functions of the frames with the problem.
     """
 
     code: str
@@ -63,10 +56,9 @@ class Rule:
 
 
 def findings_of(views: Views, subject: str, *, total: int | None = None, single: bool = False) -> list[Finding]:
-    """Return the findings of one band of all examined frames of one ``subject``, a camera or a design.
+    """Return the findings of one band of all examined frames of ``subject``, a camera or a design.
 
-    ``total`` is the number of all frames, if not all were examined. With ``single`` the frames are one scene, whose
-    problems are warnings.
+    ``total``: number of all frames, if not all were examined. ``single``: one scene, whose problems are warnings.
     """
     findings = []
     for rule in RULES:

@@ -76,11 +76,7 @@ class AerosolOptics:
 class Aerosol:
     """The particles of an atmosphere on given altitudes.
 
-    Attributes
-    ----------
-    kinds : tuple of str
-        Kinds of particles, from the ground upwards; see :func:`optics`.
-    extinction_550_per_m : ndarray, shape (len(kinds), n)
+    ``kinds``: of particles, from the ground upwards (:func:`optics`); ``extinction_550_per_m``: shape (len(kinds), n).
     """
 
     kinds: tuple[str, ...]
@@ -114,18 +110,10 @@ def names() -> list[str]:
 def aerosol(name: str, altitude_m: ArrayLike, *, depth_below_10_km: float | None = None, where: str = "") -> Aerosol:
     """Return a model on altitudes.
 
-    Raises ``UserError``: unknown name; lists the most similar names first.
-
-    Parameters
-    ----------
-    name : str
-        One of :func:`names`.
-    altitude_m : array_like, shape (n,)
-        There is nothing above 100 km (1e-11 of the ground's extinction); below 0 counts as 0.
-    depth_below_10_km : float, optional
-        Optical depth at 550 nm below 10 km, instead of the model's; above 11 km nothing changes.
-    where : str, optional
-        File and key that gave the name, for the error message.
+    ``name``: one of :func:`names`; ``altitude_m``: shape (n,), nothing above 100 km (1e-11 of the ground's extinction),
+    below 0 counts as 0; ``depth_below_10_km``: optical depth at 550 nm below 10 km, without effect above 11 km;
+    ``where``: file and key of the name, for the error message. Raises ``UserError``: unknown name, with the most
+    similar names.
     """
     if name not in names():
         raise UserError(

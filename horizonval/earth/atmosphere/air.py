@@ -58,16 +58,10 @@ EARTH_RADIUS_M = 6_356_766.0
 
 @dataclass(frozen=True)
 class AirChange:
-    """How air differs from that of a scene.
+    """Difference of air from a scene's.
 
-    Attributes
-    ----------
-    warmer_k : float
-        Added to every temperature, pressure in hydrostatic balance.
-    denser, dustier : float
-        Relative change of all gases, of all particles.
-    raised_m : float
-        Height by which the whole air is raised over the ground.
+    ``warmer_k``: added to every temperature, pressure in hydrostatic balance; ``denser``, ``dustier``: relative change
+    of all gases, of all particles; ``raised_m``: height by which the whole air is raised over the ground.
     """
 
     warmer_k: float = 0.0
@@ -149,8 +143,8 @@ def weather_columns(
 ) -> GasState:
     """Return columns of weather, arrays of shape (c, k). The last few results are cached.
 
-    ``field``: shape (c,), geodetic; ``altitude_m``: shape (k,), geodetic, rising from 0 to at most 100 km; ``co2_ppm``:
-    in the lower atmosphere; ``calm``: the climate without deviations.
+    ``latitude_deg``, ``longitude_deg``: shape (c,), geodetic; ``altitude_m``: shape (k,), geodetic, rising from 0 to at
+    most 100 km; ``co2_ppm``: in the lower atmosphere; ``calm``: the climate without deviations.
     """
     latitude, longitude, z = (np.asarray(v, dtype=np.float64) for v in (latitude_deg, longitude_deg, altitude_m))
     places = tuple(tuple(v.tolist()) for v in (latitude, longitude, z))
@@ -201,9 +195,7 @@ def real_profile(name: str, where: str = "") -> AtmosphereProfile:
     """Return a real state on levels from 0 to 120 km, completed from the climate of its latitude and month.
 
     Above its last level the temperature is constant. CO2, N2O, CH4 and HNO3 are the climate's at equal pressure; so are
-    water vapour and ozone above the levels where they are known.
-
-    Raises ``UserError``: unknown name.
+    water vapour and ozone above their known levels. Raises ``UserError``: unknown name.
     """
     s = real_states.real_state(name, where)
     z = np.unique(np.concatenate([np.arange(0.0, 30e3, 250.0), np.arange(30e3, 120_001.0, 500.0)]))
@@ -238,21 +230,11 @@ Columns = Callable[[FloatArray, FloatArray, FloatArray], GasState]
 
 @dataclass(frozen=True)
 class Air:
-    """Gases and particles of a scene in one column; where they vary, that of one place.
+    """Gases and particles of a scene in one column; where they vary, those of one place.
 
-    Attributes
-    ----------
-    state : AtmosphereProfile
-        On 0 to 100 km by 100 m.
-    climates : mapping of str to float
-        Weights of the AFGL climates in it; empty for ``us76`` and a profile from a file.
-    aerosol : Aerosol
-        On the same altitudes, thin cloud included.
-    with_ozone : bool
-        Whether ozone absorbs sunlight.
-    columns : callable or None
-        Of weather, and of profiles of many places from a file.
-    layers : tuple of ThinLayer
+    ``state``: on 0 to 100 km by 100 m; ``climates``: weights of the AFGL climates in it, empty for ``us76`` and a
+    profile from a file; ``aerosol``: on the same altitudes, thin cloud included; ``with_ozone``: ozone absorbs
+    sunlight; ``columns``: function for weather and for profiles of many places, else None.
     """
 
     state: AtmosphereProfile
@@ -276,18 +258,9 @@ def air_of(
 ) -> Air:
     """Return the gases and particles of a scene whose atmosphere is neither ``none`` nor ``file``.
 
-      Parameters
-      ----------
-      scene : SceneSpec base_dir : Path, optional
-          Folder against which ``atmosphere.profile_file`` is resolved; default the current one.
-      change : AirChange place_deg : tuple of two floats, optional
-    Geodetic latitude and longitude of the column; default the sub-satellite point. Ignored where the air is the same
-          everywhere.
-
-      Raises
-      ------
-      UserError
-          Unknown profile, or an invalid profile file.
+    ``base_dir``: folder of ``atmosphere.profile_file``, default the current one; ``place_deg``: geodetic latitude and
+    longitude of the column, default the sub-satellite point, ignored where the air is uniform. Raises ``UserError``:
+    unknown profile, or an invalid profile file.
     """
     atmosphere = scene.atmosphere
     place = (scene.platform.latitude_deg, scene.platform.longitude_deg) if place_deg is None else place_deg

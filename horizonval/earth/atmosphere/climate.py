@@ -37,8 +37,7 @@ _BOLTZMANN = 1.380649e-23
 
 
 def month_of(epoch: datetime) -> float:
-    """Return the month as a real number: 7.0 in the middle of July, 12 to 12.5 after mid-December, 0.5 to 1 in early
-    January.
+    """Return the month as a real number from 0.5 to 12.5, 7.0 in the middle of July.
 
     It jumps at New Year only; a year is a circle of 12.
     """

@@ -96,30 +96,31 @@ class EmittingBand:
 
     Attributes
     ----------
-    name : str wavelength_um : ndarray, shape (g,)
+    wavelength_um : ndarray, shape (g,)
         Nominal, per g point.
     altitude_m : ndarray, shape (n,)
         Grid of the renderer from 0 to the top; extinction and source are linear between its nodes.
     sin_latitude : ndarray, shape (m,)
         Of geodetic latitude, rising in equal steps; a single value means the same air everywhere. With a map: one value
         without meaning, and m below is the number of the map's columns.
-    level_m : ndarray, shape (k,) ln_extinction : ndarray, shape (g, m, k)
+    level_m : ndarray, shape (k,)
+    ln_extinction : ndarray, shape (g, m, k)
         Logarithm of the extinction [1/m] at the levels.
-    temperature_k : ndarray, shape (m, k) source_wavenumber_per_cm : ndarray, shape (q,) source_weight_per_cm : ndarray,
-    shape (g, q)
+    temperature_k : ndarray, shape (m, k)
+    source_wavenumber_per_cm, source_weight_per_cm : ndarray, shapes (q,) and (g, q)
         ``S_g(T) = sum_q weight[g, q] B_nu(wavenumber[q], T)``, W m-2 sr-1.
     sun_radiance : ndarray, shape (g,)
         Mean radiance of the Sun's disc outside the atmosphere [W m-2 sr-1].
     column_map : ColumnMap or None
         Positions of the columns of air that varies with longitude.
-    layer_per_m : ndarray, shape (g, n)
-        Extinction of thin cloud on ``altitude_m``; shape (0, 0) for none.
+    layer_per_m : ndarray, shape (g, n) or (0, 0)
+        Extinction of thin cloud on ``altitude_m``.
     layers : ndarray, shape (k, 2)
         Base and top of its layers [m].
-    each_layer_per_m : ndarray, shape (k, g, n)
-        ``layer_per_m`` of each layer, where one has gaps; else of shape (0, 0, 0).
-    ground_m : ndarray, shape (m,)
-        Height at which each column begins; of shape (0,) where all begin at 0.
+    each_layer_per_m : ndarray, shape (k, g, n) or (0, 0, 0)
+        ``layer_per_m`` of each layer, where one has gaps.
+    ground_m : ndarray, shape (m,) or (0,)
+        Height at which each column begins, if not 0.
     """
 
     name: str
@@ -268,22 +269,10 @@ LEAST_PER_M = 1e-300
 class EmittingAir:
     """The air of a scene for its thermal bands, before a band is chosen.
 
-    Attributes
-    ----------
-    altitude_m : ndarray, shape (n,)
-        Grid of the renderer.
-    sin_latitude : ndarray, shape (m,)
-        One value where there is a ``column_map``.
-    state : GasState
-        On the levels (k,) of height, arrays of shape (m, k).
-    particles : Aerosol
-        On the same levels.
-    change : AirChange
-        How the bands' air differs; absorption per molecule stays that of ``state``.
-    column_map : ColumnMap or None
-        Positions of the columns of ``state`` if they vary with longitude.
-    layers : tuple of ThinLayer ground_m : ndarray, shape (m,) or (0,)
-        Height at which each column begins.
+    ``altitude_m``: shape (n,), grid of the renderer; ``sin_latitude``: shape (m,), one value with a ``column_map``;
+    ``state``: on the levels (k,) of height, arrays of shape (m, k); ``particles``: on the same levels; ``change``: how
+    the bands' air differs, with the absorption per molecule of ``state``; ``column_map``: positions of the columns that
+    vary with longitude, or None; ``ground_m``: shape (m,) or (0,), height at which each column begins.
     """
 
     altitude_m: FloatArray
@@ -344,9 +333,8 @@ def emitting_air(
     """Return the air of a scene whose atmosphere is neither ``none`` nor a file.
 
     ``by_latitude_month`` without a fixed latitude has a row of air for every latitude in sight; weather and profiles of
-    many places have columns on a map; otherwise one row serves the whole frame.
-
-    ``air``: unchanged column below the satellite; ``scene``: heights at which columns begin; default 0.
+    many places have columns on a map; otherwise one row serves the whole frame. ``air``: unchanged column below the
+    satellite; ``ground``: heights at which columns begin, default 0.
     """
     rows, grid = np.zeros(1), air.altitude_m
     place, ground_m = None, np.zeros(0)
@@ -406,10 +394,9 @@ def grey_band(
 ) -> EmittingBand:
     """Return a thermal band with the same absorption at all its wavelengths, one column everywhere.
 
-    ``band``: shape (n,), levels, which are also the grid: absorption and source are linear between; ``where``: file and
-    key of the band, for the error message; ``pieces``: number of g points into which the band is divided, for a ground
-    with a spectrum.
-    Raises ``UserError``: band reaching beyond the Sun's known spectrum.
+    ``altitude_m``, ``temperature_k``, ``absorption_per_m``: shape (n,), at levels, between which absorption and source
+    are linear; ``where``: file and key of the band, for the error message; ``pieces``: number of g points of the band,
+    for a ground with a spectrum. Raises ``UserError``: band reaching beyond the Sun's known spectrum.
     """
     check_sunlight(band, where)
     wavelength, weight_um = bands.sampled(band)

@@ -131,9 +131,10 @@ def _shell_means(air: Air) -> FloatArray:
 class _Ray:
     """A ray divided into segments of one shell each, ordered from the observer.
 
-    ``amounts``: shape (segments, constituents), per metre; ``length_m``: shape (segments,), columns from the middle of
-    each segment towards the Sun; ``cosine``: of the angle of scattering; ``ground``, ``ground_to_sun``: albedo / pi
-    times the cosine of the Sun's zenith angle (0 at the limb), and the columns from there.
+    ``amounts``: shape (segments, constituents), per metre; ``length_m``: shape (segments,); ``to_sun``: shape
+    (segments, constituents), columns from the middle of each segment towards the Sun; ``cosine``: of the scattering
+    angle; ``ground``, ``ground_to_sun``: albedo / pi times the cosine of the Sun's zenith angle (0 at the limb), and
+    the columns from there.
     """
 
     amounts: FloatArray

@@ -47,9 +47,7 @@ class PlacedProfiles:
         return len(self.profiles) > 1
 
     def columns(self, latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray) -> GasState:
-        """Return columns of air, arrays of shape (c, k), at geodetic latitudes and longitudes (c,) and heights (k,) of
-        0 to 120 km.
-        """
+        """Return columns of air, shape (c, k), at geodetic positions (c,) and heights (k,) of 0 to 120 km."""
         z = np.asarray(altitude_m, dtype=np.float64)
         states = [one.profile.at(z).gas_state() for one in self.profiles]
         weights = self._weights(np.asarray(latitude_deg, dtype=np.float64), np.asarray(longitude_deg, dtype=np.float64))

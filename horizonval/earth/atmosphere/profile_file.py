@@ -81,9 +81,7 @@ class PlacedProfile:
 
 @dataclass(frozen=True)
 class _Table:
-    """Columns of a file with the line (CSV) or list position (JSON, from 1) of each value; ``of_place`` names the
-    place.
-    """
+    """Columns of a file with the line (CSV) or list position (JSON, from 1) of each value, and their place."""
 
     file: str
     columns: dict[str, list[float]]
@@ -106,10 +104,8 @@ class _Table:
 def read_profiles(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> tuple[PlacedProfile, ...]:
     """Return the profiles of a file on levels from 0 to 120 km, in the order of their places.
 
-    ``co2_ppm``: carbon dioxide of the lower atmosphere where the file has no column of it.
-
-    Raises ``UserError``: naming file, key and line of the first mistake and the allowed range; also where the file has
-    carbon dioxide and the scene asks for another amount.
+    ``co2_ppm``: carbon dioxide of the lower atmosphere where the file has no column of it. Raises ``UserError``, with
+    file, key, line and allowed range: a mistake, or a file with carbon dioxide where the scene sets another amount.
     """
     path = Path(path)
     table = _read(path)

@@ -35,17 +35,10 @@ _LENDER = "us_standard"
 
 @dataclass(frozen=True)
 class AtmosphereProfile:
-    """State of the atmosphere over altitude.
+    """State of the atmosphere over altitude, arrays of shape (n,).
 
-    Attributes
-    ----------
-    name : str altitude_m, pressure_pa, temperature_k : ndarray, shape (n,) number_density_air, number_density_o3, ... :
-    ndarray, shape (n,)
-        Molecules per m3. CO2 is 420 ppm below 80 km.
-
-    Notes
-    -----
-    The AFGL climates are hydrostatic to 2 to 3 % only.
+    ``number_density_*``: molecules per m3; CO2 is 420 ppm below 80 km. The AFGL climates are hydrostatic to 2 to 3 %
+    only.
     """
 
     name: str
@@ -79,11 +72,9 @@ class AtmosphereProfile:
         return {gas: getattr(self, f"number_density_{gas}") for gas in GASES}
 
     def at(self, altitude_m: ArrayLike) -> AtmosphereProfile:
-        """Return the profile on other altitudes.
+        """Return the profile on other altitudes; raises ``ValueError`` outside the tabulated range.
 
         Against the closed form of US76 the density is within 2.4e-3 between levels and 1e-5 at them.
-
-        Raises ``ValueError``: altitude outside the tabulated range.
         """
         z = np.asarray(altitude_m, dtype=np.float64)
         if z.size and (z.min() < self.altitude_m[0] or z.max() > self.altitude_m[-1]):
@@ -123,9 +114,7 @@ def names() -> list[str]:
 def profile(name: str, *, where: str = "") -> AtmosphereProfile:
     """Return a shipped profile on its own levels, 0 to 120 km by 1 km.
 
-    ``where``: file and key that gave the name, for the error message.
-
-    Raises ``UserError``: unknown name; lists the most similar names first.
+    ``where``: file and key of the name, for the error message. Raises ``UserError``: unknown name, with similar ones.
     """
     known = names()
     if name not in known:
@@ -198,11 +187,9 @@ _BASE_T, _BASE_P = _bases()
 
 
 def us76(altitude_m: ArrayLike) -> Us76:
-    """Return the US Standard Atmosphere 1976 at geometric altitudes between 0 and 86 km.
+    """Return the US Standard Atmosphere 1976 at geometric altitudes between 0 and 86 km, else ``ValueError``.
 
     The molecular weight is that at the ground. The standard lets it fall above 80 km, by 0.04 % at 86 km.
-
-    Raises ``ValueError``: altitude outside 0 to 86 km.
     """
     z = np.asarray(altitude_m, dtype=np.float64)
     if z.size and not (z.min() >= 0 and z.max() <= _TOP_M):

@@ -19,14 +19,8 @@ from horizonval.spec.camera import Band
 class Measure:
     """The measure ``R(lambda) (lambda / lambda_ref) E_sun(lambda)`` of a band, sampled finely.
 
-    Attributes
-    ----------
-    wavelength_um : ndarray, shape (m,) energy : ndarray, shape (m,)
-        W m-2 at 1 au; the sum is the band's irradiance.
-    width_um : float
-        Effective width: integral of the response.
-    reference_um : float
-        ``lambda_ref``.
+    ``wavelength_um``, ``energy``: shape (m,), W m-2 at 1 au, whose sum is the band's irradiance; ``width_um``:
+    effective width, the integral of the response; ``reference_um``: ``lambda_ref``.
     """
 
     wavelength_um: FloatArray
@@ -107,11 +101,9 @@ def check_sunlight(band: Band, where: str) -> None:
 
 
 def solar_measure(band: Band, where: str) -> Measure:
-    """Return a band's measure, with the Sun at 1 au.
+    """Return a band's measure, with the Sun at 1 au; raises ``UserError`` beyond the Sun's known spectrum.
 
     The Sun's distance must not change any node, not even by rounding: tables of the air are cached by content.
-
-    Raises ``UserError``: band beyond the Sun's known spectrum.
     """
     check_sunlight(band, where)
     wavelength, weight = bands.sampled(band, sunlight.table_um(), order=4)

@@ -99,10 +99,7 @@ class GasesInSight:
 
 
 def gases_in_sight(air: Air, scene: SceneSpec, change: AirChange) -> GasesInSight | None:
-    """Return the columns that a scene's camera sees, with ``change``; None where all are equal (:data:`ALIKE`).
-
-    ``air`` is the scene's unchanged air.
-    """
+    """Return the changed columns of ``air`` that a scene's camera sees; None where all are equal (:data:`ALIKE`)."""
     z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
     rows, place = np.zeros(0), None
     if air.columns is not None:

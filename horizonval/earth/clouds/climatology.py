@@ -83,7 +83,7 @@ DECKS = (
 class CloudKinds:
     """Cloud fraction at places, and the shares, of sum 1, of four kinds of cloud in it.
 
-    ``deep``: tropical convection. ``fronts``: of middle and high latitudes. ``deck``: stratocumulus. ``cumulus``: of
+    ``deep``: tropical convection; ``fronts``: of middle and high latitudes; ``deck``: stratocumulus; ``cumulus``: of
     the trade winds, and the rest.
     """
 

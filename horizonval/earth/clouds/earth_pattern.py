@@ -66,8 +66,8 @@ def lattice_noise(
 ) -> Any:
     """Return one octave of noise at positions in lattice cells (three arrays above -8192), in arbitrary units.
 
-    ``position``: each octave has a separate lattice; ``seed``: splits an array of positive floats into whole part
-    (unsigned 32-bit) and fraction; ``real``: converts unsigned 32-bit arrays to floats.
+    ``octave``: each has a separate lattice; ``split``: divides positive floats into whole part (unsigned 32-bit) and
+    fraction; ``real``: converts unsigned 32-bit arrays to floats.
     """
     offset = _LATTICE_OFFSET + 0.37 * octave
     cells, parts = zip(*(split(v + offset) for v in position), strict=True)
@@ -266,14 +266,9 @@ class Arithmetic:
 class Coarse:
     """The global part of the pattern, from seed and month.
 
-    Attributes
-    ----------
-    values : ndarray, shape (MAP_ROWS * MAP_COLUMNS * CHANNELS,)
-        Float32: shift of the place (3), fronts, logit of the fraction, shares of deep clouds, fronts, decks. Rows from
-        90 S, columns from 180 W to 180 E, both ends equal.
-    lowest, highest : float
-        Noise at the ends of ``rank``.
-    rank : ndarray, shape (RANK_STEPS + 1,)
+    ``values``: shape (MAP_ROWS * MAP_COLUMNS * CHANNELS,), float32: shift of the place (3), fronts, logit of the
+    fraction, shares of deep clouds, fronts, decks; rows from 90 S, columns from 180 W to 180 E, both ends equal.
+    ``lowest``, ``highest``: noise at the ends of ``rank``, of shape (RANK_STEPS + 1,).
     """
 
     values: Any

@@ -132,10 +132,7 @@ def heights_m(layer: CloudLayer, latitude_deg: float) -> tuple[float, float]:
 
 
 def occurrence(kind: str, latitude_deg: float, month: float) -> float:
-    """Return how often a kind of cloud occurs at a latitude in a month (1 to 12), 0 to 1.
-
-    Raises ``KeyError``: the kind has no climatology.
-    """
+    """Return how often a kind of cloud occurs, 0 to 1, at a latitude in a month; ``KeyError`` if unknown."""
     north = SHIFT_DEG * np.cos((month - NORTHMOST_MONTH) * np.pi / 6.0)
     latitude, south = abs(latitude_deg), latitude_deg < 0.0
     if kind == "cirrus":
@@ -293,14 +290,8 @@ THINNEST_M = 200.0
 class ThinLayer:
     """A layer of thin cloud.
 
-    Attributes
-    ----------
-    base_m, top_m : float extinction_550_per_m : float
-        At 550 nm, averaged over gaps and cloud.
-    particle : str
-        Kind of its particles, see the module text.
-    gaps : LayerGaps or None
-        Cloudy part; None for an even layer.
+    ``extinction_550_per_m``: at 550 nm, averaged over gaps and cloud; ``particle``: kind of its particles, see the
+    module text; ``gaps``: cloudy part, None for an even layer.
     """
 
     base_m: float
@@ -332,10 +323,7 @@ class ThinLayer:
 
 
 def layers_of(scene: SceneSpec) -> tuple[ThinLayer, ...]:
-    """Return the layers of a scene.
-
-    Raises ``UserError``: base and top leave no layer.
-    """
+    """Return the layers of a scene; raises ``UserError`` if base and top leave no layer."""
     found = []
     for i, layer in enumerate(scene.layer):
         kind = KINDS[layer.kind]

@@ -51,18 +51,9 @@ RANK_STEPS = 512
 class CloudField:
     """A relief of cloud tops; heights in metres.
 
-    Attributes
-    ----------
-    cover : float or None
-        Share of the globe; None for that of the climatology.
-    top_m : float
-        Highest tops.
-    mean_top_m, scale_m : float
-        Of the uniform pattern.
-    seed : int albedo : float
-        Of the brightest clouds.
-    pattern : "earth" or "uniform" month : int
-        Of the pattern of the Earth, 1 for January.
+    ``cover``: share of the globe, None for the climatology's; ``top_m``: highest tops; ``mean_top_m``, ``scale_m``: of
+    the uniform pattern; ``albedo``: of the brightest clouds; ``pattern``: ``"earth"`` or ``"uniform"``; ``month``: of
+    the pattern of the Earth, 1 for January.
     """
 
     cover: float | None
@@ -130,9 +121,7 @@ def noise(
     split: Callable[[Any], tuple[Any, Any]],
     real: Callable[[Any], Any],
 ) -> Any:
-    """Return the noise at unit vectors (three arrays), in arbitrary units; ``split``, ``real`` as in
-    :func:`lattice_noise`.
-    """
+    """Return the noise at unit vectors (three arrays), in arbitrary units; see :func:`lattice_noise`."""
     total: Any = 0.0
     for octave in range(field.octaves):
         per_cell = EARTH_RADIUS_M / field.scale_m * 2.0**octave

@@ -30,14 +30,10 @@ def halocarbons(altitude_m: FloatArray) -> dict[str, FloatArray]:
 
 @dataclass(frozen=True)
 class GasState:
-    """Columns of clear air on common altitudes.
+    """Columns of clear air on common altitudes (n,).
 
-    Attributes
-    ----------
-    altitude_m : ndarray, shape (n,)
-    pressure_pa, temperature_k : ndarray, shape (..., n)
-    vmr : mapping of str to ndarray, shape (..., n)
-        Volume mixing ratios of the gases that :func:`horizonval.earth.gases.rrtmg.absorption_per_m` knows.
+    ``pressure_pa``, ``temperature_k``: shape (..., n); ``vmr``: volume mixing ratios, shape (..., n), of the gases that
+    :func:`horizonval.earth.gases.rrtmg.absorption_per_m` knows.
     """
 
     altitude_m: FloatArray

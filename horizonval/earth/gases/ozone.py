@@ -40,10 +40,7 @@ def _table() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def cold_and_warm_m2(wavelength_um: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return the cross sections of one molecule at 220 K and at 280 K [m2], linear between the 1 nm means.
-
-    Raises ``UserError``: wavelength outside 280 to 1000 nm.
-    """
+    """Return cross sections of a molecule at 220 and 280 K [m2], linear between 1 nm means of 280 to 1000 nm."""
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     nanometre = wavelength * 1e3
     # A wavelength of 1 um must not fail over the last bit of its product with 1000.

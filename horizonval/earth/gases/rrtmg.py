@@ -112,16 +112,8 @@ class Columns:
 class TablePlace:
     """Position of air in the tables of the key gases; arrays of shape (n,).
 
-    Attributes
-    ----------
-    upper : bool level : ndarray of int
-        j, counted from 1.
-    fraction : ndarray
-        f, weight of level j + 1.
-    node : pair of ndarray of int
-        For each of the two levels the lower temperature node, counted from 0.
-    beyond : pair of ndarray
-        u, weight of the node above it.
+    ``upper``: of the upper atmosphere; ``level``: j, counted from 1; ``fraction``: f, weight of level j + 1; ``node``:
+    for each of the two levels the lower temperature node, counted from 0; ``beyond``: u, weight of the node above it.
     """
 
     upper: bool
@@ -337,19 +329,13 @@ def absorption_per_m(
     bands: Sequence[int] = tuple(range(len(BANDS))),
     upper_share: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the absorption coefficient of clear air for every class of every band.
+    """Return the absorption coefficient of clear air for every class of every band [1/m], at least 1e-16.
 
-    Result: 1/m, at least 1e-16. Raises ``ValueError``: a key gas missing, or an unknown gas.
-
-    Parameters
-    ----------
-    pressure_pa, temperature_k : ndarray, shape (...) vmr : mapping of str to ndarray
-        Volume mixing ratios, broadcast to that shape: ``h2o``, ``co2``, ``o3``, ``n2o``, ``ch4`` (in moist air, at
-        least 1e-30) and optionally ``hno3`` (likewise), ``cfc11``, ``cfc12``, ``hcfc22``, ``ccl4`` (in dry air).
-    bands : sequence of int
-        Indices into :data:`BANDS`; default all seven.
-    upper_share : ndarray, shape (...), optional
-        Weights, 0 to 1, of the upper atmosphere's tables; default 0 above 95.58 hPa and 1 below.
+    ``pressure_pa``, ``temperature_k``: shape (...); ``vmr``: volume mixing ratios, broadcast to that shape: ``h2o``,
+    ``co2``, ``o3``, ``n2o``, ``ch4`` (in moist air, at least 1e-30) and optionally ``hno3`` (likewise), ``cfc11``,
+    ``cfc12``, ``hcfc22``, ``ccl4`` (in dry air); ``bands``: indices into :data:`BANDS`; ``upper_share``: shape (...),
+    weights, 0 to 1, of the upper atmosphere's tables, default 0 above 95.58 hPa and 1 below. Raises ``ValueError``: a
+    key gas missing, or an unknown gas.
     """
     unknown = sorted(set(vmr) - {*KEY_GASES, *OTHER_GASES})
     missing = [gas for gas in KEY_GASES if gas not in vmr]

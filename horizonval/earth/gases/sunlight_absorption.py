@@ -61,10 +61,7 @@ class AbsorbingPart:
 
 
 def parts(wavelength_um: FloatArray, energy: FloatArray) -> tuple[AbsorbingPart, ...]:
-    """Return the parts of a band, the unabsorbed one first; no parts where the band as a whole hardly absorbs.
-
-    ``wavelength_um``, ``energy`` (m,): the band's measure.
-    """
+    """Return the parts of a band's measure, the unabsorbed first; none where the band hardly absorbs."""
     table_um, water, mixed = csv("gases_in_sunlight.csv")
     inside = (wavelength_um >= MIN_UM) & (wavelength_um <= MAX_UM)
     a_water, a_mixed = (np.interp(wavelength_um, table_um, a) * inside for a in (water, mixed))

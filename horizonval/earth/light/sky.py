@@ -183,10 +183,7 @@ def airglow_radiance(rayleigh: FloatArray | float, wavelength_um: FloatArray | f
 
 
 def band_energy(band: Band, layer: Layer) -> tuple[FloatArray, FloatArray]:
-    """Return wavelengths and their contributions to the band's radiance of the layer in the zenith [W m-2 sr-1].
-
-    They include response and photon weighting of :mod:`horizonval.earth.spectral.bands`.
-    """
+    """Return wavelengths and contributions to the band's zenith radiance of the layer [W m-2 sr-1], with response."""
     if len(layer.wavelength_um) == 1:
         wavelength, weight = np.array(layer.wavelength_um), np.ones(1)
         column = np.array(layer.column)

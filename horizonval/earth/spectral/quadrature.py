@@ -19,9 +19,7 @@ from horizonval.core.arrays import FloatArray
 
 
 def composite_gauss(edges: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
-    """Return points and weights, shape (len(edges) - 1, order), of Gauss-Legendre rules on every interval between
-    edges.
-    """
+    """Return points and weights, shape (len(edges) - 1, order), of Gauss-Legendre rules between edges."""
     x, w = _legendre(order)
     half = np.diff(edges)[:, None] / 2
     middle = (edges[:-1] + edges[1:])[:, None] / 2

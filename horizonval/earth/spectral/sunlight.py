@@ -27,10 +27,7 @@ def table_um() -> FloatArray:
 
 
 def irradiance(wavelength_um: ArrayLike, distance_au: float = 1.0) -> FloatArray:
-    """Return the spectral irradiance [W m-2 um-1] across the rays, outside the atmosphere.
-
-    Raises ``UserError``: wavelength outside the table, 0.25 to 20 um.
-    """
+    """Return the spectral irradiance outside the atmosphere [W m-2 um-1]; ``UserError`` outside 0.25 to 20 um."""
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     tolerance = 1e-12
     if wavelength.size and not (wavelength.min() >= MIN_UM - tolerance and wavelength.max() <= MAX_UM + tolerance):

@@ -73,16 +73,10 @@ def g_weights() -> FloatArray:
 class GPoints:
     """The classes of absorption of a sensor band: 16 for every RRTMG band it touches.
 
-    Attributes
-    ----------
-    name : tuple of str, length g
-        ``"rrtmg4g07"``: band number and g point, both counted from 1.
-    wavelength_um : ndarray, shape (g,)
-        Centroid of the response inside the RRTMG band.
-    table_band, table_g : ndarray of int, shape (g,)
-        Indices into :data:`horizonval.earth.gases.rrtmg.BANDS` and the 16 classes.
-    wavenumber_per_cm : ndarray, shape (q,) weight_per_cm : ndarray, shape (g, q)
-        ``S_g(T) = sum_q weight[g, q] B_nu(wavenumber[q], T)``.
+    ``name``: length g, ``"rrtmg4g07"`` for band number and g point, both counted from 1; ``wavelength_um``: shape (g,),
+    centroid of the response inside the RRTMG band; ``table_band``, ``table_g``: shape (g,), indices into
+    :data:`horizonval.earth.gases.rrtmg.BANDS` and the 16 classes; ``wavenumber_per_cm`` (q,), ``weight_per_cm`` (g, q):
+    ``S_g(T) = sum_q weight[g, q] B_nu(wavenumber[q], T)``.
     """
 
     name: tuple[str, ...]
@@ -147,9 +141,7 @@ def _sampled(band: Band) -> tuple[FloatArray, FloatArray, np.ndarray]:
 def g_points(band: Band, *, where: str = "") -> GPoints:
     """Return the classes of a sensor band, whose response is per unit power.
 
-    ``where``: file and key of the band, for the error message.
-
-    Raises ``UserError``: response reaching outside 7.194 to 20 um.
+    ``where``: file and key, for the error message. Raises ``UserError``: response reaching outside 7.194 to 20 um.
     """
     lo, hi = bands.limits_um(band)
     tolerance = 1e-9
@@ -169,7 +161,7 @@ def g_points(band: Band, *, where: str = "") -> GPoints:
     touched = [b for b in range(len(edges)) if weight[band_of == b].sum() > 0]
     rows = []
     for b in touched:
-        # Share of class g per cm-1, times the width it stands for.
+        # Share of class g per cm-1, times its width.
         density = _share()[bin_of] / np.diff(bins, axis=1)[bin_of] * (edges[b, 1] - edges[b, 0])
         rows.append((density * g_weight * (weight * (band_of == b))[:, None]).T)
     centroid = [1e4 * weight[band_of == b].sum() / (weight @ (nu * (band_of == b))) for b in touched]
@@ -191,7 +183,7 @@ _CLIMATE = "us_standard"
 def limb_radiances(points: GPoints, height_m: FloatArray, air: GasState | None = None) -> FloatArray:
     """Return the radiance of every g point [W m-2 sr-1] along rays, shape (n, g).
 
-    ``points``: shape (n,), tangent heights below 100 km; for rays to a black ground, negative: impact parameter minus
+    ``height_m``: shape (n,), tangent heights below 100 km; for rays to a black ground, negative: impact parameter minus
     radius, down to minus the Earth's radius at nadir; ``air``: one column; default the US standard atmosphere with
     today's halocarbons.
     """
@@ -261,20 +253,10 @@ _LEFT_OUT = (
 class ThermalAccuracy:
     """Stated accuracy of a band's radiance in clear air.
 
-    Attributes
-    ----------
-    interval : str
-        The compared interval, for example ``"14.0-16.3 um"``; "" for composed values.
-    ranges_km : tuple of (float, float)
-        Tangent heights; see :data:`RANGES_KM`.
-    relative : tuple of (float or None)
-        Relative accuracy of the radiance in each range; None where it is unknown.
-    half_height_km : float or None
-        Uncertainty of the height at which the radiance falls to half its plateau; None where it is unknown.
-    nadir_k : float
-        Of the brightness temperature straight down.
-    sentences : tuple of str
-        Explanations for the reader.
+    ``interval``: compared interval, such as ``"14.0-16.3 um"``, "" for composed values; ``ranges_km``: tangent heights
+    (:data:`RANGES_KM`); ``relative``: relative accuracy of the radiance in each range, None if unknown;
+    ``half_height_km``: uncertainty of the height of half the plateau, None if unknown; ``nadir_k``: of the brightness
+    temperature straight down; ``sentences``: explanations for the reader.
     """
 
     interval: str
@@ -322,10 +304,7 @@ _NAMED_SENTENCES = {
 
 
 def thermal_accuracy(band: Band) -> ThermalAccuracy:
-    """Return the stated accuracy of a thermal band.
-
-    Raises ``UserError``: response outside 7.2 to 20 um.
-    """
+    """Return the stated accuracy of a thermal band; ``UserError`` if the response leaves 7.2 to 20 um."""
     for name, named in NAMED.items():
         if band.lo_um is None or band.hi_um is None:
             continue

@@ -48,8 +48,8 @@ class GroundEmission:
 
     Attributes
     ----------
-    kind : "uniform" or "earth" month : float
-        0.5 to 12.5, 7.0 the middle of July: for snow and sea ice of an "earth".
+    kind, month : "uniform" or "earth"; float
+        Month from 0.5 to 12.5, 7.0 the middle of July: for snow and sea ice of an "earth".
     sin_latitude : tuple of float, length k
         Rising in equal steps from -1 to 1, of geodetic latitude. All temperatures below are linear between.
     land_k, snow_k, ice_sheet_k, sea_ice_k, water_k : tuple of float, length k
@@ -59,12 +59,11 @@ class GroundEmission:
         Difference of a desert from land.
     diurnal_k, desert_diurnal_k : tuple of float, length k
         Amplitude of the daily variation of land and desert.
-    land_lapse_k_m : float ice_lapse_k_m : tuple of float, length k
+    land_lapse_k_m, ice_lapse_k_m : float; tuple of float, length k
         Lapse rates of land and of an ice sheet [K/m].
-    emissivity : float
-        Of a uniform ground; that of an "earth" is :func:`horizonval.earth.surface.emissivity.emissivity`.
-    cloud_emissivity : float
-        Of cloud tops; they transmit the rest from below.
+    emissivity, cloud_emissivity : float
+        Of a uniform ground; that of an "earth" is :func:`horizonval.earth.surface.emissivity.emissivity`. Cloud tops
+        transmit the rest from below.
     """
 
     kind: str
@@ -88,16 +87,9 @@ class GroundEmission:
 class EmittingPlaces:
     """Emitting ground at places; arrays of one shape.
 
-    Attributes
-    ----------
-    sin_latitude, hour_angle : ndarray
-        Of the geodetic latitude; of the Sun [rad]: 0 at noon, positive in the afternoon.
-    shares : dict of ndarray
-        Of the kinds of :data:`KINDS` that are present.
-    land : bool ndarray height_m : ndarray
-        Of the land.
-    ice_sheet : ndarray
-        Share of ice sheet in white land.
+    ``sin_latitude``: of the geodetic latitude; ``hour_angle``: of the Sun [rad], 0 at noon, positive in the afternoon;
+    ``shares``: of the kinds of :data:`KINDS` that are present; ``height_m``: of the land; ``ice_sheet``: share of ice
+    sheet in white land.
     """
 
     sin_latitude: FloatArray

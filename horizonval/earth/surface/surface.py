@@ -56,16 +56,9 @@ WIND_SPEED_M_S = 7.0
 class GroundModel:
     """Everything that a ray can end on, as plain data that JSON preserves exactly.
 
-    Attributes
-    ----------
-    kind : "uniform", "earth" or "chequered" albedo : float
-        Of a uniform ground, or of every other square.
-    wind_speed_m_s : float
-        Over the ocean of an "earth".
-    month : float
-        0.5 to 12.5, 7.0 the middle of July: for snow and sea ice of an "earth".
-    city_lights : bool clouds : CloudField or None albedo_other, square_km : float
-        Of the other squares, and the side of all, on a "chequered" ground.
+    ``kind``: ``"uniform"``, ``"earth"`` or ``"chequered"``; ``albedo``: of a uniform ground, or of every other square;
+    ``wind_speed_m_s``: over the ocean of an "earth"; ``month``: 0.5 to 12.5, 7.0 the middle of July, for snow and sea
+    ice; ``albedo_other``, ``square_km``: of the other squares, and the side of all, on a "chequered" ground.
     """
 
     kind: str
@@ -191,11 +184,7 @@ SNOW_NODES = 65
 
 
 def snow_reflection(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike) -> FloatArray:
-    """Return R_0.
-
-    ``mu_sun``, ``mu_view``: cosines of the angles between the vertical and Sun and observer. ``cosine``: that of the
-    angle between the directions to Sun and observer.
-    """
+    """Return R_0 from the cosines of Sun and observer zenith angles and of the angle between their directions."""
     sun, view = (np.maximum(np.asarray(mu, dtype=np.float64), LEAST_SNOW_COSINE) for mu in (mu_sun, mu_view))
     theta = np.degrees(np.arccos(np.clip(-np.asarray(cosine, dtype=np.float64), -1.0, 1.0)))
     p = 11.1 * np.exp(-0.087 * theta) + 1.1 * np.exp(-0.014 * theta)

@@ -41,8 +41,8 @@ def pressure_pa(
 ) -> FloatArray:
     """Return the pressure of columns, shape (c, k).
 
-    ``latitude_deg``: shape (c,), rising; ``temperature_k``: shape (c, k), mole fraction of water vapour; ``ground_pa``:
-    shape (c,), at the first altitude.
+    ``latitude_deg``: shape (c,); ``altitude_m``: shape (k,), rising; ``temperature_k``: shape (c, k); ``water_share``:
+    shape (c, k), mole fraction of water vapour; ``ground_pa``: shape (c,), at the first altitude.
     """
     virtual = temperature_k * (1.0 + LIGHTER_WATER * np.asarray(water_share))
     weight = MOLAR_MASS_KG / GAS_CONSTANT * gravity_m_s2(latitude_deg[:, None], altitude_m)

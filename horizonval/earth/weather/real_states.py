@@ -57,10 +57,7 @@ def names() -> list[str]:
 
 
 def real_state(name: str, where: str = "") -> RealState:
-    """Return a state by name.
-
-    Raises ``UserError``: unknown name.
-    """
+    """Return a state by name; raises ``UserError`` if it is unknown."""
     known = names()
     if name not in known:
         raise UserError(

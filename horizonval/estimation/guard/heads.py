@@ -207,7 +207,7 @@ def _run_rows(estimator: Estimator, observation: Observation) -> Fit | Refusal:
         return result
     turns = _turns(observation)
     down = {name: row.bright_side_down(turns[name].apply(result.nadir_cam)) for name, row in rows.items()}
-    # Where the band is not known the Earth may be the darker side, of all heads alike.
+    # If the band is unknown, the Earth may be the darker side, in all heads.
     wanted = observation.band_kind is not None or 2 * sum(down.values()) >= len(down)
     for name, one in down.items():
         if one != wanted:

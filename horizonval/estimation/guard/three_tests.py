@@ -100,16 +100,10 @@ RIVAL_STEPS_PX = 2.0
 class LimbPieces:
     """What m pieces of a limb show.
 
-    Attributes
-    ----------
-    steps : ndarray, shape (m,)
-        Step of every piece over its standard deviation, positive where it has the whole limb's sign.
-    due : ndarray of bool, shape (m,)
-    edge_misfit : float
-        Mean square of the residuals across the edge, less the noise that the pixels to both sides of it have, over the
-        square of the limb's step.
-    rival_shown : int
-        Pieces that are due and show some other place as well.
+    ``steps``: shape (m,), step of every piece over its standard deviation, positive with the whole limb's sign;
+    ``due``: shape (m,), pieces expected to show the limb; ``edge_misfit``: mean square residual across the edge minus
+    the noise at its sides, over the squared step; ``rival_shown``: number of expected pieces that show another position
+    as well.
     """
 
     steps: FloatArray
@@ -139,7 +133,7 @@ def limb_pieces(
     light = weighed(light_basis(edge.level, x, near.along), near.values, near.sectors.starts)
     level = np.clip(edge.level, 0.0, 1.0)
     expected = light.variance[0] + (light.variance[1] - light.variance[0]) * level
-    # Space of whole levels may be all alike: it is known to a level then, and not for sure.
+    # Space may have a single grey level, which bounds its noise but does not make it zero.
     expected = np.maximum(expected, LEAST_NOISE * float(np.mean(light.residuals**2)) + 1e-300)
     starts = np.concatenate(
         [np.linspace(a, b, PIECES, endpoint=False) for a, b in pairwise(near.sectors.starts)]
@@ -302,7 +296,7 @@ def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) 
     planet, mean, information = sphere_knowledge(nadir, radius, distance - radius)
     knowledge = knowledge_in_air(observation, planet, mean, information, observation.prior.flattening * radius)
     start = LimbPose(np.eye(3), -distance * nadir)
-    # A limb many pixels deep is no edge in the image's own pixels: it is asked for where the fits see it.
+    # A limb many pixels deep is no edge in the image's own pixels: it is tested in the wider pixels of the fit.
     scale = limb_scale(observation.camera, start, knowledge)
     observation, knowledge = in_wider_pixels(observation, scale), knowledge.in_wider_pixels(scale)
     image = np.asarray(observation.image, dtype=np.float64)

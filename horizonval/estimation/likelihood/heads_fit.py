@@ -178,7 +178,7 @@ class _JointSearch:
             azimuth = np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi)
             modes = np.array([np.interp(azimuth, self.nodes, mode) for mode in self.modes])
             chosen.append(replace(near, modes=modes.reshape(len(self.modes), len(azimuth))))
-        # The height of the pose stands for what all limbs have in common.
+        # The height of the pose is the common height of all limbs.
         common = float(np.mean([near.lift_m.mean() for near in chosen]))
         return [replace(near, lift_m=near.lift_m - common) for near in chosen]
 

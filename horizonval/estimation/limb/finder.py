@@ -204,7 +204,7 @@ def _find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal
     verdicts = sorted(_verdicts(levels, camera), key=lambda one: -one[0])
     accepted = [one for _, one in verdicts if isinstance(one, FoundLimb)]
     doubts = [(score, one) for score, one in verdicts if isinstance(one, Refusal)]
-    # What is refused but far more probable is what the picture shows: nothing is told in its place.
+    # A refused limb that is far more probable is the right one, so that no other is returned.
     if not accepted or (doubts and accepted[0].score < RIVAL_SHARE * doubts[0][0]):
         short = (one for _, one in doubts if one.status is Outcome.SHORT_ARC)
         return _refused(picture, sun is not None, next(short, doubts[0][1] if doubts else None))

@@ -15,7 +15,7 @@ end of the arc is taken here as the mean over its last pixels, which rounds less
 the end points in the image plane instead is perpendicular to n only if both lie equally far from the principal point;
 in a camera that is turned about its boresight they do not, and the vertical is off by degrees. Likewise the end points
 are taken where the edge *is*: moved onto the fitted circle they would leave the horizon, which is a conic. The circle's
-part is to tell the arc from what hangs on it, to put its pixels into order from end to end, and to say on which side
+part is to separate the arc from what is attached to it, to order its pixels from end to end, and to say on which side
 the Earth lies: that of its centre. :class:`ChordEnds` has the other readings of the text; single end pixels are the one
 that comes to the published model error.
 

@@ -1,8 +1,8 @@
-"""Which frames the benchmark has: a public suite of a seed that all know, and sealed ones of a passphrase.
+"""Frames of the benchmark: a public suite with a known seed, and sealed suites with the seed of a passphrase.
 
-A sealed suite has the cells of the public one and a seed that follows from a passphrase by scrypt, so that it can be
-neither guessed nor chosen for its outcome once its commitment is published. The passphrase is nowhere written; the
-commitment, a digest of the seed, lets everyone check afterwards that the seed was fixed before.
+The seed of a sealed suite follows from a passphrase by scrypt, so it can be neither guessed nor chosen for its outcome.
+The published commitment, a digest of the seed, proves later that the seed was fixed before. The passphrase is stored
+nowhere.
 """
 
 from __future__ import annotations
@@ -18,20 +18,16 @@ from horizonval.suites.suite import load_suite
 
 Group = Literal["frames", "heads"]
 CELLS: dict[Group, int] = {"frames": 40, "heads": 4}
-"""Of methods of one image, and of those of several heads at once; a file of each name beside this one defines them."""
+"""Names of the groups: methods of one image, and methods of several heads. The file of that name defines the cells."""
 FRAMES_PER_CELL = 50
 SHORTEST_PASSPHRASE = 12
-"""Characters; a shorter one could be found by trying."""
+"""Minimum length of a passphrase, characters."""
 _SEED_SALT = b"horizonval bench 1 seed"
 _COMMITMENT_LABEL = b"horizonval bench 1 commitment\0"
 
 
 def sealed_seed(passphrase: str) -> int:
-    """Return the seed of a sealed suite, below 2**62.
-
-    ``passphrase``: white space at its ends does not count: a file ends with a new line. Raises ``UserError``: it is too
-    short.
-    """
+    """Return the seed of a sealed suite, below 2**62. Raises ``UserError``: the passphrase is too short."""
     text = passphrase.strip()
     if len(text) < SHORTEST_PASSPHRASE:
         raise UserError(
@@ -45,15 +41,14 @@ def sealed_seed(passphrase: str) -> int:
 
 
 def commitment(seed: int) -> str:
-    """Return what is published of a sealed seed before it is used: a digest, in hexadecimal digits."""
+    """Return the published digest of a sealed seed, hexadecimal."""
     return hashlib.sha256(_COMMITMENT_LABEL + seed.to_bytes(8, "big")).hexdigest()
 
 
 def bench_suite(seed: int | None = None, frames_per_cell: int = FRAMES_PER_CELL, group: Group = "frames") -> Suite:
-    """Return the suite of one group of the benchmark.
+    """Return the suite of one group; ``seed`` is that of a sealed suite, None the public one.
 
-    ``seed`` (optional): of a sealed suite; without it the public one. ``frames_per_cell``: fewer than all are the first
-    of all. Raises ``UserError``: more frames than a cell has, or none.
+    Fewer ``frames_per_cell`` are the first of all. Raises ``UserError``: more frames than a cell has, or none.
     """
     if not 1 <= frames_per_cell <= FRAMES_PER_CELL:
         raise UserError(

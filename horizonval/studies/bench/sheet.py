@@ -1,10 +1,7 @@
-"""The score sheet of the benchmark, version 1: one number of each method, and what it is made of.
+"""Score sheet of the benchmark, version 1: one number for each method, and its parts.
 
-The sheet is arithmetic on six numbers of each frame. It has limits of its own for false claims, the same for every
-method, and takes nothing from the code that makes the rows, so that it stays what it is when that code changes.
-The rules are written for people in ``docs/howto/bench.md``.
-
-Below is the picture of where each method earns its points: scores by cells.
+The sheet is arithmetic on six numbers of each frame. It has separate limits for false claims and imports nothing from
+the code that makes the rows, so it does not change with that code. ``docs/howto/bench.md`` explains the rules.
 """
 
 from __future__ import annotations
@@ -18,30 +15,24 @@ import numpy as np
 
 SHEET_VERSION = 1
 FALSE_ARCSEC = 1800.0
-"""A claim is false that is further off, whatever it claims of itself."""
+"""Nadir error above which every claim is false."""
 FREE_ARCSEC = 360.0
-"""No claim is false that is nearer, whatever it claims of itself."""
+"""Nadir error below which no claim is false."""
 FALSE_SIGMAS = 5.0
 DEFAULT_SIGMA_ARCSEC = 72.0
-"""Of a claim that claims no uncertainty."""
+"""Standard deviation assumed for a claim without one."""
 DEFAULT_BOUND_ARCSEC = 36.0
-"""Of a frame that is due and has no bound."""
+"""Bound assumed for a frame that has none but must be answered."""
 RESAMPLES = 2000
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the sheet knows of one method on one frame.
+    """Answer of one method on one frame.
 
-    Attributes
-    ----------
-    due : bool
-        Whether the frame determines the nadir, from truth alone, and is not on the border of that.
-    claimed : bool
-        Whether the method gave an attitude.
-    error_arcsec, sigma_arcsec, bound_arcsec, nees : float or None
-        Nadir error; claimed standard deviation in all; what the limb allows; normalised error squared, of which an
-        honest mean is 2.
+    ``due``: the frame determines the nadir, by truth alone, and is not borderline. ``claimed``: the method gave an
+    attitude. ``error_arcsec``: nadir error; ``sigma_arcsec``: claimed total standard deviation; ``bound_arcsec``: what
+    the limb allows; ``nees``: normalised error squared, with mean 2 for an honest claim.
     """
 
     cell: str
@@ -64,7 +55,7 @@ class Answer:
 
     @property
     def points(self) -> float:
-        """Points of the frame: -1 for a false claim, up to 1 for a right one where it is due, else 0."""
+        """Points of the frame: -1 for a false claim, up to 1 for a right claim where an answer is expected, else 0."""
         if self.is_false:
             return -1.0
         if not (self.due and self.claimed) or self.error_arcsec is None:
@@ -74,7 +65,7 @@ class Answer:
 
 
 def score_of(answers: Sequence[Answer]) -> float:
-    """Return the number that ranks: 100 times the points over the frames that are due; 0 where none is."""
+    """Return the score: 100 times the points over the number of frames that must be answered; 0 if there is none."""
     due = sum(answer.due for answer in answers)
     return 100.0 * math.fsum(answer.points for answer in answers) / due if due else 0.0
 
@@ -92,16 +83,11 @@ def sheet_of(answers: Sequence[Answer]) -> dict[str, Any]:
 
 
 def ranking(methods: Mapping[str, Sequence[Answer]]) -> list[dict[str, Any]]:
-    """Rank methods by their score, ties told.
+    """Return ``method``, ``score``, ``rank`` and ``tied`` of every method, best first; ties share the leader's rank.
 
-    A method is tied with the leader of its group if the 95 % interval of the difference of their scores, by resampling
-    frames within cells, the same frames for both, holds 0. The next group begins with the first that is not. Raises
-    ``ValueError``: the methods did not see the same frames.
-
-    Returns
-    -------
-    list of dict
-        Best first: ``method``, ``score``, ``rank`` (that of the group's leader), ``tied`` (whether others share it).
+    A method is tied with the leader of its group if the 95 % interval of the difference of their scores contains 0. The
+    interval comes from resampling frames within cells, the same frames for both. Raises ``ValueError``: the methods did
+    not see the same frames.
     """
     frames = {name: {answer.frame: answer for answer in answers} for name, answers in methods.items()}
     if len({frozenset(seen) for seen in frames.values()}) > 1:
@@ -158,12 +144,10 @@ _HEIGHT_IN, _TEXT_IN, _CELL_IN = 0.26, 3.0, 0.24
 
 
 def cells_png(ranked: Sequence[Mapping[str, Any]], sheets: Mapping[str, Any]) -> bytes:
-    """Return a PNG with a row for each method, best first, and a column for each cell.
+    """Return a PNG with a row for each method of :func:`ranking`, best first, and a column for each cell.
 
-    Colour is the cell's score, from -100 (all claims false) over 0 (silence) to 100 (the bound); cells in which no
-    frame is due are grey where the method was silent, and red where it made false claims. ``ranked``: as
-    :func:`horizonval.studies.bench.sheet.ranking` returns. ``sheets``: by method, as
-    :func:`horizonval.studies.bench.sheet.sheet_of` returns.
+    Colour is the cell's score, from -100 (all claims false) over 0 (no claims) to 100 (the bound). Cells without a
+    frame to answer are grey where the method was silent, and red where it made false claims.
     """
     from matplotlib.figure import Figure
 

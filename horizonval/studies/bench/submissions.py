@@ -1,8 +1,7 @@
-"""Frames made, submissions run on them, and all of them scored: a folder for each of the three.
+"""Render the frames of the benchmark, run submissions on them, and score all of them, in one folder.
 
-``frames`` is a run of the suite, ``entries/NAME`` what a submission answered, ``scores.json`` and ``README.md`` the
-sheets and the ranking. A submission is run as in every suite: it sees image, camera and prior in a process
-of its own, while truth and arithmetic stay with whoever asks.
+``frames`` is a run of the suite, ``entries/NAME`` holds the answers of a submission, ``scores.json`` and ``README.md``
+the sheets and the ranking. A submission runs in a separate process and sees image, camera and prior only.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ from horizonval.suites.run import run_suite
 
 TITLES: dict[Group, str] = {"frames": "Methods of one image", "heads": "Methods of several heads at once"}
 TIMES = "timings.json"
-"""Seconds of the clock for every image and submission, measured by who asks; no two runs have the same."""
+"""Wall-clock seconds of every image and submission, measured by the caller; they differ between runs."""
 
 
 def make_frames(
     out: Path, seed: int | None, frames_per_cell: int, workers: int | None, progress: Progress
 ) -> dict[str, Any]:
-    """Render the frames of a suite, or finish what is there; return what ``bench.json`` says of them.
+    """Render the frames of a suite, or resume; return the content of ``bench.json``.
 
-    Raises ``UserError``: as :func:`horizonval.suites.run.run_suite`; frames that failed.
+    Raises ``UserError``: frames that failed, or as :func:`horizonval.suites.run.run_suite`.
     """
     made: dict[str, dict[str, Any]] = {}
     for group in CELLS:
@@ -50,12 +49,12 @@ def make_frames(
             raise UserError(f"{len(done.failed)} frames failed, the first {name}: {why}", where=str(out / group))
         images = Store(out / group / "archive").index.select(Filter(kind="image"))
         made[group] = {
-            # Of one instant the bands of a camera are images of their own; the heads of a scene are looked at together.
+            # Bands are separate images; the heads of a scene are estimated together.
             "questions": len({image.scene for image in images}) if group == "heads" else len(images),
             "images": len(images),
             "images_sha256": content_digest(sorted(image.address for image in images)),
         }
-    # No seed of a sealed suite: whoever reads the folder of a competition must not draw its frames again.
+    # No seed of a sealed suite: readers of a competition's folder must not reproduce its frames.
     head = {
         "bench": 1,
         "sealed": seed is not None,
@@ -70,15 +69,15 @@ def make_frames(
 def run_submissions(
     out: Path, names: Sequence[str], limits: Limits, workers: int, progress: Progress, *, contained: bool = True
 ) -> dict[str, dict[str, str]]:
-    """Ask submissions about every frame, or finish what is there; return the frames of each that failed, and why.
+    """Run submissions on every frame, or resume; return the failed frames of each, with reasons.
 
-    ``contained``: whether the folder of frames and answers is hidden from plug-ins and programs, and the network cut.
-    Raises ``UserError``: no frames, a name that is no estimator, or one that is given the pose.
+    ``contained``: plug-ins and programs see neither the folder nor the network. Raises ``UserError``: no frames, an
+    unknown estimator, or one that receives the pose.
     """
     _head(out)
     limits = replace(limits, hidden=(out.resolve(),) if contained else ())
     for name in names:
-        # Every frame is due an answer of who is told it, so that such a method cannot be ranked.
+        # Estimators that receive the pose answer every frame, so they cannot be ranked.
         if supervisor.get(name, limits).needs == "pose":
             raise UserError(
                 f"{name} is told the pose", where="bench run", expected="a method of one image, or of several heads"
@@ -96,9 +95,9 @@ def run_submissions(
 
 
 def score_submissions(out: Path) -> dict[str, Any]:
-    """Score what was answered; write and return the content of ``scores.json``, and write the page.
+    """Score all answers; write the page and ``scores.json``, and return the content of the latter.
 
-    Raises ``UserError``: no frames, no answers, or an entry that is not finished.
+    Raises ``UserError``: no frames, no answers, or an unfinished entry.
     """
     head = _head(out)
     methods = {path.name: _answers(path) for path in sorted((out / "entries").glob("*"))}
@@ -184,7 +183,7 @@ def _head(out: Path) -> dict[str, Any]:
 
 
 def _answers(entry: Path) -> tuple[Group, list[Answer]]:
-    """Return what a submission answered, and to which group of frames."""
+    """Return the answers of a submission, and their group of frames."""
     folder = RunFolder(entry)
     head = read_json(folder.suite) or {}
     group: Group = "heads" if "heads/" in str(head.get("archive", "")) else "frames"

@@ -1,1 +1,1 @@
-"""Images to learn from, with exact truth, made again from a list of seeds alone."""
+"""Training images with exact truth, reproducible from a list of seeds."""

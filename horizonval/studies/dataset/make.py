@@ -1,4 +1,4 @@
-"""A data set made, or finished: the list of seeds, its shards, and an index of them."""
+"""Make a data set or resume: the list of seeds, its shards, and an index."""
 
 from __future__ import annotations
 
@@ -36,12 +36,11 @@ INDEX_NAME = "dataset.json"
 
 
 def make_dataset(seeds: SeedList, out: Path, execution: Execution, progress: Progress) -> dict[str, Any]:
-    """Make a data set from its list, or finish what is there; return what ``dataset.json`` says.
+    """Make a data set from its list, or resume; return the content of ``dataset.json``.
 
     The folder gets ``seeds.json``, the shards, ``dataset.json`` with their digests, ``state`` with a record of every
-    shard, and ``suite`` with the texts of the list. Where only a shard of the work is done (``execution.shard``), the
-    index is left to who does the rest. ``out``: made if need be. Raises ``UserError``: a mistake in the suite, another
-    data set in the folder, a library that is missing, or frames that failed.
+    shard, and ``suite`` with the texts of the list. With ``execution.shard`` no index is written. Raises ``UserError``:
+    a mistake in the suite, another data set in the folder, a missing library, or failed frames.
     """
     refuse_missing_library(seeds.format)
     try:
@@ -73,7 +72,7 @@ def make_dataset(seeds: SeedList, out: Path, execution: Execution, progress: Pro
 
 
 def _claim(seeds: SeedList, out: Path) -> None:
-    """Write down whose folder this is; refuse if it is another data set's."""
+    """Record the data set of this folder; refuse a folder of another one."""
     path = out / LIST_NAME
     before = read_json(path, bound=False, fix="choose another --out, or delete this folder")
     if before is not None and {**before, "code": ""} != {**asdict(seeds), "code": ""}:
@@ -88,8 +87,8 @@ def _claim(seeds: SeedList, out: Path) -> None:
 
 
 def _drawing(seeds: SeedList, suite: Suite) -> Drawing:
-    # The code that runs counts, not the one that made the list.
-    # A list that was read has its keys in another order than the one that was made.
+    # The running code counts, not that of the list.
+    # Keys of a list from a file have another order than those of a new list.
     listed = json.dumps({**asdict(seeds), "code": ""}, sort_keys=True)
     digest = content_digest(listed, code_digest(*CODE))
     return Drawing(digest, seeds.seed, seeds.spec, seeds.format, suite.source)

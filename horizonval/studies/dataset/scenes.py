@@ -1,9 +1,8 @@
-"""Which frames a data set has: the scenes of a suite, how the camera turns in each, and who learns from which.
+"""Frames of a data set: the scenes of a suite, the attitudes of each, and its split.
 
-The list of seeds is all that a data set is made of, in a few kilobytes. It holds the suite's text and those of the
-user's own cameras, the root seed, how many frames there are and how they are cut into shards. Everything else follows:
-the same list and version make the same bytes. A data set is always made from its list, also the first time, so that
-what the list cannot hold is noticed at once and not by whoever has it alone.
+The list of seeds holds the texts of the suite and of the user's cameras, the root seed, and the numbers of frames and
+shards. The same list and version make the same bytes. Every data set is made from its list, also the first time, so
+that something missing from the list is noticed at once.
 """
 
 from __future__ import annotations
@@ -38,14 +37,7 @@ SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 
 @dataclass(frozen=True)
 class LearningScene:
-    """A scene with its frames.
-
-    Attributes
-    ----------
-    number : int
-        Place among the scenes of the data set.
-    split : {"train", "validation", "test"}
-    """
+    """A scene of a data set, its position ``number`` among the scenes, and its split."""
 
     number: int
     case: Case
@@ -55,7 +47,7 @@ class LearningScene:
 
 @dataclass(frozen=True)
 class FramesOfScene:
-    """Some frames of a scene, from ``first`` to before ``last``; the frame ``first`` is ``number`` of the data set."""
+    """Frames ``first`` to before ``last`` of a scene; the frame ``first`` is ``number`` of the data set."""
 
     scene: LearningScene
     first: int
@@ -64,10 +56,10 @@ class FramesOfScene:
 
 
 def scenes_of(suite: Suite, spec: DatasetSpec, frames: int, seed: int) -> list[LearningScene]:
-    """Return the scenes of a data set, all frames divided among them.
+    """Return the scenes of a data set with all frames divided among them.
 
-    Scenes that share place, instant and air, seen by other heads or at other attitudes, are of one split. Raises
-    ``UserError``: Images of several sizes or numbers of bands, which no array holds.
+    Scenes with the same position, instant and air, with other heads or attitudes, are in one split. Raises
+    ``UserError``: images of different sizes or numbers of bands.
     """
     cases = suite.cases[:frames]
     shapes = {(len(case.camera.band), case.camera.camera.height, case.camera.camera.width): case for case in cases}
@@ -90,7 +82,7 @@ def scenes_of(suite: Suite, spec: DatasetSpec, frames: int, seed: int) -> list[L
 
 
 def shards_of(scenes: Sequence[LearningScene], size: int) -> dict[str, list[FramesOfScene]]:
-    """Return the frames of every shard by its name: those of a split in the scenes' order, ``size`` at a time."""
+    """Return the frames of every shard by name: those of a split in the scenes' order, ``size`` at a time."""
     shards: dict[str, list[FramesOfScene]] = {}
     number = 0
     counts = dict.fromkeys(SPLITS, 0)
@@ -108,9 +100,9 @@ def shards_of(scenes: Sequence[LearningScene], size: int) -> dict[str, list[Fram
 
 
 def turned_scenes(scene: LearningScene, spec: DatasetSpec, seed: int, where: str) -> list[SceneSpec]:
-    """Return a scene once for every frame, each with an attitude of its own.
+    """Return a scene once for every frame, each with its attitude.
 
-    Raises ``UserError``: a key that is none of the attitude or the mounting, or a range that is none.
+    Raises ``UserError``: a key that is not of attitude or mounting, or an invalid range.
     """
     of_scene = scene.case.scene
     if not spec.attitudes:
@@ -124,7 +116,7 @@ def turned_scenes(scene: LearningScene, spec: DatasetSpec, seed: int, where: str
 
 
 def refuse_wrong_attitudes(scenes: Iterable[LearningScene], spec: DatasetSpec, seed: int, where: str) -> None:
-    """Draw the attitudes of the first scene, so that a mistake in their ranges is told before anything is rendered."""
+    """Sample the attitudes of the first scene, so that a mistake in their ranges is found before rendering."""
     for scene in scenes:
         turned_scenes(scene, spec, seed, where)
         return
@@ -140,9 +132,8 @@ def _turned(scene: SceneSpec, drawn: JsonObject, where: str) -> SceneSpec:
 
 
 def _split(place: int, parts: Sequence[int], seed: int) -> Split:
-    """Return the split of the scene at a place: of every block of scenes each split has its parts, in a drawn order.
-
-    So every prefix of the scenes, and every table of a suite, is divided nearly as asked.
+    """Return the split of a scene: each block of scenes has every split's parts in random order, so any prefix is
+    balanced.
     """
     block, inside = divmod(place, sum(parts))
     names = [name for name, count in zip(SPLITS, parts, strict=True) for _ in range(count)]
@@ -159,7 +150,7 @@ LIST_SCHEMA = 1
 LIST_NAME = "seeds.json"
 FORMATS = ("webdataset", "hdf5", "zarr")
 CODE = ("horizonval.studies",)
-"""The room that makes the bytes of a data set, in addition to those that make rows."""
+"""Package that makes the bytes of a data set, in addition to those that make rows."""
 MOST_FRAMES = 10_000_000
 
 
@@ -167,23 +158,10 @@ MOST_FRAMES = 10_000_000
 class SeedList:
     """A list of seeds.
 
-    Attributes
-    ----------
-    suite : str
-        Name of the suite's file, without its ending.
-    suite_sha256 : str
-        Of the scenes that the suite draws.
-    seed : int
-        The root of all that is drawn.
-    scenes : int or None
-        Number that a suite is asked for which draws shares of a number.
-    format : {"webdataset", "hdf5", "zarr"}
-    dataset : dict
-        The suite's table ``[dataset]`` with its defaults: frames of a scene, ranges of attitudes, split.
-    texts : dict
-        The suite's text and those of cameras that are not shipped, by their paths.
-    version, code : str
-        Of this package when the list was made.
+    ``suite``: name of the suite's file without suffix; ``suite_sha256``: digest of its scenes. ``seed``: root seed.
+    ``scenes``: number of scenes for a suite that draws shares of a number. ``dataset``: the table ``[dataset]`` with
+    its defaults. ``texts``: the suite and all cameras that are not shipped, by path. ``version``, ``code``: of this
+    package when the list was made.
     """
 
     suite: str
@@ -206,7 +184,7 @@ class SeedList:
 
     @property
     def is_of_this_code(self) -> bool:
-        """Whether the list was made by the code that runs."""
+        """Whether the running code made the list."""
         return self.code == code_digest(*CODE)
 
     def write(self, path: Path) -> None:
@@ -217,20 +195,10 @@ class SeedList:
 def list_of(
     suite: str | Path, frames: int | None, seed: int | None, shard_size: int, format_name: str
 ) -> tuple[SeedList, Suite]:
-    """Return the list of a new data set, and its suite.
+    """Return the list of a new data set, and its suite (a file or shipped name).
 
-    Raises ``UserError``: a mistake in the suite, or numbers that do not go with it.
-
-    Parameters
-    ----------
-    suite : str or Path
-        A suite file, or a shipped name.
-    frames : int, optional
-        As many as the suite's scenes make by default.
-    seed : int, optional
-        In place of the suite's.
-    shard_size : int
-        Frames of a shard.
+    ``frames`` and ``seed`` replace the suite's numbers; ``shard_size`` is in frames. Raises ``UserError``: a mistake in
+    the suite, or numbers that do not match it.
     """
     if format_name not in FORMATS:
         raise UserError(f"found {format_name!r}", where="--format", expected=" or ".join(FORMATS))
@@ -264,7 +232,7 @@ def list_of(
         shard_size=shard_size,
         scenes=scenes,
         format=format_name,
-        # Sorted, as it comes back from the file: the order of ranges decides which is drawn from which coordinate.
+        # Sorted as in the file: the order of ranges assigns them to coordinates.
         dataset=json.loads(json.dumps(spec.model_dump(mode="json"), sort_keys=True)),
         texts=texts,
     )
@@ -272,7 +240,7 @@ def list_of(
 
 
 def read_list(path: Path) -> SeedList:
-    """Read a list. Raises ``UserError``: there is none, it is damaged, or one of another version of this package."""
+    """Read a list. Raises ``UserError``: missing, damaged, or of another version of this package."""
     data = read_json(path, bound=False, fix="take it from the data set again")
     if data is None:
         raise UserError("no such file", where=str(path), expected=f"a list of seeds ({LIST_NAME})")
@@ -289,9 +257,9 @@ def read_list(path: Path) -> SeedList:
 
 
 def suite_from(seeds: SeedList, folder: Path) -> Suite:
-    """Write a list's texts below a folder and return the suite that they make.
+    """Write a list's texts below a folder and return their suite.
 
-    Raises ``UserError``: the suite needs a file that the list does not hold, or draws other scenes than it did.
+    Raises ``UserError``: the list lacks a file of the suite, or the suite draws other scenes than recorded.
     """
     for name, text in seeds.texts.items():
         inside = PurePosixPath(name)
@@ -311,7 +279,7 @@ def suite_from(seeds: SeedList, folder: Path) -> Suite:
 
 
 def _cameras(suite: Suite, path: Path) -> dict[str, str]:
-    """Return the texts of cameras that are the user's own, by their paths from the suite's folder."""
+    """Return the texts of cameras that are not shipped, by path relative to the suite's folder."""
     texts = {}
     for name in sorted({case.scene.camera.file for case in suite.cases}):
         place = find("camera", name, beside=path.parent)

@@ -1,10 +1,8 @@
-"""Shards of a data set: work for the engine, files of three kinds, and the numbers of each image.
+"""Shards of a data set: work for the engine, three file formats, and the numbers stored with each image.
 
-A shard is a file, whole or not at all, with a record of its digest. Each kind is readable by its own library; equal
-content gives equal bytes. Nothing is compressed: bytes would depend on the version of a compressor, and the noise of a
-detector hardly shrinks. No file holds the time when it was written.
-
-Every image has its truth, and what a sensor knows of its camera, as numbers of fixed shapes.
+A shard is a file with a record of its digest. Equal content gives equal bytes: no file holds its time of writing, and
+none is compressed, since the bytes would depend on the compressor's version. Every image has its truth, and the
+sensor's knowledge of its camera, as arrays of fixed shapes.
 """
 
 from __future__ import annotations
@@ -51,18 +49,14 @@ COLUMNS: dict[str, str] = {
     "scene": "number of the scene",
     "frame": "number of the frame in the data set",
 }
-"""By name what they are; ``image`` stands beside them: digital numbers, shape (bands, height, width)."""
+"""Meaning of each column; ``image`` is separate: digital numbers, shape (bands, height, width)."""
 
 
 @dataclass(frozen=True)
 class ShardContent:
-    """Frames in their order.
+    """Frames in order: ``images`` uint16, shape (n, bands, height, width), and the :data:`COLUMNS`, first axis n.
 
-    Attributes
-    ----------
-    images : ndarray, shape (n, bands, height, width), uint16
-    columns : dict of ndarray
-        By the names of :data:`COLUMNS`, first axis n; float64, whole numbers int64.
+    Columns are float64, integers int64.
     """
 
     images: NDArray[np.uint16]
@@ -70,7 +64,6 @@ class ShardContent:
 
 
 def row_of(truth: FrameTruth, full_scale: int, scene: int, frame: int) -> dict[str, Any]:
-    """Return the columns of one frame."""
     camera = truth.camera_model
     distortion = [float(k) for k in camera.distortion][:5]
     return {
@@ -93,7 +86,6 @@ def row_of(truth: FrameTruth, full_scale: int, scene: int, frame: int) -> dict[s
 
 
 def content_of(images: Sequence[NDArray[np.uint16]], rows: Sequence[Mapping[str, Any]]) -> ShardContent:
-    """Return frames as arrays."""
     return ShardContent(np.stack(images), {name: np.array([row[name] for row in rows]) for name in COLUMNS})
 
 
@@ -114,7 +106,7 @@ def refuse_missing_library(format_name: str) -> None:
 
 
 def write_shard(path: Path, content: ShardContent, format_name: str) -> None:
-    """Write frames into a file of a format; what is there is replaced."""
+    """Write frames into a file of a format, replacing it."""
     _WRITERS[format_name](path, content)
 
 
@@ -137,10 +129,10 @@ def _add(tar: tarfile.TarFile, name: str, data: bytes) -> None:
 
 
 def _write_hdf5(path: Path, content: ShardContent) -> None:
-    """One array ``image`` and one of every column, each with what it is as the attribute ``text``."""
+    """One array ``image`` and one of every column, each with its meaning as the attribute ``text``."""
     import h5py
 
-    # A narrow range of versions keeps the layout of the file the same whatever library comes next.
+    # A narrow range of versions fixes the file's layout for future libraries.
     with h5py.File(path, "w", libver=("earliest", "v110")) as file:
         for name, values in _arrays(content).items():
             array = file.create_dataset(name, data=values, track_times=False)
@@ -177,23 +169,21 @@ _WRITERS: dict[str, Callable[[Path, ShardContent], None]] = {
 
 @dataclass(frozen=True)
 class Shard:
-    """Frames that go into one file."""
+    """Frames of one file."""
 
     name: str
     parts: tuple[FramesOfScene, ...]
 
     @property
     def frames(self) -> int:
-        """Their number."""
         return sum(part.last - part.first for part in self.parts)
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What the frames of all shards are drawn from.
+    """Source of the frames of all shards.
 
-    ``digest``: of the list of seeds and of the code: what every shard depends on beside its name. ``source``: the
-    suite's file, for errors.
+    ``digest``: of the list of seeds and of the code. ``source``: the suite's file, for errors.
     """
 
     digest: str
@@ -204,27 +194,24 @@ class Drawing:
 
 
 class ShardWork(Recorded[Shard]):
-    """Shards of a data set, into its folder; records lie in ``state``."""
+    """Shards of a data set; records are in ``state``."""
 
     def __init__(self, drawing: Drawing, root: Path) -> None:
         self._drawing, self._root = drawing, root
         self.folder: Path | None = root
 
     def name(self, item: Shard) -> str:
-        """Return the shard's name."""
         return item.name
 
     def group(self, item: Shard) -> str:
-        """Return whose tables of light the first frames of a shard share: those of the shard before, perhaps."""
+        """Return the key of shards whose first frames may share view tables."""
         case = item.parts[0].scene.case
         return shared_view(case.scene, case.camera)
 
     def path(self, item: Shard) -> Path:
-        """Return the file of a shard's record."""
         return self._root / "state" / f"{item.name}.json"
 
     def identity(self, item: Shard) -> str:
-        """Return the digest of everything that a shard depends on."""
         return content_digest(self._drawing.digest, item.name)
 
     def file(self, item: Shard) -> Path:
@@ -232,7 +219,7 @@ class ShardWork(Recorded[Shard]):
         return self._root / f"{item.name}{SUFFIXES[self._drawing.format]}"
 
     def finished(self, item: Shard) -> Record | None:
-        """Return the record of a shard whose file is there and undamaged."""
+        """Return the record of a shard whose file is undamaged."""
         record, path = super().finished(item), self.file(item)
         if record is None or files.kind_at(path) != "a file" or files.sha256_of(path) != record["sha256"]:
             return None
@@ -244,7 +231,7 @@ class ShardWork(Recorded[Shard]):
         return {f"{item.name}/{i}": error for i in range(item.frames)}
 
     def record(self, item: Shard, watch: Stopwatch) -> Record:
-        """Render, observe and write the frames of a shard; return what its record says."""
+        """Render, observe and write the frames of a shard; return its record."""
         # Only a process that renders loads the renderer.
         from horizonval.renderer.frame import render_in_turn
 
@@ -271,5 +258,4 @@ class ShardWork(Recorded[Shard]):
         }
 
     def lost(self, item: Shard, why: str) -> Done[Any]:
-        """Return why there is no shard."""
         return Done(None, why)

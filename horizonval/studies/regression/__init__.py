@@ -1,8 +1,6 @@
-"""Nightly accuracy regression: three lanes, gates with declared margins, a verdict.
+"""Nightly accuracy regression: three lanes, gates with margins declared in the suite's file, a verdict.
 
-* *replay*: the accepted baseline's frozen detector images through the estimators of today.
-* *re-render*: the baseline's scenes and noise seeds again, compared by hash, then by region of the image.
-* *fresh*: scenes nobody has seen, drawn anew every night.
-
-The margins are declared in the suite's file (:mod:`horizonval.spec.suite`), nowhere else.
+* *replay*: today's estimators on the frozen detector images of the accepted baseline.
+* *re-render*: the baseline's scenes and noise seeds again, compared by digest, then by region of the image.
+* *fresh*: new scenes every night.
 """

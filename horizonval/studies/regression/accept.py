@@ -1,4 +1,4 @@
-"""Accept a night as the baseline: never automatic, always with a reason, and with the table of what changes by it."""
+"""Accept a night as the baseline: never automatic, always with a reason and a table of the changes."""
 
 from __future__ import annotations
 
@@ -33,20 +33,11 @@ MOST_REASONS = 50
 
 
 def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> list[Path]:
-    """Make a night's results the accepted baseline and return the files written.
+    """Make the results of a night the accepted baseline, and with ``release`` the last release's; return the written
+    files.
 
-    Raises ``UserError``: no reason worth the name; a night without all its lanes, or with failed units.
-
-    Parameters
-    ----------
-    run : Path
-        Folder of a night.
-    baseline : Path
-        The JSON file; its images and its table of differences lie beside it.
-    reason : str
-        Why the results are right; kept with the baseline.
-    release : bool
-        Make it the last release's, too.
+    ``run``: folder of the night. ``baseline``: JSON file, with images and table of differences in the same folder.
+    ``reason``: stored with the baseline. Raises ``UserError``: no proper reason; missing lanes or failed units.
     """
     if len(reason.split()) < 2 or len(reason.strip()) < SHORTEST_REASON:
         raise UserError(f"found {reason!r}", where="--reason", expected="a sentence that a reviewer can judge")
@@ -94,7 +85,7 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
 def difference_table(
     before: Baseline | None, now: GateInputs, scenes: Mapping[str, Any], head: Mapping[str, Any]
 ) -> str:
-    """Return what changes with a new baseline as Markdown."""
+    """Return the changes by a new baseline as Markdown."""
     lines = [
         f"# Accepted baseline of suite {head['suite']}",
         "",

@@ -1,14 +1,13 @@
-"""The accepted baseline: what a night is compared with, small enough to lie beside the code.
+"""The accepted baseline of the nightly comparison, small enough for the repository.
 
-``NAME.json`` holds rows, digests, what each scene is like, where it came from and why it was accepted; ``NAME.npz`` the
-frozen images; ``NAME.md`` the table of differences, for the one who reviews the change. ``NAME.release.json`` and
-``NAME.release.npz`` are the same of the last release, without detector images: drift of one percent a night passes
-every comparison with yesterday. A baseline is never changed but by ``horizonval baseline accept``, with a reason.
+``NAME.json`` holds rows, digests, properties of the scenes, provenance and reason; ``NAME.npz`` the frozen images;
+``NAME.md`` the table of differences for review. ``NAME.release.json`` and ``NAME.release.npz`` are the same of the last
+release, without detector images: they show slow drift. Only ``horizonval baseline accept`` changes a baseline.
 
-The file of frozen images is a NumPy archive with LZMA instead of deflate. Detector numbers are stored bit by bit, high
-and low bytes apart, because noise fills the low ones only: 6 kB for an image of 112 x 112 pixels. Frames are stored as
-the square root of their radiance in 12 bits, 0.05 % of the brightest pixel and finer below: enough to say where and by
-how much a new frame differs, while their digests say whether it differs at all. Equal content gives equal bytes.
+The images are a NumPy archive with LZMA instead of deflate. High and low bytes of detector numbers are stored apart,
+because noise fills the low ones only. Frames are stored as the square root of their radiance in 12 bits, 0.05 % of the
+brightest pixel and finer below: enough to locate a difference, which their digests detect exactly. Equal content gives
+equal bytes.
 """
 
 from __future__ import annotations
@@ -41,8 +40,7 @@ CODES = 4095
 class FrozenImage:
     """A detector image, shape (H, W), uint16.
 
-    ``replicate`` is the seed of its noise; ``radiance_per_dn`` [W m-2 sr-1] the calibration of its detector, which an
-    estimator is given beside the pixels, None where there is none.
+    ``replicate``: seed of its noise. ``radiance_per_dn`` [W m-2 sr-1]: calibration given to estimators, or None.
     """
 
     scene: str
@@ -71,7 +69,7 @@ class FrozenFrame:
 
 @dataclass(frozen=True)
 class Pack:
-    """``truths``: by scene, the plain truth without infrared horizon, which scoring again does not need."""
+    """``truths``: by scene, plain, without the infrared horizon, which rescoring does not need."""
 
     images: tuple[FrozenImage, ...] = ()
     frames: tuple[FrozenFrame, ...] = ()
@@ -98,7 +96,7 @@ def write_pack(path: Path, pack: Pack) -> None:
         scales = [float(pack.frames[i].radiance.max(initial=0.0)) for i in group]
         codes = np.stack([_encode(pack.frames[i].radiance, s) for i, s in zip(group, scales, strict=True)])
         name = f"frame_{shape}"
-        # Neighbours are alike: their differences, modulo 2^16, compress to a third.
+        # Neighbouring pixels are correlated: their differences, modulo 2^16, compress to a third.
         arrays[f"{name}_high"], arrays[f"{name}_low"] = _planes(np.diff(codes, axis=2, prepend=np.uint16(0)))
         arrays[f"{name}_regions"] = np.stack([pack.frames[i].regions for i in group])
         frames += [(i, name, k, s) for (k, i), s in zip(enumerate(group), scales, strict=True)]
@@ -130,7 +128,7 @@ def write_pack(path: Path, pack: Pack) -> None:
 def read_pack(path: Path) -> Pack:
     """Read a pack and check every image against its digest.
 
-    Raises ``UserError``: there is no such file. Raises ``DamagedFileError``: it is not what was written.
+    Raises ``UserError``: no such file. Raises ``DamagedFileError``: the content was changed.
     """
     if not path.is_file():
         raise UserError("no such file", where=str(path), expected="the frozen images of a baseline")
@@ -188,8 +186,8 @@ def _decode(codes: NDArray[np.uint16], scale: float) -> NDArray[np.float64]:
 class Baseline:
     """A baseline in memory; ``pack`` is the file of its images.
 
-    ``together`` describes scenes with rows of methods that see all heads, by the scene's name: ``heads`` (name and
-    scene of every head, in their order), ``table``, ``bands``.
+    ``together`` describes scenes with rows of methods that see all heads, by scene: ``heads`` (name and scene of every
+    head, in order), ``table``, ``bands``.
     """
 
     path: Path
@@ -201,7 +199,7 @@ class Baseline:
 
     @property
     def label(self) -> str:
-        """The night and version it was made by."""
+        """Night and version of its creation."""
         return f"{self.head['night']} ({self.head['version']})"
 
     @property
@@ -211,12 +209,12 @@ class Baseline:
 
 
 def pack_path(path: Path) -> Path:
-    """Return the file of images that belongs to a baseline's JSON file."""
+    """Return the image file of a baseline's JSON file."""
     return path.with_suffix(".npz")
 
 
 def release_path(path: Path) -> Path:
-    """Return the last release's file beside an accepted baseline's."""
+    """Return the last release's file for an accepted baseline's."""
     return path.with_name(f"{path.stem}.release.json")
 
 
@@ -256,7 +254,7 @@ def write_baseline(
     pack: Pack,
     together: Mapping[str, Any],
 ) -> None:
-    """Write a baseline's two files, the one that names the other last."""
+    """Write a baseline's two files, the JSON last, because it names the other."""
     path.parent.mkdir(parents=True, exist_ok=True)
     images = pack_path(path)
     write_pack(images, pack)

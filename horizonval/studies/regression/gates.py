@@ -24,26 +24,19 @@ from horizonval.studies.regression.statistics import (
 
 PERCENT = 100.0
 ANGLE_LIMIT_ARCSEC = 1e-6 * 3600
-"""Angles that differ by less than 1e-6 deg are the same: ten times the rounding of the stored ones."""
+"""Angles that differ by less than 1e-6 deg count as equal: ten times the rounding of stored ones."""
 MOST_NAMED = 12
-"""Scenes of a gate that are named; ``n_scenes`` counts all that changed."""
+"""Scenes of a gate that are named; ``n_scenes`` counts all changed ones."""
 
 
 @dataclass(frozen=True)
 class GateInputs:
-    """What gates look at.
+    """Inputs of the gates.
 
-    Attributes
-    ----------
-    rows : sequence
-        Of :class:`horizonval.studies.regression.row.ReplicateRow`.
-    images : mapping
-        By (scene, band): ``{table, limb_radiance, disc_radiance, limb_displacement, noise, ...}``, this set's images
-        against the base's; None where a metric does not apply. Empty for a base.
-    fresh : sequence
-        Rows of the fresh lane.
-    fresh_night : str
-        The night whose fresh scenes these are; two sets of the same night are paired.
+    ``rows``: :class:`horizonval.studies.regression.row.ReplicateRow`. ``images``: by (scene, band) ``{table,
+    limb_radiance, disc_radiance, limb_displacement, noise, ...}``, this set against the base; None where a metric does
+    not apply; empty for a base. ``fresh``: rows of the fresh lane. ``fresh_night``: night of the fresh scenes; sets of
+    the same night are paired.
     """
 
     rows: Sequence[ReplicateRow] = ()
@@ -54,7 +47,7 @@ class GateInputs:
 
 @dataclass(frozen=True)
 class Measured:
-    """A gate's estimate in its unit, None with too little to say; and the scenes that weigh most in it."""
+    """A gate's estimate in its unit, None with too few data; and the scenes with the largest weight."""
 
     gate: GateSpec
     estimate: Estimate | None
@@ -63,13 +56,13 @@ class Measured:
 
 
 def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
-    """Return what a gate finds between two sets of results."""
+    """Return a gate's estimate of the difference between two sets of results."""
     if gate.metric in IMAGE_METRICS:
         return _images(gate, now)
     if gate.lane == "fresh":
         mine, theirs = _chosen(gate, now.fresh), _chosen(gate, base.fresh)
         if now.fresh_night != base.fresh_night or not now.fresh_night:
-            # A method that only one of them has would be taken for a change of all.
+            # A method in only one of them would look like a change of all.
             both = {row.estimator for row in mine} & {row.estimator for row in theirs}
             mine, theirs = ([row for row in rows if row.estimator in both] for rows in (mine, theirs))
             return Measured(gate, _independent(gate, mine, theirs), (), paired=False)
@@ -79,13 +72,13 @@ def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
 
 
 def pairs_of(now: Iterable[ReplicateRow], base: Iterable[ReplicateRow]) -> list[tuple[ReplicateRow, ReplicateRow]]:
-    """Return (now, base) of every scene, band, replicate and estimator that both have."""
+    """Return (now, base) of every common scene, band, replicate and estimator."""
     before = {row.key: row for row in base}
     return [(row, before[row.key]) for row in now if row.key in before]
 
 
 def changed(pairs: Iterable[tuple[ReplicateRow, ReplicateRow]]) -> list[dict[str, Any]]:
-    """Return every change of a status, and of an angle beyond :data:`ANGLE_LIMIT_ARCSEC`, with what it was and is.
+    """Return all pairs with another status or an angle beyond :data:`ANGLE_LIMIT_ARCSEC`.
 
     Changed statuses come first, then the largest changes of the nadir error.
     """
@@ -181,7 +174,7 @@ def _images(gate: GateSpec, now: GateInputs) -> Measured:
 
 
 def _weightiest(values: Sequence[tuple[float, str]]) -> tuple[str, ...]:
-    """Return the scenes whose values add up to the largest changes, those for the worse first; unchanged ones never."""
+    """Return the scenes with the largest changes, worse first, without unchanged ones."""
     sums: dict[str, float] = {}
     for value, scene in values:
         sums[scene] = sums.get(scene, 0.0) + value
@@ -200,9 +193,9 @@ def _scaled(estimate: Estimate | None) -> Estimate | None:
 
 
 def judge(measured: Sequence[tuple[str, Measured]], looks: int = 1) -> list[dict[str, Any]]:
-    """Return every gate with its verdict as plain data; p-values are adjusted over all of them together.
+    """Return every gate with its verdict as plain data; p-values are adjusted over all gates together.
 
-    ``measured``: what each was compared with (``accepted``, ``release``), and what was found. ``looks``: see
+    ``measured``: base (``accepted``, ``release``) and estimates. ``looks``: as for
     :func:`horizonval.studies.regression.statistics.decide`.
     """
     decided = decide(
@@ -233,14 +226,14 @@ def judge(measured: Sequence[tuple[str, Measured]], looks: int = 1) -> list[dict
 
 
 def figure(value: float | None, digits: int = 3) -> str:
-    """Return a number with so many digits; an en dash for none."""
+    """Return a number with the given digits; an en dash for None."""
     if value is None:
         return "–"
     return f"{value:.{digits}g}" if abs(value) < 999.5 else f"{value:.0f}"
 
 
 def gate_sentence(gate: Mapping[str, Any]) -> str:
-    """Return what a gate found and what it allows."""
+    """Return a gate's estimate and margin in words."""
     estimate, unit = gate["estimate"], gate["unit"]
     if estimate is None:
         return f"too few scenes to say anything about {gate['metric']} (margin {figure(gate['margin'])} {unit})"
@@ -257,6 +250,6 @@ def gate_sentence(gate: Mapping[str, Any]) -> str:
 
 
 def scenes(gate: Mapping[str, Any]) -> str:
-    """Return the scenes that weigh most, and how many more there are."""
+    """Return the scenes with the largest weight, and the number of others."""
     more = gate["n_scenes"] - len(gate["scenes"])
     return ", ".join(gate["scenes"]) + (f" and {more} more" if more > 0 else "")

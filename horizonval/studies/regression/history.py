@@ -1,13 +1,13 @@
-"""The nights before: one line each, and where their figures step.
+"""Earlier nights, one line each, and the steps of their figures.
 
-The steps of a series are the ends of the pieces of the piecewise constant that explains it best. The Potts functional
+Steps are the boundaries between the pieces of the best piecewise constant fit. The Potts functional
 
     sum over pieces of sum |y - median of the piece|  +  gamma * (number of pieces - 1)
 
-is minimised exactly by dynamic programming over where the last piece begins (F. Friedrich et al., J. Comput. Graph.
-Statist. 17, 201, 2008); medians, so that a single bad night is no step. The number of pieces is that of the smallest
-Bayesian information criterion under Laplace noise, ``2 n ln(cost / n) + k ln n``, with k = 3 for each further piece
-(its level, its position, and one more, because the position is searched for among n).
+is minimised exactly by dynamic programming (F. Friedrich et al., J. Comput. Graph. Statist. 17, 201, 2008). With
+medians a single bad night is not a step. The number of pieces minimises the Bayesian information criterion under
+Laplace noise, ``2 n ln(cost / n) + k ln n``, with k = 3 for each further piece: level, position, and one more for the
+search of the position.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from horizonval.core.json_types import JsonObject
 
 FILE = "history.jsonl"
 NIGHTS = 60
-"""Shown and searched for steps: a release cycle."""
+"""Nights on the page and in the search for steps: a release cycle."""
 MAX_FILE_BYTES = 1024**3
-"""Of a history; a night is a line of some 50 kB."""
+"""Maximum size of a history; a night is a line of some 50 kB."""
 FEWEST = 4
 """Minimum length of a piece [nights]: shorter steps cannot be distinguished from noise."""
 PARAMETERS_PER_PIECE = 3
 
 
 def append(path: Path, verdict: Mapping[str, Any]) -> None:
-    """Add a night; one of the same label is replaced, because it was done again."""
+    """Add a night; a repeated one replaces that of the same label."""
     line = {
         "night": verdict["night"],
         "version": verdict["environment"]["version"],
@@ -56,7 +56,7 @@ def append(path: Path, verdict: Mapping[str, Any]) -> None:
 
 
 def read(path: Path, most: int | None = NIGHTS) -> list[JsonObject]:
-    """Return the last nights in the order of their labels; a line that is none (a torn write) is left out."""
+    """Read the last nights in the order of their labels, ignoring invalid lines (a torn write)."""
     try:
         data = files.read_bytes(path, largest=MAX_FILE_BYTES, expected="a history of nights")
     except files.MissingFileError:
@@ -74,7 +74,7 @@ def read(path: Path, most: int | None = NIGHTS) -> list[JsonObject]:
 
 
 def series(nights: Sequence[Mapping[str, Any]]) -> dict[str, JsonObject]:
-    """Return every figure's values by its name: ``{unit, nights, values, n}``; nights without it are left out."""
+    """Return ``{unit, nights, values, n}`` by figure; nights without it are left out."""
     found: dict[str, JsonObject] = {}
     for line in nights:
         for name, level in line["levels"].items():
@@ -113,10 +113,7 @@ class Piece:
 
 
 def pieces(values: Sequence[float], fewest: int = FEWEST) -> list[Piece]:
-    """Return the pieces of a series in its order; a single one where there is no step.
-
-    ``values``: finite. ``fewest``: shortest piece.
-    """
+    """Return the pieces of a series of finite values in order, each of at least ``fewest`` values."""
     y = np.asarray(values, dtype=np.float64)
     n = len(y)
     if n == 0:

@@ -1,13 +1,13 @@
-"""Two images of one scene, compared where it matters: on the limb, on the disc, in space.
+"""Comparison of two images of one scene on the limb, on the disc, and in space.
 
-Digests come first; only where they differ are the regions compared. The regions follow from the truth maps. In each of
-them the bias of the mean is taken. On the limb the difference is also split, in blocks along it, into a gain and a
-displacement along the gradient:
+Only images with different digests are compared by region; the truth maps define the regions. Each region gives the bias
+of the mean. On the limb the difference is also split, in blocks along it, into a gain and a displacement along the
+gradient:
 
     L_now - L_base = a L_base - s |grad L_base|
 
-by least squares for ``a`` and ``s``, so that a brighter limb is not mistaken for a moved one. First order in ``s``:
-half a pixel is found to a fifth of it, several pixels only as "far off".
+by least squares for ``a`` and ``s``, so that a brighter limb is not mistaken for a moved one. This is first order in
+``s``: half a pixel is found to a fifth of it, several pixels only as "far off".
 """
 
 from __future__ import annotations
@@ -23,19 +23,16 @@ from horizonval.studies.regression.baseline import FrozenFrame
 
 ELSEWHERE, SPACE, LIMB, DISC = range(4)
 LIMB_PX = 3.0
-"""Half width of the limb region: light is spread over two pixels, and an edge that moves by one must stay inside."""
+"""Half width of the limb region: blur covers two pixels, and an edge that moves by one must stay inside."""
 LEAST_LIMB_M = 60e3
-"""The same in height: the air that is seen ends below 60 km."""
+"""The same in height: visible air ends below 60 km."""
 BLOCK_PX = 16
 FEWEST_PX = 12
 PERCENT = 100.0
 
 
 def regions_of(hit: NDArray[np.floating], tangent_height_m: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Return the region of every pixel, shape (H, W), from the truth maps ``hit`` and ``tangent_height``.
-
-    The Sun, the Moon, and clouds belong to none beyond the limb.
-    """
+    """Return the region of every pixel, shape (H, W); Sun, Moon and clouds beyond the limb belong to none."""
     height = np.asarray(tangent_height_m, dtype=np.float64)
     finite = np.isfinite(height)
     filled = np.where(finite, height, 0.0)
@@ -51,7 +48,7 @@ def regions_of(hit: NDArray[np.floating], tangent_height_m: NDArray[np.floating]
 
 
 def slopes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the slope per pixel down and across, shape (H, W); none across what is one pixel wide: a linear array."""
+    """Return the slope per pixel down and across, shape (H, W); zero across a linear array."""
     down, across = (
         np.gradient(values, axis=axis) if values.shape[axis] > 1 else np.zeros_like(values) for axis in (0, 1)
     )
@@ -59,7 +56,7 @@ def slopes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def bias(base: FloatArray, now: FloatArray, region: NDArray[np.bool_]) -> float | None:
-    """Return (mean now / mean base) - 1 over a region; None where there is no light to compare with."""
+    """Return (mean now / mean base) - 1 over a region; None if the base is dark."""
     if region.sum() < FEWEST_PX:
         return None
     before = float(np.mean(base[region], dtype=np.float64))
@@ -69,7 +66,7 @@ def bias(base: FloatArray, now: FloatArray, region: NDArray[np.bool_]) -> float 
 
 
 def displacement_px(base: FloatArray, now: FloatArray, limb: NDArray[np.bool_]) -> float | None:
-    """Return the root mean square displacement of the limb over blocks along it; None where it cannot be seen."""
+    """Return the rms displacement of the limb over blocks along it; None if it cannot be measured."""
     rows, columns = slopes(base)
     slope = np.hypot(rows, columns)
     steep = limb & (slope > 0.02 * float(slope[limb].max(initial=0.0)))
@@ -93,7 +90,7 @@ def displacement_px(base: FloatArray, now: FloatArray, limb: NDArray[np.bool_]) 
 def noise_in_space(
     dn: NDArray[np.integer], noise_free: NDArray[np.integer], regions: NDArray[np.uint8]
 ) -> float | None:
-    """Return the standard deviation [DN] of a detector image about the same without noise, in space."""
+    """Return the standard deviation [DN] of a detector image about the noise-free one, in space."""
     space = regions == SPACE
     if space.sum() < 100:
         return None
@@ -108,16 +105,12 @@ def compare_images(
     radiance: NDArray[np.floating] | None,
     frozen: FrozenFrame | None,
 ) -> dict[str, Any]:
-    """Return what a re-rendered scene and band is like beside the base's.
+    """Return the comparison of a re-rendered scene and band with the base.
 
     ``now``, ``base``: the bands' records: ``radiance_sha256``, ``images``, ``noise_dn``. ``radiance`` (shape (H, W)):
-    of now; needed where the digests differ. ``frozen``: of the base, to 12 bits.
-
-    Returns
-    -------
-    dict
-        ``table``, ``same_radiance``, ``same_images`` (how many of ``n_images``), ``limb_radiance`` and
-        ``disc_radiance`` [%], ``limb_displacement`` [px], ``noise`` [%]; None where a metric does not apply.
+    of now; needed if the digests differ. ``frozen``: of the base, 12 bits. The result has ``table``, ``same_radiance``,
+    ``same_images`` (of ``n_images``), ``limb_radiance`` and ``disc_radiance`` [%], ``limb_displacement`` [px],
+    ``noise`` [%]; None where a metric does not apply.
     """
     same = now["radiance_sha256"] == base["radiance_sha256"]
     found: dict[str, Any] = {
@@ -133,7 +126,7 @@ def compare_images(
     if frozen is None or (not same and radiance is None):
         return found | {"limb_radiance": None, "disc_radiance": None, "limb_displacement": None}
     old = frozen.radiance
-    # Equal digests still say which regions there are: the metric applies, and is 0.
+    # With equal digests the metric of an existing region is 0.
     new = old if same or radiance is None else np.asarray(radiance, dtype=np.float64)
     limb, disc = frozen.regions == LIMB, frozen.regions == DISC
     at_limb, on_disc, moved = bias(old, new, limb), bias(old, new, disc), displacement_px(old, new, limb)

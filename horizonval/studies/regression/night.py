@@ -53,33 +53,25 @@ NightLane = Lane | Literal["published"]
 LANES: tuple[NightLane, ...] = ("replay", "rerender", "fresh", "published")
 WORK = ".work"
 PUBLISHED = "published"
-"""The lane without gates, and its folder in that of the work."""
+"""The lane without gates, and its folder in the work folder."""
 Published = Callable[[Path, Progress], Sequence[JsonObject]]
-"""Computes key figures of the published systems in a folder, each a plain
-``{system, name, unit, accepted, measured, verdict}``."""
+"""Computes the key figures of published systems in a folder: ``{system, name, unit, accepted, measured, verdict}``."""
 EXIT = {Verdict.PASS: 0, Verdict.IMPROVED: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}
 INCOMPLETE = 2
 MOST_CHANGES = 200
-"""Changed scenes written into the verdict; the count is always that of all."""
+"""Changed scenes listed in the verdict; the count includes all."""
 PACKAGES = (
     "mitsuba", "drjit", "karellen-llvm-core", "numpy", "scipy", "opencv-python-headless", "OpenEXR", "pyerfa",
 )  # fmt: skip
-"""Packages that decide the numbers."""
+"""Packages that affect the numbers."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a night is asked to do.
+    """Request for a night.
 
-    Attributes
-    ----------
-    suite : str
-        File or shipped name.
-    night : str
-        Label, and seed of the fresh scenes: a date.
-    workers : int, optional
-    reference : Path, optional
-        Folder of a night of the same label made by another version: fresh scenes are then compared in pairs.
+    ``suite``: file or shipped name. ``night``: label, and seed of the fresh scenes: a date. ``reference``: folder of
+    the same night by another version; fresh scenes are then compared in pairs.
     """
 
     suite: str
@@ -98,7 +90,7 @@ def seed_of_night(suite: str, night: str, batch: int) -> int:
 
 
 def checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
-    """Return a suite's gates and plan, if it can be a nightly."""
+    """Return the gates and plan of a nightly suite, after validation."""
     if suite.regression is None:
         raise UserError(
             "has no [regression] table",
@@ -106,7 +98,7 @@ def checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
             expected="a suite that declares gates",
             fix="scenes/suites/nightly.toml is one",
         )
-    # Every replicate has a row of its own; the draws that a run scores together are not asked for.
+    # Every replicate has a separate row, so a run's common scoring of noise samples is off.
     plan = replace(plan_of(suite), draws=1)
     check_heads(suite, plan)
     return suite.regression, plan
@@ -128,7 +120,7 @@ def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
 
 
 def check_folder(out: Path) -> None:
-    """Refuse a folder that is neither new nor empty nor one of ours."""
+    """Refuse a folder that is neither new nor empty nor of nights."""
     if not out.parent.is_dir():
         raise UserError("no such folder", where=str(out.parent), fix="create it first")
     if out.exists() and not out.is_dir():
@@ -139,7 +131,7 @@ def check_folder(out: Path) -> None:
 
 
 class Night:
-    """What the lanes of one night bring together."""
+    """Results of the lanes of one night."""
 
     def __init__(
         self,
@@ -165,11 +157,11 @@ class Night:
         self.replay_s: list[float] = []
 
     def work_first(self) -> None:
-        """Do what every night does."""
+        """Run the tasks of every night."""
         self._do(self.first_tasks())
 
     def compute_published(self, compute: Published | None) -> None:
-        """Compute key figures of the published systems again, in a suite that asks for it."""
+        """Recompute key figures of the published systems, if the suite requests it."""
         if compute is None or not self.spec.published or PUBLISHED not in self.wanted.lanes:
             return
         folder = self.wanted.out / WORK / PUBLISHED
@@ -179,11 +171,11 @@ class Night:
         except (UserError, RuntimeError) as error:
             self.failed[PUBLISHED] = str(error)
             return
-        # An interrupted night goes on from it; a finished one must not leave what the next has no use for.
+        # An interrupted night resumes from it; a finished one needs it no longer.
         shutil.rmtree(folder)
 
     def first_tasks(self) -> dict[str, Task]:
-        """Return what every night does, by name."""
+        """Return the tasks of every night, by name."""
         tasks: dict[str, Task] = {}
         known: set[Shown] = set()
         if self.accepted is not None and "replay" in self.wanted.lanes:
@@ -201,7 +193,7 @@ class Night:
         return tasks
 
     def work_on_more_scenes(self) -> None:
-        """Do another batch of fresh scenes."""
+        """Run another batch of fresh scenes."""
         self._do(self._fresh_tasks())
 
     def _fresh_tasks(self) -> dict[str, Task]:
@@ -220,10 +212,10 @@ class Night:
         return Task(name, unit.name, self._estimators_of(unit), unit=unit)
 
     def _replay_tasks(self, accepted: Baseline) -> dict[str, Task]:
-        """Return the frozen images of every scene, those of one scene's heads together as they were rendered.
+        """Return the frozen images of every scene as tasks; the heads of a scene form one.
 
-        The estimators are those that run on the scene tonight. A scene that the suite no longer has is replayed by
-        those of its rows, so that it counts as missing and not as changed, too.
+        The estimators are those of tonight's scene. A scene missing from the suite is replayed with the estimators of
+        its rows, so that it counts as missing and not also as changed.
         """
         asked = {unit.name: self._estimators_of(unit) for unit in units_of(self.suite.cases, self.plan)}
         asked |= {case.name: self.plan.alone(case) for case in self.suite.cases if case.name not in asked}
@@ -246,7 +238,7 @@ class Night:
         return tasks
 
     def _estimators_of(self, unit: Unit) -> tuple[str, ...]:
-        """Return the estimators that run on a unit, in the suite's order."""
+        """Return the estimators of a unit, in the suite's order."""
         case = unit.cases[0]
         return self.plan.of(case) if unit.heads else self.plan.alone(case)
 
@@ -268,7 +260,7 @@ class Night:
             assert self.accepted is not None
             about = {(row.case, row.band): row for row in self.accepted.results.rows}
             for row in rows:
-                # A scene that no method saw before has no partner to be compared with.
+                # A new scene has no partner for the comparison.
                 before = about.get((row.case, row.band), row)
                 due = {"expected": before.expected, "borderline": before.borderline}
                 self.replayed.append(row.against(before.bound_arcsec, table=before.table, **due))
@@ -281,7 +273,7 @@ class Night:
             self.arrays |= dict.fromkeys(record["scenes"], str(arrays))
 
     def all_rows(self) -> list[ReplicateRow]:
-        """Return the rows on tonight's images: those estimated again, and of unchanged images those of the replay."""
+        """Return the rows on tonight's images: new ones, and those of the replay for unchanged images."""
         by_image = {(row.image_address, row.case, row.estimator): row for row in self.replayed}
         found = {row.key: row for row in self.rows}
         for scene, record in [*self.scenes.items(), *self.together.items()]:
@@ -296,7 +288,7 @@ class Night:
         return [found[key] for key in sorted(found)]
 
     def content(self) -> JsonObject:
-        """Return what a baseline is made of."""
+        """Return the content of a baseline."""
         return {
             "schema": NIGHT_SCHEMA,
             "suite": self.suite.name,
@@ -315,7 +307,7 @@ class Night:
 
 
 def content_of(case: Case) -> str:
-    """Return what a frame is, but for the seed of what is random in its scene."""
+    """Return the content of a frame without the seed of its scene."""
     scene = case.scene.model_dump(mode="json")
     scene["scene"] = {**scene["scene"], "seed": 0}
     return json.dumps([scene, case.camera.model_dump(mode="json")], sort_keys=True)
@@ -324,7 +316,7 @@ def content_of(case: Case) -> str:
 def compare(
     night: Night, release: Baseline | None, reference: GateInputs | None
 ) -> tuple[list[JsonObject], list[JsonObject]]:
-    """Return how a night compares with each of its baselines, and the verdict of every gate."""
+    """Return the comparison of a night with each of its baselines, and the verdict of every gate."""
     comparisons: list[JsonObject] = []
     measured: list[tuple[str, Measured]] = []
     bases = [("accepted", night.accepted), ("release", release)]
@@ -356,7 +348,7 @@ def _against(
     for gate in night.spec.gate:
         if gate.lane not in night.wanted.lanes:
             continue
-        # The release's own detector images are not kept: what is compared with it is the whole chain.
+        # The release's detector images are not stored: the comparison covers the whole chain.
         whole_chain = gate.lane == "rerender" or name == "release"
         mine = whole if whole_chain and (gate.lane != "replay" or "rerender" in night.wanted.lanes) else now
         found.append(measure(gate, mine, theirs))
@@ -407,7 +399,7 @@ def _is_same(a: Baseline, b: Baseline) -> bool:
 
 
 def verdict_of(night: Night, release: Baseline | None, reference: GateInputs | None) -> JsonObject:
-    """Return the verdict; asks for further batches of fresh scenes as long as their gates are inconclusive."""
+    """Return the verdict; add batches of fresh scenes while their gates are inconclusive."""
     while True:
         comparisons, gates = compare(night, release, reference)
         undecided = any(g["lane"] == "fresh" and g["verdict"] == Verdict.INCONCLUSIVE for g in gates)
@@ -433,7 +425,7 @@ def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObjec
     proven = any(Verdict(item["verdict"]) is Verdict.FAIL for item in [*gates, *night.published])
     status = EXIT[verdict] if proven or not problems else INCOMPLETE
     if problems and not proven and verdict in (Verdict.PASS, Verdict.IMPROVED):
-        # What was not looked at has not passed.
+        # Incomplete comparisons have not passed.
         verdict = Verdict.INCONCLUSIVE
     return {
         "schema": NIGHT_SCHEMA,
@@ -458,7 +450,7 @@ def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObjec
 
 
 def _cost(night: Night) -> JsonObject:
-    """Return speed and memory: followed from night to night, no gate, since they are a machine's and its load's."""
+    """Return speed and memory, without a gate, because they depend on the machine and its load."""
     found: JsonObject = {}
     if night.replay_s and night.replayed:
         n = len({(row.case, row.band, row.replicate) for row in night.replayed})
@@ -469,7 +461,7 @@ def _cost(night: Night) -> JsonObject:
 
 
 def levels_of(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> JsonObject:
-    """Return the figures whose trend is followed: availability, false claims and median errors, by estimator."""
+    """Return the figures of the trend: availability, false claims and median errors, by estimator."""
     return {
         f"{lane} {estimator}: {name}": {"value": value, "unit": unit, "n": n}
         for lane, own in (("fixed", rows), ("fresh", fresh))
@@ -479,7 +471,7 @@ def levels_of(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> Js
 
 
 def environment() -> dict[str, Any]:
-    """Return what a night runs on: versions and kinds, no paths and no names of machines."""
+    """Return versions and kinds of the environment, without paths or machine names."""
     from horizonval.renderer.backend import probe
 
     chosen = probe().chosen
@@ -502,7 +494,7 @@ def _version(name: str) -> str | None:
 
 
 def _commit() -> str | None:
-    """Return the commit of the checkout that runs, with ``-dirty`` if files differ; None where there is none."""
+    """Return the commit of the running checkout, with ``-dirty`` if files differ; None without one."""
     folder = Path(horizonval.__file__).parent.parent
     if not (folder / ".git").exists():
         return None
@@ -520,7 +512,7 @@ def _commit() -> str | None:
 
 
 def _flags() -> list[str]:
-    """Return the processor's vector extensions: they decide how the renderer's kernels are compiled."""
+    """Return the processor's vector extensions, which affect the compilation of kernels."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
     except OSError:
@@ -530,16 +522,10 @@ def _flags() -> list[str]:
 
 
 def run_night(wanted: Wanted, progress: Progress | None = None, published: Published | None = None) -> JsonObject:
-    """Do a night and return the content of ``verdict.json``.
+    """Run a night and return the content of ``verdict.json``; ``published`` does the lane of that name, if any.
 
     Raises ``UserError``: a mistake in the suite or the baseline's files, no ``[regression]`` table, a folder in which
-    another night runs, or no back-end to render with.
-
-    Parameters
-    ----------
-    progress : Progress, optional
-    published : callable, optional
-        What the lane of that name does, in a suite that asks for it; without, it is left out.
+    another night runs, or no back-end.
     """
     from horizonval.renderer.backend import probe
     from horizonval.studies.regression.page import of_baseline, of_night, write_junit, write_page
@@ -565,7 +551,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         night.compute_published(published)
         verdict = verdict_of(night, release, reference)
         write_json(wanted.out / "night.json", night.content(), indent=None)
-        # A folder that serves every night must not grow with them.
+        # The folder must not grow from night to night.
         sweep(wanted.out / WORK, night.identities)
         history.append(wanted.out / history.FILE, verdict)
         verdict["trend"] = history.steps_of(history.read(wanted.out / history.FILE))
@@ -584,7 +570,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
 
 
 def planned(wanted: Wanted) -> tuple[Suite, NightWork, list[Task]]:
-    """Return what a night would begin with, and how it is made; nothing is made. Errors as :func:`run_night`."""
+    """Return the first tasks of a night without running them. Errors as :func:`run_night`."""
     suite = load_suite(wanted.suite)
     spec, plan = checked(suite)
     accepted = read_baseline(wanted.baseline, suite.name) if wanted.baseline.is_file() else None

@@ -1,11 +1,10 @@
-"""What a night shows: one page that opens anywhere and asks for nothing, and JUnit XML for CI services.
+"""Results of a night: a page in a single file, and JUnit XML for CI services.
 
-The page has images with tonight's outcomes and claims, of every scene and band that of the seed with the worst outcome.
-A night stores what methods claim as roll and pitch, and no limb points: the limb of a claim is drawn as a circle about
-the claimed nadir.
+For every scene and band the page shows the image of the seed with the worst outcome. A night stores roll and pitch of
+claims but no limb points: the claimed limb is drawn as a circle about the claimed nadir.
 
-In JUnit XML every gate and published figure is a test case, and one more is for completeness. FAIL is a failure.
-INCONCLUSIVE is ``skipped`` with its reason: neither passed nor failed, and shown as neither.
+In JUnit XML every gate and published figure is a test case, and so is completeness. FAIL is a failure; INCONCLUSIVE is
+``skipped`` with its reason.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ LOOKS = {
     "IMPROVED": ("#009e73", "^", "full"),
     "INCONCLUSIVE": ("#8a6100", "o", "none"),
 }
-"""Colour and mark of each verdict; the marks tell them apart without colour."""
+"""Colour and mark of each verdict; the marks distinguish them without colour."""
 CLIP = 3.0
 MOST_LABELS = 12
 Key = tuple[str, str, int]
@@ -59,10 +58,7 @@ def write_page(
     nights: Sequence[Mapping[str, Any]],
     shown: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write ``index.html``, whole or not at all.
-
-    ``shown``: sentences and images that it opens with (:func:`of_night`, :func:`of_baseline`).
-    """
+    """Write ``index.html``; ``shown`` are its first sentences and images (:func:`of_night`, :func:`of_baseline`)."""
     shown = shown or {"sentences": (), "frames": (), "kept": 0, "estimators": ()}
     text = page.render(
         "night.html",
@@ -87,7 +83,7 @@ def write_page(
 
 
 def headline(verdict: Mapping[str, Any]) -> str:
-    """Return the night in one sentence: what failed, else what is open, else how many gates hold."""
+    """Return the night in one sentence: failures, else inconclusive gates, else the number of gates that hold."""
     failed = [f"{g['name']} (against the {g['against']} baseline)" for g in verdict["gates"] if g["verdict"] == "FAIL"]
     failed += [f"system {one['system']}, {one['name']}" for one in verdict["published"] if one["verdict"] == "FAIL"]
     if failed:
@@ -131,7 +127,7 @@ def _groups(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _systems(published: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return by system how many figures there are, and those that changed."""
+    """Return by system the number of figures, and the changed ones."""
     letters = sorted({one["system"] for one in published})
     own = {letter: [one for one in published if one["system"] == letter] for letter in letters}
     return [
@@ -153,7 +149,7 @@ def _trends(nights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def gates_in_margins(gates: Sequence[Mapping[str, Any]]) -> Draw:
-    """Every gate's estimate with its 95 % bounds, in units of its margin: what lies right of 1 does not pass."""
+    """Every gate's estimate with its 95 % bounds, in units of its margin: right of 1 it does not pass."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -187,7 +183,7 @@ def gates_in_margins(gates: Sequence[Mapping[str, Any]]) -> Draw:
 
 
 def trend(name: str, one: Mapping[str, Any], verdicts: Mapping[str, str]) -> Draw:
-    """One figure over the nights, with its levels between steps and the verdict of each night as its mark."""
+    """One figure over the nights, with the levels between steps and the verdict of each night."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -218,7 +214,7 @@ def trend(name: str, one: Mapping[str, Any], verdicts: Mapping[str, str]) -> Dra
             pad = max(abs(one["values"][0]) * 0.05, 0.5)
             axes.set_ylim(one["values"][0] - pad, one["values"][0] + pad)
         elif len(parts) > 1:
-            # The date of a step stands at the top, where the marks of the higher level would cross it.
+            # Room at the top for the date of a step, clear of the marks of the higher level.
             low, high = axes.get_ylim()
             axes.set_ylim(low, high + 0.12 * (high - low))
         axes.set_ylabel("" if one["unit"] == "1" else one["unit"])
@@ -246,7 +242,7 @@ def of_night(rows: Sequence[ReplicateRow], scenes: Mapping[str, Any], units: Map
 
 
 def of_baseline(accepted: Baseline, rows: Sequence[ReplicateRow]) -> dict[str, Any]:
-    """Return the same of rows on the frozen images of a baseline."""
+    """Return :func:`shown_of` the frozen images of a baseline."""
     images = {(image.scene, image.band, image.replicate): image for image in accepted.images.images}
     return shown_of([row for row in rows if row.case not in accepted.together], accepted.images.truths, images.get)
 
@@ -256,16 +252,9 @@ def shown_of(
     truths: Mapping[str, Mapping[str, Any]],
     load: Callable[[Key], FrozenImage | None],
 ) -> dict[str, Any]:
-    """Return what a page shows of some rows.
+    """Return ``sentences`` about rows, and what :func:`horizonval.report.viewer.striking_frames` returns for them.
 
-    ``truths``: by scene, plain. ``load``: returns an image of a scene, band and replicate; ``None`` where it is not
-    there.
-
-    Returns
-    -------
-    dict
-        ``sentences``, one for each method or of many the best and the worst; and what
-        :func:`horizonval.report.viewer.striking_frames` says.
+    ``truths``: by scene, plain. ``load``: returns the image of a scene, band and replicate, or None.
     """
     estimators = tuple(dict.fromkeys(row.estimator for row in rows))
     known = {scene: FrameTruth.from_dict(dict(truths[scene])) for scene in {row.case for row in rows} & set(truths)}
@@ -281,7 +270,7 @@ def shown_of(
     rank = {key: min(VERDICTS.index(verdict_of(row)) for row in own.values()) for key, own in by_image.items()}
     views = []
     for place in expected:
-        # Of the replicates of a scene the worst, and of equal ones the first.
+        # The worst replicate of a scene, the first of equal ones.
         key = min((key for key in by_image if key[:2] == place), key=lambda key: (rank[key], key[2]))
         if (image := load(key)) is not None:
             truth, own = known[key[0]], by_image[key]
@@ -295,7 +284,7 @@ def shown_of(
 
 
 def _claim(truth: FrameTruth, row: Row) -> dict[str, Any] | None:
-    """Return the nadir that a row claims, and the true angular radius: the limb that is drawn of a claim."""
+    """Return the claimed nadir and the true angular radius, for the limb of a claim."""
     if row.roll_error_arcsec is None or row.pitch_error_arcsec is None:
         return None
     true = frames.rotate(frames.inverse(truth.q_cam_from_body), np.asarray(truth.nadir_geocentric_cam))
@@ -320,7 +309,7 @@ def _record(name: str, rows: Sequence[ReplicateRow]) -> Record:
 
 
 def _places(rows: Iterable[ReplicateRow]) -> tuple[tuple[str, int], ...]:
-    """Return in which tables of the suite some rows are, and how many; the most first."""
+    """Return the suite's tables of some rows with their counts, largest first."""
     found: dict[str, int] = {}
     for row in rows:
         place = f'in "{row.table or row.case}"'
@@ -336,7 +325,6 @@ def published_sentence(one: Mapping[str, Any]) -> str:
 
 
 def write_junit(path: Path, verdict: Mapping[str, Any]) -> None:
-    """Write ``junit.xml``."""
     suites = ElementTree.Element("testsuites")
     name = f"horizonval.regress.{verdict['suite']}"
     suite = ElementTree.SubElement(suites, "testsuite", name=name)
@@ -376,5 +364,5 @@ def _case(suite: ElementTree.Element, group: str, name: str, verdict: str, text:
 
 
 def _clean(text: str) -> str:
-    """Return text without what XML cannot hold."""
+    """Return text without characters that XML forbids."""
     return "".join(c for c in text if c in "\t\n\r" or 0x20 <= ord(c) < 0xFFFE)

@@ -1,4 +1,4 @@
-"""A row of a night: the row of a suite for one draw of the noise, and the columns of it that are stored."""
+"""A row of a night: a suite's row for one noise sample, with its stored columns."""
 
 from __future__ import annotations
 
@@ -18,17 +18,15 @@ COLUMNS = (
     "scene", "band", "replicate", "estimator", "image", "status", "reason", "false_valid", *ERRORS,
     "table", "due", "bound_arcsec",
 )  # fmt: skip
-"""What is stored of a row. ``scene`` is the case, ``image`` the image's address, ``due`` whether the image clearly
-should give an attitude."""
+"""Stored columns; ``scene`` is the case, ``image`` the image's address, ``due`` whether it must be answered."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReplicateRow(Row):
-    """What one estimator reported of one replicate of an image: a :class:`horizonval.scoring.row.Row`.
+    """Answer of one estimator on one replicate of an image: a :class:`horizonval.scoring.row.Row`, stored columns only.
 
-    ``image_address`` is the digest of the image's digital numbers. A row holds the stored columns only, so that one of
-    tonight and one of a baseline can be compared; of ``expected`` it says no more than whether an answer is due.
-    ``replicate``: seed of the noise. ``table``: the suite's table that the scene comes from: its stratum.
+    ``image_address``: digest of the digital numbers. ``replicate``: seed of the noise. ``table``: the suite's table of
+    the scene, its stratum. ``expected`` only says whether the image must be answered.
     """
 
     replicate: int = 0
@@ -46,10 +44,7 @@ class ReplicateRow(Row):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Rebuild from :meth:`to_dict`.
-
-        Raises ``KeyError, TypeError``: a column is missing, or there is one that a row does not have.
-        """
+        """Return the row of :meth:`to_dict`. Raises ``KeyError, TypeError``: a missing or unknown column."""
         rest = dict(data)
         case, image, due = (rest.pop(name) for name in ("scene", "image", "due"))
         made = cls(case=case, camera="", image_address=image, expected=str(Outcome.VALID), borderline=not due, **rest)
@@ -61,19 +56,19 @@ class ReplicateRow(Row):
         return {name: own[name] if name in own else getattr(self, name) for name in COLUMNS}
 
     def against(self, bound_arcsec: float | None, **about: Any) -> Self:
-        """Return the row with another bound of its image; ``about``: other columns that change with it."""
+        """Return the row with another bound of its image; ``about``: other columns that change."""
         error = self.nadir_error_arcsec
         ratio = None if error is None or not bound_arcsec else error / bound_arcsec
         return replace(self, bound_arcsec=bound_arcsec, error_over_bound=ratio, **about)
 
     @property
     def key(self) -> tuple[str, str, int, str]:
-        """What a row of one night has in common with its partner of another."""
+        """Key of the corresponding rows of two nights."""
         return self.case, self.band, self.replicate, self.estimator
 
 
 def summary_of(rows: Sequence[ReplicateRow]) -> dict[str, tuple[float, str, int]]:
-    """Return value, unit and number of rows of what some rows show together; what no row tells is left out."""
+    """Return value, unit and number of rows by figure, without figures that no row has."""
     due = [row for row in rows if row.is_due]
     errors = [row.nadir_error_arcsec for row in rows if row.nadir_error_arcsec is not None]
     over = [row.error_over_bound for row in rows if row.error_over_bound is not None]
@@ -90,7 +85,7 @@ def summary_of(rows: Sequence[ReplicateRow]) -> dict[str, tuple[float, str, int]
 
 
 def to_columns(rows: Iterable[ReplicateRow]) -> dict[str, list[Any]]:
-    """Return rows as columns; texts that repeat are numbered: a tenth of the size."""
+    """Return rows as columns; repeated texts are numbered, which saves nine tenths of the size."""
     listed = [row.to_dict() for row in rows]
     found: dict[str, Any] = {}
     for name in COLUMNS:

@@ -53,18 +53,9 @@ FAIL_CONFIDENCE = 0.99
 class Estimate:
     """A difference "now minus baseline", positive where now is worse, in the gate's unit.
 
-    Attributes
-    ----------
-    lower95, upper95 : float
-        One-sided 95 % bounds: what PASS needs.
-    lower99, upper99 : float
-        One-sided 99 % bounds: what FAIL and IMPROVED need.
-    p_worse, p_better : float
-        One-sided p-values of "no difference" against worse and against better.
-    n : int
-        Pairs (or values of the present night, where there are no pairs).
-    clusters : int
-        Independent ones among them: scenes.
+    ``lower95`` to ``upper99``: one-sided bounds, 95 % for PASS, 99 % for FAIL and IMPROVED. ``p_worse``, ``p_better``:
+    one-sided p-values of "no difference". ``n``: pairs, or values of this night without pairs; ``clusters``: scenes
+    among them.
     """
 
     value: float
@@ -78,24 +69,24 @@ class Estimate:
     clusters: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data; bounds that are infinite (too little data) as None."""
+        """Return plain data; infinite bounds (too few data) as None."""
         return {key: value if abs(value) != float("inf") else None for key, value in asdict(self).items()}
 
 
 def exact(value: float, n: int, clusters: int) -> Estimate:
-    """Return the estimate of a difference that is the same in every scene: there is no chance in it."""
+    """Return the estimate of a difference without random variation."""
     worse, better = (0.0 if value > 0 else 1.0), (0.0 if value < 0 else 1.0)
     return Estimate(value, value, value, value, value, worse, better, n, clusters)
 
 
 FEWEST_CLUSTERS = 5
-"""With fewer scenes nothing is decided: a bound on four differences is a statement about normality, not about them."""
+"""Minimum number of scenes: bounds from four differences would depend on the assumed normality."""
 
 
 def paired_difference(differences: Sequence[float], clusters: Sequence[Hashable]) -> Estimate | None:
-    """Return the mean difference over scenes; None with fewer than :data:`FEWEST_CLUSTERS` of them.
+    """Return the mean difference (now minus baseline) over scenes; None below :data:`FEWEST_CLUSTERS` scenes.
 
-    ``differences``: now minus baseline, one for each pair. ``clusters``: the scene that each pair belongs to.
+    ``clusters``: the scene of each pair.
     """
     means = cluster_means(differences, clusters)
     if len(means) < FEWEST_CLUSTERS:
@@ -137,7 +128,7 @@ def independent_difference(
 
 
 def cluster_means(values: Sequence[float], clusters: Sequence[Hashable]) -> FloatArray:
-    """Return the mean of every cluster, in the order in which the clusters first come."""
+    """Return the mean of every cluster, in the order of first occurrence."""
     groups: dict[Hashable, list[float]] = {}
     for value, cluster in zip(values, clusters, strict=True):
         groups.setdefault(cluster, []).append(value)
@@ -150,10 +141,9 @@ def _bounds(value: float, error: float, freedom: float) -> tuple[float, float, f
 
 
 def paired_loss(before: Sequence[bool], now: Sequence[bool], clusters: Sequence[Hashable]) -> Estimate | None:
-    """Return the loss, the share of good frames before minus that of now; None with too few scenes.
+    """Return the share of good frames before minus the share now; None with too few scenes.
 
-    ``before``, ``now`` (booleans): whether a frame is good. ``clusters``: the scene of each frame. The interval is
-    widened by how much the changes clump in scenes (design effect).
+    ``clusters``: the scene of each frame. The design effect of changes within scenes inflates the interval.
     """
     net: dict[Hashable, int] = {}
     lost = gained = 0
@@ -187,9 +177,9 @@ def independent_loss(good_before: int, n_before: int, good_now: int, n_now: int)
 
 
 def sign_change_p(net: Sequence[int]) -> float:
-    """Return the chance that the sum of ``net`` with random signs is at least what it is.
+    """Return the probability that the sum of ``net`` with random signs is at least the given sum.
 
-    Exact: the distribution of the sum is the convolution of two-point distributions.
+    Exact: a convolution of two-point distributions.
     """
     sizes = [abs(k) for k in net if k]
     total = sum(sizes)
@@ -201,10 +191,7 @@ def sign_change_p(net: Sequence[int]) -> float:
 
 
 def score_interval(lost: float, gained: float, n: float, confidence: float) -> tuple[float, float]:
-    """Return the score interval of the paired difference ``(lost - gained) / n``.
-
-    Counts may be fractions: real ones over a design effect.
-    """
+    """Return the score interval of ``(lost - gained) / n``; counts over a design effect may be fractional."""
     z = float(stats.norm.ppf(0.5 + confidence / 2))
     estimate = (lost - gained) / n
 
@@ -245,7 +232,7 @@ def newcombe_interval(k1: int, n1: int, k2: int, n2: int, confidence: float) -> 
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return adjusted p-values in the given order. Raises ``ValueError``: a value that is no probability."""
+    """Return adjusted p-values in the given order. Raises ``ValueError``: a value outside 0 to 1."""
     p = np.asarray(p_values, dtype=np.float64)
     if p.size == 0:
         return []
@@ -258,11 +245,11 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 ALPHA = 0.01
-"""Chance of any FAIL in a night in which nothing has changed; the same again for any IMPROVED."""
+"""Probability of any FAIL in a night without changes; the same again for any IMPROVED."""
 
 
 class Verdict(StrEnum):
-    """What came of a gate or a night."""
+    """Verdict on a gate or a night."""
 
     PASS = "PASS"
     FAIL = "FAIL"
@@ -275,9 +262,8 @@ def decide(
 ) -> list[tuple[Verdict, float | None]]:
     """Return the verdict and the adjusted p-value of every gate of a night.
 
-    ``estimates``: none where there is too little to estimate from: INCONCLUSIVE. ``margins``: above 0, in the
-    estimates' units. ``looks``: how often the data may be looked at before the verdict is final; the level is shared
-    among them.
+    ``estimates``: None gives INCONCLUSIVE. ``margins``: above 0, in the estimates' units. ``looks``: number of interim
+    analyses that share the level.
     """
     known = [i for i, estimate in enumerate(estimates) if estimate is not None]
     chances = [_chances(estimates[i], two_sided[i]) for i in known]

@@ -1,12 +1,8 @@
-"""The units of a night: a scene rendered and observed with every noise seed, or the frozen images of one replayed.
+"""Units of a night: a scene rendered and observed with every noise seed, or the frozen images of one replayed.
 
-Images become rows as in any suite (:mod:`horizonval.suites.units.scored`), one row for every replicate. The heads of a
-scene are rendered, observed and frozen each like a scene of its own: the noise of a head comes from its own identity.
-The images of one replicate are then put together again, in the order of the camera file, for the methods that see all
-heads.
-
-The result of a unit lies under the digest of what it depends on (its content and the code), so that the same command
-again makes what is missing, and a change of anything makes it anew.
+Images become rows as in any suite (:mod:`horizonval.suites.units.scored`), one row for every replicate. Each head of a
+scene is rendered, observed and frozen separately; methods that see all heads get the images of one replicate together.
+Results are stored under the digest of content and code, so the same command resumes.
 """
 
 from __future__ import annotations
@@ -43,10 +39,9 @@ from horizonval.suites.record import camera_name
 from horizonval.suites.units.scored import Observed, score_alone, score_together
 
 Shown = tuple[tuple[str, float | None], ...]
-"""What an estimator is shown: of every head's image the digest, and the band radiance of a digital number, None if that
-is not known."""
+"""Input of an estimator: for every head the digest of the image, and the band radiance of a digital number or None."""
 Heads = Mapping[str, Observed]
-"""One image of every head of a scene, by the heads' names in the order of the camera file."""
+"""One image of every head of a scene, by name in the camera file's order."""
 
 
 def render_unit(
@@ -54,7 +49,7 @@ def render_unit(
 ) -> tuple[Record, dict[str, np.ndarray]]:
     """Return the record and the arrays of a unit: rendered, observed with every noise seed, and estimated.
 
-    ``plan``: its estimators run. ``known``: what the estimators have answered already: they are not run on it again.
+    ``known``: inputs that are answered already; estimators do not run on them again.
 
     Returns
     -------
@@ -109,7 +104,7 @@ def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
 def _observe_case(
     case: Case, frame: RadianceFrame, replicates: int
 ) -> tuple[dict[str, Any], dict[str, list[Observed]], dict[str, np.ndarray]]:
-    """Return of a frame what the record says of its bands, every band's images, and the arrays."""
+    """Return the bands' records of a frame, every band's images, and the arrays."""
     regions = regions_of(frame.maps["hit"], frame.maps["tangent_height"])
     arrays: dict[str, np.ndarray] = {"regions": regions}
     bands: dict[str, Any] = {}
@@ -117,7 +112,7 @@ def _observe_case(
     for band in (one.name for one in case.camera.band):
         clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
         images = [observe(frame, case.camera, band=band, seed=seed) for seed in range(replicates)]
-        # The information is the frame's, the same under every draw of the noise.
+        # The information depends on the frame only, not on the noise sample.
         information = information_of(frame, case.camera, band)
         carried = {KEY: None if information is None else information.to_dict()}
         images = [replace(image, observation={**image.observation, **carried}) for image in images]
@@ -139,13 +134,13 @@ def _observe_case(
 
 
 def _of_one_frame(images: Iterable[DetectorImage]) -> list[Observed]:
-    """Return images of one frame that differ in their noise: what follows from the truth is worked out once for all."""
+    """Return images of one frame with different noise, sharing values derived from the truth."""
     first = Observed({})
     return [Observed({image.band: image}, expected=first.expected, bounds=first.bounds) for image in images]
 
 
 def _about(observed: Observed, band: str, needs: Any) -> dict[str, Any]:
-    """Return what methods should report of a band, and what its limb allows them."""
+    """Return the expected outcomes of a band, and the bound of its limb."""
     expected, bound = observed.expected_of(band, needs), observed.bound(band).known_arcsec
     return {
         "expected": str(expected.outcome),
@@ -155,7 +150,7 @@ def _about(observed: Observed, band: str, needs: Any) -> dict[str, Any]:
 
 
 def _alone(observed: Observed, scene: str, replicate: int, table: str, plan: CasePlan) -> list[ReplicateRow]:
-    """Return a row for each estimator that sees one image."""
+    """Return a row for each estimator of one image."""
     names = [name for name in plan.estimators if plan.estimator(name).needs != "heads"]
     rows = replace(observed, rows=[], details={})
     score_alone(rows, scene, names, plan, Stopwatch())
@@ -166,7 +161,7 @@ def _alone(observed: Observed, scene: str, replicate: int, table: str, plan: Cas
 def _together(
     heads: Heads, scene: str, replicate: int, table: str, plan: CasePlan
 ) -> tuple[Observed, list[ReplicateRow]]:
-    """Return what a scene's heads are together, and a row for each estimator that sees all of them."""
+    """Return the common record of a scene's heads, and a row for each estimator of all heads."""
     names = [name for name in plan.estimators if plan.estimator(name).needs == "heads"]
     found = score_together(heads, scene, names, plan, Stopwatch())
     image = digest_of_heads(heads)
@@ -174,7 +169,7 @@ def _together(
 
 
 def shown(observed: Iterable[Observed | FrozenImage]) -> Shown:
-    """Return what a method is shown of the images of all heads that it sees."""
+    """Return a method's input from the images of its heads."""
     seen = [one if isinstance(one, FrozenImage) else next(iter(one.images.values())) for one in observed]
     return tuple(
         (digest(image.dn), image.radiance_per_dn if isinstance(image, FrozenImage) else radiance_per_dn(image))
@@ -183,7 +178,7 @@ def shown(observed: Iterable[Observed | FrozenImage]) -> Shown:
 
 
 def digest_of_heads(heads: Heads) -> str:
-    """Return the digest of the images of all heads, in their order, from the digest of each."""
+    """Return the digest of the images of all heads from each digest, in order."""
     digests = [digest(image.dn) for one in heads.values() for image in one.images.values()]
     return hashlib.sha256("\0".join(digests).encode()).hexdigest()
 
@@ -191,8 +186,8 @@ def digest_of_heads(heads: Heads) -> str:
 def replay_scene(pack: Pack, scene: str, heads: Mapping[str, str], plan: CasePlan) -> list[ReplicateRow]:
     """Return the rows of all frozen images of a scene, or of its heads, without stratum and bound.
 
-    ``scene``: under whose name the rows of methods go that see all heads. ``heads``: the heads' scenes in the pack by
-    the heads' names, in the order of the camera file; empty for a camera without.
+    ``scene``: name for rows of methods that see all heads. ``heads``: scenes in the pack by head, in the camera file's
+    order; empty for a camera without heads.
     """
     rows: list[ReplicateRow] = []
     for replicate, images in frozen_together(pack, heads):
@@ -207,13 +202,13 @@ def replay_scene(pack: Pack, scene: str, heads: Mapping[str, str], plan: CasePla
 
 
 def frozen_image(truth: FrameTruth, frozen: FrozenImage) -> DetectorImage:
-    """Return a frozen image as a detector's, with the calibration that it was frozen with."""
+    """Return a frozen image as a detector's, with its frozen calibration."""
     known = {} if frozen.radiance_per_dn is None else {"radiance_per_dn": frozen.radiance_per_dn}
     return DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale, known)
 
 
 def frozen_heads(pack: Pack, heads: Mapping[str, str]) -> Iterator[dict[str, FrozenImage]]:
-    """Yield the frozen images of all heads, of every band and replicate that all of them have."""
+    """Yield the frozen images of all heads, for every band and replicate that all of them have."""
     known = {(image.scene, image.band, image.replicate): image for image in pack.images}
     for scene, band, replicate in known if heads else ():
         keys = {head: (case, band, replicate) for head, case in heads.items()}
@@ -222,7 +217,7 @@ def frozen_heads(pack: Pack, heads: Mapping[str, str]) -> Iterator[dict[str, Fro
 
 
 def frozen_together(pack: Pack, heads: Mapping[str, str]) -> Iterator[tuple[int, dict[str, Observed]]]:
-    """Yield the number of the replicate and the images of all heads, as :func:`frozen_heads`."""
+    """Yield the replicate and the images of all heads, as :func:`frozen_heads`."""
     truths = {head: FrameTruth.from_dict(dict(pack.truths[case])) for head, case in heads.items()}
     for frozen in frozen_heads(pack, heads):
         images = {head: frozen_image(truths[head], one) for head, one in frozen.items()}
@@ -232,20 +227,11 @@ def frozen_together(pack: Pack, heads: Mapping[str, str]) -> Iterator[tuple[int,
 
 @dataclass(frozen=True)
 class Task:
-    """One unit: a scene of the suite to render, or one of a baseline whose frozen images are replayed.
+    """One unit: a scene of the suite to render, or one of a baseline to replay (``unit`` None, frozen images in
+    ``pack``).
 
-    Attributes
-    ----------
-    unit : Unit or None
-        To render; ``None`` for a replay.
-    batch : int or None
-        Number of the batch of fresh scenes that the unit belongs to, ``None`` for one of the suite's own.
-    known : frozenset of Shown
-        See :func:`render_unit`.
-    pack : Path or None
-        File of the frozen images to replay.
-    heads : tuple of (str, str)
-        See :func:`replay_scene`.
+    ``batch``: number of the batch of fresh scenes; None for the suite's scenes. ``known``: see :func:`render_unit`.
+    ``heads``: see :func:`replay_scene`.
     """
 
     name: str
@@ -261,7 +247,7 @@ class Task:
 
 
 class NightWork(Recorded[Task]):
-    """Units of a night: a record each, and a file of arrays beside that of a rendered scene."""
+    """Units of a night: a record each, and a file of arrays for a rendered scene."""
 
     def __init__(self, plan: CasePlan, folder: Path) -> None:
         self.plan = plan
@@ -269,11 +255,9 @@ class NightWork(Recorded[Task]):
         self._place = folder
 
     def name(self, item: Task) -> str:
-        """Return the unit's name."""
         return item.name
 
     def path(self, item: Task) -> Path:
-        """Return the file of the record."""
         return self._place / f"{self.identity(item)}.json"
 
     def arrays(self, item: Task) -> Path:
@@ -281,7 +265,7 @@ class NightWork(Recorded[Task]):
         return self.path(item).with_suffix(".npz")
 
     def identity(self, item: Task) -> str:
-        """Return the digest of what a unit's result depends on: the name of its files."""
+        """Return the digest of a unit's inputs, the name of its files."""
         content: list[Any] = [item.scene, item.heads, item.pack_sha256, item.replicates, sorted(item.known, key=str)]
         if item.unit is not None:
             content += [unit_identity(item.unit, self.plan), item.unit.cases[0].table]
@@ -289,11 +273,11 @@ class NightWork(Recorded[Task]):
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def finished(self, item: Task) -> Record | None:
-        """Return the record of a unit whose arrays are there and undamaged, too."""
+        """Return the record of a unit whose arrays are undamaged."""
         return super().finished(item) if item.unit is None or is_intact(self.arrays(item)) else None
 
     def record(self, item: Task, watch: Stopwatch) -> Record:
-        """Do a unit and write its arrays."""
+        """Run a unit and write its arrays."""
         plan = replace(self.plan, estimators=item.estimators)
         if item.unit is None:
             assert item.pack is not None
@@ -305,13 +289,13 @@ class NightWork(Recorded[Task]):
 
 
 def arrays_of(path: Path, scene: str) -> dict[str, np.ndarray]:
-    """Return the arrays of a scene from the file of its unit, which may hold those of several heads."""
+    """Return the arrays of a scene from the file of its unit, which may hold several heads."""
     start = f"{scene}:"
     return {name.removeprefix(start): values for name, values in read_arrays(path).items() if name.startswith(start)}
 
 
 def sweep(folder: Path, used: Iterable[str]) -> None:
-    """Delete the files of units whose identities are not ``used``: those of earlier nights and older code."""
+    """Delete the files of units whose identities are not ``used``: of earlier nights and older code."""
     names = frozenset(used)
     for path in folder.iterdir():
         if path.suffix in (".json", ".npz") and path.stem not in names:

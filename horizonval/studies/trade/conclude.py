@@ -1,11 +1,10 @@
-"""From the rows of results to what the designs deliver: ``study.json``, ``designs.csv``, ``study-costs.json``.
+"""From the rows of results to ``study.json``, ``designs.csv`` and ``study-costs.json`` of a study.
 
-The first two are the same bytes for the same study, version and frames; times of processors are in the third.
+The first two have the same bytes for the same study, version and frames; processor times are in the third.
 
-A design *meets* the requirement if the one-sided 95 % bound of its share of frames within the error lies above the
-availability, *fails* if the upper one lies below it, and is *open* in between. With no miss at all n independent frames
-show an availability A only if A^n <= 5 %: 99 % takes 299. Each design's bound is its own: among many, one may pass by
-chance.
+A design *meets* the requirement if the one-sided 95 % lower bound of its share of frames within the error exceeds the
+availability, *fails* if the upper bound is below it, and is *open* in between. Without a miss, n independent frames
+show an availability A only if A^n <= 5 %: 99 % takes 299. Bounds are not adjusted for the number of designs.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ Verdict = Literal["meets", "fails", "open"]
 
 
 def verdict_of(within: Mapping[str, Any], availability: float) -> Verdict:
-    """Return what a share of frames within the error says of a required availability."""
+    """Return the verdict on a share of frames within the error for a required availability."""
     if not within["of"]:
         return "open"
     if within["lower"] >= availability:
@@ -55,27 +54,26 @@ def verdict_of(within: Mapping[str, Any], availability: float) -> Verdict:
 
 
 def frames_needed(availability: float) -> int:
-    """Return how many independent frames without a miss show an availability."""
+    """Return the number of independent frames without a miss that shows an availability."""
     return math.ceil(math.log(1.0 - CONFIDENCE) / math.log(availability) - 1e-9)
 
 
 def cheapest(
     designs: Sequence[Mapping[str, Any]], requirement: Requirement, by: str, prices: Mapping[str, JsonObject]
 ) -> JsonObject:
-    """Return the answer to "which is the cheapest design that meets the requirement?".
+    """Return the cheapest design that meets the requirement, and the designs that come close.
 
     ``designs``: ``name``, ``within`` and ``misses`` (:func:`horizonval.studies.trade.sample.misses_of`) of each.
-    ``by``: the expression that the prices are of. ``prices``: by name, as
-    :func:`horizonval.studies.trade.cost.price_of`; designs without a price come last.
+    ``by``: expression of the price. ``prices``: by name (:func:`horizonval.studies.trade.cost.price_of`); designs
+    without a price come last.
 
     Returns
     -------
     dict
-        ``meets``, ``open``, ``fails``: names, cheapest first; ``cheapest``: the first that meets, or None, and
-        ``tied``: all that meet at a cost that is not told apart from its; ``candidate``: the cheapest open one whose
-        measured share reaches the availability, or None, and ``tied_candidates``; ``closest``: the one with the largest
-        share, the first of ``tied_closest``; ``needed``: frames without a miss that would show it; ``misses``: by name;
-        ``text``: the answer in words.
+        ``meets``, ``open``, ``fails``: names, cheapest first. ``cheapest``: the first that meets, or None; ``tied``:
+        all that meet at an indistinguishable cost. ``candidate``: the cheapest open one whose measured share reaches
+        the availability, or None; ``tied_candidates``. ``closest``: the one with the largest share, the first of
+        ``tied_closest``. ``needed``: frames without a miss that would show it. ``misses``: by name. ``text``: in words.
     """
 
     def place(design: Mapping[str, Any]) -> tuple[float, float, str]:
@@ -165,7 +163,7 @@ def _text(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]], prices: 
 
 
 def _tie(prices: Sequence[JsonObject]) -> str:
-    """Return why designs are tied: at one cost, or at costs that are not known well enough."""
+    """Return the reason of a tie: equal costs, or uncertain ones."""
     values = [price["value"] for price in prices]
     if None in values:
         return "without a cost"
@@ -176,7 +174,7 @@ def _tie(prices: Sequence[JsonObject]) -> str:
 
 
 def _is_cheaper(answer: JsonObject, prices: Mapping[str, JsonObject]) -> bool:
-    """Whether the candidate costs less than the cheapest that meets, and not only by chance."""
+    """Whether the candidate costs significantly less than the cheapest that meets."""
     candidate, meets = prices[answer["candidate"]], prices[answer["cheapest"]]
     if candidate["value"] is None or meets["value"] is None:
         return candidate["value"] is not None
@@ -200,20 +198,14 @@ class Data:
     version: str
 
     def compare(self, first: str, second: str, error_deg: float) -> JsonObject:
-        """Return the paired difference of two designs, by name or number.
-
-        Raises ``UserError``: there is no such design.
-        """
+        """Return the paired difference of two designs, by name or number. Raises ``UserError``: no such design."""
         a, b = (self.plan.design(name, "--compare").name for name in (first, second))
         comparison = compare(self.samples[a], self.samples[b], self.draws, error_deg)
         return {"a": a, "b": b, "error_deg": error_deg, **comparison}
 
 
 def read_data(plan: StudyPlan, root: Path) -> Data:
-    """Return the results of a study whose frames are made.
-
-    Raises ``UserError``: there are no results, or not those of this study.
-    """
+    """Return the results of a study. Raises ``UserError``: no results, or those of another study."""
     folder = RunFolder(root)
     summary = read_json(folder.summary) or {}
     rows = read_results(folder.results)
@@ -241,7 +233,7 @@ def read_data(plan: StudyPlan, root: Path) -> Data:
 
 
 def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
-    """Work out and write the results of a study; return them and the costs."""
+    """Compute and write the results of a study; return them and the costs."""
     plan, requirement = data.plan, data.plan.requirement
     designs = [_design(number, design, data) for number, design in enumerate(plan.designs, start=1)]
     costs = _costs(data, root)
@@ -282,7 +274,7 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
 
 
 def files_of_study(root: Path) -> list[Path]:
-    """Return the files that the results of a study are."""
+    """Return the result files of a study."""
     return [root / name for name in (PLAN_FILE, RESULT, cost.COSTS_FILE, TABLE)]
 
 
@@ -294,9 +286,9 @@ def query(
     seconds: Mapping[str, JsonObject],
     where: str = "study.cheapest_by",
 ) -> JsonObject:
-    """Return the cheapest design for a requirement and a price, which need not be the study's own.
+    """Return the cheapest design for any requirement and price expression.
 
-    ``seconds`` are the processor times of the designs. ``UserError``, naming ``where``, if ``by`` is no expression.
+    ``seconds``: processor times of the designs. Raises ``UserError``, naming ``where``: ``by`` is not an expression.
     """
     from horizonval.studies.trade.sample import proportion
 
@@ -361,7 +353,7 @@ def _front(
 
 
 def _neighbours(designs: Sequence[JsonObject], chosen: Sequence[str]) -> list[tuple[str, str]]:
-    """Return pairs that follow each other on a front, from the most pixels to the fewest."""
+    """Return neighbouring pairs on a front, from the most pixels to the fewest."""
     on = sorted((d for d in designs if d["name"] in chosen), key=lambda d: (-d["pixel_rate"], d["name"]))
     return [(a["name"], b["name"]) for a, b in pairwise(on)]
 

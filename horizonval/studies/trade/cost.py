@@ -1,11 +1,11 @@
-"""What a design costs, by the study's own expression; and the processor time of an estimate on the machine that ran it.
+"""Cost of a design by the study's expression; processor time of an estimate.
 
-Seconds are kept apart from what is reproducible. They have an uncertainty, which an expression that uses them has too:
-designs whose costs it does not tell apart are tied.
+Seconds are kept apart from reproducible results. They have an uncertainty, which propagates to expressions: designs
+with indistinguishable costs are tied.
 
-The expression, such as ``mass_g + 20 * power_w``, may hold numbers, names, ``+ - * / **``, parentheses, ``min``,
-``max``, ``abs`` and ``sqrt``: Python's grammar reads it, and nothing of it is ever executed. All numbers are floats, so
-that no power can grow without bound.
+An expression such as ``mass_g + 20 * power_w`` may hold numbers, names, ``+ - * / **``, parentheses, ``min``, ``max``,
+``abs`` and ``sqrt``. Python parses it but never executes it. All numbers are floats, so no power can grow without
+bound.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from horizonval.studies.trade.sample import CONFIDENCE
 from horizonval.suites.units.scored import PROCESSOR
 
 LONGEST = 500
-"""Characters."""
+"""Maximum length of an expression, characters."""
 _BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -42,20 +42,20 @@ _FUNCTIONS: dict[str, tuple[Callable[..., float], int | None]] = {
     "abs": (abs, 1),
     "sqrt": (math.sqrt, 1),
 }
-"""By name, with how many arguments it takes; ``None``: one or more."""
+"""Number of arguments by function; ``None``: one or more."""
 GRAMMAR = f"numbers, names, + - * / **, parentheses, {', '.join(_FUNCTIONS)}"
 
 
 @dataclass(frozen=True)
 class Expression:
-    """An expression that was read; ``names`` are those it uses."""
+    """A parsed expression; ``names`` are those it uses."""
 
     text: str
     names: frozenset[str]
     tree: ast.expr
 
     def value(self, values: Mapping[str, float]) -> float | None:
-        """Return its value; ``None`` where it has none, as of a division by zero."""
+        """Return its value; ``None`` if undefined, as for a division by zero."""
         try:
             value = float(_value(self.tree, values))
         except (ArithmeticError, ValueError):
@@ -64,10 +64,9 @@ class Expression:
 
 
 def read_expression(text: str, known: Mapping[str, Any], where: str) -> Expression:
-    """Return an expression.
+    """Return an expression in the names ``known``; ``where`` is file and key for errors.
 
-    ``known``: the names that it may use are its keys. ``where``: file and key, for errors. Raises ``UserError``: it is
-    none, or uses a name that is not known.
+    Raises ``UserError``: not an expression, or an unknown name.
     """
     if len(text) > LONGEST:
         raise UserError(f"{len(text)} characters", where=where, expected=f"at most {LONGEST}")
@@ -92,7 +91,7 @@ class _RefusedError(ValueError):
 
 
 def _names(node: ast.expr) -> set[str]:
-    """Return the names of an expression; everything that is no arithmetic is refused."""
+    """Return the names of an expression; refuse everything but arithmetic."""
     match node:
         case ast.Constant(value=value) if isinstance(value, int | float) and not isinstance(value, bool):
             if not math.isfinite(float(value)):
@@ -133,15 +132,14 @@ EXACT = ("pixel_rate", "pixels", "width", "height", "heads")
 MEASURES = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg", "exclusion_deg")
 SHARES = ("availability", "answered_due", "false_valid", "within")
 COLUMNS = (*EXACT, SECONDS, *MEASURES, *SHARES)
-"""What an expression may use of every design, beside the numbers of its file."""
+"""Columns of every design that an expression may use, in addition to the numbers of its file."""
 
 
 def read_price(text: str, costs: Mapping[str, float], where: str) -> Expression:
-    """Return the expression of what a design costs.
+    """Return the price expression of a design; ``where`` is file and key, or the option, for errors.
 
-    ``costs``: the numbers that the file gives of a design; all designs have the same names. ``where``: file and key, or
-    the option, for errors. Raises ``UserError``: it is no expression, or uses a name that is no column; a number of the
-    file is named as a column.
+    ``costs``: numbers of a design in the file; all designs have the same names. Raises ``UserError``: not an
+    expression, a name that is not a column, or a number of the file with the name of a column.
     """
     if both := sorted(set(costs) & set(COLUMNS)):
         raise UserError(f"a cost is named {both[0]!r}, as a column is", where=where, fix="rename it")
@@ -149,7 +147,7 @@ def read_price(text: str, costs: Mapping[str, float], where: str) -> Expression:
 
 
 def is_timed(price: Expression) -> bool:
-    """Whether a price hangs on processor time, and so on the machine."""
+    """Whether a price depends on processor time, and so on the machine."""
     return SECONDS in price.names
 
 
@@ -169,16 +167,10 @@ def columns_of(design: Mapping[str, Any], seconds: JsonObject) -> dict[str, Json
 
 
 def price_of(expression: Expression, columns: Mapping[str, JsonObject]) -> JsonObject:
-    """Return what a design costs.
+    """Return ``{value, interval, known}`` of a design's price; ``known``: whether the uncertainty is known or zero.
 
-    ``columns``: by name ``{value, interval, uncertain}``: ``interval`` None where nothing is uncertain, or it is not
-    known.
-
-    Returns
-    -------
-    dict
-        ``value``; ``interval``, of each column's interval carried through alone, added in squares; ``known``: whether
-        the uncertainty is known, or there is none. Without a value None, None and True.
+    ``columns``: by name ``{value, interval, uncertain}``; ``interval`` is None if nothing is uncertain or it is
+    unknown. Intervals of the columns propagate one by one and add in quadrature. Without a value: None, None, True.
     """
     values = {name: columns[name]["value"] for name in expression.names}
     middle = None if None in values.values() else expression.value(values)
@@ -203,9 +195,9 @@ def price_of(expression: Expression, columns: Mapping[str, JsonObject]) -> JsonO
 
 
 def is_tie(a: JsonObject, b: JsonObject) -> bool:
-    """Whether two costs are not told apart: equal but for rounding, or no further apart than their uncertainties.
+    """Whether two costs are equal up to rounding, or no further apart than their uncertainties.
 
-    The half widths that face each other are added in squares: the interval of the difference of independent costs.
+    The half widths facing each other add in quadrature: the interval of the difference of independent costs.
     """
     if a["value"] is None or b["value"] is None:
         return a["value"] is b["value"]
@@ -219,7 +211,7 @@ def is_tie(a: JsonObject, b: JsonObject) -> bool:
 
 
 def read_timings(folder: Path) -> dict[str, dict[str, float]]:
-    """Return the seconds of every stage by case, those of all shards together."""
+    """Return the seconds of every stage by case, summed over the shards."""
     timings: dict[str, dict[str, float]] = {}
     for path in sorted(folder.glob("timings*.json")):
         for case, stages in ((intact_json(path) or {}).get("cases") or {}).items():
@@ -230,14 +222,9 @@ def read_timings(folder: Path) -> dict[str, dict[str, float]]:
 def cost_of(
     frames: Iterable[tuple[str, int]], estimator: str, timings: Mapping[str, Mapping[str, float]]
 ) -> JsonObject:
-    """Return the mean processor time of an estimate.
+    """Return the mean processor time of an estimate: ``value`` [s], Student ``interval`` of the mean, ``n`` frames.
 
-    ``frames``: cases and how many images of each the estimator saw one after the other.
-
-    Returns
-    -------
-    dict
-        ``value`` [s], ``interval`` (Student's, of the mean), ``n`` (frames whose time is known).
+    ``frames``: cases, and the number of images the estimator saw in sequence.
     """
     seconds = [
         stages[PROCESSOR + estimator] / bands
@@ -261,7 +248,7 @@ def mean_of(values: Sequence[float]) -> JsonObject:
 
 
 def all_stages(timings: Mapping[str, Mapping[str, float]]) -> float:
-    """Return the seconds of the clock that all frames took together, in all processes."""
+    """Return the wall-clock seconds of all frames, summed over processes."""
     return math.fsum(
         spent for stages in timings.values() for stage, spent in stages.items() if not stage.startswith(PROCESSOR)
     )

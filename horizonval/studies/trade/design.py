@@ -1,13 +1,12 @@
 """From a study file to its designs and to the suite of their frames.
 
-A *design* is an entry of ``[design]`` with one estimator. Designs that differ in the estimator alone see the same
-images, and share the frames. A *condition* is a scene of ``[frames]``; the frame of a design under a condition is named
-``<design without estimator>__<condition>``, and everything random in it is drawn under the condition's name. Names
-follow from the values of the axes, so that a frame keeps its name, and hence its result, when values are added.
+A *design* is an entry of ``[design]`` with one estimator. Designs that differ only in the estimator share their frames.
+A *condition* is a scene of ``[frames]``. A frame is named ``<design without estimator>__<condition>``, and its random
+numbers are drawn under the condition's name. Names follow from the values of the axes, so a frame keeps its name and
+result when values are added. An estimator added later recomputes the results of all frames, without rendering those
+that `keep` stores.
 
-An estimator that is added later makes the results of all frames again; those that `keep` stores are not rendered again.
-
-``study-plan.json`` is what a study's folder must know to work out its results without the study file.
+``study-plan.json`` lets a folder compute its results without the study file.
 """
 
 from __future__ import annotations
@@ -58,16 +57,9 @@ class DesignEntry:
 class Design:
     """A design as the study's results know it.
 
-    Attributes
-    ----------
-    frames : str
-        Name of its entry, with which its frames' names begin.
-    settings : dict
-        Values on the axes, the estimator's among them where there are several.
-    width, height, heads : int
-        Pixels of an image, and the images that an estimate takes.
-    costs : dict
-        Numbers that the file gives, those of all its options together.
+    ``frames``: name of its entry, the beginning of its frames' names. ``settings``: values on the axes, including the
+    estimator if there are several. ``width``, ``height``, ``heads``: pixels of an image, and images of an estimate.
+    ``costs``: numbers of the file, summed over its options.
     """
 
     name: str
@@ -83,10 +75,10 @@ class Design:
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """Designs, conditions and frames of a study: what its results follow from, with the rows.
+    """Designs, conditions and frames of a study.
 
-    ``conditions``: cluster of every condition: samples of one flight belong together where there are several flights.
-    ``frames``: entry and condition of every frame, by the case's name.
+    ``conditions``: cluster of every condition: samples of one flight are one cluster if there are several flights.
+    ``frames``: entry and condition of every frame, by case.
     """
 
     head: StudyHead
@@ -99,7 +91,7 @@ class StudyPlan:
         return self.head.requirement
 
     def design(self, name: str, where: str) -> Design:
-        """Return the design of a name, or of a number from 1. Raises ``UserError``: there is none."""
+        """Return the design of a name, or of a number from 1. Raises ``UserError``: no such design."""
         for number, design in enumerate(self.designs, start=1):
             if name in (design.name, str(number)):
                 return design
@@ -109,15 +101,15 @@ class StudyPlan:
 
 @dataclass(frozen=True)
 class Study(StudyPlan):
-    """A study that is expanded, with the suite of its frames."""
+    """An expanded study, with the suite of its frames."""
 
     suite: Suite
 
 
 def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[StudySpec, Path]:
-    """Read a study file; ``frames`` stands in place of the Sobol points, or else of the orbit's samples.
+    """Read a study file; ``frames`` replaces the number of Sobol points, or else of the orbit's samples.
 
-    Raises ``UserError``: naming the file, the key, and what was expected.
+    Raises ``UserError``: a mistake, with file and key.
     """
     path = find("study", path_or_name)
     spec = validate(StudySpec, read_toml(path), str(path))
@@ -133,9 +125,9 @@ def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[Stu
 
 
 def expand(spec: StudySpec, path: Path) -> Study:
-    """Return a study with its designs and the suite of their frames.
+    """Return a study with its designs and the suite of their frames; other files are relative to ``path``.
 
-    ``path``: the file; others lie beside it. Raises ``UserError``: a mistake in the file, with its place.
+    Raises ``UserError``: a mistake in the file.
     """
     entries = list(_entries(spec, path))
     _check_keys(spec, entries, path)
@@ -152,7 +144,7 @@ def expand(spec: StudySpec, path: Path) -> Study:
             frame = _frame_of(case, entry, condition)
             cases.append(frame)
             cluster = _cluster(spec, case, condition)
-            # Of several heads each is a frame; a method that sees all of them has one of the scene's name.
+            # Each head is a frame; a method of all heads has one under the scene's name.
             frames[frame.scene_name] = (entry.name, condition)
             clusters.setdefault(condition, cluster)
             if frame.head is not None:
@@ -175,7 +167,7 @@ def expand(spec: StudySpec, path: Path) -> Study:
         study=True,
     )
     if len(set(clusters.values())) == 1:
-        # Of one flight nobody can say how flights differ: what follows holds for this one.
+        # A single flight gives no variation between flights: results hold for it alone.
         clusters = {condition: condition for condition in clusters}
     return Study(head, tuple(designs), clusters, frames, suite)
 
@@ -193,7 +185,7 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
     where = f"{path}: design"
     grid = dict(spec.design.grid or {})
     listed = [_together(spec, items) for items in itertools.product(*spec.design.lists.values())]
-    # The estimator is the last axis, whichever way it is given.
+    # The estimator is always the last axis.
     axis = grid.pop(ESTIMATOR_AXIS, None)
     if axis is not None:
         raise UserError(
@@ -223,7 +215,7 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
 
 
 def _together(spec: StudySpec, items: Sequence[JsonObject]) -> tuple[JsonObject, list[str], Any, dict[str, float]]:
-    """Return entries of the lists laid over each other as a scene, their names, estimators and costs."""
+    """Return merged entries of the lists as a scene, their names, estimators and costs."""
     costs: Counter[str] = Counter()
     for table in (spec.design.cost, *(item.get("cost", {}) for item in items)):
         for key, value in table.items():
@@ -236,7 +228,7 @@ def _together(spec: StudySpec, items: Sequence[JsonObject]) -> tuple[JsonObject,
             scene, {key: value for key, value in item.items() if key not in ("name", "estimators", "cost")}
         )
         estimators = item.get("estimators", estimators)
-    # One name of all of them, of the characters that names are made of.
+    # One name of all of them, with valid characters.
     word = re.sub(r"[^A-Za-z0-9._-]+", "-", "_".join(names)) if names else ""
     return (
         (deep_merge(scene, {"scene": {"name": word}}) if word else scene),
@@ -253,7 +245,7 @@ def _estimators(chosen: Any, where: str) -> tuple[str, ...]:
 
 
 def _check_keys(spec: StudySpec, entries: Sequence[DesignEntry], path: Path) -> None:
-    """What a design fixes must not be varied by the conditions: it would be lost."""
+    """Conditions must not vary what a design fixes: it would override them."""
     frames = spec.frames
     varied = set(leaves(frames.grid or {})) | set(leaves(frames.sobol.ranges if frames.sobol else {}))
     for item in frames.list or []:
@@ -293,7 +285,7 @@ def _cases(spec: StudySpec, path: Path, entry: DesignEntry) -> list[tuple[str, C
 
 
 def _cluster(spec: StudySpec, case: Case, condition: str) -> str:
-    """Return the flight that a condition is a sample of; conditions that are drawn alone are clusters of their own."""
+    """Return the flight of a condition; a condition without one is a separate cluster."""
     orbit = spec.frames.orbit
     return condition if orbit is None or orbit.get("n") == 1 else case.variant or "one flight"
 
@@ -359,10 +351,7 @@ def write_plan(plan: StudyPlan, folder: Path) -> None:
 
 
 def read_plan(folder: Path) -> StudyPlan | None:
-    """Return the plan of a folder, ``None`` where there is none.
-
-    Raises ``UserError``: the file is not what a study writes.
-    """
+    """Return the plan of a folder, or None. Raises ``UserError``: the file is invalid."""
     path = folder / PLAN_FILE
     if not path.exists():
         return None

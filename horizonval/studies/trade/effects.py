@@ -1,14 +1,13 @@
-"""Which axis matters: main effects and interactions of two axes on the logarithm of the error.
+"""Main effects and two-axis interactions on the logarithm of the error.
 
-The response of a design is the mean of log10 of its nadir error over the frames that all compared designs answered, so
-that an easy frame favours none. Up to a quarter of the designs are left out to obtain common frames; where that is not
-enough each design's claims are used. The sum of squares of a term is the growth of the residual when the term is
-removed from the model with all terms of its order and below ("type II": R. Langsrud, Statistics and Computing 13, 163,
-2003). On a full grid these are the classical ones and add up to the total; on a grid with gaps they need not.
+The response of a design is the mean of log10 of its nadir error over the frames that all compared designs answered. Up
+to a quarter of the designs are left out to obtain common frames; if that is not enough, each design's claims are used.
+The sum of squares of a term is the growth of the residual when the term is removed from the model with all terms of its
+order and below ("type II": R. Langsrud, Statistics and Computing 13, 163, 2003). On a full grid these are the classical
+ones and add up to the total; on a grid with gaps they need not.
 
-The uncertainty of the shares comes from resampling the conditions. A share cannot be negative, and a term without
-effect still gets a little: compare the lower end. Also here: two designs compared on the same frames (:func:`compare`),
-and the designs that no other beats in every respect (:func:`front`).
+The uncertainty of the shares comes from resampling the conditions. A share cannot be negative, so a term without effect
+has a small positive one: compare the lower end. Also here: :func:`compare` and :func:`front`.
 """
 
 from __future__ import annotations
@@ -27,19 +26,16 @@ from horizonval.core.json_types import JsonObject
 from horizonval.studies.trade.sample import FEWEST_DRAWN, Sample, interval_of, rms
 
 FLOOR_DEG = 1e-6
-"""Smaller errors count as this: a logarithm has no zero."""
+"""Minimum error, since a logarithm has no zero."""
 FEWEST_COMMON = 5
 MOST_LEFT_OUT = 0.25
-"""Share of the designs that may be left out so that the others have frames in common."""
+"""Share of the designs that may be left out to obtain common frames."""
 
 
 def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: FloatArray) -> JsonObject | None:
     """Return the effects of the axes on the designs' mean log error.
 
-    Parameters
-    ----------
-    designs : sequence of (name, settings, Sample)
-    draws : ndarray, shape (1 + draws, clusters)
+    ``designs``: (name, settings, sample) of each. ``draws``: shape (1 + draws, clusters).
 
     Returns
     -------
@@ -76,7 +72,7 @@ def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: 
 def _with_frames_in_common(
     designs: Sequence[tuple[str, Mapping[str, Any], Sample]],
 ) -> list[tuple[str, Mapping[str, Any], Sample]]:
-    """Leave out one after the other the design that costs most frames in common, until there are enough."""
+    """Leave out, one by one, the design that costs most common frames, until there are enough."""
     answered = [{k for k, e in zip(d[2].keys, d[2].error_deg, strict=True) if np.isfinite(e)} for d in designs]
     kept = list(range(len(designs)))
 
@@ -99,7 +95,7 @@ def _word(value: Any) -> Any:
 
 
 def _responses(samples: Sequence[Sample], draws: FloatArray) -> tuple[FloatArray, str, int]:
-    """Return mean log errors, shape (designs, 1 + draws), what they are over, and of how many frames."""
+    """Return mean log errors, shape (designs, 1 + draws), their basis, and the number of frames."""
     errors = [
         dict(zip(sample.keys, zip(sample.error_deg, sample.cluster, strict=True), strict=True)) for sample in samples
     ]
@@ -149,7 +145,7 @@ def _terms(factors: Sequence[str], columns: Mapping[str, FloatArray], response: 
         without, rank = _residual([*mains, *(c for p, c in cross.items() if p != pair)], response)
         if rank_all > rank:
             terms.append((list(pair), rank_all - rank, without - everything))
-    # Rounding must not make a share of nothing look like one.
+    # Rounding errors of a zero sum must not become a share.
     whole = np.where(total > 1e-18, total, np.nan)
     terms.sort(key=lambda term: -float(np.nan_to_num(term[2][0] / whole[0])))
     left = len(response) - rank_all
@@ -204,16 +200,13 @@ def _finite(value: float) -> float | None:
 
 
 def compare(a: Sample, b: Sample, draws: FloatArray, error_deg: float) -> JsonObject:
-    """Return how design ``b`` differs from design ``a`` on the frames of both.
+    """Return the difference of design ``b`` from design ``a`` on the frames of both.
 
-    Returns
-    -------
-    dict
-        ``n`` (frames of both), ``both`` (answered by both). On the latter: ``mean_difference_deg`` of the nadir errors,
-        b - a, ``rms_ratio`` and ``typical_ratio`` (of the geometric means), b / a, each ``{value, interval}``;
-        ``correlation`` of the log errors. ``answered`` and ``within`` (answered with at most ``error_deg``):
-        ``{only_a, only_b, difference, interval, p}`` over all frames, ``p`` of McNemar's exact test
-        (Psychometrika 12, 153, 1947), with frames as independent.
+    The result has ``n`` (common frames) and ``both`` (answered by both). On the latter: ``mean_difference_deg`` of the
+    nadir errors, b - a, ``rms_ratio`` and ``typical_ratio`` (of the geometric means), b / a, each ``{value,
+    interval}``; ``correlation`` of the log errors. Over all frames: ``answered`` and ``within`` (answered with at most
+    ``error_deg``) as ``{only_a, only_b, difference, interval, p}``, ``p`` of McNemar's exact test (Psychometrika 12,
+    153, 1947), with frames as independent.
     """
     place = {key: i for i, key in enumerate(b.keys)}
     pairs = [(i, place[key]) for i, key in enumerate(a.keys) if key in place]
@@ -269,10 +262,10 @@ def _discordant(a: NDArray[np.bool_], b: NDArray[np.bool_], weights: FloatArray)
 
 
 def front(points: Sequence[Sequence[float | None]]) -> list[bool]:
-    """Return which points no other dominates, all coordinates to be small.
+    """Return which points are on the Pareto front; smaller coordinates are better.
 
     A point dominates another if it is nowhere larger and somewhere smaller; equal points do not dominate each other. A
-    point with an unknown coordinate is on no front. ``points``: ``None`` where a coordinate is unknown.
+    point with an unknown (None) coordinate is on no front.
     """
     known = [i for i, point in enumerate(points) if all(value is not None for value in point)]
     on_front = [False] * len(points)

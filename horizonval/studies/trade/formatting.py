@@ -1,4 +1,4 @@
-"""What a study tells on the terminal."""
+"""Results of a study as text for the terminal."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from horizonval.studies.trade.conclude import BY_WORDS
 from horizonval.studies.trade.sample import causes_of
 
 MOST_BY = 24
-"""Characters of an expression that heads a column."""
+"""Maximum length of an expression in a heading."""
 
 
 def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
-    """Return a table of the designs, a line each."""
+    """Return a table of the designs as lines."""
     error_deg = result["study"]["requirement"]["error_deg"]
     rows: list[tuple[str, ...]] = [
         ("", "design", "frames", "answered", f"within {error_deg:g} deg", "bias", "noise", "p95", "pixels/s", "CPU s")
@@ -40,7 +40,7 @@ def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
 
 
 def miss_lines(misses: Mapping[str, JsonObject]) -> list[str]:
-    """Return a table of why frames were missed, a line for each design; ``misses`` of an answer, by design."""
+    """Return a table of the causes of misses as lines; ``misses`` by design."""
     causes = causes_of(misses.values())
     rows: list[tuple[str, ...]] = [("missed by", *causes)]
     for name, causes_of_design in misses.items():
@@ -49,7 +49,7 @@ def miss_lines(misses: Mapping[str, JsonObject]) -> list[str]:
 
 
 def information_lines(result: JsonObject) -> list[str]:
-    """Return a table of the bounds of the designs, a line each."""
+    """Return a table of the designs' bounds as lines."""
     limit = result["study"]["requirement"]["error_deg"]
     rows: list[tuple[str, ...]] = [
         ("design", "frames", "due", "by noise [deg]", "bound [deg]", f"within {limit:g} deg", "trial")

@@ -1,13 +1,13 @@
-r"""A study by information alone: the bound of every design on the frames of its study; no estimator runs.
+"""Information bound of every design on the frames of its study, without running an estimator.
 
-For a design with the bounds ``b`` of its frames, root mean squares of an error in two directions, an unbiased method
-that reaches them is within ``e`` in the share::
+For a design with the bounds ``b`` of its frames, rms errors in two directions, an efficient unbiased method is within
+``e`` in the share::
 
     within = mean over all frames of (1 - exp(-e^2 / b^2)),      0 where the image does not determine the nadir
 
-(the error is Rayleigh distributed where both directions are known equally well; where one is known worse, as of an arc,
-a few per cent less for ``e`` about ``b``). A design that misses the requirement here misses it with any method. Of a
-camera with several heads each image counts by itself.
+The error is Rayleigh distributed if both directions are equally uncertain; for an arc the share is a few per cent
+smaller at ``e`` about ``b``. A design that misses the requirement here misses it with any method. Each head of a camera
+counts separately.
 """
 
 from __future__ import annotations
@@ -51,15 +51,13 @@ class InformationWork(Recorded[Case]):
         self.records = folder
 
     def name(self, item: Case) -> str:
-        """Return the name of the case."""
         return item.name
 
     def group(self, item: Case) -> str:
-        """Return what says which view tables a case shares."""
+        """Return the key of cases that share view tables."""
         return shared_view(item.scene, item.camera)
 
     def path(self, item: Case) -> Path:
-        """Return the file of the case."""
         return self.records / f"{item.name}.json"
 
     def identity(self, item: Case) -> str:
@@ -91,29 +89,18 @@ def run_information(
     progress: Progress | None = None,
     frames: int | None = None,
 ) -> JsonObject:
-    """Work out what the frames of a study allow, or finish what an earlier call left; only new frames are made.
+    """Compute the information bounds of a study's frames, or resume; write ``study-information.json`` and return it.
 
-    Raises ``UserError``: a mistake in the study, found before anything is rendered; nothing on this machine can render.
-
-    Parameters
-    ----------
-    path_or_name : str or Path
-        A study file, or the name of a shipped study.
-    out_dir : Path
-        May be the folder of the study itself: its trial is then part of the result.
-    execution : Execution, optional
-    progress : Progress, optional
-    frames : int, optional
-        Conditions in place of the file's number.
+    ``out_dir`` may be the study's folder; its trial is then part of the result. ``frames`` replaces the number of
+    conditions. Raises ``UserError``: a mistake in the study, found before rendering; no back-end.
 
     Returns
     -------
     dict
-        Also written to ``study-information.json``: ``study``, ``conditions``, ``failed`` by frame, and ``designs``:
-        ``name``, ``settings``, ``camera``, ``n``, ``due`` (frames that a method should answer), ``noise_arcsec`` and
-        ``bound_arcsec`` (``{median, rms, p95, n}`` over the frames that determine the nadir), ``within`` and
-        ``within_by_noise`` (shares of all frames), and ``trial``: by estimator
-        ``{rms_deg, within, n}`` of a finished study in the folder.
+        ``study``, ``conditions``, ``failed`` by frame, and ``designs``: ``name``, ``settings``, ``camera``, ``n``,
+        ``due`` (frames to be answered), ``noise_arcsec`` and ``bound_arcsec`` (``{median, rms, p95, n}`` over the
+        frames that determine the nadir), ``within`` and ``within_by_noise`` (shares of all frames), and ``trial``: by
+        estimator ``{rms_deg, within, n}`` of a finished study in the folder.
     """
     study = study_in(path_or_name, frames)
     out_dir.mkdir(parents=True, exist_ok=True)

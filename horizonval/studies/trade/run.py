@@ -29,16 +29,10 @@ from horizonval.suites.run import run_suite
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What a study made.
+    """Result of a study.
 
-    Attributes
-    ----------
-    result, costs : dict
-        Contents of ``study.json`` and ``study-costs.json``; empty as long as other shards are missing.
-    failed : dict
-        Frames without a result, by name, and why.
-    missing : int
-        Results that other shards have yet to make.
+    ``result``, ``costs``: contents of ``study.json`` and ``study-costs.json``; empty while other shards are missing.
+    ``failed``: reasons by frame. ``missing``: results of other shards.
     """
 
     result: dict[str, Any]
@@ -49,7 +43,6 @@ class StudyResult:
 
 
 def study_in(path_or_name: str | Path, frames: int | None = None) -> Study:
-    """Return a study as it is run. Raises ``UserError``: a mistake in the study."""
     spec, path = read_study(path_or_name, frames)
     study = expand(spec, path)
     if frames is not None:
@@ -66,21 +59,10 @@ def run_study(
     frames: int | None = None,
     on_start: Callable[[Study], Mapping[str, ExpectedTime] | None] | None = None,
 ) -> StudyResult:
-    """Run a study into a folder, or finish or extend what is there: only frames that are new are made.
+    """Run a study into a folder, or resume, or extend it: only new frames are made.
 
-    Raises ``UserError``: a mistake in the study, told before anything is rendered; or as
-    :func:`horizonval.suites.run.run_suite`.
-
-    Parameters
-    ----------
-    path_or_name : str or Path
-        A study file, or the name of a shipped study.
-    execution : Execution, optional
-    progress : Progress, optional
-    frames : int, optional
-        Conditions in place of the file's number.
-    on_start : callable, optional
-        Called with the study, once before the first frame, when nothing is refused any more.
+    ``frames`` replaces the number of conditions. ``on_start`` is called with the study before the first frame. Raises
+    ``UserError``: a mistake in the study, found before rendering; or as :func:`horizonval.suites.run.run_suite`.
     """
     study = study_in(path_or_name, frames)
     made: list[tuple[dict[str, Any], dict[str, Any], Path]] = []
@@ -98,7 +80,7 @@ def run_study(
 
 
 def open_study(folder: Path) -> Data:
-    """Return the results of a study's folder. Raises ``UserError``: there is no finished study in it."""
+    """Return the results of a study's folder. Raises ``UserError``: no finished study in it."""
     plan = read_plan(folder)
     if plan is None:
         raise UserError(
@@ -108,7 +90,7 @@ def open_study(folder: Path) -> Data:
 
 
 def conclude_again(folder: Path) -> StudyResult:
-    """Work out the results of a folder again, and its page."""
+    """Recompute the results of a folder and its page."""
     data = open_study(folder)
     result, costs = conclude(data, folder)
     page = study_page.write_page(folder)
@@ -117,6 +99,6 @@ def conclude_again(folder: Path) -> StudyResult:
 
 
 def ask(data: Data, result: StudyResult, requirement: Requirement, by: str | None = None) -> dict[str, Any]:
-    """Return the cheapest design for a requirement, by an expression or by what the study counts as cheap."""
+    """Return the cheapest design for a requirement, by an expression or by the study's price."""
     price, where = (data.plan.head.cheapest_by, "study.cheapest_by") if by is None else (by, "--cheapest-by")
     return query(data, result.result["designs"], requirement, price, result.costs["designs"], where)

@@ -1,22 +1,20 @@
-"""The results of a design, frame by frame, and what it delivers: accuracy, shares and misses, each with an interval.
+"""Results of a design by frame; its accuracy, shares and misses, each with an interval.
 
-Intervals come from drawing the *clusters* of conditions anew with replacement (the cluster bootstrap: A. C. Davison and
-D. V. Hinkley, *Bootstrap Methods and their Application*, 1997, section 3.8): a condition drawn alone is a cluster of
-its own, the samples of one flight are one together. All designs share the draws, as they share the conditions, so that
-differences of designs are drawn in pairs. The draws come from a hash of the study's name and seed; a statistic is
-worked out for all of them at once, from how often each frame is drawn, its weight.
+Intervals come from the cluster bootstrap over conditions (A. C. Davison and D. V. Hinkley, *Bootstrap Methods and their
+Application*, 1997, section 3.8). A single condition is a cluster; so are all samples of one flight. All designs share
+the draws, so differences are paired. The draws come from a hash of the study's name and seed; a statistic is computed
+for all draws at once, with the frequency of each frame as its weight.
 
-Shares of independent frames (:func:`proportion`) have the interval of Clopper and Pearson (Biometrika 26, 404, 1934).
-Samples of one flight resemble each other: what they are worth together is the effective sample size, n over the design
-effect, which takes the place of n in the same formula (E. L. Korn and B. I. Graubard, Survey Methodology 24, 193,
-1998). Where all frames went the same way nothing is known of how flights differ, and every flight counts once.
+Shares of independent frames (:func:`proportion`) have Clopper and Pearson's interval (Biometrika 26, 404, 1934). For
+samples of one flight the effective sample size, n over the design effect, replaces n (E. L. Korn and B. I. Graubard,
+Survey Methodology 24, 193, 1998). If all frames have the same outcome, the variation between flights is unknown, and
+every flight counts once.
 
 Of the measures (:func:`measures_of`) *bias* is the length of the mean error in roll and pitch, *noise* the square root
-of the sum of their variances: the scatter over the conditions, detector noise among it. For small angles
-rms^2 = bias^2 + noise^2 up to 1/n. *p95* and *three sigma* are quantiles of the nadir error, the latter at 99.7 %, no
-distribution assumed; of fewer than 333 claims it is nearly the largest error. Its interval is that of the order
-statistics (W. J. Conover, *Practical Nonparametric Statistics*, 3rd ed., section 3.2) with frames as independent, and
-open at the top below 1228 claims.
+of the sum of their variances over the conditions, including detector noise. For small angles rms^2 = bias^2 + noise^2
+up to 1/n. *p95* and *three sigma* (99.7 %) are quantiles of the nadir error without an assumed distribution; below 333
+claims the latter is nearly the largest error. Its interval is that of the order statistics (W. J. Conover, *Practical
+Nonparametric Statistics*, 3rd ed., section 3.2) with frames as independent, and open at the top below 1228 claims.
 """
 
 from __future__ import annotations
@@ -43,29 +41,18 @@ CONFIDENCE = 0.95
 ARCSEC_PER_DEG = 3600.0
 NOT_MADE = "not_made"
 SUN_DECIDES = (Outcome.VALID, Outcome.SUN_GLARE, Outcome.SATURATED)
-"""Expected outcomes of frames in which the Sun's place decides: not those without a limb or in the dark."""
+"""Expected outcomes in which the Sun's position decides: with a limb, and not in the dark."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A design's frames in the order of ``keys``; shape (n,) throughout.
+    """A design's frames in the order of ``keys``; all arrays have shape (n,).
 
-    Attributes
-    ----------
-    keys : tuple of str
-        Condition, and band where there are several: equal keys of two designs are a pair.
-    cluster : ndarray of int
-        Index of the condition's cluster.
-    claimed, due, false : ndarray of bool
-        An answer; a frame that must be answered (borderline ones are not among them); a claim that is false.
-    error_deg, roll_deg, pitch_deg : ndarray
-        Errors of claims, NaN elsewhere.
-    sun_deg : ndarray
-        The Sun's angle from the boresight where it is in sight and decides, NaN elsewhere.
-    right : ndarray of bool
-        A claim that is not false.
-    outcome : tuple of str
-        What was reported; ``not_made`` for a frame that could not be made.
+    ``keys``: condition, and band if there are several; equal keys of two designs are a pair. ``cluster``: index of the
+    condition's cluster. ``claimed``, ``due``, ``false``, ``right``: answered; must be answered (borderline frames
+    excluded); false claim; claim that is not false. ``error_deg``, ``roll_deg``, ``pitch_deg``: errors of claims, else
+    NaN. ``sun_deg``: the Sun's angle from the boresight where it is visible and decides, else NaN. ``outcome``: the
+    reported status; ``not_made`` if the frame failed.
     """
 
     keys: tuple[str, ...]
@@ -85,15 +72,12 @@ class Sample:
         return len(self.keys)
 
     def within(self, error_deg: float) -> BoolArray:
-        """Return which frames were answered with at most this error."""
+        """Return which frames have an answer with at most this error."""
         return self.claimed & (np.nan_to_num(self.error_deg, nan=np.inf) <= error_deg)
 
 
 def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
-    """Return the sample of rows of results.
-
-    ``rows``: rows of results by key. ``cluster_of``: index of the cluster of every key.
-    """
+    """Return the sample of rows by key; ``cluster_of`` is the cluster of every key."""
     keys = tuple(sorted(rows))
     ordered = [rows[key] for key in keys]
 
@@ -125,17 +109,14 @@ def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
 
 
 def cluster_draws(clusters: int, name: str, seed: int, draws: int = DRAWS) -> FloatArray:
-    """Return how often each cluster is drawn, shape (1 + draws, clusters); the first line is the sample itself."""
+    """Return the frequency of each cluster in each draw, shape (1 + draws, clusters); the first line is the sample."""
     random = np.random.default_rng(np.random.SeedSequence(seed_of("study bootstrap", name, seed)))
     counts = random.multinomial(clusters, np.full(clusters, 1.0 / clusters), size=draws)
     return np.concatenate([np.ones((1, clusters)), counts.astype(np.float64)])
 
 
 def interval_of(values: FloatArray) -> list[float] | None:
-    """Return the middle 95 % of drawn values, ``None`` where fewer than 95 % of the draws have any.
-
-    The first value is the estimate and takes no part.
-    """
+    """Return the middle 95 % of the draws (all but the first value), None if fewer than 95 % have a value."""
     drawn = values[1:]
     known = drawn[np.isfinite(drawn)]
     if known.size < CONFIDENCE * drawn.size or known.size == 0:
@@ -145,18 +126,10 @@ def interval_of(values: FloatArray) -> list[float] | None:
 
 
 def proportion(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> JsonObject:
-    """Return a share with its two-sided 95 % interval and its one-sided 95 % bounds.
+    """Return a share with its two-sided 95 % interval and its one-sided 95 % bounds; inputs have shape (n,).
 
-    Parameters
-    ----------
-    flags : ndarray of bool, shape (n,)
-    cluster : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    dict
-        ``n`` (flags that are set), ``of``, ``rate``, ``interval``, ``lower``, ``upper`` (each one-sided), ``effective``
-        (frames that the sample is worth). All but the counts are ``None`` for 0 of 0.
+    The result has ``n`` (set flags), ``of``, ``rate``, ``interval``, ``lower``, ``upper`` (each one-sided), and
+    ``effective`` (sample size); all but the counts are None for 0 of 0.
     """
     n, k = int(flags.size), int(np.count_nonzero(flags))
     if n == 0:
@@ -179,7 +152,7 @@ def proportion(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> JsonObje
 
 
 def effective_size(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> float:
-    """Return how many independent frames a sample is worth, at most as many as it has."""
+    """Return the number of independent frames equivalent to a sample, at most its size."""
     n = int(flags.size)
     _, index = np.unique(cluster, return_inverse=True)
     clusters = int(index.max()) + 1
@@ -196,7 +169,7 @@ def effective_size(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> floa
 
 
 def _bounds(rate: float, n: float, tail: float) -> tuple[float, float]:
-    """Return Clopper and Pearson's bounds, each of which a share beyond passes with the probability ``tail``."""
+    """Return Clopper and Pearson's bounds, each with the tail probability ``tail``."""
     k = rate * n
     low = 0.0 if rate == 0.0 else float(stats.beta.ppf(tail, k, n - k + 1.0))
     high = 1.0 if rate == 1.0 else float(stats.beta.ppf(1.0 - tail, k + 1.0, n - k))
@@ -207,24 +180,15 @@ THREE_SIGMA = 0.997
 P95 = 0.95
 FEWEST_CLAIMS = 2
 FEWEST_DRAWN = 5
-"""Drawing fewer than this anew says nothing about their scatter: no interval then."""
+"""Minimum number of items for a bootstrap interval."""
 
 
 def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> JsonObject:
-    """Return the measures of a design.
+    """Return the measures of a design; ``draws`` has shape (1 + draws, clusters), ``error_deg`` limits a usable answer.
 
-    Parameters
-    ----------
-    draws : ndarray, shape (1 + draws, clusters)
-    error_deg : float
-        Largest error of a usable answer.
-
-    Returns
-    -------
-    dict
-        ``n``, ``clusters``, ``claims``; ``bias_deg``, ``noise_deg``, ``rms_deg``, ``p95_deg``, ``three_sigma_deg``,
-        ``exclusion_deg``: ``{value, interval, n}``; ``availability``, ``answered_due``, ``false_valid``, ``within``:
-        as :func:`horizonval.studies.trade.sample.proportion`.
+    The result has ``n``, ``clusters``, ``claims``; ``bias_deg``, ``noise_deg``, ``rms_deg``, ``p95_deg``,
+    ``three_sigma_deg``, ``exclusion_deg`` as ``{value, interval, n}``; ``availability``, ``answered_due``,
+    ``false_valid``, ``within`` as :func:`proportion`.
     """
     weights = draws[:, sample.cluster]
     clusters = len(np.unique(sample.cluster))
@@ -278,7 +242,7 @@ def rms(values: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
-    """Return a quantile for every line of weights, each value taken as often as it weighs; linear between ranks."""
+    """Return a weighted quantile for every line of weights, with linear interpolation between ranks."""
     if values.size == 0:
         return np.full(len(weights), np.nan)
     order = np.argsort(values, kind="stable")
@@ -288,7 +252,7 @@ def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
     below = np.floor(place)
 
     def at(rank: FloatArray) -> FloatArray:
-        # The first value that more than ``rank`` copies stand up to.
+        # The first value with a cumulative weight above ``rank``.
         index = np.minimum((upto <= rank[:, None]).sum(axis=1), len(ranked) - 1)
         values_at_rank: FloatArray = ranked[index]
         return values_at_rank
@@ -299,9 +263,9 @@ def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
 
 
 def exclusion_angle(angle: FloatArray, right: NDArray[np.bool_], weights: FloatArray) -> FloatArray:
-    """Return for every line of weights the smallest angle from which on every answer is right, NaN where there is none.
+    """Return for every line of weights the smallest angle from which on every answer is right, else NaN.
 
-    The same as :func:`horizonval.scoring.expected.exclusion_angle_deg`, for all draws at once.
+    Vectorised :func:`horizonval.scoring.expected.exclusion_angle_deg`.
     """
     if angle.size == 0:
         return np.full(len(weights), np.nan)
@@ -332,11 +296,11 @@ def _three_sigma(error: FloatArray) -> JsonObject:
 
 
 FALSE, INACCURATE = "false claim", "too inaccurate"
-"""Causes beside the outcomes of refusals: claims that are false, and other claims beyond the required error."""
+"""Causes in addition to refusals: false claims, and other claims beyond the required error."""
 
 
 def misses_of(sample: Sample, error_deg: float) -> JsonObject:
-    """Return by cause, the most first, how many frames were missed (``n``), and how many of them were due (``due``)."""
+    """Return by cause, largest first, the number of missed frames (``n``), and of those to be answered (``due``)."""
     within = sample.within(error_deg)
     causes: Counter[str] = Counter()
     due: Counter[str] = Counter()

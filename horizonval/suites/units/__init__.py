@@ -1,1 +1,1 @@
-"""Units of a suite: what one worker makes at once, rendered or read from an archive, scored alike."""
+"""Units of a suite: work of one worker at a time, rendered or read from an archive, then scored."""

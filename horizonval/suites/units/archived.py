@@ -1,4 +1,4 @@
-"""The images of an archive, put together to units and scored: no scene is rendered, no noise is drawn.
+"""Units made of the images of an archive and scored, without rendering.
 
 Image and truth come from the archived files alone.
 """
@@ -24,10 +24,10 @@ from horizonval.suites.units.scored import Observed, score_alone, score_together
 
 @dataclass(frozen=True)
 class Item:
-    """Images that are scored together under one name: all bands of a case, or those of all heads of a scene.
+    """Images that are scored together: all bands of a case, or those of all heads of a scene.
 
-    ``images`` by head (``""`` for a camera without) and band; ``frames``: the addresses of the heads' frames, empty
-    where the archive has none, or several that could be meant.
+    ``images``: by head (``""`` for a camera without heads) and band. ``frames``: addresses of the heads' frames, empty
+    if missing or ambiguous.
     """
 
     name: str
@@ -37,21 +37,19 @@ class Item:
 
     @property
     def image_addresses(self) -> list[str]:
-        """Addresses of all images."""
         return [address for images in self.images.values() for address in images.values()]
 
     @property
     def addresses(self) -> list[str]:
-        """Addresses of all images, then of the frames."""
         return [*self.image_addresses, *self.frames.values()]
 
     def estimators(self, plan: CasePlan) -> list[str]:
-        """Return the estimators of a plan that see what this is: one image, or those of all heads."""
+        """Return the estimators for this item: methods of one image, or of all heads."""
         return [name for name in plan.estimators if (plan.estimator(name).needs == "heads") == self.together]
 
 
 def archived_record(item: Item, plan: CasePlan, store: Store, watch: Stopwatch) -> Record:
-    """Return the record of archived images. Raises ``UserError``: a file is gone or damaged."""
+    """Return the record of archived images. Raises ``UserError``: a missing or damaged file."""
     heads = _in_order({head: _observed(images.values(), store) for head, images in item.images.items()})
     first = next(iter(heads))
     if item.together:
@@ -65,13 +63,13 @@ def archived_record(item: Item, plan: CasePlan, store: Store, watch: Stopwatch) 
 
 
 def climates_of(item: Item, store: Store) -> set[Path]:
-    """Return the files of air that the priors of an item's images name; those of one scene name the same."""
+    """Return the climate files in the priors of an item's images, equal for one scene."""
     found = set()
     for images in item.images.values():
         try:
             truth = read_header(store.path(next(iter(images.values()))))["truth"]
         except UserError:
-            # scoring it will say what is wrong
+            # scoring will report the error
             continue
         climate = (truth["scene"].get("prior") or {}).get("climate")
         if climate is not None and is_climate_file(climate):
@@ -80,7 +78,7 @@ def climates_of(item: Item, store: Store) -> set[Path]:
 
 
 def _observed(addresses: Iterable[str], store: Store) -> Observed:
-    """Read images; the bands are in the camera file's order, as in a run: the report draws the first one."""
+    """Read images; bands are in the camera file's order, as in a run."""
     images = [store.read_image(address) for address in addresses]
     order = [band.name for band in images[0].truth.camera_spec.band]
     images.sort(key=lambda image: (order.index(image.band) if image.band in order else len(order), image.band))
@@ -88,16 +86,16 @@ def _observed(addresses: Iterable[str], store: Store) -> Observed:
 
 
 def _in_order(heads: dict[str, Observed]) -> dict[str, Observed]:
-    """Return heads in the order of the camera file, which decides whose camera frame an answer is in."""
+    """Return heads in the order of the camera file; answers are in the camera frame of the first."""
     order = [head.name for head in next(iter(heads.values())).truth.camera_spec.head]
     return {name: heads[name] for name in sorted(heads, key=lambda h: (order.index(h) if h in order else -1, h))}
 
 
 def items_of(entries: Sequence[StoreEntry], estimators: Sequence[Estimator]) -> list[Item]:
-    """Group images by scene, camera, instant and draw of noise, and name the groups.
+    """Group images by scene, camera, instant and noise sample, and name the groups.
 
-    The name is the scene's; with the head's where images of several heads are of one scene, as in a run. What would
-    then have the same name (other seeds, exposures or cameras of a scene) has the beginning of its address behind it.
+    The name is the scene's, with the head's for images of several heads, as in a run. Other groups of the same name
+    (other seeds, exposures or cameras) get the beginning of their address as suffix.
     """
     frames: dict[tuple[str, str], list[str]] = {}
     groups: dict[tuple[str, ...], dict[str, dict[str, str]]] = {}
@@ -106,7 +104,7 @@ def items_of(entries: Sequence[StoreEntry], estimators: Sequence[Estimator]) -> 
             frames.setdefault((entry.scene_id, entry.head), []).append(entry.address)
         elif entry.kind == "image":
             key: tuple[str, ...] = (entry.scene, entry.camera, entry.epoch_utc, entry.seed)
-            # A head changes the scene's identity; without heads it tells what has the same name apart.
+            # A head changes the scene's identity; without heads it distinguishes equal names.
             key += ("",) if entry.head else (entry.scene_id,)
             by_band = groups.setdefault(key, {}).setdefault(entry.head, {})
             band = entry.bands[0]
@@ -134,7 +132,7 @@ def items_of(entries: Sequence[StoreEntry], estimators: Sequence[Estimator]) -> 
 
 
 def cases_of_heads(items: Iterable[Item]) -> dict[str, list[list[str]]]:
-    """Return for every item of all heads together [head, name] of the items of its heads alone, in their order."""
+    """Return [head, name] of the single-head items of every item of all heads, in order."""
     listed = list(items)
     heads: dict[str, list[list[str]]] = {item.name: [] for item in listed if item.together}
     together = {address: item.name for item in listed if item.together for address in item.image_addresses}

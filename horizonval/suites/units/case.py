@@ -1,12 +1,9 @@
 """One case: render, observe, estimate, score, archive. A pure function of the case's identity, plus timings.
 
-A frame that was rendered before the run was cut off is not rendered again.
-
-Where a suite asks for several draws of the noise, each estimator runs on all of them; image, record and row are those
-of the first, and the row says how far the fits scatter by the noise that they claim.
-
-The heads of one scene are made together where an estimator needs all of them: every head has its own record, and the
-scene one more, whose rows are those of that estimator.
+Frames of an interrupted run are not rendered again. With several noise samples each estimator runs on all of them;
+image, record and row belong to the first, and the row gives the scatter of the fits relative to the claimed noise. The
+heads of a scene are made together if an estimator needs all of them: every head has a record, and the scene one more
+with the rows of that estimator.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ from horizonval.suites.units.scored import DRAWS, Observed, score_alone, score_t
 
 @dataclass
 class _Made:
-    """A case on its way: its frame, where that lies if it is stored, and what was observed of it."""
+    """A case in progress: its frame, the frame's address if stored, and the observed images."""
 
     frame: RadianceFrame
     frame_address: str | None
@@ -39,8 +36,7 @@ class _Made:
 def records_of(unit: Unit, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> dict[str, Record]:
     """Make a unit and return its records by name.
 
-    A defect anywhere is recorded in the case (``error``, rows with ``bad_input``), so that one bad frame does not cost
-    the others.
+    A failure is recorded in its case (``error``, rows with ``bad_input``) and does not affect others.
     """
     made: dict[str, _Made] = {}
     errors: dict[str, str] = {}
@@ -77,7 +73,7 @@ def records_of(unit: Unit, plan: CasePlan, folder: RunFolder, watch: Stopwatch) 
 
 
 def failed_records(unit: Unit, plan: CasePlan, errors: Mapping[str, str]) -> dict[str, Record]:
-    """Return the records of those results of a unit that there cannot be, and why."""
+    """Return records with the reason for results that cannot be made."""
     cases = {case.name: case for case in unit.cases}
     records = {}
     for name, error in errors.items():
@@ -108,10 +104,7 @@ def _make(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> _M
 
 
 def _frame(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> tuple[RadianceFrame, str | None]:
-    """Return the frame and its address: from the archive if it was rendered before, else rendered.
-
-    Where everything is kept it is stored at once, so that a run that is cut off has it.
-    """
+    """Return the frame and its address, from the archive or rendered; with ``keep = "all"`` it is stored at once."""
     from horizonval.renderer.frame import render_in_turn
 
     store = Store(folder.archive)
@@ -130,7 +123,7 @@ def _frame(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> t
 
 
 def rendered(case: Case, plan: CasePlan, folder: RunFolder) -> str | None:
-    """Return the address of a case's frame, if the folder says so: whether the entry is there is not looked at."""
+    """Return the recorded address of a case's frame; the entry may be missing."""
     if plan.keep != "all":
         return None
     try:
@@ -143,13 +136,13 @@ def rendered(case: Case, plan: CasePlan, folder: RunFolder) -> str | None:
 
 
 def point_to(case: Case, folder: RunFolder, address: str) -> None:
-    """Write down where the frame of a case lies."""
+    """Record the address of a case's frame."""
     pointer = {"case": case.name, "identity": frame_identity(case), "frame": address}
     write_json(folder.frame_pointer(case.name), pointer)
 
 
 def _archive(made: _Made, folder: RunFolder, watch: Stopwatch) -> dict[str, str]:
-    """Store frame and images, and return their addresses; the frame's is under ``""``."""
+    """Store frame (``""``) and images, and return their addresses."""
     store = Store(folder.archive)
     with watch.stage("archive"):
         address = made.frame_address or store.add_frame(made.frame)
@@ -159,7 +152,7 @@ def _archive(made: _Made, folder: RunFolder, watch: Stopwatch) -> dict[str, str]
 
 @contextlib.contextmanager
 def _recorded(errors: dict[str, str], name: str) -> Iterator[None]:
-    """Turn whatever goes wrong inside into one line under a name."""
+    """Turn any exception inside into one line under a name."""
     try:
         yield
     except Exception as e:

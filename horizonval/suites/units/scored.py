@@ -1,7 +1,4 @@
-"""From images to rows: every estimator runs on every draw of the noise, and what it claims is compared with the truth.
-
-Where the images come from does not matter: a case that was rendered and one read from an archive are scored alike.
-"""
+"""From images, rendered or archived, to rows: every estimator on every noise sample, compared with the truth."""
 
 from __future__ import annotations
 
@@ -26,28 +23,18 @@ from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import details_of
 
 PROCESSOR = "processor "
-"""With an estimator's name, the stage of its processor time; ``estimate`` with the name is that of the clock."""
+"""Stage of an estimator's processor time (with its name); ``estimate`` with the name is the wall clock."""
 
 DRAWS = "draws"
-"""The stage of everything about the second and further draws of the noise: what a frame costs does not hang on them."""
+"""Stage of all further noise samples; the cost of a frame does not include them."""
 
 
 @dataclass
 class Observed:
-    """The images of one camera at one instant, and what the estimators made of them.
+    """The images of one camera at one instant, and the estimators' results.
 
-    Attributes
-    ----------
-    images : dict of DetectorImage
-        By band, in the order of the camera file.
-    redrawn : dict of list of DetectorImage
-        By band, the images with other noise.
-    details : dict
-        What the report draws over the images.
-    expected : dict of Expected
-        By band and by what an estimator needs.
-    bounds : dict of Bound
-        By band.
+    ``images``: by band, in the camera file's order. ``redrawn``: by band, images with other noise. ``details``: data
+    for the report's overlay. ``expected``: by band and by what an estimator needs. ``bounds``: by band.
     """
 
     images: dict[str, DetectorImage]
@@ -63,13 +50,13 @@ class Observed:
         return next(iter(self.images.values())).truth
 
     def expected_of(self, band: str, needs: Literal["image", "pose", "heads"]) -> Expected:
-        """Return the expected outcome, worked out once for all estimators that need the same."""
+        """Return the expected outcome, cached for all estimators with the same needs."""
         if (band, needs) not in self.expected:
             self.expected[band, needs] = expected_outcome(self.images[band].truth, band, needs=needs)
         return self.expected[band, needs]
 
     def bound(self, band: str) -> Bound:
-        """Return what the limb of a band allows, worked out once for all estimators."""
+        """Return the bound of a band, cached for all estimators."""
         if band not in self.bounds:
             image = self.images[band]
             self.bounds[band] = bound_of(carried(image), image.truth, band)
@@ -77,7 +64,7 @@ class Observed:
 
 
 def score_alone(observed: Observed, name: str, estimators: Iterable[str], plan: CasePlan, watch: Stopwatch) -> None:
-    """Run estimators that see one image, and add their rows under the name of a case."""
+    """Run estimators of one image, and add their rows under the name of a case."""
     names = list(estimators)
     for number, (band, image) in enumerate(observed.images.items()):
         for estimator in names:
@@ -89,10 +76,9 @@ def score_alone(observed: Observed, name: str, estimators: Iterable[str], plan: 
 def score_together(
     heads: Mapping[str, Observed], name: str, estimators: Iterable[str], plan: CasePlan, watch: Stopwatch
 ) -> Observed:
-    """Run estimators that need all heads; images and truth of what is returned are the first head's.
+    """Run estimators that need all heads; images and truth of the result are the first head's.
 
-    ``heads``: by the heads' names, in the order of the camera file, which decides whose camera frame an answer is in.
-    ``name``: of the rows.
+    ``heads``: by name, in the camera file's order; answers are in the camera frame of the first. ``name``: of the rows.
     """
     names, first = list(estimators), next(iter(heads.values()))
     scene = Observed(first.images)
@@ -106,7 +92,7 @@ def score_together(
         for estimator in names:
             observations = (observation_of_heads(images, plan.estimator(estimator)) for images in draws)
             _score(scene, name, band, number, estimator, observations, plan, watch)
-    # The Sun troubles the head it is nearest to, which need not be the first.
+    # The Sun affects the nearest head most, which need not be the first.
     nearest_rad = min(one.truth.sun_boresight_rad for one in heads.values())
     scene.rows = [replace(row, sun_boresight_deg=math.degrees(nearest_rad)) for row in scene.rows]
     return scene
@@ -122,7 +108,7 @@ def _score(
     plan: CasePlan,
     watch: Stopwatch,
 ) -> None:
-    """Run one estimator on the observations of a frame, one for every draw of the noise, and add its row."""
+    """Run one estimator on all noise samples of a frame, and add its row."""
     estimator, truth = plan.estimator(estimator_name), observed.images[band].truth
     with watch.stage(f"estimate {estimator_name}"):
         supervisor = supervisor_of(plan.limits)
@@ -134,7 +120,7 @@ def _score(
         with watch.stage(DRAWS):
             results.append(supervisor.run(estimator_name, other))
     fits = [one for one in results if isinstance(one, Fit)]
-    # A crash under any draw of the noise is a crash on the frame.
+    # A crash with any noise sample is a crash on the frame.
     result = next((one for one in results if one.status is Outcome.CRASHED), result)
     with watch.stage("score"):
         scored = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
@@ -151,5 +137,5 @@ def _score(
             bound=observed.bound(band),
         )
     observed.rows.append(row)
-    # The report draws the first band; further bands keep their own entry beside it.
+    # The report draws the first band; further bands have separate entries.
     observed.details[estimator_name if band_number == 0 else f"{estimator_name} [{band}]"] = details_of(result)

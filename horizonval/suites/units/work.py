@@ -1,4 +1,4 @@
-"""The units of a suite as work for the engine: what is finished already, what is made, what is given up."""
+"""The units of a suite as work for the engine."""
 
 from __future__ import annotations
 
@@ -20,47 +20,44 @@ from horizonval.suites.units.case import failed_records, point_to, records_of, r
 
 @dataclass(frozen=True)
 class Brief:
-    """What a run keeps of a record in memory: its rows, and why there is no result."""
+    """Part of a record that stays in memory: its rows, or the error."""
 
     rows: list[Row]
     error: str | None
 
     @classmethod
     def of(cls, record: Record) -> Brief:
-        """Return the brief of a record."""
         return cls([Row.from_dict(row) for row in record["rows"]], record["error"])
 
 
 Briefs = dict[str, Brief]
-"""Of a unit, by the names of its results."""
+"""By the names of a unit's results."""
 
 
 class UnitWork(Work[Unit, Briefs]):
-    """Units of a suite, into the folder of its run."""
+    """Units of a suite, in the folder of its run."""
 
     def __init__(self, plan: CasePlan, folder: RunFolder) -> None:
         self.plan, self.run = plan, folder
         self.folder: Path | None = folder.root
 
     def name(self, item: Unit) -> str:
-        """Return the name of the case, or of the scene of several heads."""
         return item.name
 
     def group(self, item: Unit) -> str:
-        """Return what says whose tables of light a unit shares; its heads differ in where they look."""
+        """Return the key of units that share view tables; the heads of a unit differ in direction only."""
         return shared_view(item.cases[0].scene, item.cases[0].camera)
 
     def limit_s(self, item: Unit) -> float:
-        """Return the time that all frames of a unit may take."""
         return self.plan.frame_limit_s * len(item.cases)
 
     def parts(self, item: Unit, done: Done[Briefs] | None) -> Mapping[str, str | None]:
-        """Count frames: a scene's result of all its heads is none."""
+        """Count frames only, not a scene's common result."""
         briefs = (None if done is None else done.result) or {}
         return {case.name: briefs[case.name].error if case.name in briefs else None for case in item.cases}
 
     def finished(self, item: Unit) -> Briefs | None:
-        """Return what is finished of a unit whose every archived file is there and undamaged."""
+        """Return the records of a finished unit whose archived files are all undamaged."""
         identity, store = unit_identity(item, self.plan), Store(self.run.archive)
         found, frames = {}, {}
         for name in item.names:
@@ -76,7 +73,7 @@ class UnitWork(Work[Unit, Briefs]):
         return found
 
     def _mend_pointers(self, unit: Unit, frames: Mapping[str, str | None]) -> None:
-        """Write again what says where the frames of a finished unit lie, if that is gone or damaged."""
+        """Rewrite missing or damaged addresses of a finished unit's frames."""
         for case in unit.cases:
             address = frames[case.name]
             if self.plan.keep == "all" and address is not None and rendered(case, self.plan, self.run) != address:
@@ -84,11 +81,9 @@ class UnitWork(Work[Unit, Briefs]):
                 point_to(case, self.run, address)
 
     def make(self, item: Unit, watch: Stopwatch) -> Briefs:
-        """Make a unit and write its records."""
         return self._keep(item, records_of(item, self.plan, self.run, watch))
 
     def lost(self, item: Unit, why: str) -> Done[Briefs]:
-        """Write records for a unit that cannot be made."""
         return Done(self._keep(item, failed_records(item, self.plan, dict.fromkeys(item.names, why))), why)
 
     def _keep(self, unit: Unit, records: Mapping[str, Record]) -> Briefs:

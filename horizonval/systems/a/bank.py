@@ -109,7 +109,7 @@ def limb_length_px(item: JsonObject) -> float:
 def grid(
     seed: int, pixels: tuple[int, ...] = PIXELS, angles_deg: tuple[float, ...] = ANGLES_DEG
 ) -> dict[str, JsonObject]:
-    """Return the items of the full grid by name: those with a fifth of the width of horizon in view.
+    """Return the items of the full grid, by name, with a fifth of the width of horizon in view.
 
     An attitude is the same for all numbers of pixels, fields and altitudes.
     """
@@ -210,10 +210,7 @@ def _error(
 
 
 def _covariance(points: LimbPoints, fit: Fit, observation: Observation, slow_px: float) -> FloatArray:
-    """Return what is claimed of a smooth sphere without air: noise and the slow errors of points.
-
-    The methods claim oblateness and relief beside it, which would hide here whether the rest is right.
-    """
+    """Return the claim on a smooth sphere without air: noise and slow errors, without oblateness and relief."""
     basis = tangent_basis(fit.nadir_cam)
     slow = slow_error(points.los_cam, basis, 1.0 / observation.camera.fx, slow_px)[:2, :2]
     return np.asarray(fit.covariance_nadir_cam + basis @ slow @ basis.T)
@@ -273,8 +270,8 @@ def conditions(seed: int) -> dict[str, JsonObject]:
 def compare(item: JsonObject) -> JsonObject:
     """Return errors of the nadir [arcsec] of one condition, over 200 draws of 400 points evenly along the arc.
 
-    ``_rms``; ``_bias``: the mean, along the arc's bisector; the closed form's bias as predicted; Newton's steps and
-    failures; the largest angle between Newton's nadir and that of the orthogonal plane.
+    ``_rms``; ``_bias``: mean along the arc's bisector, and the closed form's predicted bias; Newton's steps and
+    failures; largest angle between Newton's nadir and the orthogonal plane's.
     """
     rng = rng_of(item["seed"], "altitude-free solvers", *(f"{item[k]:g}" for k in ("rho_deg", "arc_deg", "noise_px")))
     rho, sigma = np.radians(item["rho_deg"]), item["noise_px"] * PIXEL_RAD

@@ -170,10 +170,9 @@ def against_picture(item: JsonObject) -> JsonObject:
 
 
 def edge_points(share: FloatArray) -> FloatArray:
-    """Return columns and rows, shape (n, 2), at which the edge of what covers a picture, shape (H, W), crosses it.
+    """Return columns and rows, shape (n, 2), where the edge of a cover ``share``, shape (H, W), crosses the picture.
 
-    One point for every column that begins covered and ends bare, or the other way round, and the same for rows; of the
-    two the more numerous.
+    One point for every column, or every row, with a covered and a bare end; of the two the more numerous.
     """
     along_columns, along_rows = _crossings(share), _crossings(share.T)[:, ::-1]
     return along_columns if len(along_columns) >= len(along_rows) else along_rows

@@ -51,8 +51,8 @@ def documented_reading(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: floa
 def exact_reading(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: float) -> tuple[float, float, FloatArray]:
     """Return the same from the exact horizon curve h(t), by root finding.
 
-    The nearest point is where the chord ``h(t + c) - h(t - c)`` is square to the boresight: on a circle the chord is
-    parallel to the tangent at its middle, so that both the place and the level direction are exact.
+    The nearest point is where the chord ``h(t + c) - h(t - c)`` is perpendicular to the boresight: a circle's chord is
+    parallel to the tangent at its middle, so that position and level direction are exact.
     """
     earth = sphere(radius_m)
     forward, right = (Rotation.from_quat(q_cam_from_ref).inv().apply(v) for v in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
@@ -79,10 +79,7 @@ def _signed(axis: FloatArray, reference: FloatArray, up: FloatArray) -> float:
 def pose_above_horizon(
     r: FloatArray, radius_m: float, elevation_rad: float, roll_rad: float, azimuth_rad: float
 ) -> FloatArray:
-    """Return the attitude, scalar last, with the boresight that far above the horizon and turned about it by a roll.
-
-    Positive roll lifts the right axis.
-    """
+    """Return the attitude, scalar last, with an elevated boresight and a roll, positive for the right axis up."""
     zenith = r / np.linalg.norm(r)
     level = perpendicular(zenith)
     level = Rotation.from_rotvec(azimuth_rad * zenith).apply(level)
@@ -139,10 +136,10 @@ def _literal_sign(r: FloatArray, q_cam_from_ref: FloatArray, point: FloatArray) 
 
 
 def _elevations_apart(ours: HorizonReading, roll: float, pitch: float) -> float:
-    """Return by how much the sines of the other reading's angles leave their closed form in the first one's angles.
+    """Return the misfit of the other reading's angles, as sines, to their closed form in the first one's.
 
-    Sines, since an elevation near a quarter turn is lost in the rounding of its sine. With the boresight beyond the
-    zenith of the horizon point the first reading's roll changes its sign, which the elevation does not.
+    Sines, since an elevation near 90 deg is lost in rounding. Beyond the zenith of the horizon point the first
+    reading's roll changes its sign, which the elevation does not.
     """
     return max(
         abs(math.sin(ours.roll_elevation_rad) - math.sin(roll) * abs(math.cos(pitch))),

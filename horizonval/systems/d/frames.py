@@ -62,10 +62,10 @@ REAL = {**AIR, "earth": {"shape": "wgs84"}}
 
 
 def orbit_place(argument_deg: float, epoch_utc: str) -> dict[str, Any]:
-    """Return the platform of a place on the published orbit: 97 deg, descending node at 12:00 local solar time.
+    """Return the platform on the published orbit: 97 deg, descending node at 12:00 local solar time.
 
-    ``argument_deg``: argument of latitude, from the ascending node (which is at midnight then); ``epoch_utc``: ISO
-    8601; gives the Sun, and so the node's longitude.
+    ``argument_deg``: argument of latitude from the ascending node; ``epoch_utc``: gives the Sun, hence the node's
+    longitude.
     """
     epoch = datetime.fromisoformat(epoch_utc).astimezone(UTC)
     sun, _ = sun_itrs(epoch)
@@ -77,8 +77,8 @@ def orbit_place(argument_deg: float, epoch_utc: str) -> dict[str, Any]:
 def head_camera(item: JsonObject) -> CameraSpec:
     """Return the shipped camera with an item's changes.
 
-    ``rows``: 160 for pictures as published, instead of a line; ``aim_deg``: nadir angle of the heads; ``optic``: keys
-    of the lens; ``projection``: of the pixels.
+    ``rows``: 160 for published pictures; ``aim_deg``: nadir angle of the heads; ``optic``: keys of the lens;
+    ``projection``.
     """
     camera = load_camera(CAMERA)
     changed = {"height": item.get("rows", 1), "projection": item.get("projection", camera.camera.projection)}
@@ -122,11 +122,10 @@ def heads_observation(frames: dict[str, RadianceFrame], camera: CameraSpec, seed
 
 
 def read_heads(item: JsonObject) -> JsonObject:
-    """Render the four heads at one attitude and return all that both methods make of them.
+    """Render the four heads at one attitude and return both methods' results.
 
-    The item has ``planet`` (tables of the scene) and may have ``roll``, ``pitch``, ``yaw`` [deg], ``altitude_km``,
-    ``argument_deg``, ``epoch_utc``, the keys of :func:`head_camera`, and ``noise``: how many noisy readings of the same
-    frames, whose draws belong to the scene's ``seed``.
+    ``planet``: tables of the scene. Optional: ``roll``, ``pitch``, ``yaw`` [deg], ``altitude_km``, ``argument_deg``,
+    ``epoch_utc``, keys of :func:`head_camera`, and ``noise``: number of noisy readings, by the scene's ``seed``.
     """
     camera = head_camera(item)
     frames = head_frames(item, camera)
@@ -210,7 +209,7 @@ def picture(item: JsonObject) -> JsonObject:
 
 
 def widest_tilt(item: JsonObject) -> JsonObject:
-    """Return the largest t [deg] at which, with pitch -t and roll t, both heads along the tilt still see a limb.
+    """Return the largest t [deg] at which, with pitch -t and roll t, both heads along the tilt see a limb.
 
     Bisected on frames to ``step``; ``None`` where they see none even level.
     """

@@ -204,9 +204,8 @@ FLAT = HeadVariant(perspective=True)
 class StepScore:
     """Figures on the printed step.
 
-    ``rendered``: by the name of the frames, with those of the untilted axis; ``truth``: of the rounded truth;
-    ``chance``: counts of evenly spread phases, for pixels of equal angle; ``best``: phases of the heads chosen for it,
-    by projection; ``variants``: counts of all phases by variant.
+    ``rendered``: by the frames' name, with the untilted axis; ``truth``: of rounded truth; ``chance``: counts of evenly
+    spread phases, for equiangular pixels; ``best``: fitted phases by projection; ``variants``: counts of all phases.
     """
 
     rendered: dict[str, tuple[int, int]]

@@ -102,8 +102,8 @@ TRUE_DEG = np.array([[s.pitch_deg, s.roll_deg] for s in COLUMNS])
 class HeadVariant:
     """A way in which the published simulation may have made its rows.
 
-    ``perspective``: a picture with a flat focal plane of 160 pixels over 16 deg, instead of pixels of equal angle;
-    ``row_px``: how far the row lies from the head's axis; ``limb_km``: height of the limb that the heads see.
+    ``perspective``: flat focal plane of 160 pixels over 16 deg instead of equiangular pixels; ``row_px``: offset of the
+    row from the head's axis; ``limb_km``: height of the visible limb.
     """
 
     perspective: bool
@@ -166,9 +166,9 @@ def odd_columns() -> list[str]:
 
 
 def lost_elsewhere() -> dict[str, FloatArray]:
-    """Return the printed steps with the lost roll of table 2 at every place where no column breaks the rule then.
+    """Return the printed steps, by setting, with table 2's lost roll where no column breaks the rule.
 
-    The row has six columns and five legible figures, in their order; by the setting of the lost one.
+    The row has six columns and five legible figures, in their order.
     """
     lost = int(np.flatnonzero(np.isnan(PRINTED_STEPS[:, 1]))[0])
     table = len(TABLES[1]) + np.arange(len(TABLES[2]))
@@ -209,10 +209,10 @@ def chance(crossings: FloatArray, rng: np.random.Generator) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BestPhases:
-    """The phases of the four heads with the most figures on the printed step: a fit, not a reproduction.
+    """Phases of the four heads with the most figures on the printed step: a fit, not a reproduction.
 
-    ``count`` of all figures, ``across`` of those that :func:`cross_axis` marks; ``ways``: how many of the tried
-    combinations do as well.
+    ``count``: of all figures; ``across``: of those that :func:`cross_axis` marks; ``ways``: number of equally good
+    tries.
     """
 
     count: int
@@ -221,10 +221,7 @@ class BestPhases:
 
 
 def best_phases(crossings: FloatArray, printed: FloatArray = PRINTED_STEPS) -> BestPhases:
-    """Try every combination of phases of the four heads.
-
-    ``p + r`` depends on A and C alone, ``p - r`` on B and D alone, but a figure on both; so all are tried.
-    """
+    """Try all combinations of four phases: ``p + r`` depends on A and C, ``p - r`` on B and D, a figure on all."""
     whole = np.floor(crossings[:, None, :] + (np.arange(PHASES) / PHASES)[:, None])
     best, right_across, ways = -1, 0, 0
     marked = cross_axis(printed)

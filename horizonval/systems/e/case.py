@@ -200,13 +200,12 @@ def items_of(row: str, draws: int, seed: int, **what: Any) -> dict[str, JsonObje
 
 
 def work(item: JsonObject) -> JsonObject:
-    """Return, for every draw, each method's three errors, the normalised squared errors in the pass's middle, and chi2.
+    """Return each method's three errors for every draw, the normalised squared errors in the pass's middle, and chi2.
 
-    ``published`` are the errors of the published order with its own factor, smoothed and filtered; ``alphas`` those of
-    ours with other factors, filtered and after the way back, where the item asks for them. An item says ``kind``:
-    ``exact`` (no noise), ``rounded`` (``quantum_deg``), ``shifted`` (the same with the grid of rounding at random),
-    ``noisy`` (``shape``, ``order``, ``amount``) or ``white`` (``WHITE_ARCSEC``), and may give the ``angles`` that all
-    of this is done to, and the ``instants`` of the pass at which there are any.
+    ``published``: errors of the published order with its factor, smoothed and filtered; ``alphas``: ours with other
+    factors, filtered and after the backward pass, if requested. ``kind``: ``exact`` (no noise), ``rounded``
+    (``quantum_deg``), ``shifted`` (random grid of rounding), ``noisy`` (``shape``, ``order``, ``amount``) or ``white``
+    (``WHITE_ARCSEC``). Optional: ``angles`` to use, and ``instants`` with measurements.
     """
     truth = exact_pass().at(item["instants"]) if "instants" in item else exact_pass()
     exact = np.array(item["angles"]) if "angles" in item else truth.angles_rad

@@ -50,9 +50,9 @@ def _pass_of(passes: Sequence[StationPass], both: NDArray[np.bool_], angles: Flo
 
 
 def _consider_partials(one: StationPass) -> FloatArray:
-    """Return what a station's lasting errors do to (azimuth x cos elevation, elevation), shape (n, 2, 3) [rad].
+    """Return the effect of a station's lasting errors on (azimuth x cos elevation, elevation), shape (n, 2, 3) [rad].
 
-    The mount's model on both axes, and the clock along the satellite's motion.
+    They are the mount's model on both axes, and the clock along the satellite's motion.
     """
     errors = one.frames.errors
     rate = np.stack(

@@ -32,10 +32,7 @@ ITERATIONS = 6
 
 @dataclass(frozen=True)
 class Threshold:
-    """Where an edge is: at ``level`` W m-2 sr-1, or (None) at ``fraction`` of the plateau.
-
-    ``plateau_rad``: from where to where inside of the edge the plateau is seen, as angles on the sky.
-    """
+    """An edge at ``level`` W m-2 sr-1, or at ``fraction`` of the plateau over ``plateau_rad`` inside it."""
 
     fraction: float
     level: float | None = None
@@ -44,10 +41,7 @@ class Threshold:
 
 @dataclass(frozen=True)
 class ScanSignal:
-    """What comes out of the amplifier, at even steps of phase.
-
-    ``phase_rad``, ``value``, shape (n,).
-    """
+    """Amplifier output ``value`` at even steps ``phase_rad``, shape (n,)."""
 
     phase_rad: FloatArray
     value: FloatArray
@@ -72,8 +66,7 @@ class ScanEdges:
 class ScannerElectronics:
     """Beam and time constants of a scanner.
 
-    ``beam_rad``: width on the sky; ``half_angle_rad``: of the scan cone; ``rate_rad_s``: of the turn; ``lags_s``: time
-    constants one after the other.
+    ``beam_rad``: width; ``half_angle_rad``: of the scan cone; ``rate_rad_s``: of the turn; ``lags_s``: in series.
     """
 
     beam_rad: float
@@ -90,10 +83,7 @@ class ScannerElectronics:
         return ScanSignal(phase_rad, value)
 
     def step_delays(self, fraction: float, step_rad: float) -> tuple[float, float]:
-        """Return by how much phase rising and falling steps are found late at a fraction of their height.
-
-        Far beyond the beam and the lags on either side, at the same steps of phase as in flight.
-        """
+        """Return by how much phase isolated rising and falling steps are found late at a fraction of their height."""
         reach = 2.0 * self.beam_rad / math.sin(self.half_angle_rad) + 30.0 * self.rate_rad_s * sum(self.lags_s)
         count = 2 * math.ceil(reach / step_rad)
         phase = step_rad * (np.arange(4 * count, dtype=np.float64) - 0.5)
@@ -149,7 +139,7 @@ def find_edges(signal: ScanSignal, threshold: Threshold, half_angle_rad: float) 
 def _running_mean(value: FloatArray, samples: float) -> FloatArray:
     """Return the mean over so many samples around each, whole or not; the ends go on as they are."""
     whole = np.concatenate([[0.0], np.cumsum(value)])
-    # The integral of samples, each of which stands for half a step on either side.
+    # The integral of samples, each over half a step on either side.
     places = np.arange(len(whole), dtype=np.float64)
     middle = np.arange(len(value)) + 0.5
     ends = [np.clip(middle + side * samples / 2.0, 0.0, len(value)) for side in (-1.0, 1.0)]

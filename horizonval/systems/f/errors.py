@@ -55,10 +55,7 @@ NEWTON_STEPS, CONVERGED_RAD = 20, 1e-11
 
 @dataclass(frozen=True)
 class ScannerFit:
-    """An attitude.
-
-    ``covariance``, shape (2, 2): of roll and pitch [rad2].
-    """
+    """An attitude; ``covariance``: shape (2, 2), of roll and pitch [rad2]."""
 
     roll_rad: float
     pitch_rad: float
@@ -129,14 +126,11 @@ MARGIN_RAD = math.radians(12.0)
 
 @dataclass(frozen=True)
 class BandErrors:
-    """Errors [deg] of one threshold in one band; arrays of shape (places,), nan where a scan is refused.
+    """Errors [deg] of one threshold in one band, shape (places,), nan for refused scans.
 
-    - ``pitch``, ``roll``: by sky;
-    - ``height_km``: of the calibrated horizon;
-    - ``level``: of a fixed threshold, W m-2 sr-1;
-    - ``spare``: cloudy scans whose signal passes the threshold more than twice;
-    - ``refused``: cloudy scans without an answer;
-    - ``sigma``, shape (2,): claimed of roll and pitch, mean over clear scans.
+    ``pitch``, ``roll``: by sky; ``height_km``: of the calibrated horizon; ``level``: of a fixed threshold [W m-2 sr-1];
+    ``spare``: cloudy scans with more than two crossings; ``refused``: cloudy scans without an answer; ``sigma``: shape
+    (2,), claimed, mean over clear scans.
     """
 
     pitch: dict[str, FloatArray]

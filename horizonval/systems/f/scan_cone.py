@@ -51,8 +51,8 @@ ON_HORIZON = 1e-6
 class ScanCone:
     """A beam that turns about an axis.
 
-    ``half_angle_rad``: between beam and axis; ``axis``, ``start``, ``quarter``, shape (3,): orthonormal, in body axes:
-    the spin axis, the direction across it at phase 0, and at a quarter turn.
+    ``half_angle_rad``: between beam and axis; ``axis``, ``start``, ``quarter``: shape (3,), orthonormal body vectors:
+    spin axis, and the directions across it at phase 0 and at a quarter turn.
     """
 
     half_angle_rad: float
@@ -83,10 +83,7 @@ class ScanCone:
 def ellipsoid_crossings(
     cone: ScanCone, itrs_from_body: FloatArray, r_itrs: ArrayLike, ellipsoid: Ellipsoid
 ) -> tuple[float, float] | None:
-    """Return the phases at which the beam enters and leaves an ellipsoid, None where it does not.
-
-    ``itrs_from_body``, shape (3, 3); ``r_itrs``, shape (3,): observer [m].
-    """
+    """Return the phases at which the beam enters and leaves an ellipsoid, or None; ``r_itrs``: observer [m]."""
     q = tangent_cone(r_itrs, ellipsoid)
     c, s = math.cos(cone.half_angle_rad), math.sin(cone.half_angle_rad)
     fixed, start, quarter = (itrs_from_body @ v for v in (c * cone.axis, s * cone.start, s * cone.quarter))
@@ -151,7 +148,7 @@ def distance_to_clouds(
     met = np.flatnonzero(inside.any(axis=1))
     k = np.maximum(np.argmax(inside[met], axis=1), 1)
     before, after = above[met, k - 1], above[met, k]
-    # Between clear sky and a cloud there is no slope: the cloud's wall stands at the step that is inside it.
+    # Between clear sky and a cloud there is no slope: the cloud's wall is at the step inside it.
     part = np.where(before < 1e8, before / np.where(before > after, before - after, 1.0), 1.0)
     out[low[met]] = t[met, k - 1] + np.clip(part, 0.0, 1.0) * (t[met, k] - t[met, k - 1])
     return out

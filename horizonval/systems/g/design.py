@@ -26,7 +26,7 @@ A field's output is its mean radiance. There are two ways of processing::
 
     plain: D = A - S,        normalised: D = (A - S) / (B - S)
 
-D falls when the limb sinks in the field. The limb stands at ``limb + K (D - D_0)``, with one gain K and one zero D_0
+D falls when the limb sinks in the field. The limb is at ``limb + K (D - D_0)``, with one gain K and one zero D_0
 for all quadrants and for good.
 
 *Noise.* A thermopile of detectivity 1e8 cm Hz^0.5 / W, an aperture of 1 cm2 with a focal length of 2 cm, half of the
@@ -100,9 +100,7 @@ class QuadrantLayout:
 
 
 def field_mean(radiance: FloatArray, low_rad: float, high_rad: float) -> FloatArray:
-    """Return the mean over solid angle, shape (...), between two nadir angles; ``radiance sin(eta)`` is linear between
-    the angles of :data:`ETA_RAD`.
-    """
+    """Return the mean over solid angle between two nadir angles, with ``radiance sin(eta)`` linear between ETA_RAD."""
     step = ETA_RAD[1] - ETA_RAD[0]
     weighted = radiance * np.sin(ETA_RAD)
     pieces = 0.5 * step * (weighted[..., 1:] + weighted[..., :-1])
@@ -177,7 +175,7 @@ def sectors(
 ) -> FloatArray:
     """Return the mean radiance over azimuth, shape (4, n), at the body's nadir angles :data:`ETA_RAD`.
 
-    ``radiance``, shape (4, rays): of :func:`limb_profiles` at that altitude; ``pitch_rad``, ``roll_rad``: of the body.
+    ``radiance``: shape (4, rays), of :func:`limb_profiles`; ``pitch_rad``, ``roll_rad``: of the body.
     """
     r, lvlh = place.position(altitude_km), place.lvlh()
     north, east = north_east(r)
@@ -215,10 +213,9 @@ PLATEAU_DEG = (-3.0, -0.3)
 
 @dataclass(frozen=True)
 class MeanLimb:
-    """Of all level profiles at the design altitude.
+    """Mean of level profiles at the design altitude.
 
-    ``height_m``: of half the plateau; ``plateau``: W m-2 sr-1; ``half_rad``: half of the angle between 90 and 10 % of
-    the plateau.
+    ``height_m``: at half of ``plateau`` [W m-2 sr-1]; ``half_rad``: half of the angle between 90 and 10 %.
     """
 
     height_m: float
@@ -228,10 +225,9 @@ class MeanLimb:
 
 @dataclass(frozen=True)
 class QuadrantDesign:
-    """A sensor: layout, and for one way of processing gain [rad], zero and range.
+    """A sensor's layout, and gain [rad], zero and range of one processing.
 
-    ``gain_rad``, ``zero``: the limb stands at ``layout.limb_rad + gain (D - zero)``; ``range_rad``: quadrants farther
-    from the middle are not used.
+    The limb is at ``layout.limb_rad + gain (D - zero)``; quadrants beyond ``range_rad`` from the middle are unused.
     """
 
     layout: QuadrantLayout
@@ -288,8 +284,8 @@ def design(
 ) -> QuadrantDesign:
     """Return the design.
 
-    ``profiles``, shape (places, 4, rays): at the design altitude; ``level``, shape (places, 4, n): sectors that level
-    bodies see there; ``width``: of field A [rad], in place of the rule's; the range grows and shrinks with it.
+    ``profiles``: shape (places, 4, rays), at the design altitude; ``level``: shape (places, 4, n), sectors of level
+    bodies; ``width``: of field A [rad], replacing the rule's; the range scales with it.
     """
     limb = mean_limb(profiles)
     raised = WGS84.raised(limb.height_m)

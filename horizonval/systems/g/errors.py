@@ -31,10 +31,7 @@ RESIDUAL_RAD = math.radians(0.5)
 
 @dataclass(frozen=True)
 class QuadrantFit:
-    """An attitude.
-
-    ``covariance``, shape (3, 3): of the three, in this order [rad2].
-    """
+    """An attitude; ``covariance``: shape (3, 3), of its three angles [rad2]."""
 
     roll_rad: float
     pitch_rad: float
@@ -45,11 +42,10 @@ class QuadrantFit:
 def attitude_of_quadrants(
     limb_rad: FloatArray, expected_rad: FloatArray, azimuth_rad: FloatArray, sigma_rad: float
 ) -> QuadrantFit | Refusal:
-    """Return roll and pitch.
+    """Return roll and pitch from the limb's nadir angles (4,), nan where a quadrant is out of range.
 
-    - ``limb_rad``, shape (4,): nadir angles of the limb in the body; nan where a quadrant is out of its range;
-    - ``expected_rad``, ``azimuth_rad``, shape (4,): of a level body; of the quadrants, from forward to the right;
-    - ``sigma_rad``: standard deviation of one quadrant.
+    ``expected_rad``, ``azimuth_rad``: shape (4,), of a level body; from forward to the right; ``sigma_rad``: of a
+    quadrant.
     """
     valid = np.isfinite(limb_rad)
     if valid.sum() < LEAST_QUADRANTS:
@@ -76,16 +72,12 @@ DRAWS = 500
 class AltitudeErrors:
     """A design at one altitude.
 
-    - ``level_deg``, ``tilted_deg``: three times the rms error, noise included, of the worse axis; over level bodies,
-      and over all of them;
-    - ``unchecked_deg``: as ``tilted_deg``, every quadrant taken whether in range or not;
-    - ``worst_deg``: largest error of either axis, noise left out;
-    - ``low_deg``, ``high_deg``: between which ``tilted_deg`` lies with 95 %, places drawn anew;
-    - ``refused``, ``refused_level``: share of readings without an answer: of all, and of level bodies;
-    - ``out_of_range``: share of quadrants;
-    - ``lift_deg``: mean error that all quadrants have in common;
-    - ``scale``: what a tilt of half a degree reads as, over that tilt;
-    - ``month_deg``, shape (12,): three times the rms error of level bodies by month, of the worse axis.
+    ``level_deg``, ``tilted_deg``: three times the rms error with noise of the worse axis, of level and of all bodies;
+    ``unchecked_deg``: the same as ``tilted_deg`` with all quadrants; ``worst_deg``: largest error without noise;
+    ``low_deg``, ``high_deg``: 95 % interval of ``tilted_deg`` over places; ``refused``, ``refused_level``: share of
+    refused readings, of all and of level bodies; ``out_of_range``: share of quadrants; ``lift_deg``: mean common error;
+    ``scale``: reading of a tilt of half a degree, over that tilt; ``month_deg``: shape (12,), as ``level_deg`` by
+    month.
     """
 
     altitude_km: float

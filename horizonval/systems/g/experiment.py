@@ -240,10 +240,9 @@ def limb_items(places: Mapping[str, JsonObject], altitudes_km: Sequence[float] =
 def rows_of_limbs(
     profiles: FloatArray, altitudes_km: Sequence[float], items: Mapping[str, JsonObject]
 ) -> list[ComparisonRow]:
-    """Return all rows of the limbs of some places.
+    """Return all rows of the limbs of some places; ``altitudes_km`` include the mission's two.
 
-    ``profiles``, shape (places, altitudes, 4, rays): of :func:`horizonval.systems.g.design.limb_profiles`;
-    ``altitudes_km``: the two of the mission among them; ``items``: the places.
+    ``profiles``: shape (places, altitudes, 4, rays), of :func:`horizonval.systems.g.design.limb_profiles`.
     """
     places = [WeatherPlace.of(item) for item in items.values()]
     seen = {km: _seen(places, km, profiles[:, i]) for i, km in enumerate(altitudes_km)}

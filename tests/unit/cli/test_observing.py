@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from synthetic import CMOS
 
 from horizonval.cli.images import plans
 from horizonval.core.errors import UserError
@@ -19,15 +20,7 @@ CAMERA: dict[str, Any] = {
         {"name": "red", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7},
         {"name": "blue", "kind": "solar", "lo_um": 0.4, "hi_um": 0.5},
     ],
-    "detector": {
-        "kind": "cmos",
-        "pixel_pitch_um": 5.5,
-        "exposure_s": 2e-4,
-        "quantum_efficiency": 0.6,
-        "full_well_e": 13500,
-        "read_noise_e": 13,
-        "bits": 10,
-    },
+    "detector": CMOS,
 }
 SPEC = CameraSpec.model_validate(CAMERA)
 

@@ -1,6 +1,7 @@
 from datetime import UTC, datetime
 from typing import Any
 
+import earth_forms
 import numpy as np
 import pytest
 
@@ -11,7 +12,6 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.gases import afgl
 from horizonval.earth.optical import optical_model
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
 DOBSON_PER_M2 = 2.6867e20
@@ -86,8 +86,8 @@ def test_month_of_an_epoch() -> None:
 
 
 def scene(**tables: Any) -> SceneSpec:
-    platform = {"altitude_km": 500, "latitude_deg": -45.0, "epoch_utc": datetime(2026, 1, 16, 12, tzinfo=UTC)}
-    return SceneSpec.model_validate({"camera": {"file": "c"}, "platform": platform, **tables})
+    platform = {"altitude_km": 500, "latitude_deg": -45.0, "epoch_utc": "2026-01-16T12:00:00Z"}
+    return earth_forms.scene(platform=platform, **tables)
 
 
 def test_the_platform_decides_or_the_keys_do() -> None:
@@ -113,8 +113,7 @@ def test_a_column_of_any_place_can_be_asked_for() -> None:
 
 
 def test_thermal_states_are_blended() -> None:
-    band = {"name": "tir", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
-    camera = CameraSpec.model_validate({"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [band]})
+    camera = earth_forms.camera(earth_forms.thermal(14.0, 16.3))
 
     def column(**atmosphere: Any) -> EmittingBand:
         (emitting,) = optical_model(scene(atmosphere={"aerosol": "none", **atmosphere}), camera).thermal

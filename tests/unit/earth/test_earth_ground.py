@@ -212,16 +212,6 @@ def test_water_straight_down() -> None:
     assert float(water_emissivity(12.0, 1.0)) == pytest.approx(0.988, abs=0.002)
 
 
-def test_water_fades_towards_grazing() -> None:
-    cosine = np.linspace(0.0, 1.0, 101)
-    for wavelength in (8.5, 11.0, 15.0):
-        found = water_emissivity(wavelength, cosine)
-        assert found[0] == pytest.approx(0.0, abs=1e-12)
-        assert (np.diff(found[:40]) > 0).all()
-        assert found.max() < 1.0
-    assert water_emissivity(THERMAL_UM[:, None], cosine).shape == (400, 101)
-
-
 def test_kinds_lie_in_their_measured_ranges() -> None:
     window = (THERMAL_UM >= 10.5) & (THERMAL_UM <= 12.5)
     land, snow = emissivity("land", THERMAL_UM), emissivity("snow", THERMAL_UM)

@@ -4,10 +4,10 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from earth_forms import camera, scene, thermal
 
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.air import air_of
@@ -15,8 +15,6 @@ from horizonval.earth.atmosphere.placed_profiles import PlacedProfiles
 from horizonval.earth.atmosphere.profile_file import has_places, read_profiles
 from horizonval.earth.optical import optical_model
 from horizonval.earth.weather.field import latitude_longitude_deg
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
 
 KM = [float(z) for z in (*range(0, 30, 2), *range(30, 101, 5))]
 Z = np.arange(0.0, 60e3, 1500.0)
@@ -137,26 +135,18 @@ def test_mistakes(written: Callable[..., Path], table: dict[str, list[float]], m
 
 def test_a_scene_sees_the_places(written: Callable[..., Path]) -> None:
     path = written(table_of(CUBE, kelvin_at))
-    tables: dict[str, Any] = {
-        "camera": {"file": "c"},
-        "platform": {"altitude_km": 500, "latitude_deg": 20.0, "longitude_deg": 100.0},
-        "atmosphere": {"aerosol": "none", "profile_file": str(path)},
-    }
-    scene = SceneSpec.model_validate(tables)
-    camera = CameraSpec.model_validate(
-        {
-            "camera": {"width": 4, "height": 4, "fov_deg": 20},
-            "band": [{"name": "tir", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}],
-        }
+    seen = scene(
+        platform={"altitude_km": 500, "latitude_deg": 20.0, "longitude_deg": 100.0},
+        atmosphere={"aerosol": "none", "profile_file": str(path)},
     )
-    model = optical_model(scene, camera)
+    model = optical_model(seen, camera(thermal(14.0, 16.3)))
     (band,) = model.thermal
     assert band.column_map is not None
     latitude, longitude = latitude_longitude_deg(band.column_map.normals())
     expected = PlacedProfiles(read_profiles(path)).columns(latitude, longitude, band.level_m).temperature_k
     np.testing.assert_allclose(band.temperature_k, expected, rtol=1e-12)
     assert np.ptp(band.temperature_k[:, 0]) > 20.0
-    below = air_of(scene).state.temperature_k[0]
+    below = air_of(seen).state.temperature_k[0]
     assert below == pytest.approx(
         PlacedProfiles(read_profiles(path)).columns(20.0 * np.ones(1), 100.0 * np.ones(1), Z[:1]).temperature_k[0, 0]
     )

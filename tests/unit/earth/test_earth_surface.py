@@ -17,28 +17,6 @@ LONGITUDE = np.arange(-179.875, 180.0, 0.25)
 CELL_KM2 = np.radians(0.25) ** 2 * 6371.0**2 * np.cos(np.radians(LATITUDE))
 
 
-@pytest.mark.parametrize(
-    ("latitude", "longitude", "land"),
-    [
-        (48.85, 2.35, True),
-        (-1.3, 36.8, True),
-        (-23.5, 134.0, True),
-        (67.0, 180.0, True),
-        (67.0, -180.0, True),
-        (-90.0, 0.0, True),
-        (72.0, -40.0, True),
-        (0.0, -150.0, False),
-        (40.0, -40.0, False),
-        (36.0, 18.0, False),
-        (-55.0, 180.0, False),
-        (90.0, 0.0, False),
-    ],
-)
-def test_land_where_it_is_known(latitude, longitude, land):
-    assert bool(is_land(latitude, longitude)) is land
-    assert bool(is_land(latitude, longitude + 360.0)) is land
-
-
 @cache
 def _land() -> np.ndarray:
     return is_land(LATITUDE[:, None], LONGITUDE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
 
@@ -62,24 +63,8 @@ def _seen(picture: not_the_earth.Picture, band: str) -> Observation:
         band_um=BANDS_UM[band],
         prior=prior if picture.known else Prior(),
     )
-    other = Observation(
-        picture.image,
-        CAMERA,
-        q_cam_from_body=Rotation.from_rotvec(np.pi / 2.0 * nadir).as_quat(),
-        full_scale=FULL_SCALE,
-        band_kind=band,
-        band_um=BANDS_UM[band],
-        prior=one.prior,
-    )
-    return Observation(
-        one.image,
-        CAMERA,
-        full_scale=FULL_SCALE,
-        band_kind=band,
-        band_um=BANDS_UM[band],
-        prior=one.prior,
-        heads={"forward": one, "side": other},
-    )
+    other = replace(one, q_cam_from_body=Rotation.from_rotvec(np.pi / 2.0 * nadir).as_quat())
+    return replace(one, heads={"forward": one, "side": other})
 
 
 def test_there_are_more_than_forty_half_of_them_with_knowledge_and_the_same_every_time() -> None:

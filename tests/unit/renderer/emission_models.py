@@ -1,4 +1,4 @@
-"""Thermal models made by hand, and frames of them."""
+"""Scenes, cameras and thermal models made by hand, and frames of them."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from horizonval.spec.scene import SceneSpec
 
 RADIUS_M = 6_371_000.0
 WAVENUMBER_PER_CM = 1000.0
+PACIFIC = {"altitude_km": 500.0, "latitude_deg": 20.0, "longitude_deg": -160.0}
 
 
 def band(extinction_per_m: np.ndarray, altitude_m: np.ndarray, temperature_k: np.ndarray) -> EmittingBand:
@@ -61,8 +62,8 @@ def scene(**changes: Any) -> SceneSpec:
     return SceneSpec.model_validate(base | changes)
 
 
-def camera(*bands: dict[str, Any], pixels: int = 64, fov_deg: float = 60.0) -> CameraSpec:
-    size = {"width": pixels, "height": pixels, "fov_deg": fov_deg}
+def camera(*bands: dict[str, Any], pixels: int = 64, fov_deg: float = 60.0, **geometry: Any) -> CameraSpec:
+    size = {"width": pixels, "height": pixels, "fov_deg": fov_deg} | geometry
     return CameraSpec.model_validate({"camera": size, "band": list(bands)})
 
 

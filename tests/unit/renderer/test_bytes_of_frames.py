@@ -8,13 +8,12 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
+from emission_models import PACIFIC, camera, scene
 
 from horizonval.renderer import frame
 from horizonval.renderer.backend import activate
 from horizonval.renderer.table_store import TABLES
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_scene
-from horizonval.spec.scene import SceneSpec
 
 SOLAR = {"name": "b", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
 THERMAL = {"name": "b", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
@@ -54,15 +53,7 @@ SLOW = (
 def test_the_number_of_threads_changes_no_bit(name: str) -> None:
     activate()
     changes, band, size = FRAMES[name]
-    scene = {
-        "camera": {"file": "test", "mount_roll_deg": 66.0},
-        "platform": {"altitude_km": 500.0, "latitude_deg": 20.0, "longitude_deg": -160.0},
-        "sun": {"zenith_deg": 40.0, "azimuth_deg": 60.0},
-    }
-    specs = (
-        SceneSpec.model_validate(scene | changes),
-        CameraSpec.model_validate({"camera": {"width": 96, "height": 72, "fov_deg": 60.0} | size, "band": [band]}),
-    )
+    specs = scene(platform=PACIFIC, **changes), camera(band, **({"width": 96, "height": 72} | size))
     seen, before = set(), dr.thread_count()
     try:
         for threads in (1, 2, 4):
@@ -76,19 +67,20 @@ def test_the_number_of_threads_changes_no_bit(name: str) -> None:
 
 
 def test_frames_of_one_viewpoint_have_the_bytes_of_frames_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, camera = load_scene("day-limb")
-    camera = camera.model_copy(update={"camera": camera.camera.model_copy(update={"width": 24, "height": 16})})
-    quick = scene.render.model_copy(update={"orders": "single", "subsamples": 1, "nodes": 16})
-    scene = scene.model_copy(update={"render": quick})
-    turned = scene.model_copy(update={"attitude": scene.attitude.model_copy(update={"yaw_deg": 20.0, "roll_deg": 3.0})})
-    higher = scene.model_copy(update={"platform": scene.platform.model_copy(update={"altitude_km": 777.0})})
+    seen, spec = load_scene("day-limb")
+    spec = spec.model_copy(update={"camera": spec.camera.model_copy(update={"width": 24, "height": 16})})
+    quick = seen.render.model_copy(update={"orders": "single", "subsamples": 1, "nodes": 16})
+    seen = seen.model_copy(update={"render": quick})
+    turned = seen.model_copy(update={"attitude": seen.attitude.model_copy(update={"yaw_deg": 20.0, "roll_deg": 3.0})})
+    higher = seen.model_copy(update={"platform": seen.platform.model_copy(update={"altitude_km": 777.0})})
     described, describe = [], frame.describe
     monkeypatch.setattr(frame, "_last", {})
     monkeypatch.setattr(frame, "describe", lambda *arguments: described.append(1) or describe(*arguments))
-    frames = [frame.render_in_turn(one, camera) for one in (scene, turned, higher, scene)]
+    scenes = (seen, turned, higher, seen)
+    frames = [frame.render_in_turn(one, spec) for one in scenes]
     assert len(described) == 3
-    for made, one in zip(frames, (scene, turned, higher, scene), strict=True):
-        alone = frame.render_frame(one, camera)
+    for made, one in zip(frames, scenes, strict=True):
+        alone = frame.render_frame(one, spec)
         assert made.truth == alone.truth
         assert made.render == alone.render
         for kind in ("radiance", "energy_radiance", "maps"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import emission_models
 import numpy as np
 import pytest
 
@@ -11,22 +12,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.backend import activate
 from horizonval.renderer.kernel.cells import group_cells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
 
 SOLAR = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 1}
 FINE = 16
-
-
-def _specs(camera: dict[str, Any], clouds: dict[str, Any], **tables: Any) -> tuple[SceneSpec, CameraSpec]:
-    scene = {
-        "camera": {"file": "test", "mount_roll_deg": 68.0},
-        "platform": {"altitude_km": 500.0, "latitude_deg": 5.0, "longitude_deg": -140.0},
-        "sun": {"zenith_deg": 40.0},
-        "clouds": clouds,
-        **tables,
-    }
-    return SceneSpec.model_validate(scene), CameraSpec.model_validate({"camera": camera, "band": [SOLAR]})
 
 
 def _view(camera: dict[str, Any], clouds: dict[str, Any], subsamples: int, refraction: bool = False) -> FrameGeometry:
@@ -36,8 +24,15 @@ def _view(camera: dict[str, Any], clouds: dict[str, Any], subsamples: int, refra
 
     render = {"subsamples": subsamples, "orders": "single"}
     air = {"profile": "us_standard", "aerosol": "none"} if refraction else {"profile": "none"}
-    scene, spec = _specs(camera, clouds, atmosphere={**air, "refraction": refraction}, render=render)
-    described = describe(scene, spec)
+    scene = emission_models.scene(
+        camera={"file": "test", "mount_roll_deg": 68.0},
+        platform={"altitude_km": 500.0, "latitude_deg": 5.0, "longitude_deg": -140.0},
+        sun={"zenith_deg": 40.0},
+        clouds=clouds,
+        atmosphere={**air, "refraction": refraction},
+        render=render,
+    )
+    described = describe(scene, emission_models.camera(SOLAR, **camera))
     loaded = mitsuba_scene(described.limb, described.sensor)
     view: FrameGeometry = loaded.integrator().apparent_view(loaded.sensors()[0])
     return view

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
+import emission_models
 import numpy as np
 import pytest
 
 import horizonval as hv
 from horizonval.earth.optical import optical_model
 from horizonval.renderer.backend import activate
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
 activate()
 from horizonval.renderer.frame import render_frame  # noqa: E402
 
-CAMERA = CameraSpec.model_validate(
-    {
-        "camera": {"width": 24, "height": 24, "fov_deg": 60.0},
-        "band": [{"name": "b", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 2}],
-    }
-)
+CAMERA = emission_models.camera({"name": "b", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 2}, pixels=24)
 
 
 def _scene(atmosphere: dict[str, Any], latitude_deg: float = 40.0, **render: Any) -> SceneSpec:
-    return SceneSpec.model_validate(
-        {
-            "camera": {"file": "test", "mount_roll_deg": 66.0},
-            "platform": {"altitude_km": 500.0, "latitude_deg": latitude_deg, "epoch_utc": "2026-01-15T12:00:00Z"},
-            "sun": {"zenith_deg": 60.0, "azimuth_deg": 60.0},
-            "atmosphere": atmosphere,
-            "render": {"orders": "single"} | render,
-        }
+    return emission_models.scene(
+        platform={"altitude_km": 500.0, "latitude_deg": latitude_deg, "epoch_utc": "2026-01-15T12:00:00Z"},
+        sun={"zenith_deg": 60.0, "azimuth_deg": 60.0},
+        atmosphere=atmosphere,
+        render={"orders": "single"} | render,
     )
 
 
@@ -59,28 +50,6 @@ def test_one_column_serves_where_air_is_the_same(atmosphere: dict[str, Any]) -> 
     model = optical_model(_scene(atmosphere), CAMERA)
     assert model.columns is None
     assert model.nodes[0].more_extinction_per_m.size == 0
-
-
-def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With refraction and particles, marched, to single precision: view tables have other borders."""
-    from horizonval.renderer import description
-
-    scene = _scene(CLIMATES, method="march")
-    model = optical_model(scene, CAMERA)
-    nodes = tuple(
-        replace(
-            n,
-            more_extinction_per_m=0.0 * n.more_extinction_per_m,
-            more_molecular_per_m=0.0 * n.more_molecular_per_m,
-        )
-        for n in model.nodes
-    )
-    images = []
-    for columns in (model.columns, None):
-        changed = replace(model, nodes=nodes, columns=columns)
-        monkeypatch.setattr(description, "optical_model", lambda *_, changed=changed, **__: changed)
-        images.append(render_frame(scene, CAMERA).radiance["b"])
-    assert images[0] == pytest.approx(images[1], rel=2e-6)
 
 
 @pytest.mark.parametrize("atmosphere", [CLIMATES, pytest.param(WEATHER, marks=pytest.mark.slow)], ids=["rows", "map"])

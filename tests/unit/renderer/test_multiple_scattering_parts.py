@@ -30,8 +30,6 @@ from horizonval.renderer.scattering.shells import (  # noqa: E402
     pairs,
     polar_parts,
     shell_rays,
-    sun_angle_cosines,
-    sun_angle_position,
 )
 from horizonval.renderer.scattering.source_table import SourceTable  # noqa: E402
 from horizonval.renderer.tables import SunTable  # noqa: E402
@@ -48,14 +46,6 @@ def test_harmonics_are_scipys() -> None:
         norm = (-1) ** m * (math.sqrt(2.0) if m else 1.0)
         expected = norm * sph_harm_y(n, m, theta, phi).real
         np.testing.assert_allclose(polar[n, m] * azimuthal[m], expected, atol=1e-14)
-
-
-def test_sun_angles_and_their_places() -> None:
-    mu = sun_angle_cosines(96)
-    assert (np.diff(mu) > 0).all()
-    np.testing.assert_allclose(sun_angle_position(mu, 96), np.arange(96), atol=1e-11)
-    np.testing.assert_allclose(np.array(sun_angle_position(mi.Float32(mu), 96)), np.arange(96), atol=2e-4)
-    assert sun_angle_position(np.array([-1.0, 2.0]), 96).tolist() == [0.0, 95.0]
 
 
 def test_shell_rays_are_straight_and_lose_what_they_absorb() -> None:

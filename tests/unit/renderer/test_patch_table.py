@@ -13,7 +13,6 @@ from horizonval.renderer.backend import activate
 activate()
 import mitsuba as mi  # noqa: E402
 
-from horizonval.renderer.view_table import patch_table  # noqa: E402
 from horizonval.renderer.view_table.patch_table import PatchTable, Tabulated  # noqa: E402
 
 TOLERANCE = 1e-3
@@ -47,26 +46,6 @@ def _kinked(x: FloatArray, azimuth: FloatArray) -> FloatArray:
 
 def _jumping(x: FloatArray, azimuth: FloatArray) -> FloatArray:
     return np.where(np.cos(azimuth) > x, 1.0, 2.0)
-
-
-def test_cubics_of_both_coordinates_come_out_exactly_in_a_patch() -> None:
-    node = np.arange(patch_table.NODES, dtype=float)
-    u, v = np.meshgrid(node, node, indexing="ij")
-    coefficients = patch_table.coefficients_of((1.0 + u - 0.3 * u**3 + u * v**2 - v**3)[..., None])[..., 0]
-    for a, b in ((0.0, 0.0), (0.25, 7.5), (3.7, 4.2), (8.0, 8.0)):
-        i, j = min(int(a), 7), min(int(b), 7)
-        near = coefficients[i : i + 4, j : j + 4]
-        weights = [np.array(patch_table.spline_weights(t - k)) for t, k in ((a, i), (b, j))]
-        assert weights[0] @ near @ weights[1] == pytest.approx(1.0 + a - 0.3 * a**3 + a * b**2 - b**3, abs=1e-11)
-
-
-def test_coefficients_do_not_depend_on_how_many_patches_there_are() -> None:
-    values = np.random.default_rng(3).random((50, patch_table.NODES, patch_table.NODES, 12))
-    alone = np.stack([patch_table.coefficients_of(v) for v in values])
-    assert np.array_equal(patch_table.coefficients_of(values), alone)
-    for axis in (0, 1):
-        alone = np.stack([patch_table.predicted(v, axis) for v in values])
-        assert np.array_equal(patch_table.predicted(values, axis), alone)
 
 
 def test_a_smooth_function_is_less_than_a_tenth_of_the_tolerance_off() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import emission_models
 import numpy as np
 import pytest
 
@@ -18,23 +19,13 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
 
-CAMERA = CameraSpec.model_validate(
-    {
-        "camera": {"width": 16, "height": 12, "fov_deg": 60.0},
-        "band": [{"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}],
-    }
-)
-
-
-SCENE = SceneSpec.model_validate(
-    {
-        "camera": {"file": "test", "mount_roll_deg": 66.0},
-        "platform": {"altitude_km": 500.0, "latitude_deg": 20.0, "longitude_deg": -160.0},
-        "sun": {"zenith_deg": 40.0, "azimuth_deg": 60.0},
-        "moon": {"zenith_deg": 110.6, "azimuth_deg": 97.0},
-        "clouds": {"cover": 0.3},
-        "render": {"subsamples": 1, "orders": "single"},
-    }
+BAND = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
+CAMERA = emission_models.camera(BAND, width=16, height=12)
+SCENE = emission_models.scene(
+    platform=emission_models.PACIFIC,
+    moon={"zenith_deg": 110.6, "azimuth_deg": 97.0},
+    clouds={"cover": 0.3},
+    render={"subsamples": 1, "orders": "single"},
 )
 
 

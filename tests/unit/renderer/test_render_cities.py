@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from emission_models import camera, scene
 
 from horizonval.earth import tables
 from horizonval.earth.surface import city_lights
 from horizonval.renderer.backend import activate
 from horizonval.renderer.frame import render_frame
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.scene import SceneSpec
 
 TOKYO = (35.69, 139.69)
 
@@ -64,22 +63,16 @@ def test_kernel_luminance_equals_numpy() -> None:
 
 
 def _frame(sun_zenith_deg: float, **surface: Any) -> np.ndarray:
-    scene = SceneSpec.model_validate(
-        {
-            "camera": {"file": "test"},
-            "platform": {"altitude_km": 500.0, "latitude_deg": TOKYO[0], "longitude_deg": TOKYO[1]},
-            "sun": {"zenith_deg": sun_zenith_deg, "azimuth_deg": 90.0},
-            "atmosphere": {"profile": "none"},
-            "surface": {"kind": "earth", **surface},
-        }
+    seen = scene(
+        camera={"file": "test"},
+        platform={"altitude_km": 500.0, "latitude_deg": TOKYO[0], "longitude_deg": TOKYO[1]},
+        sun={"zenith_deg": sun_zenith_deg, "azimuth_deg": 90.0},
+        atmosphere={"profile": "none"},
+        surface={"kind": "earth", **surface},
     )
-    camera = CameraSpec.model_validate(
-        {
-            "camera": {"width": 33, "height": 33, "fov_deg": 8.0},
-            "band": [{"name": "vis", "kind": "solar", "lo_um": 0.55, "hi_um": 0.65, "nodes": 1}],
-        }
-    )
-    return np.asarray(render_frame(scene, camera).radiance["vis"], dtype=np.float64)
+    band = {"name": "vis", "kind": "solar", "lo_um": 0.55, "hi_um": 0.65, "nodes": 1}
+    image = render_frame(seen, camera(band, pixels=33, fov_deg=8.0)).radiance["vis"]
+    return np.asarray(image, dtype=np.float64)
 
 
 def test_a_city_shines_by_night_and_by_night_only() -> None:

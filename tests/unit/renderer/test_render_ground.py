@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import drjit as dr
+import emission_models
 import numpy as np
 import pytest
 from earth_forms import is_land
@@ -36,16 +37,11 @@ CLOUDS = {"cover": 0.5, "seed": 5, "scale_km": 200.0}
 
 
 def _scene(**changes: Any) -> SceneSpec:
-    scene = {
-        "camera": {"file": "test", "mount_roll_deg": 66.0},
-        "platform": {"altitude_km": 500.0, "latitude_deg": 20.0, "longitude_deg": -160.0},
-        "sun": {"zenith_deg": 40.0, "azimuth_deg": 60.0},
-    }
-    return SceneSpec.model_validate(scene | changes)
+    return emission_models.scene(**({"platform": emission_models.PACIFIC} | changes))
 
 
 def _camera(band: dict[str, Any] = SOLAR, **size: Any) -> CameraSpec:
-    return CameraSpec.model_validate({"camera": {"width": 96, "height": 72, "fov_deg": 60.0} | size, "band": [band]})
+    return emission_models.camera(band, **({"width": 96, "height": 72} | size))
 
 
 SMALL = _camera(width=48, height=36)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pytest
 
 from horizonval.renderer.backend import activate
@@ -15,6 +16,8 @@ from horizonval.spec.scene import SceneSpec
 activate()
 
 import drjit as dr  # noqa: E402
+
+from horizonval.renderer.tables import vectors  # noqa: E402
 
 VISIBLE = [{"name": "v", "kind": "solar", "nodes": 4, "lo_um": a, "hi_um": b} for a, b in ((0.45, 0.75), (0.5, 0.65))]
 INFRARED = [{"name": "i", "kind": "thermal", "lo_um": a, "hi_um": b} for a, b in ((14.0, 16.0), (13.5, 15.0))]
@@ -77,3 +80,16 @@ def test_another_scene_of_the_kind_compiles_nothing(
     others = _kernels({**second, **other_changes}, other_band, OTHER_LENS)
     assert {name: size for name, size in others.items() if name not in known} == {}
     assert sum(size > 3000 for size in known.values()) <= marches
+
+
+def test_kernels_do_not_depend_on_where_numpy_puts_an_array() -> None:
+    """Dr.Jit reads NumPy's memory in place, and makes a kernel for every alignment; rows are copied to one."""
+    room = np.zeros(3 * 64 + 8)
+    hashes = set()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for first in range(8):
+            dr.kernel_history_clear()
+            x, y, z = vectors(room[first : first + 3 * 64].reshape(64, 3))
+            dr.eval(x * y + z)
+            hashes |= {kernel["hash"] for kernel in dr.kernel_history([dr.KernelType.JIT])}
+    assert len(hashes) == 1

@@ -110,18 +110,17 @@ def _get(store: TableStore, key: str, nbytes: int = 40) -> bytearray:
     return store.get_or_make(key, lambda: bytearray(nbytes), len)
 
 
-def test_a_table_is_made_once() -> None:
-    store = TableStore(100)
-    assert _get(store, "a") is _get(store, "a")
-    assert _get(store, "b") is not _get(store, "a")
-    assert store.nbytes == 80
-
-
-def test_what_was_used_longest_ago_goes_first() -> None:
+def test_a_table_is_made_once_and_what_was_used_longest_ago_goes_first() -> None:
     store = TableStore(100)
     for key in ("a", "b", "a", "c"):
-        _get(store, key)
+        assert _get(store, key) is _get(store, key)
+    assert _get(store, "c") is not _get(store, "a")
     assert ["a" in store, "b" in store, "c" in store] == [True, False, True]
+    assert store.nbytes == 80
+    large = _get(store, "d", 500)
+    assert _get(store, "d") is large
+    _get(store, "e")
+    assert ("d" in store, len(store)) == (False, 1)
 
 
 def test_a_table_that_grew_pushes_others_out_when_the_next_is_asked_for() -> None:
@@ -132,15 +131,6 @@ def test_a_table_that_grew_pushes_others_out_when_the_next_is_asked_for() -> Non
     assert _get(store, "b") is grown
     assert "a" not in store
     assert store.nbytes == 81
-
-
-def test_one_table_larger_than_the_bound_is_kept_as_long_as_it_is_the_last() -> None:
-    store = TableStore(100)
-    large = _get(store, "a", 500)
-    assert _get(store, "a") is large
-    _get(store, "b")
-    assert "a" not in store
-    assert len(store) == 1
 
 
 def test_a_failure_leaves_nothing_behind_and_making_may_ask_for_another() -> None:

@@ -73,44 +73,6 @@ def test_stations_tell_what_marches_find_that_end_there(
         assert transmittance[k] == pytest.approx(np.array(air.transmittance[0]), rel=1e-4)
 
 
-def test_every_piece_has_its_own_even_stations(lit_air) -> None:
-    """The same light as at stations of other numbers in the same places; 1e-5, since steps between them are others:
-    in the second piece twice as many.
-    """
-    top_m, batch = lit_air
-    o, d = _rays(0.9)
-    sun = constant_vector((0.6, 0.8, 0.0))
-    first, last = way_through(PLANET, o, d, 18e3, True)
-    cut = first + 0.25 * (last - first)
-    pieces = SunlitStations((first, cut, last), _numbers(3.0, 9.0), _numbers(72.0, 360.0), 10, steps=360, before=192)
-    whole = SunlitStations((first, last), _numbers(24.0), _numbers(576.0), 25, steps=576, before=192)
-    found = []
-    for stations in (pieces, whole):
-        light = march_to_stations(PLANET, top_m, batch, o, d, sun, True, SOLAR_CONCENTRATION, stations)
-        found.append([np.array(light[k][0]).reshape(-1, 3) for k in (0, 2)])
-    same = [0, 2, 4, 6, 9, 12, 15, 18, 21, 24]
-    for of_pieces, of_whole in zip(*found, strict=True):
-        assert of_pieces == pytest.approx(of_whole[same], rel=1e-5)
-
-
-@pytest.mark.parametrize(("down", "to_ground"), [(0.9, True), (0.385, True), (0.367, False)])
-def test_rays_without_a_shadow_need_no_pieces(lit_air, down: float, to_ground: bool) -> None:
-    """The same steps, without those of no length: 1e-12, rounding."""
-    top_m, batch = lit_air
-    o, d = _rays(down)
-    first, last = way_through(PLANET, o, d, 18e3, to_ground)
-    found = []
-    for pieces in (3, 1):
-        steps = 16 * pieces
-        numbers, taken = _numbers(4.0), _numbers(float(steps))
-        stations = SunlitStations((first, last), numbers, taken, 5, steps, 32 * pieces, shadow=pieces == 3)
-        sun = constant_vector((0.9, np.sqrt(1.0 - 0.81), 0.0))
-        light = march_to_stations(PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations)
-        found.append([np.array(v[0]) for v in (light[0], light[2])])
-    for many, few in zip(*found, strict=True):
-        assert few == pytest.approx(many, rel=1e-12)
-
-
 def test_steady_steps_find_the_same_light_and_leave_no_jumps(lit_air) -> None:
     """Rays along the limb into the Earth's shadow: the piece before it grows gently from ray to ray."""
     top_m, batch = lit_air

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
-from types import ModuleType
 
+import limb_image
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -28,19 +25,6 @@ SIGMA = 2.55
 """One per cent of 255."""
 
 
-def _pictures() -> ModuleType:
-    """Return the pictures that the tests of the likelihood are made with: they share nothing with this package."""
-    path = Path(__file__).parents[1] / "estimation" / "likelihood" / "limb_image.py"
-    spec = importlib.util.spec_from_file_location("limb_image_of_the_bound", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-PICTURES = _pictures()
-
-
 def _expected(mean: np.ndarray, variance: float) -> ExpectedImage:
     return ExpectedImage(mean, np.full(mean.shape, variance), np.ones(mean.shape, bool), 0.0, np.ones(mean.shape))
 
@@ -54,9 +38,9 @@ def _information(picture, reliefs=(), variance: float = SIGMA**2 + 1 / 12) -> Li
         (picture.width - 1) / 2,
         (picture.height - 1) / 2,
     )
-    r = -(PICTURES.RADIUS_M + picture.altitude_m) * picture.nadir
+    r = -(limb_image.RADIUS_M + picture.altitude_m) * picture.nadir
     found = limb_information(
-        _expected(PICTURES.picture(picture), variance), camera, np.eye(3), r, sphere(PICTURES.RADIUS_M), reliefs
+        _expected(limb_image.picture(picture), variance), camera, np.eye(3), r, sphere(limb_image.RADIUS_M), reliefs
     )
     return found
 
@@ -78,7 +62,7 @@ NADIR = (0.0, math.sin(math.radians(62.0)), math.cos(math.radians(62.0)))
 
 
 def _sphere(width, height, fov_deg, nadir=NADIR, altitude_m=500e3, soft_m=0.0):
-    return PICTURES.Sphere(
+    return limb_image.Sphere(
         width, height, width / 2 / math.tan(math.radians(fov_deg / 2)), nadir, altitude_m, scale_height_m=soft_m
     )
 
@@ -99,12 +83,12 @@ def test_the_bound_is_that_of_differences_of_whole_pictures(picture, altitude_kn
     what a place is known to, the spline 0.3 %, and the picture's own bound with them lies between noise and knowledge.
     """
     information = _information(picture)
-    distance = PICTURES.RADIUS_M + picture.altitude_m
+    distance = limb_image.RADIUS_M + picture.altitude_m
     noise, known = (
         _tilt_arcsec(matrix, picture.nadir, altitude_known=altitude_known, distance_m=distance)
         for matrix in (information.by_noise, information.by_knowledge)
     )
-    reference = math.sqrt(np.trace(PICTURES.bound_rad(picture, altitude_known=altitude_known))) / ARCSEC
+    reference = math.sqrt(np.trace(limb_image.bound_rad(picture, altitude_known=altitude_known))) / ARCSEC
     assert noise == pytest.approx(reference, rel=0.02)
     assert noise < known < 1.10 * reference
 
@@ -117,7 +101,7 @@ def test_a_full_disc_has_the_bound_in_closed_form():
     information = _information(picture)
     blur = math.sqrt(0.7**2 + 1 / 12)
     each = (picture.earth - picture.space) ** 2 / (2 * math.sqrt(math.pi) * blur) / (SIGMA**2 + 1 / 12)
-    radius = picture.focal_px * math.tan(math.asin(PICTURES.RADIUS_M / (PICTURES.RADIUS_M + picture.altitude_m)))
+    radius = picture.focal_px * math.tan(math.asin(limb_image.RADIUS_M / (limb_image.RADIUS_M + picture.altitude_m)))
     shift_px = math.sqrt(2.0 / (0.5 * 2.0 * math.pi * radius * each))
     expected = shift_px / picture.focal_px / ARCSEC
     found = _tilt_arcsec(information.by_noise, picture.nadir, altitude_known=True, distance_m=42157e3)
@@ -148,7 +132,7 @@ def test_a_linear_estimator_scatters_as_the_bound_says():
     step = 0.1 / picture.focal_px
     first, second = picture.across
     changes = [replace(picture, tilt=tilt) for tilt in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))]
-    images = [PICTURES.picture(one).ravel() for one in changes]
+    images = [limb_image.picture(one).ravel() for one in changes]
     jacobian = np.column_stack([(images[0] - images[1]) / (2 * step), (images[2] - images[3]) / (2 * step)])
     gain = np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
     draws = np.random.default_rng(5).normal(0.0, SIGMA, (400, jacobian.shape[0]))
@@ -291,7 +275,7 @@ def test_a_flattening_with_a_pole_anywhere_is_the_oblateness_of_cones():
     flat = replace(truth, ellipsoid_b_m=truth.ellipsoid_a_m)
     band = truth.camera_spec.band[0].name
     oblate, round_ = (bound_of(turned, one, band).known_rad for one in (truth, flat))
-    rho = math.asin(PICTURES.RADIUS_M / (PICTURES.RADIUS_M + picture.altitude_m))
+    rho = math.asin(limb_image.RADIUS_M / (limb_image.RADIUS_M + picture.altitude_m))
     around = np.linspace(0.0, 2.0 * math.pi, 360, endpoint=False)
     los = np.column_stack([math.sin(rho) * np.cos(around), math.sin(rho) * np.sin(around), np.full(360, math.cos(rho))])
     systematic = systematic_covariance(

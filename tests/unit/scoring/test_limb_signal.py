@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import truth_at
+from synthetic import CMOS, truth_at
 
 from horizonval.core.outcome import Outcome
 from horizonval.geometry.camera import camera_from_spec
@@ -25,15 +25,7 @@ def camera(exposure_s: float = 1.2e-4, **lens):
         "camera": {"name": "vis", "width": 512, "height": 512, "fov_deg": 60.0},
         "optics": {"f_number": 4.0, "transmission": 0.7, **lens},
         "band": [{"name": "vis", "kind": "solar", "lo_um": 0.45, "hi_um": 0.75}],
-        "detector": {
-            "kind": "cmos",
-            "pixel_pitch_um": 5.5,
-            "exposure_s": exposure_s,
-            "quantum_efficiency": 0.6,
-            "full_well_e": 13500.0,
-            "read_noise_e": 13.0,
-            "bits": 10,
-        },
+        "detector": CMOS | {"exposure_s": exposure_s},
     }
 
 

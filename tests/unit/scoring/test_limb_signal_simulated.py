@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import constants
-from synthetic import truth_at
+from synthetic import CMOS, truth_at
 
 from horizonval.frame import MAP_UNITS, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
@@ -29,17 +29,8 @@ from horizonval.spec.camera import CameraSpec
 
 ALBEDO = 0.4
 BLACK_DN = 60.0
-PLAIN: dict[str, Any] = {
-    "kind": "cmos",
-    "pixel_pitch_um": 5.5,
-    "exposure_s": 6e-5,
-    "quantum_efficiency": 0.6,
-    "full_well_e": 13500.0,
-    "read_noise_e": 40.0,
-    "bits": 12,
-    "black_level_dn": BLACK_DN,
-    "gain_e_per_dn": 4.0,
-}
+PLAIN: dict[str, Any] = CMOS | {"exposure_s": 6e-5, "read_noise_e": 40.0, "bits": 12}
+PLAIN |= {"black_level_dn": BLACK_DN, "gain_e_per_dn": 4.0}
 DARK = {"dark_current_e_per_s": 6e6, "temperature_c": 32.0, "dark_reference_c": 20.0, "dark_doubling_k": 6.0}
 BAFFLE = {"angle_deg": [20.0, 60.0], "pst": [2.0e-3, 1.0e-3]}
 PATCH = 10

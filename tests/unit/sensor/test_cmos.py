@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from synthetic import CMOS
 
 from horizonval.geometry.camera import CameraModel
 from horizonval.sensor import motion
@@ -20,17 +21,9 @@ BENCH: dict[str, Any] = {
     "camera": {"name": "bench", "width": 128, "height": 96, "fov_deg": 0.1},
     "optics": {"f_number": 4.0, "transmission": 0.8},
     "band": [{"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6}],
-    "detector": {
-        "kind": "cmos",
-        "pixel_pitch_um": 5.5,
-        "exposure_s": 1e-3,
-        "quantum_efficiency": 0.6,
-        "full_well_e": 60000,
-        "read_noise_e": 2,
-        "bits": 14,
-        "black_level_dn": 100,
-        "gain_e_per_dn": 4.0,
-    },
+    "detector": CMOS
+    | {"exposure_s": 1e-3, "full_well_e": 60000, "read_noise_e": 2, "bits": 14, "black_level_dn": 100}
+    | {"gain_e_per_dn": 4.0},
 }
 
 

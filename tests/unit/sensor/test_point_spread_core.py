@@ -101,14 +101,3 @@ def test_pixel_average_is_taken_off_the_gaussian(sigma):
         wanted = math.exp(-2 * (math.pi * sigma * f) ** 2) * lens
         # What is beyond the kernel's square, 0.5 %, is missing; box and Gaussian of one variance differ by f^4.
         assert measured == pytest.approx(wanted, abs=7e-3)
-
-
-def test_defocus_is_an_even_disc():
-    """Radius 12 px: 98 % of the disc's area is evenly lit, the rest is its ragged edge."""
-    kernel = lens_spread.core_kernel(0.0, 12.0, None, 2.0, 5e-6, 16)
-    r = offsets(kernel)
-    np.testing.assert_allclose(kernel[r < 10.5], 1 / (math.pi * 12**2), rtol=0.03)
-    assert kernel[r > 13.5].sum() < 0.005
-    # Second moment of a disc along one axis: a^2 / 4; the pixel adds 1/12.
-    x = np.arange(-16, 17)
-    assert (kernel.sum(axis=0) * x * x).sum() == pytest.approx(12**2 / 4 + 1 / 12, rel=0.01)

@@ -6,20 +6,11 @@ import math
 from typing import Any
 
 import pytest
+from synthetic import CMOS
 
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import validate
-
-CMOS = {
-    "pixel_pitch_um": 5.5,
-    "exposure_s": 1e-3,
-    "quantum_efficiency": 0.6,
-    "full_well_e": 13500.0,
-    "read_noise_e": 13.0,
-    "bits": 10,
-    "kind": "cmos",
-}
 
 
 def spec(detector: dict[str, Any] | None = CMOS, **camera: Any) -> CameraSpec:

@@ -12,25 +12,15 @@ from astropy import units
 from astropy.coordinates import EarthLocation
 from astropy.time import Time
 from astropy.utils.iers import conf
-from synthetic import truth_at
+from synthetic import CMOS, truth_at
 
 from horizonval.frame import FrameTruth, Hit
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.store import attributes, exr
-from horizonval.store.attributes import UNITS, camera_of, own_attributes, standard_attributes
-from horizonval.store.entry import shown
+from horizonval.store import attributes
+from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
 
 conf.auto_download = False
 
-DETECTOR: dict[str, Any] = {
-    "kind": "cmos",
-    "pixel_pitch_um": 5.5,
-    "exposure_s": 2e-4,
-    "quantum_efficiency": 0.6,
-    "full_well_e": 13500,
-    "read_noise_e": 13,
-    "bits": 10,
-}
 CAMERA: dict[str, Any] = {
     "camera": {"name": "off", "width": 80, "height": 60, "fx": 70.0, "fy": 90.0, "cx": 30.25, "cy": 41.5},
     "optics": {"f_number": 4.0, "transmission": 0.64},
@@ -38,7 +28,7 @@ CAMERA: dict[str, Any] = {
         {"name": "red", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7},
         {"name": "free", "kind": "solar", "wavelength_um": [0.4, 0.45, 0.5], "response": [0.1, 1.0, 0.3]},
     ],
-    "detector": DETECTOR,
+    "detector": CMOS,
 }
 
 
@@ -80,31 +70,6 @@ def test_what_has_no_detector_has_no_sensor(truth: FrameTruth) -> None:
     assert "exposure_s" not in own_attributes(truth, spec)
     assert camera_of(truth, {"camera": spec.model_dump(mode="json")}).detector is None
     assert camera_of(truth, {}) == camera_of(truth) == truth.camera_spec
-
-
-def test_a_header_is_shown_as_it_was_written(tmp_path, make_frame) -> None:
-    path = tmp_path / "frame.exr"
-    frame = make_frame()
-    exr.write_frame(path, frame)
-    told = shown(path)
-    spec = frame.truth.camera_spec
-    standard = standard_attributes(frame.truth, spec)
-    for name in ("altitude", "aperture", "latitude", "tStop"):
-        assert told["standard"][name] == [pytest.approx(float(standard[name]), rel=1e-6), UNITS.get(name, "")]
-    assert told["standard"]["capDate"][0] == standard["capDate"]
-    assert told["standard"]["focus"][0] == "inf"
-    own = own_attributes(frame.truth, spec)
-    found = told["horizonval"]["horizonval:camera_position_m"][0]
-    assert found == pytest.approx([float(v) for v in own["camera_position_m"]], rel=1e-15)
-    assert told["horizonval"]["horizonval:band_names"][0] == own["band_names"]
-    assert told["file"]["bytes"][0] == path.stat().st_size
-    assert told["file"]["size"] == ["40 x 30", "px"]
-    assert told["truth"] == frame.truth.to_dict() or told["truth"].keys() == frame.truth.to_dict().keys()
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        assert told["channels"] == sorted(file.channels())
-    assert not {"channels", "compression", "dataWindow"} & set(told["standard"])
 
 
 def test_masks_follow_the_maps(truth: FrameTruth) -> None:

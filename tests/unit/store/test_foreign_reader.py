@@ -12,7 +12,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 from scipy.spatial.transform import Rotation
-from synthetic import SOLAR_CAMERA, toy_image, truth_at
+from synthetic import CMOS, SOLAR_CAMERA, toy_image, truth_at
 
 from horizonval.frame import MAP_UNITS, DetectorImage
 from horizonval.geometry.camera import project
@@ -21,7 +21,7 @@ from horizonval.store import exr
 from horizonval.store.store import Store
 
 TOLERANCE_PX = 0.25
-PITCH_UM = 5.5
+PITCH_UM = CMOS["pixel_pitch_um"]
 
 
 def attributes(path: Path) -> tuple[Any, dict[str, Any]]:
@@ -72,8 +72,7 @@ def camera(**geometry: Any) -> dict[str, Any]:
     return SOLAR_CAMERA | {
         "camera": {"name": "some", "width": 80, "height": 60, **geometry},
         "optics": {"f_number": 2.8, "transmission": 0.5},
-        "detector": {"kind": "cmos", "pixel_pitch_um": PITCH_UM, "exposure_s": 2e-4}
-        | {"quantum_efficiency": 0.6, "full_well_e": 13500, "read_noise_e": 13, "bits": 10, "black_level_dn": 32},
+        "detector": CMOS | {"black_level_dn": 32},
     }
 
 

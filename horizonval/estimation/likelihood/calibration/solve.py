@@ -136,7 +136,7 @@ def _edges(observations: Sequence[Observation], *, bends: bool) -> CalibrationFr
         frames.append(frame)
     if len(frames) < FEWEST_FRAMES:
         return _too_few(len(frames), left_out)
-    # The model's edge may be off by a share of a pixel in all frames alike.
+    # The model's edge may be displaced by the same share of a pixel in all frames.
     misplaced_m = MISPLACED_PX * float(np.median([one.pixel_m for one in frames]))
     height_sigma = float(np.hypot(limb_height_prior(first)[1], misplaced_m))
     return CalibrationFrames(

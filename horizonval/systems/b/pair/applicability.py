@@ -33,10 +33,7 @@ ALTITUDES_KM = (300.0, 500.0, 800.0)
 
 @dataclass(frozen=True)
 class Map:
-    """Errors over attitudes.
-
-    ``pitch_deg``, ``yaw_deg``, shape (n,); ``found``: what :func:`horizonval.systems.b.pair.frames.view` gave for each.
-    """
+    """Errors ``found`` by :func:`.frames.view` over ``pitch_deg`` and ``yaw_deg``, shape (n,)."""
 
     pitch_deg: FloatArray
     yaw_deg: FloatArray

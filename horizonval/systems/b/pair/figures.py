@@ -114,7 +114,7 @@ def orbit(lap: Lap) -> MplFigure:
 
 
 def sun(found: SunOutcome) -> MplFigure:
-    """What the forward camera sees of the Sun at some heights, by lens and exposure, and what the method says.
+    """Plot the forward camera's Sun at some heights, by lens and exposure, and the method's results.
 
     The last rows are the ordinary lens without the Sun's own light.
     """

@@ -63,10 +63,9 @@ EDGE_PX = 1.5
 
 
 def without_sunlight(frame: RadianceFrame) -> RadianceFrame:
-    """Return the frame with the Sun's disc taken out of the image, and without a Sun for stray light.
+    """Return the frame without the Sun's disc, and without a Sun for stray light.
 
-    Pixels that the disc may touch take the radiance of their row to the left and to the right of it, on a straight
-    line between the two: space, or the thin upper air.
+    Pixels that the disc may touch are interpolated linearly along their row: space, or the thin upper air.
     """
     touched = sun_pixels(frame.truth)
     radiance = {}
@@ -94,8 +93,8 @@ SHIPPED = "vis-pair-1024-60deg"
 WITH_GLARE = "vis-cmos-1024-60deg-full"
 """The shipped camera whose lens scatters and reflects; the pair's own lens is clean."""
 FIELD_DEG = 100.0
-"""The source does not name its cameras. From 500 km the horizon stands 22 deg below the level boresights, so that an
-attitude of 20 deg can press it down to 42 deg: a field of 60 deg does not hold the published region."""
+"""Field of the cameras, which the source does not state. From 500 km the horizon is 22 deg below level boresights and
+attitudes of 20 deg press it to 42 deg, so that 60 deg do not cover the published region."""
 ALTITUDE_KM = 500.0
 PICTURE_PX = 256
 
@@ -122,10 +121,7 @@ def pair(width: int = 1024, field_deg: float = FIELD_DEG, tables: JsonObject | N
 
 
 def glare_optics(scattered: float | None = None, ghost: float | None = None, stray: float = 1.0) -> JsonObject:
-    """Return the optics of a lens with scatter, ghost and a baffle that leaks; a worse one with larger shares.
-
-    ``stray`` multiplies what the baffle lets through.
-    """
+    """Return the optics of a lens with scatter, ghost and a leaking baffle, which passes ``stray`` times as much."""
     optics: JsonObject = _stated(load_camera(WITH_GLARE).optics.model_dump(mode="json"))
     if scattered is not None:
         optics["scatter"] = {**optics["scatter"], "tis": scattered}
@@ -136,10 +132,7 @@ def glare_optics(scattered: float | None = None, ghost: float | None = None, str
 
 
 def scene(name: str, *, air: bool = False, **tables: Any) -> JsonObject:
-    """Return a scene over a sphere without air, or over WGS84 with it; ``tables`` replace or add whole tables.
-
-    The air is that of a real sky, with the haze that air has by default.
-    """
+    """Return a scene over an airless sphere, or WGS84 with a real sky's air; ``tables`` replace or add tables."""
     made: JsonObject = {
         "scene": {"name": name},
         "platform": {"altitude_km": ALTITUDE_KM, "latitude_deg": 45.0 if air else 0.0},
@@ -152,19 +145,18 @@ def scene(name: str, *, air: bool = False, **tables: Any) -> JsonObject:
 
 
 def attitude(pitch_deg: float, yaw_deg: float) -> JsonObject:
-    """Return the attitude that tilts the longitudinal axis in the planes of both cameras.
+    """Return the attitude that tilts the longitudinal axis (body z, down when level) in the planes of both cameras.
 
-    The longitudinal axis is body z, down when level. The source's pitch tilts it about y; its yaw, the tilt across
-    that, is a roll about x here.
+    The source's pitch tilts it about y; its yaw, the tilt across that, is a roll about x here.
     """
     return {"pitch_deg": pitch_deg, "roll_deg": yaw_deg}
 
 
 def view(item: JsonObject) -> JsonObject:
-    """Return what the method makes of one view of both cameras.
+    """Return the method's result for one view of both cameras.
 
-    ``item``: ``camera`` and ``scene`` (plain data, no head chosen), ``seed``; ``picture`` asks for small copies of both
-    images, ``searched`` for the result on arcs from a search that asks.
+    ``item``: ``camera``, ``scene`` (plain data, without head), ``seed``; ``picture`` adds small copies of both images,
+    ``searched`` the result on arcs from :func:`searched`.
     """
     camera = CameraSpec.model_validate(item["camera"])
     images: dict[str, DetectorImage] = {}
@@ -180,10 +172,10 @@ def view(item: JsonObject) -> JsonObject:
 
 
 def views(item: JsonObject) -> JsonObject:
-    """Return what the method makes of one view through several cameras of the same geometry, by the cameras' names.
+    """Return the method's result for one view through several cameras of equal geometry, by the cameras' names.
 
-    ``item``: ``cameras``, and the rest as for :func:`view`, whose frames are rendered once. Under every name ``with``
-    has the view with the Sun's own light in the lens, ``without`` the same frames, seed and camera without it.
+    ``item``: ``cameras``, and the rest as for :func:`view`; frames are rendered once. ``with`` and ``without`` are the
+    same frames and seed with and without the Sun's light in the lens.
     """
     cameras = {name: CameraSpec.model_validate(camera) for name, camera in item["cameras"].items()}
     first = next(iter(cameras.values()))
@@ -237,10 +229,10 @@ def measured(images: dict[str, DetectorImage]) -> JsonObject:
 
 
 def searched(images: dict[str, DetectorImage]) -> JsonObject:
-    """Return the method's result on arcs from the search that asks, in place of the longest edge of each image.
+    """Return the method's result on arcs of the limb search instead of the longest edges.
 
-    :func:`horizonval.estimation.limb.finder.find_limb` takes the best cone of all edges, refines its points below the
-    pixel and refuses what need not be a horizon.
+    :func:`horizonval.estimation.limb.finder.find_limb` takes the best cone of all edges, refines its points and refuses
+    what need not be a horizon.
     """
     observation = observation_of_heads(images, ESTIMATOR)
     truth = next(iter(images.values())).truth

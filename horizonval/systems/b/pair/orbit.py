@@ -47,10 +47,7 @@ INFRARED, LINEAR = "infrared pair", "infrared, four linear heads"
 
 @dataclass(frozen=True)
 class Lap:
-    """One orbit: argument of latitude [deg], and what each sensor made of every position.
-
-    ``lit``: share of the Sun's disc that the satellite sees.
-    """
+    """One orbit: argument of latitude [deg], each sensor's results, and the visible share ``lit`` of the Sun's disc."""
 
     argument_deg: list[float]
     lit: list[float]
@@ -171,7 +168,7 @@ def orbit_rows(orbit: Lap) -> list[ComparisonRow]:
 def verdict(orbit: Lap) -> dict[str, float]:
     """Return what decides the claim that the visible vertical is as accurate as an infrared one.
 
-    ``comparable``: whether the visible pair's rms, with the search that asks, is within twice that of the infrared one.
+    ``comparable``: whether the visible pair's rms with the limb search is within twice the infrared one's.
     """
     asked = errors_deg(orbit.by_sensor[VISIBLE], by_search=True)
     longest_edge = errors_deg(orbit.by_sensor[VISIBLE])

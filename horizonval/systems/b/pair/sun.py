@@ -54,8 +54,8 @@ WIDTH_PX = 512
 GOOD, ORDINARY = LENSES = "good lens", "ordinary lens"
 FIXED, AUTOMATIC = EXPOSURES = "fixed exposure", "automatic exposure"
 ORDINARY_SHARES = {"scattered": 0.05, "ghost": 1e-3, "stray": 10.0}
-"""Written down before any frame was seen: scatter of 5 % (the good one has 0.3 %), ghosts of 1e-3 (1e-4), ten times the
-stray light."""
+"""Fixed before any frame was rendered: 5 % scatter (good lens: 0.3 %), ghosts of 1e-3 (1e-4), ten times the stray
+light."""
 AUTO = {"min_s": 2e-6, "max_s": 5e-3}
 CONFIDENCE = 0.95
 DRAWS = 10_000
@@ -73,10 +73,7 @@ class DrawnView:
 
 @dataclass(frozen=True)
 class Paired:
-    """The same views with and without the Sun's own light: of one lens, one exposure and one side of the sky.
-
-    ``lit``, ``dark``: what the method makes of every view with that light, and without it.
-    """
+    """Results of the same views with (``lit``) and without (``dark``) the Sun's light."""
 
     lit: tuple[JsonObject, ...]
     dark: tuple[JsonObject, ...]
@@ -109,10 +106,7 @@ class Paired:
 
 @dataclass(frozen=True)
 class SunOutcome:
-    """The whole experiment: pairs by lens, exposure and side of the sky, views by number, and the shown ones.
-
-    ``shown``: by lens and exposure, with and without the Sun's light, for every shown height.
-    """
+    """Pairs by lens, exposure and side of the sky; ``shown``: by lens and exposure, both ways, by height."""
 
     skies: tuple[DrawnView, ...]
     pairs: dict[tuple[str, str, str], Paired]
@@ -189,10 +183,10 @@ WASHED_OUT = 0.5
 
 
 def sun_rows(found: SunOutcome) -> list[ComparisonRow]:
-    """Return what the Sun's own light costs, with its interval, for every lens, exposure and side of the sky.
+    """Return the cost of the Sun's light, with its interval, for every lens, exposure and side of the sky.
 
-    The bars are on the ordinary lens with the Sun in the frame, for both exposures: the lower end of the interval is
-    above 0.
+    The criterion, for the ordinary lens with the Sun in the frame and both exposures: the interval's lower end is above
+    0.
     """
     rows = []
     for (lens, exposure, place), one in found.pairs.items():

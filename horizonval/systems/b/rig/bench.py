@@ -137,11 +137,7 @@ SAMPLES = 64
 
 @dataclass(frozen=True)
 class Accelerometer:
-    """What one accelerometer does to gravity.
-
-    ``roll_rad``: its turn against the camera's rows; ``zero_mg``: error of the zero of the x-axis; that of y is a
-    second-order matter near the level.
-    """
+    """One accelerometer: ``roll_rad``, turn against the camera's rows; ``zero_mg``, zero error of x."""
 
     roll_rad: float = 0.0
     zero_mg: float = 0.0
@@ -171,13 +167,9 @@ def benches(stated: BenchErrors) -> list[BenchErrors]:
 
 
 def main_effects(values: FloatArray) -> FloatArray:
-    """Return what each error at its stated, positive size does to a value, shape (14, ...).
+    """Return the effect of each error at its stated, positive size, (14, ...), from ``values`` (16, ...).
 
-    ``values``, shape (16, ...): of the benches, in order.
-
-    Notes
-    -----
-    Products of two errors are left in: of the second order, 0.02 deg at the stated sizes.
+    Products of two errors remain: second order, 0.02 deg at the stated sizes.
     """
     return np.asarray(np.tensordot(signs(), values, axes=(0, 0)) / BENCHES)
 

@@ -67,10 +67,10 @@ def built(camera: CameraSpec, errors: BenchErrors) -> CameraModel:
 def photograph(
     radiance: NDArray[np.float32], camera: CameraSpec, shown: SceneSpec, name: str, seed: int, *, noise: bool
 ) -> DetectorImage:
-    """Return what the detector makes of the bench's radiance [W m-2 sr-1], shape (H, W).
+    """Return the detector's image of the bench's radiance [W m-2 sr-1], shape (H, W).
 
-    ``shown``: the scene on the panel; the image's truth is that of the scene before it was tilted; ``camera``: as in
-    its file; ``name``: of the frame: noise belongs to it and to the seed.
+    ``shown``: the scene on the panel, whose truth, before its tilt, the image has; ``name``: of the frame, for its
+    noise.
     """
     truth = replace(_truth(shown.model_dump_json(), camera.model_dump_json()), scene_id=name)
     return observe(
@@ -110,12 +110,12 @@ def sweep(item: JsonObject) -> JsonObject:
 
 
 def show(item: JsonObject) -> JsonObject:
-    """Return one frame of a bench, for looking at: PNGs of 16 bits.
+    """Return one frame of a bench for viewing: PNGs of 16 bits.
 
-    ``item`` as for :func:`sweep`, with one tilt. Returned are ``dn``, the detector's numbers of ``full_scale``;
-    ``bare`` and ``blurred``, the radiance without and with the lens's blur, ``magnified``, what a lens of ``MAGNIFIER``
-    times the focal length sees of it, all as shares of 65535 for ``SPAN`` times the panel's white; and ``limb``, the
-    pixel (column, row) in the middle of the magnified picture: where the middle column crosses half of its brightest.
+    ``item`` as for :func:`sweep`, with one tilt. ``dn``: digital numbers of ``full_scale``; ``bare``, ``blurred``:
+    radiance without and with the lens's blur; ``magnified``: through a lens of ``MAGNIFIER`` times the focal length;
+    all as shares of 65535 for ``SPAN`` times the panel's white. ``limb``: pixel of the magnified picture where the
+    middle column crosses half of its maximum.
     """
     tilt_deg = item["tilts_deg"][0]
     image = _photograph(item, tilt_deg)

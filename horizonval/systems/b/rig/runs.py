@@ -74,8 +74,8 @@ _ACCELEROMETER = ("accelerometer_roll_deg", "accelerometer_zero_mg")
 class BenchRun:
     """Sixteen benches with the same imperfections, swept.
 
-    ``tilts_deg``, shape (t,); ``estimated_deg``, ``reference_deg``, shape (16, t): by the camera, NaN where it sees no
-    arc, and by the accelerometer.
+    ``tilts_deg``: shape (t,); ``estimated_deg``, ``reference_deg``: shape (16, t), of camera (NaN without arc) and
+    accelerometer.
     """
 
     tilts_deg: FloatArray
@@ -201,13 +201,11 @@ def _rms(values: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class RigResults:
-    """Everything measured.
+    """All measurements.
 
-    - ``whole``, ``perfect``: with all imperfections, and with none;
-    - ``alone``: with one imperfection each;
-    - ``order``: imperfections by their own RMS, the largest first;
-    - ``after``: by the imperfection that was switched off last;
-    - ``soft``, ``sharp``: panel pixels and frame noise behind the camera's lens, and behind one that blurs less.
+    ``whole``, ``perfect``: with all imperfections and none; ``alone``: with one each; ``order``: imperfections by their
+    RMS, the largest first; ``after``: by the imperfection switched off last; ``soft``, ``sharp``: panel pixels and
+    frame noise with the camera's lens and with a sharper one.
     """
 
     whole: BenchRun
@@ -219,7 +217,7 @@ class RigResults:
     sharp: BenchRun
 
     def families(self) -> dict[str, float]:
-        """Return the shares of three families in the sum of squares of the single imperfections, the floor taken off.
+        """Return the shares of three families in the sum of squares of single imperfections, floor subtracted.
 
         ``mounting`` of camera and panel, ``accelerometer``, and ``light``: panel pixels, backlight, frame noise.
         """
@@ -240,10 +238,7 @@ class RigResults:
         return {name: value / total for name, value in excess.items()}
 
     def switched_off_below(self, limit_deg: float) -> int:
-        """Return how many imperfections, the largest first, must go for the RMS to stay below a limit.
-
-        One more than there are where it never does.
-        """
+        """Return how many of the largest imperfections must go for the RMS to stay below a limit."""
         above = [k for k, name in enumerate(self.order) if self.after[name].rms_deg >= limit_deg]
         return above[-1] + 2 if above else 1
 

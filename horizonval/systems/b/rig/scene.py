@@ -5,8 +5,8 @@ a bitmap fine enough for the stripes of two million pixels would take a gigabyte
 followed: nothing else in the room shines back.
 
 A camera pixel covers a panel pixel or so with open and black parts, which random samples average slowly: 64 of them
-leave 8 % of noise, more than the detector's own. So the samples stand on a regular grid, ``FINE x FINE`` in each pixel
-of the camera, and each takes the mean of the stripes over the square that it stands for, which the texture gives in
+leave 8 % of noise, more than the detector's own. The samples are therefore on a regular grid, ``FINE x FINE`` in each
+pixel of the camera, and each takes the mean of the stripes over its square, which the texture gives in
 closed form: the difference of the stripes' running sum at the square's two ends. The render has no noise.
 
 **The lens blurs before the pixels sample.** Elsewhere in this package a frame is even within a pixel and the blur may
@@ -95,14 +95,14 @@ def share_shown(level: NDArray[np.uint8], panel: Panel) -> FloatArray:
 
 NEAR_MM, FAR_MM = 1.0, 1e4
 FINE = 4
-"""Samples per camera pixel and axis. Behind the lens an even panel then differs by 0.2 % from what eight give; the
-detector's own noise is 1 %."""
+"""Samples per camera pixel and axis; an even panel then differs by 0.2 % from eight, below the detector noise of 1
+%."""
 
 
 def bench_scene(panel: Panel, share: FloatArray, panel_at: BenchPose, camera: CameraModel, camera_at: BenchPose) -> Any:
-    """Return the loaded Mitsuba scene, in millimetres; it must outlive what is rendered from it.
+    """Return the loaded Mitsuba scene, in millimetres; keep it while its renders are used.
 
-    ``share``, shape (H, W): of white, what each of the panel's pixels shines with; ``camera``: undistorted pinhole.
+    ``share``: shape (H, W), of white, per panel pixel; ``camera``: undistorted pinhole.
     """
     half_width, half_height = (0.5 * v for v in panel.size_mm)
     away_mm = float(np.linalg.norm(panel_at.r_bench_mm - camera_at.r_bench_mm))

@@ -40,8 +40,8 @@ def points_image(
 ) -> FloatArray:
     """Return the image of points, shape (H, W).
 
-    ``uv``, shape (n, 2): column and row; integers are pixel centres; ``light``, shape (n,): what each point adds to the
-    whole image plane; ``origin_uv``: column and row of the image's first pixel.
+    ``uv``: shape (n, 2), column and row; ``light``: shape (n,), of each point in all; ``origin_uv``: of the first
+    pixel.
     """
     place = np.asarray(uv, float).reshape(-1, 2)
     scale = sigma_px * np.sqrt(2.0)
@@ -69,10 +69,9 @@ def streak_image(
     shape: tuple[int, int],
     origin_uv: tuple[float, float] = (0, 0),
 ) -> FloatArray:
-    """Return the image of a point that was at ``path_uv[0]``, ``[1]``, ``[2]`` at begin, middle and end, shape (H, W).
+    """Return the image of a point moving along the parabola (or line) through its begin, middle and end, shape (H, W).
 
-    Between them it moves along the parabola through the three places; two places are a straight line. ``light`` is what
-    it adds to the whole image plane, spread evenly over time.
+    ``light``: in the whole image plane, uniform over time.
     """
     path = np.asarray(path_uv, float)
     t, w = path_nodes(path, sigma_px)
@@ -105,10 +104,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class StreakFit:
-    """Middle and run (end minus begin) [px], light and background [e-]; ``covariance`` (6, 6) in that order.
-
-    ``chi2`` is per degree of freedom.
-    """
+    """Middle and run (end minus begin) [px], light and background [e-]; ``covariance`` (6, 6); ``chi2`` per freedom."""
 
     middle_uv: tuple[float, float]
     run_uv: tuple[float, float]
@@ -131,10 +127,7 @@ def fit_streak(
     start_uv: tuple[float, float],
     run_uv: tuple[float, float],
 ) -> StreakFit | None:
-    """Return the best streak in a patch, shape (h, w), whose first pixel is ``origin_uv``; None if it runs away.
-
-    ``start_uv`` and ``run_uv`` are where to begin, within the point spread's width of the truth or some pixels along.
-    """
+    """Return the best streak in a patch (h, w) at ``origin_uv``, starting near the truth; None if it diverges."""
     height, width = electrons.shape
     shape = (height, width)
 
@@ -210,10 +203,7 @@ class NoDetection:
 
 @dataclass(frozen=True)
 class Detection:
-    """The satellite's streak, its significance in the filter, and the patch it was measured in.
-
-    ``moment_uv``: the first moment of what is above the background in that patch, the plainest centroid.
-    """
+    """The satellite's streak, its significance, and its patch; ``moment_uv``: first moment there."""
 
     fit: StreakFit
     significance: float
@@ -226,8 +216,7 @@ def find_streak(
 ) -> Detection | NoDetection:
     """Return the streak of predicted run in an image of electrons, shape (H, W).
 
-    ``electrons``, shape (H, W); ``run_uv``: predicted end minus begin [px]; its sign does not matter; ``sigma_px``: of
-    the point spread, as calibrated.
+    ``run_uv``: predicted end minus begin [px], of either sign; ``sigma_px``: of the calibrated point spread.
     """
     flat = electrons - background_plane(electrons)
     spread = 1.4826 * float(np.median(np.abs(flat - np.median(flat))))

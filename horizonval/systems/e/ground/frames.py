@@ -1,8 +1,8 @@
 """Frames of a pass over one station: a mount that rests, a satellite that streaks, stars, sky, detector.
 
 For every exposure the mount is sent to where an old orbit predicts the satellite, rests there, and the shutter opens.
-The camera then looks beside its reading, the clock is beside UTC, and the orbit was old: errors of stated size, each
-drawn from a stream of its own name. Frames know all of them; what is measured in them
+The camera points away from its reading, the clock differs from UTC, and the orbit is old: errors of stated size, each
+from a named random stream. Frames know all of them; what is measured in them
 (:mod:`~horizonval.systems.e.ground.reduction`) does not.
 
 *Camera.* The mount rests during an exposure, so that stars are points (they move by 1.5 arcsec in 0.1 s) and a
@@ -118,9 +118,9 @@ def electrons_of_sky(radiance: FloatArray, camera: CameraSpec) -> FloatArray:
 def digital_numbers(
     photoelectrons: FloatArray, camera: CameraSpec, unit: str, exposure_name: str, seed: int
 ) -> NDArray[np.uint16]:
-    """Return what the detector makes of expected photoelectrons, shape (H, W).
+    """Return the detector's image of expected photoelectrons, shape (H, W).
 
-    ``unit`` names the station's camera, which has its pattern for life; ``exposure_name`` and ``seed`` the draw.
+    ``unit``: the station's camera, for its fixed pattern; ``exposure_name``, ``seed``: for the noise.
     """
     detector = detector_of(camera)
     shape = (photoelectrons.shape[0], photoelectrons.shape[1])
@@ -151,8 +151,8 @@ def electrons_of_dn(dn: NDArray[np.uint16], camera: CameraSpec) -> FloatArray:
 
 
 WAVELENGTH_UM = 0.62
-"""At which refraction is taken: the middle of the tracker's band. Dispersion over the band (0.4 arcsec at 48 deg) is
-left out: it blurs, far less than the point spread."""
+"""Wavelength of refraction: the middle of the tracker's band. Dispersion over the band (0.4 arcsec at 48 deg) blurs far
+less than the point spread."""
 
 
 @dataclass(frozen=True)
@@ -183,9 +183,9 @@ class Pass:
         return enu_directions(azimuth, lifted)
 
     def light(self, seconds: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the phase angle [rad] at the satellite and the share of the Sun's disc it sees, shape (...).
+        """Return the phase angle [rad] at the satellite and the visible share of the Sun's disc, shape (...).
 
-        The Sun is taken where it is in the middle of the times: it moves by 15 arcsec a second in Earth-fixed axes.
+        The Sun's position is that of the middle time: it moves by 15 arcsec/s in Earth-fixed axes.
         """
         t = np.asarray(seconds, float)
         r, _ = itrs_states(self.elements, self.epoch_utc, t)
@@ -221,13 +221,11 @@ _TO_SIXTH_PER_DEG2, _SLOPE = 0.12, 0.44
 
 @dataclass(frozen=True)
 class StationErrors:
-    """What is beside the truth, standard deviations; ``common`` ones are drawn once for a station and pass.
+    """Standard deviations of errors; ``common`` ones are constant for a station and pass.
 
-    - ``pointing_rad``, ``pointing_common_rad``: of the camera's boresight against the mount's reading, on each of two
-      axes: encoder, and mount model;
-    - ``roll_rad``: about the boresight;
-    - ``clock_s``, ``clock_common_s``: of the exposure's middle;
-    - ``prediction_s``: the old orbit runs ahead by this, alike for all stations.
+    ``pointing_rad``, ``pointing_common_rad``: boresight against the mount's reading, on each of two axes (encoder,
+    mount model); ``roll_rad``: about the boresight; ``clock_s``, ``clock_common_s``: of the exposure's middle;
+    ``prediction_s``: lead of the predicted orbit, equal for all stations.
     """
 
     pointing_rad: float = 2.0 * ARCSEC
@@ -240,15 +238,12 @@ class StationErrors:
 
 @dataclass(frozen=True)
 class Exposure:
-    """One frame: digital numbers (H, W), and what made it.
+    """One frame: digital numbers (H, W), and its origin.
 
-    - ``second``: nominal middle of the exposure;
-    - ``read_az_el_rad``, shape (2,): the mount's reading;
-    - ``path_uv``, shape (3, 2): where the satellite was at the begin, in the middle and at the end;
-    - ``clock_s``: by how much the exposure came late;
-    - ``pointing_rad``, shape (3,): rotation from the read to the true camera axes;
-    - ``satellite_e``, ``sky_e``: photoelectrons of the satellite in all, and of the sky in the middle pixel;
-    - ``magnitude``: of the satellite, above the air.
+    ``second``: nominal middle; ``read_az_el_rad``: the mount's reading; ``path_uv``: shape (3, 2), the satellite at
+    begin, middle and end; ``clock_s``: delay of the exposure; ``pointing_rad``: rotation from read to true camera axes;
+    ``satellite_e``, ``sky_e``: photoelectrons of the satellite in all, and of the sky in the middle pixel;
+    ``magnitude``: of the satellite, above the air.
     """
 
     dn: NDArray[np.uint16]
@@ -266,9 +261,8 @@ class Exposure:
 class Frames:
     """The exposures of one station: pass, sky, camera, satellite, errors, seed.
 
-    ``dimmer_mag`` makes the satellite fainter, to find out how faint it may be; infinite for an empty sky. ``blur``:
-    the point spread as a sum of Gaussians, shares of the light and widths in units of the calibrated one, which is what
-    a fit takes it for.
+    ``dimmer_mag``: makes the satellite fainter, infinite for an empty sky; ``blur``: point spread as a sum of
+    Gaussians, shares of light and widths relative to the calibrated one, which fits assume.
     """
 
     path: Pass
@@ -362,10 +356,7 @@ class Frames:
         return own * [e.pointing_rad, e.pointing_rad, e.roll_rad] + np.append(common * e.pointing_common_rad, 0.0)
 
     def _stars(self, second: float) -> tuple[FloatArray, FloatArray]:
-        """Return places (n, 2) and shares of the Sun's irradiance (n,) of the stars of a frame.
-
-        A random field for every frame, as the mount steps on by a fifth of the field from one to the next.
-        """
+        """Return positions (n, 2) and shares of the Sun's irradiance (n,) of a frame's random stars."""
         rng = stream(self._name(second), self.camera.camera.name, "stars", "field", self.seed)
         size = np.array([self.geometry.width, self.geometry.height], float)
         field_deg2 = float(np.prod(np.degrees(size / self.geometry.fx)))

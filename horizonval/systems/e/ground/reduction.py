@@ -34,10 +34,9 @@ REFRACTION_RAD = 0.05 * ARCSEC
 class Sighting:
     """A direction measured in one frame.
 
-    - ``azimuth_rad``, ``elevation_rad``: geometric direction from the station at the nominal instant;
-    - ``covariance``, shape (2, 2): of (azimuth x cos elevation, elevation) [rad2];
-    - ``centroid_covariance``, shape (2, 2): the share of the centroid, likewise;
-    - ``rate_rad_s``, shape (2,): predicted apparent motion, likewise.
+    ``azimuth_rad``, ``elevation_rad``: geometric, at the nominal instant; ``covariance``, ``centroid_covariance``:
+    shape (2, 2), of (azimuth x cos elevation, elevation) [rad2], and the centroid's share; ``rate_rad_s``: predicted
+    motion, likewise.
     """
 
     azimuth_rad: float

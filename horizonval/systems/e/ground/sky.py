@@ -58,8 +58,8 @@ FIELD_DEG = 124.0
 class Sky:
     """Radiance over a station in one band.
 
-    ``seconds``, shape (3,): after the pass's epoch; ``log_radiance``, shape (3, n, n): natural logarithm of W m-2 sr-1
-    in the fisheye's pixels; ``q_cam_from_itrs``: the fisheye's attitude.
+    ``seconds``: shape (3,), after the pass's epoch; ``log_radiance``: shape (3, n, n), ln of W m-2 sr-1 in the
+    fisheye's pixels; ``q_cam_from_itrs``: its attitude.
     """
 
     seconds: FloatArray
@@ -150,15 +150,12 @@ def box_cross_section_m2(x_m: float, y_m: float, z_m: float) -> float:
 
 
 ENVISAT = Brightness((box_cross_section_m2(10.0, 4.6, 4.6), box_cross_section_m2(14.0, 5.0, 0.0)), (0.15, 0.06))
-"""Body of 10 x 4.6 x 4.6 m and solar array of 14 x 5 m. The albedos are assumed: foil in folds, and dark cells. They
-give the standard magnitude that observers' lists have, about 3.7, which single passes leave by a magnitude and more."""
+"""Body of 10 x 4.6 x 4.6 m and solar array of 14 x 5 m. Assumed albedos give the standard magnitude of observers'
+lists, about 3.7, from which single passes depart by a magnitude and more."""
 
 
 def sunlight_share(body: Brightness, phase_rad: ArrayLike, distance_m: ArrayLike) -> FloatArray:
-    """Return the satellite's irradiance at the observer over the Sun's at the satellite, outside the air.
-
-    ``phase_rad`` is the angle at the satellite between Sun and observer.
-    """
+    """Return the satellite's irradiance at the observer over the Sun's at the satellite, outside the air."""
     a, d = np.asarray(phase_rad, float), np.asarray(distance_m, float)
     law = (np.sin(a) + (np.pi - a) * np.cos(a)) / np.pi
     return np.asarray(body.reflecting_m2 * 2.0 / (3.0 * np.pi) * law / d**2)
@@ -227,11 +224,10 @@ class Correction:
 def apparent_elevation(
     air: RefractingAir, height_m: float, elevation_rad: ArrayLike, distance_m: ArrayLike
 ) -> FloatArray:
-    """Return the elevation under which something is seen, shape (...).
+    """Return the apparent elevation of targets above the air, shape (...), from a station inside it.
 
-    - ``height_m``: of the station, inside the air;
-    - ``elevation_rad``, ``distance_m``, shape (...): straight line from the station, ending above the air. Elevation
-      between 10 and 90 deg: near the horizon the secant steps that invert the integral could fail.
+    ``elevation_rad``, ``distance_m``: shape (...), of the straight line, 10 to 90 deg: near the horizon the secant
+    steps that invert the integral could fail.
     """
     elevation, distance = np.broadcast_arrays(np.asarray(elevation_rad, float), np.asarray(distance_m, float))
     r0 = air.radius_m + height_m

@@ -58,13 +58,10 @@ from horizonval.systems.e.localisation.stations import Station
 def triangulate(
     r1_itrs: ArrayLike, r2_itrs: ArrayLike, u1_itrs: ArrayLike, u2_itrs: ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the point between two lines, the two distances, and by how much the lines miss each other.
+    """Return the point between two lines [m], both distances and the shortest distance between the lines [m].
 
-    ``r1_itrs``, ``r2_itrs``, shape (3,): stations [m]; ``u1_itrs``, ``u2_itrs``, shape (..., 3): unit directions; not
-    parallel (then the numbers are large and mean nothing).
-
-    ``r_itrs``, shape (..., 3): [m]; ``distances``, shape (..., 2): along the two lines [m]; ``miss``, shape (...):
-    length of the shortest line between them [m].
+    ``r1_itrs``, ``r2_itrs``: shape (3,), stations [m]; ``u1_itrs``, ``u2_itrs``: shape (..., 3), unit directions, not
+    parallel, where the result is meaningless. Result: shapes (..., 3), (..., 2) and (...).
     """
     l1, l2 = np.asarray(r1_itrs, float), np.asarray(r2_itrs, float)
     u1, u2 = np.broadcast_arrays(np.asarray(u1_itrs, float), np.asarray(u2_itrs, float))
@@ -79,7 +76,7 @@ def triangulate_with_partials(
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions [m], shape (..., 3), and derivatives by the angles [m/rad], shape (..., 3, 4), Earth-fixed.
 
-    ``angles_rad``, shape (..., 4): azimuth and elevation of the first, then of the second station.
+    ``angles_rad``: shape (..., 4), azimuth and elevation of the first, then of the second station.
     """
     both = np.asarray(angles_rad, float)
     angles = (both[..., :2], both[..., 2:])
@@ -200,16 +197,12 @@ _SCALE = np.array([1e3, 1e3, 1e3, 10.0, 10.0, 10.0])
 
 @dataclass(frozen=True)
 class OrbitFit:
-    """An orbit and how well it is known.
+    """An orbit and its covariance.
 
-    - ``epoch_s``: when the state holds;
-    - ``state_gcrs``, shape (6,): position [m], velocity [m/s];
-    - ``covariance``, shape (6, 6);
-    - ``states_gcrs``, shape (n, 6): at every measurement;
-    - ``covariances``, shape (n, 6, 6);
-    - ``residuals``, shape (n, 4): measured less fitted, made independent and of unit variance: azimuth and elevation of
-      both stations;
-    - ``chi2_per_dof``: 1 where the given covariances are right.
+    ``epoch_s``: of ``state_gcrs``, shape (6,), position [m] and velocity [m/s]; ``covariance``: shape (6, 6);
+    ``states_gcrs``, ``covariances``: shape (n, 6) and (n, 6, 6), at every measurement; ``residuals``: shape (n, 4),
+    measured minus fitted, whitened: azimuth and elevation of both stations; ``chi2_per_dof``: 1 for correct
+    covariances.
     """
 
     epoch_s: float
@@ -233,15 +226,11 @@ def fit_orbit(
 ) -> OrbitFit:
     """Fit an orbit to a pass.
 
-    - ``times_s``, shape (n,): rising;
-    - ``angles_rad``, shape (n, 4): azimuth and elevation of the first, then of the second station;
-    - ``covariance_rad2``, shape (4, 4): of the angles. A variance of 1e6 stands for no measurement (the angle must
-      still be a number);
-    - ``itrs_from_gcrs``, shape (n, 3, 3);
-    - ``start_gcrs``, shape (6,): A state at the middle of the pass to begin with; hundreds of kilometres may be
-      missing;
-    - ``consider_partials_rad``, shape (n, 4, k): consider partials: what one standard deviation of each lasting error
-      does to the angles.
+    ``times_s``: shape (n,), rising; ``angles_rad``: shape (n, 4), azimuth and elevation of the first, then of the
+    second station; ``covariance_rad2``: shape (4, 4), 1e6 for no measurement (the angle must be a number);
+    ``itrs_from_gcrs``: shape (n, 3, 3); ``start_gcrs``: shape (6,), state at the middle of the pass, within hundreds of
+    kilometres; ``consider_partials_rad``: shape (n, 4, k), effect of one standard deviation of each lasting error on
+    the angles.
     """
     t = np.asarray(times_s, float)
     measured, matrices = np.asarray(angles_rad, float), np.asarray(itrs_from_gcrs, float)

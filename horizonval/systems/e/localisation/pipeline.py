@@ -55,8 +55,7 @@ ALPHA = 0.995
 PUBLISHED_ALPHA = 0.3
 """Remembers one or two measurements."""
 PUBLISHED_WIDTH_S = 1.0
-"""Standard deviation of the published Gaussian mean. The paper does not print it; among the widths tried this one comes
-nearest to its figures, so that what it gives beside them is a fit of one number, not a test."""
+"""Standard deviation of the published Gaussian mean, which the paper does not print: fitted to its figures."""
 
 _START_S, _START_LEAST = 20.0, 12
 _START_SPEED_M_S = 100.0
@@ -66,14 +65,12 @@ _DRIFT = 1e-8
 
 @dataclass(frozen=True)
 class TwoStationPass:
-    """What two stations measured, and when.
+    """Measurements of two stations.
 
-    - ``times_s``, shape (n,): after the epoch, equal steps;
-    - ``angles_rad``, shape (n, 4): azimuth and elevation of the first, then of the second station;
-    - ``covariance_rad2``, shape (4, 4): of the errors that differ from instant to instant. None: as the directions'
-      scatter says, alike in all four;
-    - ``consider_partials_rad``, shape (n, 4, k): consider partials: what one standard deviation of each error that
-      lasts does to the angles.
+    ``times_s``: shape (n,), after the epoch, equal steps; ``angles_rad``: shape (n, 4), azimuth and elevation of the
+    first, then of the second station; ``covariance_rad2``: shape (4, 4), of errors that differ between instants, None
+    for the directions' scatter; ``consider_partials_rad``: shape (n, 4, k), effect of one standard deviation of each
+    lasting error.
     """
 
     stations: tuple[Station, Station]
@@ -93,11 +90,9 @@ class TwoStationPass:
 
 @dataclass(frozen=True)
 class PassPositions:
-    """Positions of a pass, celestial axes.
+    """Positions of a pass [m], shape (n, 3), celestial axes, with covariances [m^2], shape (n, 3, 3).
 
-    - ``plain``, ``smoothed``, ``filtered``, ``proposed``, ``batch``, shape (n, 3): [m]; ``filtered`` knows the past
-      only, ``proposed`` is after the filter's way back;
-    - ``filtered_covariances``, ``proposed_covariances``, ``batch_covariances``, shape (n, 3, 3): [m^2].
+    ``filtered`` uses past measurements only; ``proposed`` is after the backward pass.
     """
 
     plain: FloatArray
@@ -159,8 +154,8 @@ def locate_as_published(
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions in celestial axes [m], shape (n, 3) each: smoothed, and after the filter that follows.
 
-    A Gaussian mean of one width for all passes, the directions carried on in a straight line beyond both ends. The
-    paper does not say how its filter begins; here with the first position and its difference to the second.
+    The Gaussian mean has one width; directions are extrapolated linearly at both ends. The paper does not say how its
+    filter begins; here with the first position and its difference to the second.
     """
     t, angles = measured.times_s, measured.angles_rad
     first, second = measured.stations
@@ -179,9 +174,9 @@ def locate_as_published(
 
 
 def follow(times_s: ArrayLike, r_gcrs: ArrayLike, covariance: ArrayLike, *, alpha: float = ALPHA) -> Track:
-    """Return the adaptive filter's track of positions, shape (n, 3), that all have the same covariance (3, 3).
+    """Return the adaptive filter's track of positions (n, 3) with a common covariance (3, 3).
 
-    It begins with a cubic through the first 20 s (at least 12 positions), and believes its speed to 100 m/s.
+    It begins with a cubic through the first 20 s (at least 12 positions), whose speed has a sigma of 100 m/s.
     """
     t, r = np.asarray(times_s, float), np.asarray(r_gcrs, float)
     early = _early(t)
@@ -226,10 +221,7 @@ def _root(spread: FloatArray) -> FloatArray:
 
 
 def _claimed(of_positions: FloatArray, smoother: FloatArray, seen: FloatArray) -> FloatArray:
-    """Return covariances, shape (n, 3, 3), of states with weights (n, 3, n, 3) on the smoothed positions.
-
-    ``seen``, shape (n, 3, 4): what one standard deviation of every independent error does to a position.
-    """
+    """Return covariances (n, 3, 3) of states with weights (n, 3, n, 3), from independent errors ``seen`` (n, 3, 4)."""
     of_raw = np.einsum("kaib,ij->kajb", of_positions, smoother, optimize=True)
     parts = np.einsum("kajb,jbe->kaje", of_raw, seen, optimize=True).reshape(len(of_positions), 3, -1)
     return np.asarray(parts @ np.swapaxes(parts, -1, -2))

@@ -62,15 +62,12 @@ Motion = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
 
 @dataclass(frozen=True)
 class Track:
-    """What a filter gives at every measurement, the measurements along axis 0.
+    """Filter results at every measurement, along axis 0.
 
-    - ``states``, shape (n, ..., m): after the update; the first three numbers are the position;
-    - ``covariances``, shape (n, ..., m, m);
-    - ``predicted``, ``predicted_covariances``, ``transitions``: before the update, and the derivative of the prediction
-      by the state before it: what the way back needs;
-    - ``innovations``, shape (n, ..., 3);
-    - ``gains``, shape (n, ..., m, 3);
-    - ``r``, ``q``, shape (..., 3, 3): the noise covariances as they stood at the end.
+    ``states``, ``covariances``: shape (n, ..., m) and (n, ..., m, m), after the update, position first; ``predicted``,
+    ``predicted_covariances``, ``transitions``: before the update, and the prediction's derivative by the last state,
+    for the backward pass; ``innovations``: shape (n, ..., 3); ``gains``: shape (n, ..., m, 3); ``r``, ``q``: final
+    noise.
     """
 
     states: FloatArray
@@ -95,15 +92,11 @@ def filter_positions(
     *,
     alpha: float = 1.0,
 ) -> Track:
-    """Run the filter over measured positions, from first to last.
+    """Run the filter over measured positions (n, ..., 3), from first to last; middle axes are independent series.
 
-    - ``times_s``, shape (n,);
-    - ``positions``, shape (n, ..., 3): axes between: independent series;
-    - ``r``, ``q``, shape (..., 3, 3): covariance of a measured position, and of what motion adds between two
-      measurements, to begin with;
-    - ``state``, ``covariance``, shape (..., m): at the first measurement, before it is used. With adaptation, every
-      series has its own of r, q and this;
-    - ``alpha``: forgetting factor in (0, 1]: the share of the old covariance that is kept.
+    ``r``, ``q``: shape (..., 3, 3), initial covariances of a measured position, and of the motion between two;
+    ``state``, ``covariance``: at the first measurement, before its use; ``alpha``: forgetting factor in (0, 1], the
+    share of the old covariance. With adaptation, every series has separate r, q and covariance.
     """
     t, y = np.asarray(times_s, float), np.asarray(positions, float)
     x = np.asarray(state, float)
@@ -146,10 +139,9 @@ def rts_smoother(track: Track) -> tuple[FloatArray, FloatArray]:
 
 
 def weights(track: Track, start: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what every state is of the measurements, forward and after the way back, shape (n, m, n, 3) each.
+    """Return derivatives of states by measured positions, forward and after the backward pass, (n, m, n, 3) each.
 
-    The derivatives of one series' states by the measured positions, with the gains as they came out. ``start`` of
-    shape (m, n, 3): those of the state that the filter began with.
+    Gains are those of the track, of one series; ``start``: shape (m, n, 3), derivatives of the first state.
     """
     count, size = track.states.shape
     one = np.eye(size)
@@ -222,20 +214,14 @@ def smooth(times_s: ArrayLike, directions: ArrayLike, kernel: Kernel) -> FloatAr
 
 
 def smooth_clamped(times_s: ArrayLike, directions: ArrayLike, width_s: float) -> FloatArray:
-    """Return the weighted mean with the first and last vector repeated beyond the ends: kept to show its bias.
-
-    Needs equal steps.
-    """
+    """Return the weighted mean with end vectors repeated, to show its bias; needs equal steps."""
     u = np.asarray(directions, float)
     reach = _reach(times_s, width_s)
     return _gaussian_mean(times_s, width_s, np.repeat(u[:1], reach, axis=0), u, np.repeat(u[-1:], reach, axis=0))
 
 
 def smooth_extended(times_s: ArrayLike, directions: ArrayLike, width_s: float) -> FloatArray:
-    """Return the weighted mean with the vectors carried on beyond both ends by the last difference.
-
-    Needs equal steps.
-    """
+    """Return the weighted mean with vectors extrapolated at both ends by the last difference; needs equal steps."""
     u = np.asarray(directions, float)
     beyond = np.arange(1, _reach(times_s, width_s) + 1)[:, None]
     before, after = u[0] - beyond[::-1] * (u[1] - u[0]), u[-1] + beyond * (u[-1] - u[-2])
@@ -281,10 +267,10 @@ def scatter(times_s: ArrayLike, directions: ArrayLike) -> float:
 
 
 def choose_kernel(times_s: ArrayLike, *directions: ArrayLike, widths: int = 16) -> KernelChoice:
-    """Return the kernel that the data ask for, one for all series; see the module text.
+    """Return the kernel that fits the data, one for all series; see the module text.
 
-    ``times_s``, shape (n,); ``*directions``, shape (n, 3): unit vectors in axes that do not turn against the station,
-    one series for every station; ``widths``: candidates between two steps and a quarter of the pass, in equal ratios.
+    ``*directions``: shape (n, 3), unit vectors in axes fixed to the station; ``widths``: candidates from two steps to a
+    quarter of the pass, in equal ratios.
     """
     t = np.asarray(times_s, float)
     step, length = float(np.median(np.diff(t))), float(np.ptp(t))

@@ -48,10 +48,7 @@ class Station:
         return np.array([[-sl, -sp * cl, cp * cl], [cl, -sp * sl, cp * sl], [0.0, cp, sp]])
 
     def azimuth_elevation(self, r_itrs: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return azimuth in ``[0, 2 pi)`` and elevation [rad], shape (...), of Earth-fixed points (..., 3) [m].
-
-        Without refraction. At the zenith the azimuth is 0.
-        """
+        """Return azimuth, in [0, 2 pi), and unrefracted elevation [rad] of Earth-fixed points (..., 3) [m]."""
         d = (np.asarray(r_itrs, float) - self.r_itrs) @ self.itrs_from_enu
         azimuth = np.mod(np.arctan2(d[..., 0], d[..., 1]), 2.0 * np.pi)
         return azimuth, np.arctan2(d[..., 2], np.hypot(d[..., 0], d[..., 1]))

@@ -32,27 +32,19 @@ VALID = "valid"
 ALIKE = ((1.0, 1.0),)
 """The point spread as calibrated: a Gaussian, which the fit takes it for."""
 BLUR = ((0.8, 1.1), (0.2, 2.2))
-"""Shares of the light and widths: what is rendered has a core a tenth wider than calibrated and a fifth of its light in
-a wing of twice that width. Set before any streak was fitted through it."""
+"""Shares of light and widths of the rendered point spread: a core a tenth wider than calibrated, a fifth in a wing of
+twice that width. Set before any fit."""
 
 
 @dataclass(frozen=True)
 class StationPass:
-    """What one station measured; NaN where ``status`` is not ``valid``.
+    """Measurements of one station; NaN where ``status`` is not ``valid``.
 
-    - ``frames``: makes any of the exposures again;
-    - ``seconds``, shape (n,): nominal middles of the exposures, after the epoch;
-    - ``status``: ``valid`` or why there is no direction;
-    - ``azimuth_rad``, ``elevation_rad``, shape (n,): measured: geometric directions at ``seconds``, refraction and
-      light time taken off;
-    - ``covariance``, shape (n, 2, 2): claimed, of (azimuth x cos elevation, elevation) [rad2];
-    - ``true_azimuth_rad``, ``true_elevation_rad``, shape (n,);
-    - ``error_rad``, shape (n, 2): measured minus true, of (azimuth x cos elevation, elevation);
-    - ``centroid_error_px``, ``centroid_covariance_px2``, ``moment_error_px``: of the streak's middle in the image: the
-      fit's error and covariance (n, 2, 2), and the error of the plain first moment;
-    - ``pointing_rad``, ``clock_rad``, shape (n, 2): what the mount's and the clock's errors alone made of the
-      direction;
-    - ``magnitude``, ``satellite_e``, ``sky_e``, ``significance``, shape (n,).
+    ``frames``: renders any exposure again; ``seconds``: shape (n,), nominal middles after the epoch; ``azimuth_rad``,
+    ``elevation_rad``: shape (n,), without refraction and light time; ``covariance``: shape (n, 2, 2), claimed, and
+    ``error_rad``: shape (n, 2), measured minus true, of (azimuth x cos elevation, elevation); ``centroid_error_px``,
+    ``centroid_covariance_px2``, ``moment_error_px``: of the streak's middle, by the fit and by the first moment;
+    ``pointing_rad``, ``clock_rad``: shape (n, 2), effects of mount and clock alone.
     """
 
     frames: Frames
@@ -103,10 +95,9 @@ def measure_pass(
     epoch_utc: datetime,
     seconds: FloatArray,
 ) -> tuple[StationPass, ...]:
-    """Return what every station measured in its frames.
+    """Return every station's measurements in its frames.
 
-    ``cache``: its seed is that of all noise and errors; ``elements``: the orbit; it is the truth; ``seconds``, shape
-    (n,): middles of the exposures after the epoch.
+    ``elements``: the true orbit; ``seconds``: shape (n,), middles of the exposures after the epoch.
     """
     scene = PassSetup(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
     skies = rendered_skies(cache, scene)
@@ -130,9 +121,9 @@ def dimmed_frames(
     frames: int = 8,
     blur: tuple[tuple[float, float], ...] = BLUR,
 ) -> dict[tuple[str, float | None], list[JsonObject]]:
-    """Return what is measured in some frames of every pass with a fainter satellite, or (None) with none.
+    """Return results of some frames with a fainter satellite or none (None), by station and dimming.
 
-    The answer is by station and dimming; each frame as :func:`expose_and_measure` gives it.
+    Each frame is as :func:`expose_and_measure` gives it.
     """
     items, keys = {}, []
     for one in passes:

@@ -63,16 +63,7 @@ def _observation(images: dict[str, np.ndarray], heads: dict[str, Sphere], prior:
         )
         for (name, one), mount in zip(heads.items(), _mounts(count), strict=False)
     }
-    first = next(iter(seen.values()))
-    return Observation(
-        image=first.image,
-        camera=first.camera,
-        q_cam_from_body=first.q_cam_from_body,
-        full_scale=255.0,
-        prior=prior,
-        band_kind="solar",
-        heads=seen,
-    )
+    return replace(next(iter(seen.values())), heads=seen)
 
 
 def _bounds_rad(heads: dict[str, Sphere], nadir_body: np.ndarray, count: int) -> tuple[float, float]:

@@ -53,28 +53,12 @@ grid = { attitude.roll_deg = [1.0] }
 [regression]
 replicates = 2
 most_batches = 3
-[[regression.gate]]
-name = "accuracy"
-lane = "replay"
-metric = "nadir_error"
-margin = 40.0
-unit = "arcsec"
-reason = "five percent of what images allow"
-[[regression.gate]]
-name = "chain"
-lane = "rerender"
-metric = "nadir_error"
-margin = 40.0
-unit = "arcsec"
-reason = "five percent of what images allow"
-[[regression.gate]]
-name = "fresh"
-lane = "fresh"
-metric = "nadir_error"
-margin = 40.0
-unit = "arcsec"
-reason = "five percent of what images allow"
-"""
+""" + nights.gate_tables(
+    *(
+        (name, lane, "nadir_error", 40.0, "arcsec", "five percent of what images allow")
+        for name, lane in (("accuracy", "replay"), ("chain", "rerender"), ("fresh", "fresh"))
+    )
+)
 
 
 def row(scene: str, replicate: int, error: float | None, image: str, **columns: Any) -> ReplicateRow:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from nights import Night, key_of, plainly, rendered
+from nights import Night, gate_tables, key_of, plainly, rendered
 from scipy import ndimage
 
 from horizonval.core.outcome import Outcome, Refusal
@@ -20,35 +20,32 @@ from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.case import records_of
 
-TWO = """
+DEFAULTS = """
+[defaults]
+camera = { file = "vis-pair-1024-60deg", mount_roll_deg = 0.0, camera = { width = 64, height = 64, fov_deg = 60.0 } }
+platform = { epoch_utc = 2026-03-20T12:00:00Z, latitude_deg = 40.0, heading_deg = 350.0, altitude_km = 500.0 }
+sun = { zenith_deg = 10.0, azimuth_deg = 40.0 }
+render = { subsamples = 1, nodes = 32, orders = "single" }
+"""
+TWO = f"""
 [suite]
 name = "two"
 seed = 3
 keep = "none"
 estimators = ["altitude-free", "video-vertical"]
 
-[defaults]
-camera = { file = "vis-pair-1024-60deg", mount_roll_deg = 0.0, camera = { width = 64, height = 64, fov_deg = 60.0 } }
-platform = { epoch_utc = 2026-03-20T12:00:00Z, latitude_deg = 40.0, heading_deg = 350.0, altitude_km = 500.0 }
-sun = { zenith_deg = 10.0, azimuth_deg = 40.0 }
-render = { subsamples = 1, nodes = 32, orders = "single" }
-
+{DEFAULTS}
 [[cases]]
 name = "pair"
 estimators = ["altitude-free", "video-vertical"]
-sobol = { n = 1, ranges = { "attitude.roll_deg" = [-2.0, 2.0] } }
+sobol = {{ n = 1, ranges = {{ "attitude.roll_deg" = [-2.0, 2.0] }} }}
 
 [regression]
 replicates = 2
 
-[[regression.gate]]
-name = "accuracy"
-lane = "replay"
-metric = "nadir_error"
-margin = 20.0
-unit = "arcsec"
-reason = "a fifth of what such sensors are specified to"
-"""
+""" + gate_tables(
+    ("accuracy", "replay", "nadir_error", 20.0, "arcsec", "a fifth of what such sensors are specified to"),
+)
 SCENES = 8
 SUITE = f"""
 [suite]
@@ -57,14 +54,7 @@ seed = 3
 keep = "none"
 estimators = ["video-vertical"]
 
-[defaults]
-camera.file = "vis-pair-1024-60deg"
-camera.mount_roll_deg = 0.0
-camera.camera = {{ width = 64, height = 64, fov_deg = 60.0 }}
-platform = {{ epoch_utc = 2026-03-20T12:00:00Z, latitude_deg = 40.0, heading_deg = 350.0, altitude_km = 500.0 }}
-sun = {{ zenith_deg = 10.0, azimuth_deg = 40.0 }}
-render = {{ subsamples = 1, nodes = 32, orders = "single" }}
-
+{DEFAULTS}
 [[cases]]
 name = "pair"
 sobol = {{ n = {SCENES}, ranges = {{ "attitude.roll_deg" = [-2.0, 2.0], "attitude.pitch_deg" = [-2.0, 2.0] }} }}
@@ -72,38 +62,12 @@ sobol = {{ n = {SCENES}, ranges = {{ "attitude.roll_deg" = [-2.0, 2.0], "attitud
 [regression]
 replicates = 1
 
-[[regression.gate]]
-name = "moved"
-lane = "rerender"
-metric = "limb_displacement"
-margin = 0.1
-unit = "px"
-reason = "sub-pixel edges are good to a tenth of a pixel"
-
-[[regression.gate]]
-name = "noise"
-lane = "rerender"
-metric = "noise"
-margin = 5.0
-unit = "%"
-reason = "data sheets give read noise to two figures"
-
-[[regression.gate]]
-name = "fresh"
-lane = "fresh"
-metric = "nadir_error"
-margin = 100.0
-unit = "arcsec"
-reason = "a tenth of a pixel of these heads is 340 arcsec; pairs of the same scenes tell less"
-
-[[regression.gate]]
-name = "available"
-lane = "fresh"
-metric = "availability"
-margin = 50.0
-unit = "percentage points"
-reason = "eight scenes without a loss still allow one in three"
-"""
+""" + gate_tables(
+    ("moved", "rerender", "limb_displacement", 0.1, "px", "sub-pixel edges are good to a tenth of a pixel"),
+    ("noise", "rerender", "noise", 5.0, "%", "data sheets give read noise to two figures"),
+    ("fresh", "fresh", "nadir_error", 100.0, "arcsec", "a tenth of a pixel is 340 arcsec; pairs tell less"),
+    ("available", "fresh", "availability", 50.0, "percentage points", "eight scenes allow one loss in three"),
+)
 
 
 def heads_of(base) -> dict[str, str]:
