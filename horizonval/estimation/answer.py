@@ -111,7 +111,7 @@ def _importable(filename: str) -> str:
 
 
 MOST_POINTS = 1 << 20
-"""Of one answer, and of its residuals and steps."""
+"""Largest number of points, residuals or steps of one answer."""
 LARGEST = {
     "nadir_cam": 1e6,
     "covariance_nadir_cam": 1e6,
@@ -204,7 +204,7 @@ def _optional(name: str, value: Any) -> float | None:
 
 
 ANGLE_DECIMALS = 12
-"""Of radians and of components of unit vectors."""
+"""Decimals of radians and of components of unit vectors."""
 POINT_DECIMALS, RESIDUAL_DECIMALS = 6, 9
 ALTITUDE_DECIMALS = 4
 SIGNIFICANT = 10

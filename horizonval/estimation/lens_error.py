@@ -90,7 +90,7 @@ def k1_per_px(camera: CameraModel) -> float:
 
 Run = Callable[[Observation], Fit | Refusal]
 SHORTER = 0.25
-"""Of a sigma: where a whole one takes the answer away, its effect is read over a part of it, either way."""
+"""Share of a sigma used where a whole one removes the answer."""
 
 
 def with_lens_error(run: Run) -> Run:
@@ -127,7 +127,7 @@ def _allowed(run: Run, observation: Observation) -> Fit | Refusal:
 
 
 LensError = tuple[float, tuple[float, float], float]
-"""Of focal length, principal point and distortion, as :func:`.miscalibrated.miscalibrated` takes them."""
+"""Errors of focal length, principal point and distortion, as :func:`miscalibrated` takes them."""
 
 
 def lens_errors(observation: Observation) -> Iterator[tuple[str, str | None, LensError]]:

@@ -26,10 +26,10 @@ MEAN_RADIUS_M = 6371008.8
 """(2 a + b) / 3 of WGS84, the radius of the sphere that a method assumes which is given no other."""
 
 UNIT_TOLERANCE = 1e-3
-"""Of a quaternion's length: four digits of every component; it is scaled to 1."""
+"""Tolerance of a quaternion's length, for components of four digits; it is scaled to 1."""
 
 ROUNDING = 1e-12
-"""Of a length that is 1 already: a prior that is made again of a prior's values keeps their bits."""
+"""Departure from unit length that is not rescaled, so that a prior rebuilt from its values keeps their bits."""
 
 BY_LATITUDE_MONTH = "by_latitude_month"
 

@@ -62,7 +62,7 @@ UNITS = {
     "horizonval:itrs_to_camera": "m",
     "horizonval:principal_point_px": "px",
 }
-"""Of the attributes that have one."""
+"""Units of the attributes that have one."""
 
 _NAMESPACE = uuid.UUID("0b4d6f0e-2c1a-5f57-9a53-6c1f5d3f8a10")
 """Of the identifiers of camera files."""

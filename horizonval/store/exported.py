@@ -20,7 +20,7 @@ from horizonval.frame import MAP_UNITS, PART_MAP, DetectorImage, FrameTruth, Rad
 from horizonval.store.exr import content_digest, with_thermal
 
 FORMAT = "horizonval export 1"
-"""What a JSON file of ours, or the JSON table of a FITS file, says under ``format``."""
+"""Value of ``format`` in our JSON files and FITS tables."""
 LARGEST_JSON_BYTES = 64 * 1024**2
 
 T = TypeVar("T", bound=RadianceFrame | DetectorImage)

@@ -76,11 +76,11 @@ Codec = Literal["zip", "htj2k256"]
 RADIANCE_UNIT = "W m-2 sr-1"
 DN_UNIT = "DN"
 ENERGY = "energy_radiance."
-"""Of the channels of energy radiance, before the band's name."""
+"""Prefix of channels of energy radiance, before the band's name."""
 BEHIND = "behind."
-"""Of the channels of radiance without parts of the spacecraft, before the band's name."""
+"""Prefix of channels of radiance without parts of the spacecraft, before the band's name."""
 UNIT_KEY = "unit."
-"""Of the keys that say a channel's unit, before the channel's name."""
+"""Prefix of keys with a channel's unit, before the channel's name."""
 
 _PREFIX = "horizonval:"
 _COMMON = ("schema", "kind", "bands", "truth", "sha256", "body", "seal")

@@ -30,7 +30,7 @@ FITS_MAGIC = b"SIMP"
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 LARGEST_SIDE_PX = 16384
-"""Of a camera file, and so of a picture."""
+"""Largest side of a camera file, and so of a picture."""
 
 BYTES_PER_PIXEL = 48.0
 """Memory of decoding, converting and estimating: 37 measured for 8 bit grey, up to 8 more for colour of 16 bit."""

@@ -44,23 +44,23 @@ LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
 """Largest standard deviation of the worst direction: 0.4 of the error of 0.5 deg above which a claim is false."""
 
 LARGEST_PIXEL_SIGMA_RAD = float(np.deg2rad(0.1))
-"""The same of methods that fit the pixels, whose claims are false beyond 0.25 deg."""
+"""The same for methods that fit the pixels, whose claims are false beyond 0.25 deg."""
 
 AGREEMENT = 5.0
 AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
-"""Of methods that use pixels or circles where the guard uses sub-pixels and cones."""
+"""Smallest tolerance for methods with whole pixels or circles where the guard uses sub-pixels and cones."""
 
 HEAD_RIM_PX = 11.0
 """A profile across the limb reaches 10 px to either side."""
 HEAD_SCATTER_PX = 2.0
 HEAD_LIMB_SHARE = 0.5
-"""Of the answer's cone in a head's image that must be a limb: what crosses it (Sun, terminator) is a point of it."""
+"""Smallest limb share of the answer's cone in a head's image; Sun and terminator cross it at a point."""
 
 HEAD_LOWEST_SUN_RAD = float(np.deg2rad(83.0))
 """Sun's zenith angle at which the limb has risen by 0.7 km (5 km at 91 deg). Short arcs cannot tell a rise from a
 tilt."""
 HEAD_ARC_SHARE = 0.15
-"""Of the image's shorter side that an arc must measure in every head: less is a chord of a few pixels."""
+"""Smallest arc in every head, relative to the image's shorter side; less is a chord of a few pixels."""
 HEADS_MISFIT_RAD = float(np.deg2rad(0.25))
 HEADS_MISFIT_PX = 1.5
 """Root mean square by which the limbs of all heads may miss one cone: oblateness, and the search's scatter."""
@@ -75,7 +75,7 @@ ROW_NEAR_WIDTHS = 4.0
 ROW_FEWEST_PX = 4
 ROW_SMOOTHING_PX = 1.0
 ROW_SIGMAS = 5.0
-"""Of the smoothed row's noise, the largest of 160 pixels: one row of a million by chance."""
+"""Largest deviation in units of the smoothed row's noise: among 160 pixels, one row of a million by chance."""
 ROW_SPACE_SHARE = 0.1
 ROW_EARTH_SHARES = (0.6, 1.5)
 """Levels beyond and within the limb, of its step: carbon dioxide's disc is 0.9 to 1.1 of its plateau, space a hundredth

@@ -61,11 +61,11 @@ TYPICAL_M = 20e3
 SEARCH_SIGMAS = 5.0
 """As far as the guard looks for the steepest place: six pixels, of 1.25 pixels of blur."""
 LEAST_REACH_M = 35e3
-"""From the typical height, however narrow the blur: 55 km, above which no band shines."""
+"""Smallest search range about the typical height: to 55 km, above which no band has radiance."""
 STEPS = 5.0
-"""Of the search's grid in a blur: the parabola between them leaves a thousandth of the blur."""
+"""Grid points per blur of the search; a parabola between them leaves a thousandth of the blur."""
 FADE_M = 1e3
-"""Over which the light of the last height fades: one step of the shipped tables."""
+"""Distance over which the last height's radiance fades: one step of the shipped tables."""
 
 
 def steepest_height(height_m: FloatArray, profiles: FloatArray, sigma_m: float) -> FloatArray:
@@ -92,13 +92,13 @@ def steepest_height(height_m: FloatArray, profiles: FloatArray, sigma_m: float) 
 
 
 ALTITUDES_M = (300e3, 700e3, 2000e3, 36000e3)
-"""Of observers: from low orbits to the geostationary one; between them heights are linear in the slant."""
+"""Altitudes of observers, from low orbits to the geostationary one; heights are linear in the slant between."""
 SIGMAS_M = np.geomspace(4e3, 512e3, 15)
 """A narrower blur sees the layers of one haze, which a mean over many has not."""
 LEAST_LENGTH_RAD = math.radians(28.0)
-"""At the Earth's centre, of modes that are patterns: half of the horizon of an orbit of 800 km measures as much."""
+"""Smallest correlation length of modes that are patterns: half the horizon's radius from an orbit of 800 km."""
 VISIBLE_UM = (0.45, 0.75)
-"""Of a camera whose band nobody says."""
+"""Assumed band of a camera without a known band."""
 
 
 class SunlitHeights:

@@ -87,11 +87,11 @@ noise."""
 STEP_SIGMAS = 5.0
 """Rose's criterion, for a piece in place of a pixel."""
 LEAST_NOISE = 1e-3
-"""Of a pixel's variance over that of all residuals: keeps the equations regular."""
+"""Smallest ratio of a pixel's variance to that of all residuals; keeps the equations regular."""
 RIVAL_STEP = 0.5
-"""Of the limb's own step: half of it is the level at which edges are placed."""
+"""Smallest step of a rival relative to the limb's: half is the level at which edges are located."""
 RIVAL_WIDTH_PX = 3.0
-"""To either side of a rival's place: an edge of a lens of 0.7 px lasts two."""
+"""Half-width of a rival's window; an edge blurred by 0.7 px extends over two pixels."""
 FARTHEST_RIVAL_PX = 40.0
 RIVAL_STEPS_PX = 2.0
 
@@ -251,17 +251,17 @@ PROFILE_SHARE = 0.15
 """Root-mean-square difference, as a share of the step, between a limb's profile and an exponential. Measured: 0.01 to
 0.08 under a high Sun and in the infrared, up to 0.16 near the terminator."""
 CHANCE = 1e-6
-"""Of a limb's own chi-squared to be refused."""
+"""Probability that a correct limb is refused by chi-squared."""
 COIN = 0.1
 """Chance, under random signs, of as many pieces of one sign, below which they count as a limb. Four pieces, the
 shortest limb of a search, can reach it."""
 SIGMAS = 5.0
-"""Of all consistency: two Gaussian degrees of freedom go beyond it in four of a million."""
+"""Threshold of all consistency tests: two Gaussian degrees of freedom exceed it four times in a million."""
 TAIL_PX = 1.0
 """Softness of a limb that lens wings and a bolometer's lag can cause; with pixels of 40 km it exceeds that of any
 air."""
 PLACED_PX = 3.0
-"""By which a method of whole pixels, or the fit where a sector shows little, may place a piece of limb otherwise."""
+"""Allowed position error of methods with whole pixels, and of the fit where a sector shows little."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
 
 LEAST_PX = 32
-"""Of a copy, across: two windows of the fit, and a limb that bends."""
+"""Smallest size of a reduced copy: two windows of the fit, and a limb that bends."""
 
 
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:

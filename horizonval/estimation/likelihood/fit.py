@@ -45,7 +45,7 @@ from horizonval.geometry.camera import CameraModel
 POSE = 7
 """Turn, position, height of the limb."""
 FITTED = 3
-"""Of them, what the sectors' places determine: two tilts and a size."""
+"""Degrees of freedom constrained by the sector residuals: two tilts and a size."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
 MOST_STEPS = 30
@@ -58,11 +58,11 @@ CONVERGED = 1e-2
 RESELECT_PX = 0.5
 """Motion of the limb after which the pixels near it are chosen again."""
 LARGEST_MOTION_PX, LARGEST_LOG_STEP, LARGEST_SCALE_STEP_M = 2.0, 0.5, 4e3
-"""Of the limb, the logarithm of the blur and the scale height: a step beyond is beyond the reach of the derivatives."""
+"""Largest step of limb, ln blur and scale height for which the derivatives hold."""
 LEAST_SAG = 0.5
-"""Of a height by its tangent: far above any air; keeps what is seen there of a soft limb falling."""
+"""Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 MOST_HALVINGS = 10
-"""Of a step that makes the pixels less probable: to a thousandth of it."""
+"""Largest number of halvings of a step that reduces the likelihood: to a thousandth."""
 
 
 @dataclass(frozen=True)

@@ -116,11 +116,11 @@ def north_of(up: FloatArray, pole: FloatArray) -> FloatArray:
 
 EARTH_RADIUS_M = 6371008.8
 ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
-"""Beyond the last the profiles say too little, and there is too little light."""
+"""Zenith angles of the Sun; beyond the last there is too little radiance."""
 CLOUDED = 0.75
 """Share of the ensemble's scenes that have clouds."""
 FAINTEST = 0.05
-"""Of the mean: what modes leave of it at least."""
+"""Smallest share of the mean profile that modes leave."""
 
 
 def without_clouds(table: LimbTemplates) -> FloatArray:
@@ -160,13 +160,13 @@ def _before(axis: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
 
 
 LOWEST_M, HIGHEST_M = -20e3, 60e3
-"""Of an edge: no band's light lies outside of it."""
+"""Range of edge heights over all bands."""
 STEP_M, STEP_PX = 1e3, 0.05
-"""Of the grid of heights, whichever is wider; the parabola leaves a hundredth of it."""
+"""Step of the grid of heights, the larger of both; the parabola leaves a hundredth of it."""
 BETWEEN_PX = 0.5
-"""Of the places at which a profile is read: a lens of 0.7 px leaves nothing that is finer."""
+"""Spacing of profile samples; a lens of 0.7 px leaves no finer structure."""
 LEVELS = 4
-"""Of the light, those of one place: the others are of its change along the limb."""
+"""Number of basis functions of local radiance; the others describe its change along the limb."""
 
 
 def edge_height(
@@ -217,7 +217,7 @@ def _blurred(height_m: FloatArray, profiles: FloatArray, at_m: FloatArray, sigma
 
 
 PIXELS_M = np.geomspace(2e3, 256e3, 15)
-"""Of height in a pixel: of a camera of 0.05 deg in low orbit, and of one of a degree at four times its distance."""
+"""Heights per pixel: from 0.05 deg in low orbit to a degree at four times the distance."""
 SEEN_FROM_M = 700e3
 """Observer's altitude for sunlit profiles; from 300 to 2000 km the heights under a high Sun differ by 0.1 km."""
 MISFIT_PX = 5.0
@@ -320,11 +320,11 @@ def _of_clouds(table: LimbTemplates, mode: FloatArray) -> float:
 
 
 SUN_SIGMA_RAD = math.radians(0.5)
-"""Of a coarse Sun sensor, right to a degree."""
+"""Standard deviation of a coarse Sun sensor, right to a degree."""
 SUNS = 64
 """Evenly over the sphere, for one that is not known."""
 TOTAL_LATITUDES, TOTAL_MONTHS = 19, 12
-"""Of a place that is not known."""
+"""Grid over latitude and month for an unknown position."""
 
 
 @dataclass(frozen=True)

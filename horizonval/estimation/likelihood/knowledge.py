@@ -43,7 +43,7 @@ class LimbHeights(Protocol):
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 """Standard deviation of ``sin^2`` latitude over the sphere; times flattening and radius, 6.4 km of local radius."""
 BLUR_PX = 0.7
-"""Of a usual lens, standard deviation."""
+"""Standard deviation of a usual lens's blur."""
 FIXED_ANGLE_RAD = 1e-6
 FIXED_LENGTH_M = 0.1
 """Sigmas of what is no unknown: below what an image shows (0.2 arcsec of yaw, 0.01 of altitude), above rounding."""

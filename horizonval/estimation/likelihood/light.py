@@ -38,7 +38,7 @@ from horizonval.estimation.likelihood.sectors import Levels, solve_levels
 from horizonval.estimation.limb.picture import median, rounding_variance
 
 PIXEL_VARIANCE = 1.0 / 12.0
-"""Of a square of one pixel, along any direction [px^2]."""
+"""Variance of a square pixel along any direction [px^2]."""
 SMALLEST_SCALE = 0.05
 """Smallest scale height, relative to the blur, of a soft limb; below it a hard limb is exact to a thousandth of the
 step."""
@@ -89,13 +89,13 @@ EVEN = 0.05
 """Relative standard deviation of the ground's brightness up to which it counts as uniform: detector noise and profile
 misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35."""
 SPACE_LEVEL, EARTH_LEVEL = 0.1, 0.9
-"""Of the edge, from 0 to 1: below and above it the noise of space and Earth is read."""
+"""Edge levels below and above which the noise of space and Earth is measured."""
 MIDDLE_LEVEL = 0.02
-"""From it to its like below 1 the edge itself is read."""
+"""Edge level from which, up to one minus it, the edge's residuals are measured."""
 SIGNIFICANT = 3.0
 """Standard deviations by which an excess must stand out: one that noise makes itself would only cost precision."""
 FEWEST_PIXELS = 8
-"""Of either, or all residuals stand for it."""
+"""Smallest number of pixels of either side; with fewer, all residuals are used."""
 NORMAL_QUARTILE = 0.67448975
 """Half of a normal distribution lies within as many standard deviations."""
 MOST_ALIKE = 0.8
@@ -108,7 +108,7 @@ DARKEST = 1e-3
 """Smallest ratio of the variances of space and Earth. Space may have a single grey level, known to one level only;
 pixels just above it must not determine the limb alone."""
 ROUNDS = 2
-"""Of weighing: by all pixels, then without the outliers that these show."""
+"""Rounds of weighting: with all pixels, then without outliers."""
 
 
 SHADING_PX = 8.0

@@ -101,9 +101,9 @@ def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArra
 SQUARE_PX = 8
 """Side of the squares that the search for near pixels starts with."""
 REACH_PX = SQUARE_PX / np.sqrt(2.0) + 2.0
-"""From the centre of a square to its corner, and what a lens's changing scale may add on the way to the limb."""
+"""Half a square's diagonal, plus the effect of the lens's changing scale up to the limb."""
 OBLIQUE = 0.382
-"""Of the lines on which thinned pixels stand, in their distance: the golden section's smaller part, the most even."""
+"""Relative offset between lines of thinned pixels: the golden section's smaller part, the most even."""
 
 
 @dataclass(frozen=True)
@@ -258,20 +258,20 @@ def _gradient(angle: LimbAngle, by_column: FloatArray, by_row: FloatArray) -> tu
 
 
 OUTSIDE_PX, INSIDE_PX = 12.0, 8.0
-"""Of a sharp limb, from it into space and into the Earth. Where every sector has levels of its own, known from ``w``
-pixels to either side, they cost the place of an edge of blur ``s`` the share ``s sqrt(pi) / 2 (1 / w_in + 1 / w_out)``
-of its information, 14 % here; the Earth's brightness is less even than space, and is taken from nearer."""
+"""Distance of a sharp limb's pixels into space and into the Earth. Separate levels of every sector, from ``w`` pixels
+to either side, cost an edge of blur ``s`` the share ``s sqrt(pi) / 2 (1 / w_in + 1 / w_out)`` of its information, 14 %
+here. The Earth's brightness is less uniform than space, hence the shorter distance."""
 OUTSIDE_SCALES = 4.0
-"""Of a soft limb, more of space in scale heights: what is left of it there is 2 %."""
+"""Additional distance into space for a soft limb, in scale heights; 2 % of it remain there."""
 BLURS = 3.0
-"""Of the blur beyond that of a sharp limb: pixels across which the edge lasts, to either side."""
+"""Additional distance for a blurred limb, in blurs: half the width of the edge."""
 SHARP_PX = 1.0
 FEWEST_LIMB_PX = 8
-"""Of limb in view: seven unknowns and a level."""
+"""Smallest limb in view [px]: seven unknowns and a level."""
 BEND_PLACES = 400
 """Along the limb: the bend is interpolated between them."""
 SHORTEST_RAD = 0.05
-"""At the Earth's centre, as far as clouds keep a height alike: 3 deg."""
+"""Correlation length of cloud heights at the Earth's centre: 3 deg."""
 
 MISPLACED_PX = 0.05
 """Standard deviation of the common displacement between real air's limb and an exponential: residuals of 0.01 to 0.05

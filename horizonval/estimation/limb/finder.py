@@ -110,36 +110,36 @@ resolved limb gains nothing from smaller pixels and soon exceeds the window."""
 STILL_SEEN = 0.25
 """The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
 REFITS = 2
-"""Of a cone to what a level shows of it; the second moves nothing by a pixel."""
+"""Cone fits per level; the second changes less than a pixel."""
 TRIED = 2
 """Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
 WHOLE = 0.9
-"""Of the cone's limb that shows, beyond which no other cone is asked for."""
+"""Visible share of the cone's limb above which no other cone is searched."""
 SHORTEST_SHARE_OF_WIDTH = 0.2
-"""Of limb: a chord of a tenth of the field is half a pixel off straight in the smallest image from a low orbit."""
+"""Smallest limb relative to the field: a tenth is half a pixel from straight in the smallest image from low orbit."""
 SMALLEST_FILL = 0.3
-"""Of the cone's limb in view that shows: the Sun lights half of a full disc, and clouds hide some of that."""
+"""Smallest visible share of the cone's limb in view: the Sun lights half a full disc, clouds hide some of it."""
 SAME_SIDE = 0.9
-"""Of the limb that shows, has the Earth inside and not only an edge: chance gives half, a dark cloud hides a tenth."""
+"""Share of the visible limb with the Earth inside: chance gives half, a dark cloud hides a tenth."""
 RIVAL_SHARE = 0.5
-"""Of the likelihood of the best curve, that another must have to put it in doubt: a piece of limb half as long."""
+"""Log likelihood of a rival, relative to the best curve, that puts it in doubt: limb half as long."""
 SIGMAS = 5.0
-"""Of a curve from a straight line, and of two nadirs from each other: chance makes one of a million."""
+"""Significance of a curve against a straight line, and of two nadirs: one in a million by chance."""
 LARGEST_RHO_RAD = float(np.deg2rad(82.0))
 """A camera 60 km up sees the Earth at 82 deg; nothing orbits there."""
 LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
-"""Of the nadir: a limb that tells less is not told from a straight line by the methods that start from it."""
+"""Largest standard deviation of the nadir; beyond, dependent methods cannot distinguish a limb from a line."""
 TALLEST_AIR_M = 120e3
 """Airglow and aurora: what shines higher is not the Earth's."""
 LEAST_SIGNAL = 3.0
 """Smallest brightness of the Earth over the pixel noise: less is below ten electrons, and masked noise looks like a
 disc."""
 OTHER_SHARE = 0.3
-"""Of the limb's step: what differs more from space is something."""
+"""Difference from space, relative to the limb's step, above which a pixel shows an object."""
 MOST_OTHER = 0.3
-"""Of the sky in view that may be something: the Moon, the Sun with its glare, and a part of the spacecraft."""
+"""Largest share of the sky in view with objects: the Moon, the Sun with its glare, a part of the spacecraft."""
 PIECES = 32
-"""Of the limb that shows, over each of which its step is averaged: clouds vary faster along it than sunlight."""
+"""Pieces of the visible limb over which its step is averaged: clouds vary faster along it than sunlight."""
 FADED_SHARE = 0.7
 """Ratio of the limb's step to the step deep inside (upper quartile), below which the limb has faded near the
 terminator, where the edge sinks below the horizon."""

@@ -48,7 +48,7 @@ from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle
 
 STEPS = 4
-"""Of Gauss-Newton, from a pixel away: the next would move nothing by a hundredth of a pixel."""
+"""Gauss-Newton steps from a pixel away; the next would change less than a hundredth of a pixel."""
 SETTLED_PX = 0.5
 """A last step as long as that leads nowhere."""
 FAINTEST = 3.0
@@ -56,13 +56,13 @@ FAINTEST = 3.0
 BARE_WIDTH_PX = 0.8
 """A lens of 0.7 px and the pixel's own width."""
 EDGE_PX = 2.0
-"""From the edge: a pixel's diagonal and interpolation spread a hard one over 1.7 px to either side."""
+"""Half-width of a hard edge: a pixel's diagonal and interpolation spread it over 1.7 px to either side."""
 ROOT_STEP_PX = 0.02
-"""Of the table of the blurred root: a hundredth of its narrowest blur's variance."""
+"""Step of the table of the blurred root: a hundredth of its narrowest blur's variance."""
 SMALLEST_SPREAD = 0.1
-"""Of the limb's direction (rms): arcs below some 100 deg have no shading that bends along them."""
+"""Smallest rms spread of the limb's direction; arcs below some 100 deg show no bending shading."""
 TINY = 1e-9
-"""Of levels of unit size: keeps a flat profile's equations regular."""
+"""Regularisation of a flat profile's equations, for levels of unit size."""
 
 
 def points_of(

@@ -40,7 +40,7 @@ def rounding_variance(values: FloatArray) -> float:
 MEDIAN_TO_SIGMA = 1.4826
 """Ratio of standard deviation to median absolute deviation of normal variables, robust to outliers."""
 ROSE_SIGMAS = 5.0
-"""Of noise, from which on a feature is told from it (Rose's criterion)."""
+"""Signal-to-noise ratio from which a feature is visible (Rose's criterion)."""
 TRIM_SIGMAS = 3.5
 """Robust standard deviations beyond which a value of many is left out: of normal ones one of two thousand is."""
 
@@ -111,7 +111,7 @@ SATURATED_SHARE = 0.9
 COMMON_FULL_SCALES = (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)
 """Full scales of float, 8, 10, 12, 14 and 16 bit images: a constant image at one of these is saturated, not dark."""
 DARK_LEVEL = 0.2
-"""Of full scale: an image without an edge whose brightest pixels stay below it shows nothing lit."""
+"""Share of full scale below which the brightest pixels of an image without edges show an unlit scene."""
 DARK_SHARE = 0.01
 """A constant image below this share of full scale is called dark."""
 
@@ -184,7 +184,7 @@ def in_whole(uv: FloatArray, scale: int) -> FloatArray:
 
 
 MOST_BYTES = 64 << 20
-"""Of all cameras together: two of a megapixel. A larger camera is not kept."""
+"""Largest cache for all cameras: two of a megapixel. A larger camera is not cached."""
 
 
 class PixelDirections:
@@ -215,13 +215,13 @@ class PixelDirections:
 
 
 PIXEL_DIRECTIONS = PixelDirections()
-"""Of this process."""
+"""Cache of this process."""
 
 
 IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-"""The operator that measures noise: of a level and its first derivatives it makes nothing."""
+"""Operator that measures noise and cancels levels and first derivatives."""
 STRETCH_PERCENTILES = (0.5, 99.9)
-"""Of the levels: dead and hot pixels are fewer than what lies beyond. Chosen."""
+"""Percentiles of the levels that exclude dead and hot pixels."""
 SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
 """Between these percentiles, of the whole range and of the noise: less is space alone, with six of its standard
 deviations to either side."""

@@ -23,7 +23,7 @@ from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import cones_through, fit_cone
 
 FEWEST_POINTS = 8
-"""Of three unknowns, and something to see their scatter by."""
+"""Smallest number of points: three unknowns, and their scatter."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,11 @@ TRIPLES = 6_000
 COS_GRADIENT = float(np.cos(np.deg2rad(25.0)))
 """Three standard deviations of the direction of a 3 x 3 gradient that just stands out of the noise."""
 MOST_CONES = 256
-"""That are asked for their support: where the limb is most of the edges, most triples lie on it."""
+"""Largest number of cones whose support is counted; where the limb dominates the edges, most triples lie on it."""
 TOLERANCE_PX = 1.5
 """A whole pixel lies up to 0.7 px from a curve, and the curve through three of them as far again."""
 KEPT = 4
-"""Of a level; what one level does not show another does."""
+"""Cones kept per level; another level shows what one does not."""
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,11 @@ LARGEST_FINE_PX = 320
 """Longer side of the largest level searched as a whole; larger ones are searched near a limb of a smaller one. A disc
 of four pixels in a megapixel is still two wide."""
 SMALLEST_BLOCK_PX = 64
-"""Of one value that fill their rectangle to the last pixel: noise leaves no such one, and a horizon bends."""
+"""Smallest rectangle of one value that is no measurement: noise leaves none, and a horizon bends."""
 KNOWN_SHARE = 0.7
-"""Of what makes a pixel of a smaller level, to be one: a lost line is filled from both sides, a block is not known."""
+"""Smallest valid share of a smaller level's pixel: a lost line is filled from both sides, a block is not."""
 NOISE_FLOOR = 1e-3
-"""Of the range of levels: no picture is better than ten bits of it, whatever its space looks like."""
+"""Smallest noise relative to the range of levels: no picture is better than ten bits."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.f
 AZIMUTHS = 768
 """At which a cone is looked at first. They are dense towards the middle of the image: a telescope sees a degree."""
 STEP_RAD = 1e-5
-"""Over which the way across the limb is taken: far above rounding, far below a pixel."""
+"""Step of differences across the limb: far above rounding, far below a pixel."""
 
 
 @dataclass(frozen=True)

@@ -44,13 +44,13 @@ NEEDED_PX = 4.0
 """How much of a profile must lie in the image to both sides, and is read beyond the search: the smoothing's reach."""
 REACH_PX = SEARCH_PX + NEEDED_PX
 STEP_PX = 0.5
-"""Between samples: half of the smoothing, so that a parabola through three of them holds its top."""
+"""Sample spacing: half of the smoothing, so that a parabola through three samples finds the maximum."""
 SIGMA_PX = 1.0
-"""Of the smoothing along a profile: about a lens's own blur."""
+"""Smoothing along a profile: about a lens's own blur."""
 PASSES = 2
-"""The second reads the profile about the place that the first has found."""
+"""Passes; the second samples the profile about the position of the first."""
 ROUNDING = 1e-9
-"""Of the image's largest level: a slope as small is what interpolation leaves of a level image."""
+"""Slope, relative to the image's largest level, that interpolation leaves of a uniform image."""
 
 
 def to_steepest(
@@ -126,15 +126,15 @@ def steepest_sample(slope: FloatArray) -> NDArray[np.int64]:
 NEAREST_PX, FARTHEST_PX = 5.0, 30.0
 """Distance from the limb of the pixels that noise is read from: none of the limb's own profile, the same light."""
 FEWEST_PIXELS = 50
-"""Of either side: their variance is then known to a fifth."""
+"""Smallest number of pixels of either side: their variance is then known to a fifth."""
 NEAR_TOP_PX = 2.0
-"""From a point to the steepest sample beside it. The point is one already: twice the smoothing is the same edge."""
+"""Largest distance of a point from the steepest sample: twice the smoothing is the same edge."""
 CLIPPED_SHARE = 0.1
-"""Of the pixels in space at one lowest level: noise that is not cut off spreads over several."""
+"""Share of space pixels at one lowest level above which noise is clipped."""
 SATURATED_SHARE = 0.95
-"""Of full scale: brighter pixels may have their noise cut off. Chosen."""
+"""Share of full scale above which noise may be clipped."""
 DIM_SHARE = 0.2
-"""Of the median step: fainter pixels say little of how the variance grows with the level."""
+"""Share of the median step below which pixels say little about how the variance grows with the level."""
 
 
 def pixel_variance(

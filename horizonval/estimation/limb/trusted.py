@@ -28,21 +28,21 @@ from horizonval.geometry.rotation import tangent_basis
 BoolArray = NDArray[np.bool_]
 
 SATURATED_SHARE = 0.97
-"""Of full scale: a pixel of a converter with noise may stay a little below."""
+"""Share of full scale from which a pixel is saturated; converter noise may keep it a little below."""
 FADED_SHARE = 0.3
-"""Of the limb's own strong steps (their 90th percentile)."""
+"""Smallest step relative to the limb's strong steps (their 90th percentile)."""
 RESTLESS_SHARE = 0.25
-"""Of the limb's typical step, its upper quartile. Chosen."""
+"""Largest range of outer levels relative to the limb's typical step, its upper quartile."""
 SMOOTHED_RAD = float(np.deg2rad(4.0))
 """Length of limb, by azimuth, over which the step is averaged first: clouds vary faster along it than sunlight."""
 GAP_PX = 6.0
-"""Between neighbours of one stretch, at most: points stand a pixel apart. Chosen."""
+"""Largest gap between neighbours of one stretch, whose points are a pixel apart."""
 SHORTEST_STRETCH_PX = 20.0
 """Two profiles long: over less the bright and dark sides of a cloud's edge decide."""
 NEAR_PX = (3.0, 4.0, 5.0, 6.0)
-"""From the limb, where its sides are read: from beyond a lens's blur to as far as the steepest place is sought."""
+"""Distances from the limb at which its sides are read: from beyond a lens's blur to the search range."""
 DEEP_PX = (6.0, 8.0, 10.0, 12.0)
-"""Twice as far: where the level beside the limb is that of Earth or space."""
+"""Twice the distances: levels of Earth and space themselves."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ from horizonval.geometry.ellipsoid import sphere
 FEWEST_HEADS = 2
 """One head is what the methods of one image are for."""
 POINTS_OF_HEAD = 60
-"""For the start, at most: heads count alike in it, whatever their pixels."""
+"""Largest number of start points per head, so that heads count equally."""
 
 
 def run(observation: Observation) -> Fit | Refusal:

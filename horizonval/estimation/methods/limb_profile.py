@@ -34,7 +34,7 @@ LEAST_EXPLAINED = 0.95
 MOST_IMPROBABLE = 6.0
 """Largest mode coefficient in standard deviations; air is not normal (sudden warmings), and clear frames reach 3."""
 MOST_SIGMA = 5.0
-"""Of the attitude's prior: one in two million."""
+"""Largest departure from the attitude's prior in sigmas: one in two million."""
 
 
 def run(observation: Observation) -> Fit | Refusal:

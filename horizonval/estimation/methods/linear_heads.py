@@ -38,9 +38,9 @@ from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 QUARTER_TOLERANCE_RAD = np.radians(1.0)
-"""Of heads' azimuths, for a formula in which they are a quarter turn apart. Chosen."""
+"""Tolerance of the heads' azimuths for a formula in which they are a quarter turn apart."""
 DISAGREEMENT_SIGMA = 6.0
-"""Of the crossings' own noise: chance makes two of a thousand million."""
+"""Largest misfit in sigmas of the crossings' noise: two in a thousand million by chance."""
 DISAGREEMENT_RAD = np.radians(1.0)
 """Largest misfit of four crossings to one cone; latitude and oblateness take a tenth of a degree, more is another
 object."""

@@ -51,9 +51,9 @@ from horizonval.geometry.rotation import off_axis_angle
 HEADS = 2
 """As published."""
 SMALLEST_SINE = 1e-3
-"""Of the angle between the chords: below it their cross product is noise."""
+"""Smallest sine of the angle between the chords; below it their cross product is noise."""
 PIXEL_SIGMA_PX = float(np.sqrt(PIXEL_VARIANCE))
-"""Of a position that is rounded to whole pixels."""
+"""Standard deviation of a position rounded to whole pixels."""
 END_PIXELS = 8
 """Pixels that make an end of the arc: a third of the shortest arc there is."""
 

@@ -52,7 +52,7 @@ PIXELS = (50, 100, 200, 400, 1024)
 ANGLES_DEG = (-30.0, -10.0, 10.0, 30.0)
 """Roll and pitch of the grid: a step of 20 deg, which keeps the bank within some 400 seconds of one core."""
 SHORTEST_SHARE = 0.2
-"""Of the image's width: less of the limb in view is no condition of the table."""
+"""Smallest limb in view relative to the image's width."""
 JITTER_DEG = 1.0
 """Attitudes are drawn within this of the grid's, inside it, so that no pixel grid is symmetric about the nadir."""
 SET_UPS = [settings for settings, _ in published("A").tables["set_ups"].columns()]
@@ -244,7 +244,7 @@ def _png(image: FloatArray) -> str:
 
 
 PIXEL_RAD = float(2 * np.tan(np.radians(30.0)) / 1024)
-"""Of 1024 pixels over 60 deg, at the centre: what the noise is stated in."""
+"""Central pixel of 1024 over 60 deg, the unit of the stated noise."""
 RADII_DEG = (31.0, 42.8, 62.7, 70.2, 80.0, 88.0)
 ARCS_DEG = (20.0, 40.0, 90.0, 360.0)
 NOISES_PX = (0.02, 0.1, 0.3)

@@ -45,7 +45,7 @@ ALTITUDE_OFF = 0.01
 STEPS = 12
 SMALL_RAD = 1e-12
 REPEATS = 20
-"""Of every timed call: the shortest counts."""
+"""Repetitions of every timed call, the shortest of which counts."""
 PIXELS, FIELD_DEG = 400, 60.0
 """Of the grid's frames on which the methods are compared beside the published set-ups."""
 

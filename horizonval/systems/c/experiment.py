@@ -78,10 +78,10 @@ TEXT = page_text("C")
 EXACT = published("C").figures["exact"].value
 LIMIT_RAD = 1e-9
 LIMIT_PX = 0.01
-"""Of an edge that is read off a rendered picture; set before any was."""
+"""Largest error of an edge read off a rendered picture; set before any was rendered."""
 POSES = 1000
 BRUTE = 100
-"""Of the poses, those that are minimised as well."""
+"""Number of poses that are minimised as well."""
 
 
 def reproduce(cache: TaskCache) -> Reproduction:

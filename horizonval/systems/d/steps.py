@@ -84,7 +84,7 @@ ROWS_PX = (-0.5, 0.0, 0.5)
 LIMB_HEIGHTS_KM = (0.0, 30.0, 35.0, 40.0, 45.0)
 """Heights of the limb above a sphere that the heads are not turned up to; the 15 um band has about 40 km."""
 PHASES = 20
-"""Pixel phases tried, for all heads alike and for each one."""
+"""Pixel phases tried, for all heads together and for each one."""
 DRAWS = 20_000
 PRINTED_STEPS = np.array(
     [

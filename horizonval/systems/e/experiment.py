@@ -58,7 +58,7 @@ from horizonval.systems.task_cache import TaskCache
 NEAR = 0.15
 """Share by which a plain figure may be off: another element set of the same satellite."""
 FACTOR = 2.0
-"""By which the published order may miss its figures under the width that was chosen for it."""
+"""Factor by which the published order may miss its figures with the width chosen for it."""
 
 
 def claims(rows: Rows, nearest: NoiseReading, draws: int) -> list[Claim]:

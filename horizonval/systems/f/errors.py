@@ -49,7 +49,7 @@ Residual = Callable[[float, float], FloatArray]
 """How far both crossings are off the horizon at a roll and a pitch."""
 STEP_RAD = 1e-6
 LEAST_SINE = 1e-3
-"""Of the angle between both crossings' effects: below it the chord no longer tells pitch from roll."""
+"""Smallest sine between both crossings' effects; below it the chord cannot separate pitch from roll."""
 NEWTON_STEPS, CONVERGED_RAD = 20, 1e-11
 
 
@@ -120,7 +120,7 @@ def _sine(jacobian: FloatArray) -> float:
 SKIES = ("clear", "clouds")
 THRESHOLDS = ("fixed", "fraction")
 LOWEST_M, HIGHEST_M = -20e3, 80e3
-"""Between which the calibrated height of the horizon is looked for."""
+"""Range of the calibrated height of the horizon."""
 MARGIN_RAD = math.radians(12.0)
 
 

@@ -50,7 +50,7 @@ from horizonval.estimation.limb.picture import smaller
 from horizonval.geometry.camera import CameraModel
 
 STEP_PX = 0.02
-"""Of the limb in the image, over which its pixels are differentiated."""
+"""Step [px of the limb in the image] of the pixels' differences."""
 WHOLE = 1.0
 """Share of the profile across the limb that must be in the picture. A real edge is no exponential, so that a truncated
 profile misplaces it: by 0.3 px at three pixels from the border."""

@@ -37,9 +37,9 @@ from horizonval.estimation.likelihood.profile.pixels import level_distance, ray_
 from horizonval.geometry.camera import CameraModel
 
 STEP_PX = 0.02
-"""Of the limb in the image, over which its distances are differentiated."""
+"""Step [px of the limb in the image] of the distances' differences."""
 OWN = profile.SHARED
-"""Unknowns of a frame beside its air."""
+"""Number of a frame's unknowns besides the air's."""
 LARGEST_LOG_STEP = 0.5
 
 

@@ -15,12 +15,12 @@ from horizonval.geometry.camera import CameraModel, unproject
 
 FOCAL, POINT, BEND, TURN, HEIGHT = 0, slice(1, 3), 3, slice(4, 7), 7
 OF_LENS = 4
-"""Of the shared unknowns, those that move the image come first."""
+"""Number of shared unknowns that move the image; they come first."""
 SHARED = 8
 """ln f, principal point [px], distortion at the farthest corner [px], turn of the mounting in camera axes [rad], and
 height of all limbs [m]."""
 FOCAL_SIGMA, POINT_SIGMA_PX, MOUNTING_SIGMA_RAD = 0.05, 20.0, np.radians(2.0)
-"""Of a camera of which nothing is said: as it comes from a data sheet and a workshop."""
+"""Default priors, as from a data sheet and a workshop."""
 
 
 @dataclass(frozen=True)

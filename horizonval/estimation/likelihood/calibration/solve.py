@@ -184,7 +184,7 @@ AS_PREDICTED = 1.2
 CONVERGED = 1e-4
 """Square of a step over its covariance: a hundredth of a standard deviation."""
 DETERMINED = 0.5
-"""Of the prior's sigma: what keeps more of it was not determined by the frames."""
+"""Largest ratio of posterior to prior sigma of an unknown that the frames determine."""
 NAMES = (
     "focal length",
     "principal point u",
@@ -194,7 +194,7 @@ NAMES = (
     "mounting y",
     "mounting z",
 )
-"""Of the rows of a covariance."""
+"""Names of a covariance's rows."""
 
 
 @dataclass(frozen=True)

@@ -56,20 +56,20 @@ LEFT_OUT = 1e-5
 """Neglected share of a mode's variance: 0.3 % of its standard deviation, below pixel noise. It moves the nadir by less
 than 0.003 standard deviations."""
 BUMP_M = 6e3
-"""Between the middles of bumps: the height over which what clouds and layers do is one."""
+"""Spacing of bumps: the correlation height of clouds and layers."""
 BUMP_HEIGHTS_M = (-15e3, 75e3)
 """Where bumps are: below a profile is smooth, above is too little light."""
 LEAST_BUMP = 3e-3
 """Bump height, relative to the profile's maximum, below which a bump counts as pixel noise."""
 LEAST_LEFT = 5e-5
-"""Of the brightest place: half a step of the 8 bits in which tables have what is left."""
+"""Smallest residual sigma relative to the maximum: half a step of the tables' 8 bits."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
 EARTH_RADIUS_M = 6.371e6
 POLE_ITRS = np.array([0.0, 0.0, 1.0])
 LEAST_APART = 0.05
-"""Of a mode's standard deviation: a second part that is less everywhere in the grid is left out."""
+"""Size, relative to a mode's standard deviation, below which its second part is neglected."""
 LEFT_LENGTH_RAD = 0.1
-"""Over which what the modes leave is alike along the limb: between that of clouds and that of the air."""
+"""Correlation length along the limb of what the modes leave: between clouds and air."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ with lowest points 160 km below the source of their light, keep the last."""
 CONTRADICTED = 5.0
 """Standard deviations: chance is as far off in both axes once in 270 000, exp(-5^2 / 2)."""
 LEAST_LEVEL = 1e-9
-"""Of a direction's level part: a Sun that is read straight above or below has no azimuth, and needs none."""
+"""Smallest horizontal part of the Sun's direction; a Sun straight above or below has no azimuth."""
 SUNLIT_M = np.linspace(-20e3, 80e3, 6)
 """Heights at which sunlit tables are read for the Sun's angles at the lowest point; between them radiance is linear.
 The Sun's angles change by at most 0.8 deg from one to the next (200 km)."""

@@ -39,9 +39,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.observation import Lens
 
 REACH_BLURS = 5.0
-"""To which samples at whole pixels are summed up: 4e-6 of the middle one."""
+"""Range of sampled sums, in blurs: 4e-6 of the central sample."""
 LEAST_BLUR_PX = 0.15
-"""Below it no sample but the middle one is left."""
+"""Smallest blur; below it only the central sample remains."""
 MOST_ROUNDS, MOST_ROUND, ROUNDED = 8, 0.5, 1e-4
 """Of Newton's way to a blur of a wanted variance: rounds, and of the logarithm the largest one and what is none."""
 

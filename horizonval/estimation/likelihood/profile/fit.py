@@ -135,14 +135,14 @@ SETTLED, NEARLY_SETTLED = 0.03, 1.0
 SETTLING_STEPS = 2
 """Steps after a step's square first falls below :data:`SETTLED`, after which the noise is fixed."""
 STEADY = 0.03
-"""Of the logarithms of the pixels' variances from step to step: what a first guess leaves is no noise."""
+"""Largest change of the log variances between steps for a settled noise."""
 CONVERGED = 1e-3
 """Square of a step of the pose over its own covariance: a thirtieth of a standard deviation, and it is still taken."""
 MOST_TRIALS, LEAST_SHARE, MOST_SHARE = 8, 0.1, 0.7
 """Of places along a step, and how much nearer the next one lies than the last."""
 ROUNDING, WORTH = 1e-3, 0.002
-"""Of a merit that counts squares in variances: so little worse is not worse, a thirtieth of a standard deviation; and a
-way that gains no more than a twentieth leads nowhere. With a seventh the search in C and this one ended 0.25 apart."""
+"""Largest loss of merit, in squared sigmas, that counts as none, a thirtieth of a standard deviation; and smallest gain
+worth a step, a twentieth of a standard deviation."""
 RESELECT_PX, NEAR_PX = 1.0, 0.02
 """Way of the limb after which the pixels are chosen again: on the way, and once it is found, so that no start matters.
 With 0.05, and a noise that was held after steps of 0.3 and changes of 0.1, starts a third of a pixel apart ended up to
@@ -150,17 +150,16 @@ With 0.05, and a noise that was held after steps of 0.3 and changes of 0.1, star
 LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
 """Of the limb and of the logarithms: two scale heights of the air or some pixels, beyond which derivatives mislead."""
 GROWTH_SIGMA = 0.5
-"""Of a lens's logarithm of the blur from the axis to the corner: 2.7 times as soft there is two sigma."""
+"""Prior standard deviation of ln(corner blur / axis blur)."""
 MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
-"""Of the logarithm of the blur over the limb in view, and standard deviations of what is not chance. Visible frames of
-256 px over 90 deg whose lens is 0.6 px soft in the middle and 1.1 at the corners were off by 400 to 1 100 arcsec at
-claims of 220 to 340, with 0.36 to 0.57; of 80 with one blur none had more than 0.12. Chosen after seeing these."""
+"""Largest change of ln blur over the limb in view, and its significance. A lens with 0.6 px on the axis and 1.1 px in
+the corners shows 0.36 to 0.57 and biases the nadir; one with uniform blur shows below 0.12."""
 HELD = 10.0
 """Information on the lens in the first stage, relative to its prior: the lens then moves by a third of its prior's
 range. Less lets thin clouds soften the lens; more increases the dependence on the start."""
 LEAST_ALIKE, SURELY_ALIKE = 1.1, 1.3
-"""Between which it begins to count: of independent residuals it is 1 to a tenth. A step in place of the slope moved
-nadirs by a fifth of a standard deviation."""
+"""Correlation factor between which inflation sets in; independent residuals have 1.0 to 1.1. A ramp, since a step would
+displace the nadir."""
 
 
 class ProfileSearch:

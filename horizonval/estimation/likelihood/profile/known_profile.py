@@ -45,17 +45,17 @@ from horizonval.geometry.rotation import tangent_basis
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
 COARSE_PX = 56
-"""Of the longer side of the coarse copy: some thousand pixels."""
+"""Longer side of the coarse copy [px], with some thousand pixels."""
 FIRST_PX = 500
 """Number of pixels of the coarse copy compared with the first grid; blurred by the grid's step it shows no more."""
 REACH_SIGMA = 3.5
-"""Of the tilt's prior that is looked at: all but one of five hundred."""
+"""Range of the tilt search in prior sigmas: all but one of five hundred."""
 STEPS = 10
-"""To either side of the first grid."""
+"""Steps of the first grid to either side."""
 FINER, FINER_STEPS = 3.0, 3
-"""By which the step shrinks, and to how many steps to either side the finer grids reach."""
+"""Factor by which finer grids shrink the step, and their steps to either side."""
 FINEST_M, FINEST_PX = 4e3, 0.5
-"""Of height at the limb and in pixels, the larger of the two: within reach of a fit's derivatives."""
+"""Finest step, height at the limb or pixels, the larger of both: within the range of a fit's derivatives."""
 AZIMUTHS = 24
 GRID_M = 1e3
 FEWEST_PIXELS = 100
@@ -175,10 +175,10 @@ def _likelihood(predicted: FloatArray, values: FloatArray) -> FloatArray:
 LIFT_SIGMA_M = 300.0
 """Standard deviation of the common height of a known profile: 10 hPa of sea-level pressure is 80 m, the geoid 30 m."""
 TABLE_ENDING = ".npz"
-"""Of a climate that is a table of profiles."""
+"""Suffix of a climate that is a table of profiles."""
 GAIN_SIGMA = {"thermal": 0.02, "solar": 0.05}
-"""Of a calibrated detector's gain, and of the transmission of its lens. A black body before the lens calibrates
-thermal ones; of visible ones data sheets and integrating spheres are right to some per cent. Assumptions."""
+"""Assumed relative standard deviation of a calibrated detector's gain and lens transmission: thermal detectors by a
+black body before the lens, visible ones by integrating spheres."""
 
 
 @dataclass(frozen=True)

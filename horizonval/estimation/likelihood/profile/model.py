@@ -34,26 +34,25 @@ POSE = 7
 BLUR, SHARPNESS, GAIN, BACKGROUND, SHARED = 7, 8, 9, 10, 11
 """Places of the other shared unknowns, and how many there are."""
 LEAST_GAIN = 0.2
-"""Of the gain, that a step leaves of it."""
+"""Smallest share of the gain after a step."""
 CLOUD_TOP_M = 16e3
-"""Of the tropics: clouds are below."""
+"""Height of tropical cloud tops."""
 DEPTH_PX = 0.5
-"""Of the window below the ground, at least. Lines that end farther before the limb see other air, ground and clouds
-than those that pass it: with 40 km and four pixels errors of 8 to 14 um were twice as large."""
+"""Smallest depth of the window below the ground. Lines that end farther before the limb see other air, ground and
+clouds than those that pass it."""
 SPACE_PX = 4.0
-"""Of the window above the air, at least."""
+"""Smallest height of the window above the air."""
 GRID_RIMS = 2.0
-"""Of the grid of heights beyond the window, in rims: the grid's ends are then five blurs away, and a lift more."""
+"""Extension of the height grid beyond the window, in rims: its ends are five blurs and a lift away."""
 FINEST_STEP_M, STEPS_PER_PIXEL = 250.0, 32.0
-"""Of the grid of heights: a thirtieth of the scale height of the air, or a twentieth of the blur. With half as many
-steps estimates of 8 to 14 um move by 0.07 of their sigma."""
+"""Step of the height grid: a thirtieth of the air's scale height, or a twentieth of the blur."""
 STEPS_OF_AIR = 8.0
 """Steps per pixel of the grid on which products of the air's derivatives are summed: a sixth of the blur. Parabolas
 leave 1e-4, which only slows the fit; the gradient is exact."""
 SOME = 500
 """Pixels that tell how far a step moves the limb: it moves evenly along it."""
 EDGE_BLURS = 2.5
-"""Of the table's ends, in blurs: nearer pixels see what lies beyond."""
+"""Distance from the table's ends, in blurs, within which pixels see beyond it."""
 
 
 @dataclass(frozen=True)

@@ -32,12 +32,12 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.pixels import NearPixels
 
 LEAST_SHARE, MOST_SHARE = 0.01, 0.99
-"""Of dark pixels at the floor: with fewer nothing is lost, with more nothing is known."""
+"""Range of the share of dark pixels at the floor: fewer lose nothing, more determine nothing."""
 FEWEST = 50
 """Dark pixels: the share is then known to a seventh, and so the noise."""
 ROUNDS = 20
 HALF_STEP = 0.5
-"""Of whole numbers: the floor takes what is below the next one's lower half."""
+"""Half a grey level: the floor includes values up to the middle of the next level."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ DARK_LEVEL, BRIGHT_LEVEL = 0.05, 0.5
 FEWEST_PIXELS = 20
 NORMAL_QUARTILE = 0.67448975
 ALIKE_PX = (4, 8, 16, 32)
-"""Sides of the squares over which residuals are summed: what clouds and the spread between neighbours make alike."""
+"""Sides of the squares over which residuals are summed: scales of clouds and of charge spread."""
 
 
 @dataclass(frozen=True)

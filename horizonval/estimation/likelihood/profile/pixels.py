@@ -34,7 +34,7 @@ from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.rotation import cross, tangent_basis
 
 LEAST_ROOT = 0.01
-"""Of a height as seen from itself: rays that high pass above the observer."""
+"""Smallest root of a height seen from itself: higher rays pass above the observer."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ NODE_LONGITUDE_DEG = 15.0
 """At 12:00 UTC: an hour past local noon at the ascending node, so that a third of the orbit lies in the shadow."""
 EPOCH = "2026-03-20T12:00:00Z"
 LARGEST_TILT_DEG = 4.0
-"""Of roll and of pitch: what the heads of the published infrared sensor take, which see 16 deg each."""
+"""Largest roll and pitch: the range of the published infrared sensor's heads, of 16 deg each."""
 ALTITUDE_KM = 400.0
 """For which those heads are set."""
 WIDTH_PX = 512

@@ -177,7 +177,7 @@ def _camera(lens: str, exposure: str) -> JsonObject:
 
 TEXT = page_text("B")
 HEIGHTS_DEG = ((0.0, 10.0), (10.0, 25.0), (25.0, 52.0))
-"""Of the Sun over the limb: the lines of the second table."""
+"""Heights of the Sun over the limb: the lines of the second table."""
 WASHED_OUT = 0.5
 """Share of views lost from which on a picture is called washed out; below it in all cases is contradicted."""
 

@@ -66,7 +66,7 @@ MOUNTING: Mapping[str, tuple[str, ...]] = {
 IMPERFECTIONS = (*MOUNTING, PIXELS, BACKLIGHT, FRAME_NOISE, REFERENCE_NOISE)
 LOST_DEG = 5.0
 LENS_BLUR_PX = 0.7
-"""Of the camera file."""
+"""Blur of the camera file's lens."""
 _ACCELEROMETER = ("accelerometer_roll_deg", "accelerometer_zero_mg")
 
 
