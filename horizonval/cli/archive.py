@@ -21,7 +21,7 @@ Kind = Annotated[str | None, typer.Option(help="frame or image.")]
 @archive_app.command("ls")
 @selects
 def archive_ls(folder: Archive, kind: Kind = None, options: EntryOptions = ALL, as_json: Json = False) -> None:
-    """List the frames and images of an archive, from its index, which catches up with the files first."""
+    """List the frames and images of an archive from its index, after an update of the index."""
     from dataclasses import asdict
 
     from horizonval.store.named import open_archive
@@ -52,7 +52,7 @@ def archive_show(
     address: Annotated[str | None, typer.Argument(help="Of an archive: an address, or how it begins.")] = None,
     as_json: Json = False,
 ) -> None:
-    """What one file says: standard attributes with their units, our own, channels; with --json the truth as well."""
+    """Content of one file: standard attributes with units, our attributes, channels; with --json also the truth."""
     from horizonval.store.entry import shown
 
     content = shown(_file(folder, address))
@@ -71,7 +71,7 @@ def archive_show(
 def archive_verify(folder: Archive, as_json: Json = False) -> int:
     """Read everything and compare it with checksums, index and results, including those of the run's folder.
 
-    Also for the folder of a night or of rescored results. Exit status 1 if anything is wrong.
+    Also for the folder of a night or of rescored results. Exit status 1 after any error.
     """
     from horizonval.store.folder import RunFolder
     from horizonval.store.named import archive_of_results, named_addresses, open_archive, run_folder_of
@@ -108,7 +108,7 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
 
 @archive_app.command("reindex")
 def archive_reindex(folder: Archive) -> None:
-    """Make the index anew, from the headers alone. What is missing by then is not missed any more."""
+    """Rebuild the index from the headers alone. Missing files are no longer reported afterwards."""
     from horizonval.store.named import open_archive
 
     store = open_archive(folder, follow=False)
@@ -142,7 +142,7 @@ def archive_export(
     kind: Kind = None,
     options: EntryOptions = ALL,
 ) -> None:
-    """Frames and images as files of other programs."""
+    """Export frames and images to files of other programs."""
     from horizonval.bridges.attitudes import write_attitudes
     from horizonval.bridges.mcap import write_mcap
     from horizonval.store.export import Format, export_file, write_masks
@@ -192,7 +192,7 @@ def archive_gc(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Remove without asking.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be removed, and leave it.")] = False,
 ) -> int:
-    """Remove what no result of the run names, such as frames that other code rendered; never during a run."""
+    """Remove files that no result of the run names, such as frames of other code; never during a run."""
     from horizonval.store.named import garbage, open_archive, remove, run_folder_of
 
     store = open_archive(folder, follow=False)
@@ -240,8 +240,7 @@ def archive_rescore(
 ) -> int:
     """Estimate and score the archived images again, without rendering: results, summary and report in OUT.
 
-    The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if an image is
-    damaged.
+    The same command resumes after an interruption. Exit status 1 if an image is damaged.
     """
     from horizonval.jobs.pool import available_cpus
     from horizonval.plugins.supervisor import Limits

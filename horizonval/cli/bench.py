@@ -27,7 +27,7 @@ def bench_make(
     workers: Workers = None,
     as_json: Json = False,
 ) -> None:
-    """Render the frames: the public ones, or sealed ones of a passphrase. The same command again finishes them."""
+    """Render the frames: the public ones, or sealed ones of a passphrase. The same command resumes."""
     from horizonval.core.files import read_bytes
     from horizonval.studies.bench.frames import sealed_seed
     from horizonval.studies.bench.submissions import make_frames
@@ -62,7 +62,7 @@ def bench_run(
     ] = True,
     workers: Workers = None,
 ) -> int:
-    """Run submissions on the frames, each in a process of its own. The same command again finishes them."""
+    """Run submissions on the frames, each in a separate process. The same command resumes."""
     from horizonval.jobs.pool import available_cpus
     from horizonval.plugins.supervisor import Limits, can_hide
     from horizonval.spec.suite import ProgramSpec
@@ -132,10 +132,9 @@ def dataset(
     dask: Dask = None,
     as_json: Json = False,
 ) -> None:
-    """Images to learn from, with exact truth: split by scene into training, validation and test, in files of N frames.
+    """Training images with exact truth: split by scene into training, validation and test, in files of N frames.
 
-    `seeds.json` in the folder is all that they are made of, in some kilobytes. The same command again, after whatever
-    interrupted it, finishes what is missing.
+    The small `seeds.json` in the folder reproduces all of them. The same command resumes after an interruption.
     """
     from horizonval.api.run import execution_of
     from horizonval.studies.dataset.make import make_dataset

@@ -70,7 +70,7 @@ def sheet(
     out: Annotated[Path, typer.Option("-o", "--out", help="The sheet, a PNG file.")],
     columns: Annotated[int, typer.Option(min=1, max=40, help="Images in a row.")] = 5,
 ) -> None:
-    """Contact sheet: detector images side by side in one picture, to look at."""
+    """Contact sheet: detector images side by side in one picture."""
     from horizonval.report.pictures import contact_sheet, tiles_of
 
     tiles = tiles_of(images)
@@ -88,11 +88,11 @@ def oracle(
     ],
     as_json: Json = False,
 ) -> None:
-    """What an ideal horizon sensor reads where an image was taken, from the pose in its header; pixels are not looked
-    at.
+    """Readings of an ideal horizon sensor at the pose of an image; pixels are not used.
 
     Roll and pitch errors against the nearest point of the horizon, and the elevations of the sensor's axes over the
-    tangent plane there: both readings of the published module's documentation. With --json a list, one object an image.
+    tangent plane there: both readings of the published module's documentation. With --json a list, one object per
+    image.
     """
     from horizonval.api.estimate import horizon_sensor
 
@@ -127,11 +127,11 @@ def estimate(
     prior: PriorFile = None,
     as_json: Json = False,
 ) -> int:
-    """One estimator on any image, also a real photograph; of our own files also how far off the answer is.
+    """One estimator on any image, also a real photograph; with the error of the answer for our own files.
 
-    The truth in a file of ours is compared with the answer, and never given to the estimator; `assumed` says what was.
-    A refusal (any status other than `valid`) is a result like any other: exit status 0. Of several images one that
-    cannot be read is said, the others are done, and the exit status is 1.
+    The truth in our files is compared with the answer, and never given to the estimator; `assumed` lists what was given. A
+    refusal (any status other than `valid`) is a normal result: exit status 0. Unreadable images among several are
+    reported and skipped, with exit status 1.
     """
     import horizonval as hv
     from horizonval.api.estimate import estimate_report, estimator_of, prior_from
@@ -210,8 +210,8 @@ def calibrate(
 ) -> int:
     """Focal length, principal point and mounting from the limbs in the images of a pass.
 
-    Needs position and attitude beside every image, as the platform states them. Where the images do not determine the
-    focal length, it is a refusal with its reason: no file is written, and the exit status is 1.
+    Needs position and attitude for every image, as the platform states them. If the images do not determine the focal
+    length, the result is a refusal with its reason: no file is written, and the exit status is 1.
     """
     import horizonval as hv
     from horizonval.api.calibrate import calibrate as calibrated
@@ -248,9 +248,9 @@ def camera(
         str | None, typer.Option("--camera", help="Of several cameras in one file of Kalibr, as cam0.")
     ] = None,
 ) -> None:
-    """A camera file from that of a calibration program: the lens, exactly, or why ours cannot be that lens.
+    """Convert the camera file of a calibration program: the exact lens, or why it cannot be represented.
 
-    Without --base the file says the lens alone, which is what `horizonval estimate --camera` needs.
+    Without --base the file has the lens alone, which is enough for `horizonval estimate --camera`.
     """
     from horizonval.api.calibrate import camera_text
 

@@ -13,7 +13,7 @@ from horizonval.core.errors import UserError
 
 
 def doctor(as_json: Json = False) -> int:
-    """Say what works on this machine, and how to mend what does not. Exit status 1 if rendering is impossible."""
+    """Report what works on this machine, and how to fix what does not. Exit status 1 if rendering is impossible."""
     from horizonval.api.info import examine
 
     examination = examine()
@@ -34,7 +34,7 @@ def list_names(
     ],
     as_json: Json = False,
 ) -> None:
-    """List the names that other commands take, and what each stands for.
+    """List the names that other commands take, with descriptions.
 
     The first word of a line is the name; with --json an object of names and descriptions.
     """
@@ -87,11 +87,11 @@ def templates(
     clear: Annotated[bool, typer.Option("--clear", help="With --air: no clouds either.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Write the profiles of the limb that a fit needs for the frames of a suite: one table for a flight computer.
+    """Write the limb profiles that a fit needs for the frames of a suite: one table for a flight computer.
 
-    Cut from the shipped tables: the latitudes and months, or Sun's angles, of the limbs in view, and no more heights
-    and modes than the error asks for. Prints the size in memory and the error. As `.npz` it is what the key `climate`
-    of a prior takes.
+    The table is a part of the shipped tables: latitudes, and months or Sun angles, of the limbs in view, with only as
+    many heights and modes as the error requires. Prints the size in memory and the error. The key `climate` of a prior
+    accepts the `.npz` file.
     """
     from horizonval.api.estimate import mission_table
     from horizonval.tables.mission import write_table

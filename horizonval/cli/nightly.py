@@ -78,7 +78,7 @@ def baseline_accept(
     baseline: BaselineFile = None,
     release: Annotated[bool, typer.Option("--release", help="Also as the last release's.")] = False,
 ) -> None:
-    """Make a night the accepted baseline, and write the table of what differs from the one before."""
+    """Make a night the accepted baseline, and write the table of changes."""
     from horizonval.api.run import baseline_of
     from horizonval.store.folder import read_json
     from horizonval.studies.regression.accept import accept
@@ -128,10 +128,10 @@ def reproduce(
     dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
-    """Published experiments done again: OUT/<X>.json and a page for each, published figures beside measured ones.
+    """Repeat published experiments: OUT/<X>.json and a page for each, with published and measured figures.
 
-    The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a bar is missed,
-    or with --quick if a figure is not the committed one.
+    The same command resumes after an interruption. Exit status 1 if a bar is missed, or with --quick if a figure
+    differs from the committed one.
     """
     if quick and dry_run:
         raise UserError("used with --quick", where="--dry-run", fix="leave one of them out")

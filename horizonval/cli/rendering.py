@@ -36,9 +36,9 @@ def render(
     Of a camera with several heads, the one that the scene or --head names; `all` writes FRAME.<head>.exr for each.
 
     --reference is the cross-check: stock Mitsuba's Monte Carlo with the scene's orders of scattering by molecules and
-    particles, ozone, and a uniform Lambert ground; in thermal bands air and ground that emit, by an integrator for
-    Mitsuba that is apart from the march. Without refraction, the Sun's disc and glare, surface map (in sunlight) and
-    clouds. Its standard error lies beside the radiance.
+    particles, ozone, and a uniform Lambert ground; in thermal bands emitting air and ground, by a separate integrator
+    for Mitsuba. Without refraction, the Sun's disc and glare, surface map (in sunlight) and clouds. The file includes
+    the standard error.
     """
     import horizonval as hv
 

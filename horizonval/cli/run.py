@@ -35,7 +35,7 @@ def check(
     ] = None,
     as_json: Json = False,
 ) -> int:
-    """Say what would go wrong, before rendering: exposure, arc in view, Sun, determinability, time, memory and disk.
+    """Predict problems before rendering: exposure, arc in view, Sun, determinability, time, memory and disk.
 
     Exit status 1 if there is a warning or an error, 0 if there are notes at most.
     """
@@ -70,11 +70,11 @@ def run(
     dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
-    """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
+    """Main job: render, observe, estimate, score, report; and the suite's study of the infrared horizon, if any.
 
-    The same command again, after whatever interrupted it, finishes what is missing. Shards (`--shard 2/8`) may share a
-    folder, at the same time or not; the command without --shard then makes what is missing and the report. Another
-    --frames goes on in the same folder. Exit status 1 if a frame failed.
+    The same command resumes after an interruption. Shards (`--shard 2/8`) may share a folder, at the same time or not;
+    the command without --shard then makes what is missing and the report. Another --frames continues in the same
+    folder. Exit status 1 if a frame failed.
     """
     import horizonval as hv
 
@@ -111,7 +111,7 @@ def run(
 
 
 def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
-    """Make the report of a run again."""
+    """Rebuild the report of a run."""
     from horizonval.report import build_report
 
     if not run_folder.is_dir():
@@ -173,11 +173,10 @@ def study(
     dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
-    """Trade study: designs compared on the same frames; accuracy, availability, cost, and the cheapest that will do.
+    """Trade study: designs compared on the same frames; accuracy, availability, cost, and the cheapest sufficient one.
 
-    With a file and --out it runs, or goes on, or adds what is new in the file: finished frames are kept. With the
-    folder of a finished study it tells the cheapest design for an --error-deg, --availability and --cheapest-by, or
-    compares two.
+    With a file and --out it runs, resumes, or adds new designs of the file; finished frames stay. With the folder of a
+    finished study it gives the cheapest design for an --error-deg, --availability and --cheapest-by, or compares two.
     Exit status 1 if a frame failed.
     """
     if out is None:

@@ -37,8 +37,8 @@ def serve(
 ) -> None:
     """Images for a simulation: pose in, image out, with truth; until it is interrupted.
 
-    Each request says where the camera is, how it is turned and how long it is exposed. What it leaves out is as in the
-    scene. The same request gives the bytes of `render` and `observe`. See hv.Client, and examples/serve for C.
+    Each request gives position, attitude and exposure; missing values come from the scene. The same request gives the
+    bytes of `render` and `observe`. See hv.Client, and examples/serve for C.
     """
     from horizonval.jobs.pool import hush
     from horizonval.serve.service import serve as served
@@ -70,7 +70,7 @@ def view(
 ) -> None:
     """Report in a browser, served on this machine alone; until it is interrupted.
 
-    Every frame of a run is there with its exact numbers, read from the archive when it is shown: also those that a
+    Every frame of a run is available with its exact numbers, read from the archive on request, including those that a
     long run's page leaves out.
     """
     from horizonval.jobs.pool import hush
