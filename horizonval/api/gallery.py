@@ -82,6 +82,6 @@ def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
 
 
 def in_colour(camera: CameraSpec) -> CameraSpec:
-    """Return the camera with the three bands of the gallery in place of its own."""
+    """Return the camera with the three bands of the gallery instead of its bands."""
     bands = [Band(name=name, kind="solar", lo_um=lo, hi_um=hi, nodes=NODES) for name, (lo, hi) in LIMITS_UM.items()]
     return camera.model_copy(update={"band": bands})

@@ -131,7 +131,7 @@ LISTS: dict[str, Callable[[], dict[str, str]]] = {
     "scenes": _shipped("scene"),
     "detectors": _detectors,
 }
-"""What ``horizonval list`` knows, each as a function that returns names and what they stand for."""
+"""Lists of ``horizonval list``, each as a function that returns names and descriptions."""
 
 
 def examine() -> dict[str, Any]:

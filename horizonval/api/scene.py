@@ -167,7 +167,7 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """The scene's name, from which all its random numbers are drawn."""
+        """The scene's name, the source of all its random numbers."""
         return self.spec.scene.name
 
     def to_dict(self) -> dict[str, Any]:

@@ -204,7 +204,7 @@ class Work(ABC, Generic[I, R]):
 
 
 class Recorded(Work[I, Record]):
-    """Work whose results are records in files of their own."""
+    """Work with a record file for each result."""
 
     sort_keys: bool = True
     """Whether the keys of a record are sorted; otherwise their order is part of the result."""

@@ -21,7 +21,7 @@ PACKAGE = "horizonval"
 
 @dataclass(frozen=True)
 class _Declared:
-    """An entry point with the package that declares it, whose name takes a millisecond to read."""
+    """An entry point with the name of its package, which takes a millisecond to read."""
 
     point: EntryPoint
     package: str

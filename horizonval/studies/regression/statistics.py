@@ -1,35 +1,33 @@
-"""Statistics of a night: estimates of a difference with their bounds, and the verdicts that follow.
+"""Statistics of a night: estimates of a difference with their bounds, and the resulting verdicts.
 
-*Means.* Pairs of one scene (other noise, other estimators) share what is hard about the scene. The scene is therefore
-the unit: its pairs are averaged, and Student's t is used on the averages, which holds for any dependence within a
-scene. Pairs that share scene and noise seed also share their errors: with errors of two runs correlated by rho, the
-variance of the difference falls by 1 - rho.
+*Means.* Pairs of one scene (other noise, other estimators) are correlated. The scene is therefore the unit: its pairs
+are averaged, and Student's t is used on the averages, which holds for any dependence within a scene. Pairs with the
+same scene and noise seed also share their errors: with a correlation rho between two runs, the variance of the
+difference falls by 1 - rho.
 
-*Proportions of the same frames.* Only frames whose outcome changed tell anything: ``lost`` of them became worse,
-``gained`` better. The interval is the score interval (T. Tango, Statistics in Medicine 17, 891, 1998), which keeps its
-confidence where hardly any frame changes: none changed in n still allows z^2 / (n + z^2). The p-value is exact: if
-nothing has become worse, each scene's net loss is as likely to be its opposite, so the sum over scenes is compared with
-all its sign changes. For scenes with one changed frame each, this is McNemar's exact test (Psychometrika 12, 153,
-1947).
+*Proportions of the same frames.* Only frames with a changed outcome count: ``lost`` became worse, ``gained`` better.
+The interval is the score interval (T. Tango, Statistics in Medicine 17, 891, 1998), which keeps its confidence with
+hardly any changes: none in n still allows z^2 / (n + z^2). The p-value is exact: under the null hypothesis the net loss
+of each scene is as likely to have the opposite sign, so the sum over scenes is compared with all its sign changes. For
+scenes with one changed frame each, this is McNemar's exact test (Psychometrika 12, 153, 1947).
 
 *Proportions of two independent sets.* Newcombe's hybrid of two Wilson intervals (Statistics in Medicine 17, 873, 1998,
 method 10), and Fisher's exact test.
 
 *Several gates.* Holm's adjusted p-values (S. Holm, Scand. J. Statist. 6, 65, 1979): the k-th smallest of m is
-multiplied by m - k + 1, and no adjusted value may be smaller than one before it. The chance that any true null
-hypothesis is rejected at level alpha is then at most alpha, however the tests depend on each other.
+multiplied by m - k + 1, and no adjusted value may be smaller than one before it. The probability of rejecting any true
+null hypothesis at level alpha is then at most alpha, for any dependence of the tests.
 
 *Verdicts*, with the margin delta declared beforehand and one-sided bounds:
 
-* PASS: the upper 95 % bound lies below delta (not worse by as much as matters);
-* FAIL: the lower 99 % bound lies above 0 after Holm's adjustment over all gates, and the estimate above delta / 2 (a
-  difference that is certain but smaller does not matter);
-* IMPROVED: the mirror of FAIL; it asks for a new baseline and passes;
+* PASS: the upper 95 % bound is below delta;
+* FAIL: the lower 99 % bound is above 0 after Holm's adjustment over all gates, and the estimate above delta / 2 (a
+  smaller difference does not matter, however certain);
+* IMPROVED: the mirror of FAIL; it needs a new baseline and passes;
 * INCONCLUSIVE: everything else.
 
-FAIL goes before PASS: a difference may be both certain and inside the margin, and then it is a regression that the
-margin would let through bit by bit. A gate with two sides (a bias, of which neither sign is better) passes inside
-+-delta and fails on either side.
+FAIL goes before PASS: a certain difference inside the margin is a regression that would otherwise accumulate. A gate
+with two sides (a bias, of which neither sign is better) passes inside +-delta and fails on either side.
 """
 
 from __future__ import annotations

@@ -163,7 +163,7 @@ def _terms(factors: Sequence[str], columns: Mapping[str, FloatArray], response: 
 
 
 def _residual(columns: Sequence[FloatArray], response: FloatArray) -> tuple[FloatArray, int]:
-    """Return the residual sum of squares of every draw, and the rank of the model with its mean."""
+    """Return the residual sum of squares for every draw, and the rank of the model with its mean."""
     model = np.concatenate([np.ones((len(response), 1)), *columns], axis=1)
     solution, _, rank, _ = np.linalg.lstsq(model, response, rcond=None)
     return np.sum((response - model @ solution) ** 2, axis=0), int(rank)
