@@ -129,7 +129,7 @@ def estimate(
 ) -> int:
     """One estimator on any image, also a real photograph; with the error of the answer for our own files.
 
-    The truth in our files is compared with the answer, and never given to the estimator; `assumed` lists what was given.
+    The truth in our files is compared with the answer, and not given to the estimator; `assumed` lists what was given.
     A refusal (any status other than `valid`) is a normal result: exit status 0. Unreadable images among several are
     reported and skipped, with exit status 1.
     """

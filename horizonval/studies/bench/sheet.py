@@ -178,7 +178,7 @@ def cells_png(ranked: Sequence[Mapping[str, Any]], sheets: Mapping[str, Any]) ->
 
 
 def _score(cell: Mapping[str, Any]) -> float:
-    """Return the score of a cell; without a frame to answer, the false claims in a hundred frames, or None."""
+    """Return the score of a cell; without a frame to answer, minus the false claims per 100 frames, or NaN."""
     if cell["due"]:
         return float(cell["score"])
     return -100.0 * cell["false"] / cell["frames"] if cell["false"] else float("nan")
