@@ -65,7 +65,7 @@ UNITS = {
 """Units of the attributes that have one."""
 
 _NAMESPACE = uuid.UUID("0b4d6f0e-2c1a-5f57-9a53-6c1f5d3f8a10")
-"""Of the identifiers of camera files."""
+"""Namespace of the identifiers of camera files."""
 
 
 def standard_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None = None) -> dict[str, Any]:

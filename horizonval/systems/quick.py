@@ -148,4 +148,4 @@ def _limbs(cache: TaskCache) -> Sequence[ComparisonRow]:
 ROWS: dict[str, Callable[[TaskCache], Sequence[ComparisonRow]]] = dict(
     zip(SYSTEMS, (_set_ups, _perfect_bench, _poses, _tables, _rounding, _scans, _limbs), strict=True)
 )
-"""What computes a system's key figures, by its letter."""
+"""Functions that compute the systems' key figures, by letter."""

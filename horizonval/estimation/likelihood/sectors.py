@@ -38,7 +38,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, oblate_limbs
 
 LEFT_OUT = 1e-3
-"""Of the variance of the heights: 3 % of their standard deviation, spread over waves too short to act as a tilt."""
+"""Neglected share of the heights' variance: 3 % of their standard deviation, in waves too short to act as a tilt."""
 NODES_PER_LENGTH = 2.0
 """Per correlation length: a Gaussian covariance sampled at half of its length loses 2e-4 of its variance between."""
 MOST_NODES = 96
@@ -47,7 +47,7 @@ does."""
 
 
 OBLATE_LENGTH_RAD = 0.5
-"""Of the limb of an ellipsoid, two waves round a circle: nodes as for a relief of this length."""
+"""Correlation length for the nodes of an ellipsoid's limb, two waves round a circle."""
 
 
 def relief_nodes(span_rad: float, shortest_rad: float) -> FloatArray:
@@ -99,19 +99,19 @@ def modes_of(covariance: FloatArray) -> FloatArray:
 
 
 PIXELS_ALONG = 24
-"""Of limb in a sector, at least: its levels are then known ten times better than one pixel's noise."""
+"""Smallest limb length of a sector [px]: its levels are then known ten times better than one pixel's noise."""
 MOST_SECTORS = 48
 WIDEST_RAD = 0.2
 """Largest sector, as an angle. Lens fall-off (cosine to the fourth) then departs by up to 3 % at 45 deg from a line
 along the sector; over 24 pixels of a degree it is 17 %, which displaces the limb."""
 CENTRED = 2
-"""Of the levels, those that scatter about a mean: background and amplitude, not the shading."""
+"""Number of levels that scatter about a mean: background and amplitude, not the shading."""
 SIGNIFICANT = 3.0
 """Standard deviations by which the sectors' scatter must exceed what noise makes of them to be a scatter of theirs."""
 SINGULAR = 1e-12
-"""Of the largest eigenvalue: a combination of levels with less is not determined."""
+"""Eigenvalue, relative to the largest, below which a combination of levels is undetermined."""
 NO_SPREAD = 1e-6
-"""Of the variance of the mean level: the smallest spread of sectors; it keeps the matrices regular."""
+"""Smallest spread of sectors relative to the variance of the mean level; keeps the matrices regular."""
 
 
 @dataclass(frozen=True)

@@ -52,9 +52,9 @@ def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid
 
 
 SCALE_HEIGHT_M = 7e3
-"""Of the air's density from the ground to 60 km: 6 to 8.5 km."""
+"""Scale height of the air's density from the ground to 60 km: 6 to 8.5 km."""
 SCALE_SIGMA_M = 4e3
-"""Of the light's: a bare planet has none, haze and ozone stretch it by half."""
+"""Prior standard deviation of the radiance's scale height: zero for a bare planet, half more with haze and ozone."""
 MIDDLE_SIGMA_M = 1e3
 """Standard deviation of the middle height of a known profile: sunlit limbs of one air scatter by 0.8 km, plus a
 margin."""

@@ -78,7 +78,7 @@ def spline_weights(axis: FloatArray, slope: FloatArray, x: FloatArray) -> FloatA
 
 FORMAT = 2
 FOLDER = Path(__file__).parent / "data"
-"""Of the shipped tables."""
+"""Folder of the shipped tables."""
 LEAST_OVERLAP = 0.6
 """Smallest common share of the wavelengths of two bands for one table: 10.5 to 12.5 um has 0.33 of 8 to 14 um, whose
 limb is 10 km higher; the visible bands of the shipped cameras share 0.97."""

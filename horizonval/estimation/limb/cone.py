@@ -112,7 +112,7 @@ def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeU
 
 
 SLOW_PX = 0.01
-"""What sub-pixel points of a sharp limb are off by without any noise (rms): the lens's blur of shaded ground mostly."""
+"""Rms error of sub-pixel points of a sharp limb without noise: mostly the lens's blur of shaded ground."""
 SOFT_SLOW_PX = 0.07
 """The same for points by the area under a profile on limbs with air, over frames from 300 to 36 000 km: the
 contribution of the air's tail and the ground's shading depends on the slant of a column."""

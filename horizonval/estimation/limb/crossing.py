@@ -49,11 +49,11 @@ NEAR_SYSTEMATIC_PX = 0.1
 """Error where the row ends early and its last three pixels serve, from 6 px outside on: some 2 % of the plateau
 remain."""
 LEVEL_PIXELS = 8
-"""That make the level beside an unresolved edge: it is known to a third of a pixel's noise."""
+"""Pixels of the level next to an unresolved edge: it is known to a third of a pixel's noise."""
 FEWEST_LEVEL_PIXELS = 3
-"""The same, and of a resolved limb's dark level, where the row ends: to 0.6 of it."""
+"""The same, and for a resolved limb's dark level, where the row ends: 0.6 of a pixel's noise."""
 CONTRAST_SIGMA = 8.0
-"""Standard deviations of a pixel's noise that a step must have to be one. Chosen."""
+"""Smallest step in standard deviations of a pixel's noise."""
 OWN_SHARE = 0.6
 """Share of the row's whole range that the step must have: a slope from end to end is no limb."""
 SYSTEMATIC_PX = 5e-3

@@ -33,15 +33,15 @@ from horizonval.estimation.limb.picture import noise_sigma, percentile
 BLUR_SIGMA_PX = 1.0
 """Before detection: a lens's own blur."""
 WIDE_SIGMA_PX = 1.8
-"""Before the gradient's direction is read, which noise turns more than it moves an edge. Chosen."""
+"""Blur before the gradient's direction is read, since noise turns an edge more than it displaces it."""
 REACH_PX = 10
-"""Of the gradient after that blur: rows further off than this from every edge bear on none."""
+"""Range of the gradient after that blur: rows farther from every edge do not matter."""
 SOBEL_NOISE_GAIN = 1.14
 """Standard deviation of one Sobel component per unit white noise, after the Gaussian blur of 1 px."""
 NOISE_FACTOR = 6.0
 """Standard deviations of a gradient's component: the size of one in sixty million of noise alone is larger."""
 STRONG_SHARE = 0.08
-"""Of the image's steepest gradients. Chosen: little, so that a limb beside a bright cloud stays."""
+"""Threshold relative to the image's steepest gradients: small, so that a limb next to a bright cloud stays."""
 RAMP_FLOOR = 25.0
 """Sobel units (eight times grey levels per pixel): a full black-to-white rise slower than 80 px is not an edge."""
 LOW_TO_HIGH = 0.4

@@ -32,9 +32,9 @@ from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel
 
 REACH_PX = 8
-"""Of a profile to either side of the curve: twice the widest edge and the farthest shift."""
+"""Length of a profile to either side of the curve: twice the widest edge and the largest shift."""
 WIDTHS_PX = (0.4, 0.8, 1.6, 3.2)
-"""Of the edges that are tried, each twice the one before; an edge wider than the last is half as wide a level on."""
+"""Widths of edges tried, in factors of two; a wider edge is half as wide a level on."""
 SHIFTS_PX = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """A cone of a level is right to a pixel, which is two of the next one."""
 AIR_WIDTH_M = 40e3
@@ -44,11 +44,11 @@ PROFILES = 4
 MOST_SECTORS = 64
 """More would tell no more of three unknowns and cost more: 256 profiles."""
 FEWEST_KNOWN = 0.75
-"""Of a sector's samples that must be known."""
+"""Smallest share of known samples in a sector."""
 INNERMOST = 2
 """Pixels of a profile that tell the Earth from a bright line."""
 MISFIT_SHARE = 0.03
-"""Of the step: what a good profile leaves."""
+"""Misfit of a good profile relative to the step."""
 CERTAIN = 6.0
 """Log likelihood ratio of a sector that shows a limb: 400 to 1. One in a thousand sectors of noise passes it."""
 

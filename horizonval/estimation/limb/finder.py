@@ -148,7 +148,7 @@ SMALLEST_TRIM_PX = 0.4
 SUN_REACH = 2.0
 """Radii of a saturated blob that are left out: its bloom."""
 LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
-"""The Sun of 0.27 deg with its glare; a larger blob may be a saturated Earth, and nothing of it is left out."""
+"""Largest radius of the Sun (0.27 deg) with its glare; a larger blob may be a saturated Earth and is not left out."""
 LIMB_SHARE = 0.4
 """Canny's upper threshold, relative to strong gradients, where all edges count as limb; discs of 50 to 200 px have
 steep shading."""

@@ -223,8 +223,8 @@ IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.
 STRETCH_PERCENTILES = (0.5, 99.9)
 """Percentiles of the levels that exclude dead and hot pixels."""
 SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
-"""Between these percentiles, of the whole range and of the noise: less is space alone, with six of its standard
-deviations to either side."""
+"""Smallest range between these percentiles, relative to the whole range and in standard deviations of the noise: space
+alone has less."""
 
 
 class Picture:

@@ -43,13 +43,14 @@ INT16 = np.iinfo(np.int16)
 UNITS = 8.0
 """Steps of Canny's whole numbers per standard deviation of noise: 4 000 of them fit into 16 bits."""
 CALM_REACH_PX = 4
-"""From an edge to the middle of the square in which its side's calm is read, as wide as that."""
+"""Distance from an edge to the middle of the square in which its side's variation is measured, and the square's
+width."""
 MOST_EDGES = 400
-"""The calmest: a limb across a level of 320 px, and as many others of a quarter of its length each."""
+"""Largest number of edges, those with the calmest side: a limb across a level of 320 px, and some clouds."""
 TRIPLES = 6_000
 """Where a tenth of the edges are the limb's, six of these lie on it wholly."""
 COS_GRADIENT = float(np.cos(np.deg2rad(25.0)))
-"""Three standard deviations of the direction of a 3 x 3 gradient that just stands out of the noise."""
+"""Cosine of three standard deviations of a 3 x 3 gradient's direction just above the noise."""
 MOST_CONES = 256
 """Largest number of cones whose support is counted; where the limb dominates the edges, most triples lie on it."""
 TOLERANCE_PX = 1.5

@@ -160,7 +160,7 @@ def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.f
 
 
 AZIMUTHS = 768
-"""At which a cone is looked at first. They are dense towards the middle of the image: a telescope sees a degree."""
+"""First azimuths of a cone, dense towards the middle of the image, since a telescope sees a degree."""
 STEP_RAD = 1e-5
 """Step of differences across the limb: far above rounding, far below a pixel."""
 

@@ -39,7 +39,7 @@ from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 SEARCH_PX = 6.0
-"""As far as the steepest place is sought from the point that a search has found. Chosen."""
+"""Search range for the steepest position about a point of the limb search."""
 NEEDED_PX = 4.0
 """How much of a profile must lie in the image to both sides, and is read beyond the search: the smoothing's reach."""
 REACH_PX = SEARCH_PX + NEEDED_PX

@@ -46,7 +46,7 @@ CONVERGED_RAD = 1e-10
 
 
 Step = Callable[[FloatArray, FloatArray], FloatArray]
-"""From the Jacobian (n, 3) and F (n,) to what Newton's method takes away from the state (3,)."""
+"""Function of the Jacobian (n, 3) and F (n,) that returns Newton's decrement of the state (3,)."""
 
 
 def step_by_qr(jacobian: FloatArray, f: FloatArray) -> FloatArray:

@@ -47,7 +47,7 @@ SMALL_RAD = 1e-12
 REPEATS = 20
 """Repetitions of every timed call, the shortest of which counts."""
 PIXELS, FIELD_DEG = 400, 60.0
-"""Of the grid's frames on which the methods are compared beside the published set-ups."""
+"""Frames of the grid on which the methods are compared, in addition to the published set-ups."""
 
 
 @dataclass(frozen=True)

@@ -51,13 +51,13 @@ SOFT = {
     "earth": {"shape": "sphere", "radius_km": RADIUS_KM},
     "atmosphere": {"profile": "us_standard"},
 }
-"""The limb of carbon dioxide, the same all round; with the haze that air has by default, which it stands above."""
+"""Scene with the uniform limb of carbon dioxide, above the default haze."""
 OBLATE = {**HARD, "earth": {"shape": "wgs84"}}
 AIR = {
     "earth": {"shape": "sphere", "radius_km": RADIUS_KM},
     "atmosphere": {"profile": "by_latitude_month"},
 }
-"""The air of every latitude and of the month."""
+"""Scene with the air of every latitude and of the month."""
 REAL = {**AIR, "earth": {"shape": "wgs84"}}
 
 

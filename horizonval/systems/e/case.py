@@ -39,7 +39,7 @@ ENVISAT = ElementSet(
     "1 27386U 02009A   20001.54192287  .00000005  00000-0  15038-4 0  9994",
     "2 27386  98.1404  17.3951 0001257  86.5901  84.8559 14.37967408934480",
 )
-"""The paper does not give its own. This one stands above 48 degrees at both stations for the whole window."""
+"""Assumed elements, since the paper gives none: above 48 degrees at both stations for the whole window."""
 
 PUBLISHED = published("E")
 

@@ -44,7 +44,7 @@ from horizonval.systems.f.electronics import ScannerElectronics
 from horizonval.systems.weather_viewpoints import WeatherPlace
 
 ON_HORIZON = 1e-6
-"""Of the limb function, which is 1e-16 on roots that lie ahead, and of the size of 1 on those behind the observer."""
+"""Largest value of the limb function on true roots: 1e-16 ahead of the observer, of order 1 behind."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def distance_to_clouds(
 
 FINE_RAD, FINE_REACH_RAD = math.radians(0.2), math.radians(6.0)
 COARSE_RAD = math.radians(0.5)
-"""Of phase. The air's limb is crossed at about a third of a right angle: 0.2 deg of phase are 6 km of height."""
+"""Step of phase. The limb is crossed at about a third of a right angle: 0.2 deg of phase are 6 km of height."""
 LINES = (-BEAM_RAD / 3.0, 0.0, BEAM_RAD / 3.0)
 
 

@@ -131,7 +131,7 @@ OFFSET_DEG = (
     *np.linspace(0.0, 2.6, 27),
     *(2.8, 3.0, 3.4),
 )
-"""Of the rays above the ellipsoid's horizon; beyond them there is nothing, or (below) the disc goes on as it is."""
+"""Offsets of rays from the ellipsoid's horizon; above them is space, below them the disc continues unchanged."""
 ACROSS = np.array([-0.8, -0.4, 0.0, 0.4, 0.8]) * HALF_AZIMUTH_RAD
 """Middles of five equal parts of a quadrant."""
 

@@ -178,7 +178,7 @@ def _of_whole_pixels(camera: CameraModel, small: CameraModel, scale: int, *, ben
 MOST_STEPS, SETTLING_STEPS = 60, 5
 """Gauss-Newton's; pixels and weights are chosen anew while it settles."""
 FALLEN, LEAST_SHARE = 0.5, 0.125
-"""Of a step's square by the next one, that the search comes nearer; the least share of a step that is taken."""
+"""Ratio of successive squared steps below which the search converges, and the smallest share of a step."""
 AS_PREDICTED = 1.2
 """Times what a share of a step leaves of the next one's square, if all is linear: then it may be a larger one."""
 CONVERGED = 1e-4

@@ -252,8 +252,8 @@ def _bumps(grid: FloatArray) -> FloatArray:
 
 
 FARTHEST_RAD, STEPS = 0.25, 6
-"""Of the ends of lines before their lowest points, and at how many places tables are read up to there: deeper lines,
-with lowest points 160 km below the source of their light, keep the last."""
+"""Largest distance of line ends before their lowest points, and the number of positions up to there at which tables are
+read. Deeper lines, with lowest points 160 km below the source of their light, use the last."""
 CONTRADICTED = 5.0
 """Standard deviations: chance is as far off in both axes once in 270 000, exp(-5^2 / 2)."""
 LEAST_LEVEL = 1e-9

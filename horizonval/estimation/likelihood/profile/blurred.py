@@ -43,7 +43,7 @@ REACH_BLURS = 5.0
 LEAST_BLUR_PX = 0.15
 """Smallest blur; below it only the central sample remains."""
 MOST_ROUNDS, MOST_ROUND, ROUNDED = 8, 0.5, 1e-4
-"""Of Newton's way to a blur of a wanted variance: rounds, and of the logarithm the largest one and what is none."""
+"""Newton's iterations for a blur of given variance: their number, largest log step and convergence threshold."""
 
 
 def blur_after(blur_px: float, sharpness: float, log_step: float, sharpness_step: float) -> float:

@@ -127,9 +127,8 @@ MOST_STEPS = 40
 FEW_PX = 6000
 """Candidates, at least, of the pixels that a first part of the way asks for: enough to be within a tenth of a pixel."""
 LOST_STEPS, LOST = 12, 0.25
-"""Steps after which a prediction that explains less of the pixels' variance is given up: what is no Earth takes all
-steps else, a dozen seconds of 6 000 pixels. Chosen after looking at 200 images, the least of whose answers was 0.58
-then; in 200 others, sealed ones of the benchmark among them, no answer had less."""
+"""Step after which a prediction that explains less than the given share of the pixels' variance is given up; otherwise
+an image without the Earth takes all steps. Correct answers have at least 0.58 then."""
 SETTLED, NEARLY_SETTLED = 0.03, 1.0
 """Squares of steps below which a search is near, and near enough to leave its first part."""
 SETTLING_STEPS = 2
@@ -139,7 +138,7 @@ STEADY = 0.03
 CONVERGED = 1e-3
 """Square of a step of the pose over its own covariance: a thirtieth of a standard deviation, and it is still taken."""
 MOST_TRIALS, LEAST_SHARE, MOST_SHARE = 8, 0.1, 0.7
-"""Of places along a step, and how much nearer the next one lies than the last."""
+"""Largest number of trials along a step, and limits of the ratio between successive lengths."""
 ROUNDING, WORTH = 1e-3, 0.002
 """Largest loss of merit, in squared sigmas, that counts as none, a thirtieth of a standard deviation; and smallest gain
 worth a step, a twentieth of a standard deviation."""
@@ -148,7 +147,8 @@ RESELECT_PX, NEAR_PX = 1.0, 0.02
 With 0.05, and a noise that was held after steps of 0.3 and changes of 0.1, starts a third of a pixel apart ended up to
 0.2 standard deviations from each other."""
 LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
-"""Of the limb and of the logarithms: two scale heights of the air or some pixels, beyond which derivatives mislead."""
+"""Largest step of the limb and of logarithms: two scale heights of the air or some pixels, the range of the
+derivatives."""
 GROWTH_SIGMA = 0.5
 """Prior standard deviation of ln(corner blur / axis blur)."""
 MOST_GROWTH, SURE_GROWTH = 0.25, 3.0

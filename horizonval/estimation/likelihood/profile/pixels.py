@@ -95,18 +95,17 @@ def level_distance(height_m: FloatArray, curve: float) -> tuple[FloatArray, Floa
 
 
 NODE_RAD = 0.035
-"""Between nodes, at the Earth's centre: a sixth of the length over which air is alike. Straight lines between nodes
-leave 0.4 % of a mode's standard deviation; of half of the length they would leave 3 %, bent all the same way, which
-is what tells tilt from height."""
+"""Node spacing at the Earth's centre: a sixth of the air's correlation length. Linear interpolation leaves 0.4 % of a
+mode's standard deviation; with half of the length 3 % of one sign would remain, which confuses tilt with height."""
 MOST_SECTORS = 64
 BORDER_PX = 2
-"""Of the image, left out: what a pixel there gets from outside nobody knows, nor how its scale changes."""
+"""Width of the image's border that is left out: light from outside, and the change of scale, are unknown there."""
 BEND_PLACES = 200
 """Along the limb: the bend is interpolated between them."""
 LEVELLINGS = 2
-"""Of nodes: each leaves the square over the Earth's radius of a height, of 21 km 70 m and then nothing."""
+"""Iterations for nodes: each squares a height over the Earth's radius, so that 21 km become 70 m, then nothing."""
 WIDER = 1.5
-"""Of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
+"""Widening of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def tilt_rad(image: FloatArray, camera: CameraModel, full_scale: float) -> float
 
 
 EDGE_PX = 1.5
-"""Beyond the disc's edge: half a diagonal of a pixel, and as much again for refraction."""
+"""Margin about the Sun's disc: half a diagonal of a pixel, and as much again for refraction."""
 
 
 def without_sunlight(frame: RadianceFrame) -> RadianceFrame:
@@ -91,7 +91,7 @@ def sun_pixels(truth: FrameTruth) -> NDArray[np.bool_]:
 
 SHIPPED = "vis-pair-1024-60deg"
 WITH_GLARE = "vis-cmos-1024-60deg-full"
-"""The shipped camera whose lens scatters and reflects; the pair's own lens is clean."""
+"""Shipped camera whose lens scatters and reflects; the pair's own lens is clean."""
 FIELD_DEG = 100.0
 """Field of the cameras, which the source does not state. From 500 km the horizon is 22 deg below level boresights and
 attitudes of 20 deg press it to 42 deg, so that 60 deg do not cover the published region."""

@@ -34,7 +34,7 @@ from horizonval.truth.frame_truth import truth_of
 POSITIONS = 24
 INCLINATION_DEG = 97.4
 NODE_LONGITUDE_DEG = 15.0
-"""At 12:00 UTC: an hour past local noon at the ascending node, so that a third of the orbit lies in the shadow."""
+"""Longitude of the ascending node at 12:00 UTC: an hour past local noon, so that a third of the orbit is in shadow."""
 EPOCH = "2026-03-20T12:00:00Z"
 LARGEST_TILT_DEG = 4.0
 """Largest roll and pitch: the range of the published infrared sensor's heads, of 16 deg each."""

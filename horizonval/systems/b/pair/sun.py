@@ -37,9 +37,9 @@ from horizonval.systems.result import Cell, Claim, ComparisonRow, Status, Table
 from horizonval.systems.task_cache import TaskCache
 
 SHOWN_ZENITH_DEG = (60.0, 80.0, 98.0, 106.0, 110.0)
-"""Of the pictures, from the upper part of the forward frame down to just above the limb."""
+"""Zenith angles of the pictures, from the upper part of the forward frame down to just above the limb."""
 LIMB_ZENITH_DEG = 180.0 - math.degrees(math.asin(MEAN_RADIUS_M / (MEAN_RADIUS_M + ALTITUDE_KM * 1e3)))
-"""Of the hard horizon, to a tenth of a degree for the ellipsoid."""
+"""Zenith angle of the hard horizon, to a tenth of a degree for the ellipsoid."""
 VIEWS = {"inside": 24, "outside": 12}
 """Drawn; those outside are the first of those inside, with the Sun turned away."""
 ZENITH_DEG = (60.0, 111.0)

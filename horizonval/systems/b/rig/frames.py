@@ -85,10 +85,10 @@ def _truth(shown: str, camera: str) -> FrameTruth:
 
 CAMERA = "vis-cmos-512-60deg"
 DISTANCE_MM = 200.0
-"""From which the panel fills the camera's field at every tilt."""
+"""Distance at which the panel fills the camera's field at every tilt."""
 MAGNIFIER = 32.0
 SPAN = 3.0
-"""The open part of a stripe is up to twice as bright as a white area."""
+"""Full scale over white: the open part of a stripe is up to twice as bright as a white area."""
 
 
 def make_picture(_item: JsonObject) -> JsonObject:

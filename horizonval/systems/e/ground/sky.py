@@ -51,7 +51,7 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.systems.e.localisation.stations import Station
 
 FIELD_DEG = 124.0
-"""Of the fisheye; a circle of it in the image reaches down to an elevation of 28 deg."""
+"""Field of the fisheye, whose image circle reaches down to an elevation of 28 deg."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def render_sky(station: Station, epoch_utc: datetime, seconds: Sequence[float], 
 
 
 SUN_MAGNITUDE = -26.74
-"""Of the Sun in V at 1 au (Willmer, ApJS 236, 47 (2018): -26.76; -26.74 by tradition)."""
+"""V magnitude of the Sun at 1 au (Willmer, ApJS 236, 47 (2018): -26.76; -26.74 by tradition)."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from horizonval.systems.task_cache import TaskCache
 FRAMES_PER_ITEM = 24
 VALID = "valid"
 ALIKE = ((1.0, 1.0),)
-"""The point spread as calibrated: a Gaussian, which the fit takes it for."""
+"""Point spread as calibrated, a Gaussian as in the fit."""
 BLUR = ((0.8, 1.1), (0.2, 2.2))
 """Shares of light and widths of the rendered point spread: a core a tenth wider than calibrated, a fifth in a wing of
 twice that width. Set before any fit."""
