@@ -109,15 +109,6 @@ def _not_too_wide(
     return result if refusal is None else refusal
 
 
-def trusted_limb(observation: Observation, estimates: str = "geocentric") -> TrustedLimb | Refusal:
-    """Return the limb points of an image that may be trusted, or why there are none."""
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
-    if isinstance(searched, Refusal):
-        return searched
-    found, picture = searched
-    return _trusted(picture, found, observation, estimates)
-
-
 def _trusted(picture: Picture, found: LimbPoints, observation: Observation, estimates: str) -> TrustedLimb | Refusal:
     """Return what may be trusted of a limb that the search has found."""
     image, camera = picture.grey, observation.camera
@@ -284,7 +275,7 @@ def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
         return searched
     found, picture = searched
     if found.scale > 1:
-        # A limb that is many pixels deep is an edge in a smaller copy, and all that is asked of it is asked there.
+        # A limb that is many pixels deep is an edge in a smaller copy, where the whole guard then works.
         result = _run(estimator, in_wider_pixels(observation, found.scale))
         return replace(result, points=in_whole(result.points, found.scale))
     limb = _trusted(picture, found, observation, estimator.estimates)
