@@ -99,7 +99,6 @@ class RunResult:
 def run_suite(
     suite: Suite,
     out_dir: Path,
-    workers: int | None = None,
     progress: Progress | None = None,
     execution: Execution | None = None,
     on_start: OnStart | None = None,
@@ -112,8 +111,6 @@ def run_suite(
 
     Parameters
     ----------
-    workers : int, optional
-        Short for ``Execution(workers)``.
     on_start : callable, optional
         Called once before the first frame, unless all frames are finished. May return the expected times of the frames
         by case.
@@ -121,7 +118,7 @@ def run_suite(
         Called at the end to make more of the results; returns the files that it made.
     """
     progress = progress or Silent()
-    execution = execution or Execution(workers)
+    execution = execution or Execution()
     plan = plan_of(suite)
     refuse_mistakes(suite, plan)
     execution = within_memory(execution, suite)

@@ -55,7 +55,7 @@ def suite_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def whole(here, suite_file, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     out = tmp_path_factory.mktemp("whole") / "out"
-    assert not run_suite(load_suite(suite_file), out, 1).failed
+    assert not run_suite(load_suite(suite_file), out, execution=Execution(1)).failed
     return outcome_of(out)
 
 

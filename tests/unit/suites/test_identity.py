@@ -14,6 +14,7 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.core.progress import Silent
 from horizonval.jobs import engine
+from horizonval.jobs.pool import Execution
 from horizonval.scoring.row import read_results
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, write_json
@@ -197,7 +198,7 @@ def test_another_number_of_frames_goes_on_in_the_same_folder(suite_file, tmp_pat
     out, outcomes = tmp_path / "out", {}
     for frames, kept in ((2, 0), (3, 2), (2, 2)):
         progress = Kept()
-        summary = run_suite(load_suite(suite_file, frames), out, 1, progress).summary
+        summary = run_suite(load_suite(suite_file, frames), out, progress, Execution(1)).summary
         assert (summary["n_cases"], progress.kept) == (frames, kept)
         outcome = [(out / name).read_bytes() for name in ("summary.json", "results.parquet", "run.json")]
         assert outcomes.setdefault(frames, outcome) == outcome
