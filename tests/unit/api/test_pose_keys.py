@@ -65,10 +65,7 @@ def test_a_quaternion_against_lvlh_and_its_angles_are_the_same():
     truth = pose_from_spec(SCENE.changed(yaw_deg=12, pitch_deg=-4, roll_deg=3).spec)
     found = SCENE.changed(q_body_from_lvlh=truth.q_body_from_lvlh).spec.attitude
     assert (found.yaw_deg, found.pitch_deg, found.roll_deg) == pytest.approx((12, -4, 3), abs=1e-13)
-
-
-def test_the_identity_is_the_scene_without_angles():
-    """Bit by bit: the noise is drawn from the scene as it is written."""
+    # Bit by bit: the noise is drawn from the scene as it is written.
     found = scene_keys(PoseKeys(q_body_from_lvlh=(0.0, 0.0, 0.0, 1.0)), SCENE.spec, "")
     assert [str(value) for value in found.values()] == ["0.0", "0.0", "0.0"]
 

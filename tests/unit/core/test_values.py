@@ -47,12 +47,9 @@ def test_the_last_bit_tells(other: Column) -> None:
     assert content_digest(other) != content_digest(COLUMN)
 
 
-def test_neighbours_do_not_run_together() -> None:
+def test_neighbours_do_not_run_together_and_content_is_needed() -> None:
     assert content_digest("a", "b") != content_digest("ab", "")
     assert content_digest((1,), (2, 3)) != content_digest((1, 2), (3,))
-
-
-def test_objects_without_content_are_refused() -> None:
     with pytest.raises(TypeError, match="no digest of object"):
         content_digest([object()])
 
@@ -81,18 +78,12 @@ def test_a_mistake_is_told_at_another_place() -> None:
     assert UserError("is 3").inside("a.toml").where == "a.toml"
 
 
-def test_a_refusal_is_false_and_a_fit_is_true():
+def test_a_refusal_is_false_names_its_head_and_survives_pickling():
     assert not Refusal(Outcome.NO_LIMB, "nothing there")
     assert Fit(np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0, 0.0)
-
-
-def test_a_refusal_of_one_head_names_it_and_keeps_the_rest():
     refusal = Refusal(Outcome.SHORT_ARC, "few points", np.ones((3, 2)))
     named = refusal.of_head("left")
     assert (named.status, named.reason) == (Outcome.SHORT_ARC, "head left: few points")
     assert named.points is refusal.points
-
-
-def test_a_refusal_survives_the_way_between_processes():
     returned = pickle.loads(pickle.dumps(Refusal(Outcome.DARK, "night")))
     assert (returned.status, returned.reason, returned.points.shape) == (Outcome.DARK, "night", (0, 2))

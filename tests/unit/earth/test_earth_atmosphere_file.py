@@ -95,7 +95,7 @@ def test_refusals_name_file_key_and_what_was_expected(path: str, value: Any, key
     assert message in str(error.value)
 
 
-def test_particles_beside_molecules() -> None:
+def test_particles_beside_molecules_scatter_sunlight_alone() -> None:
     file = af.parse_atmosphere(changed("bands/0", particles(phase="rayleigh")), "air.json")
     (node,) = af.file_model(file, thermal=False).nodes
     assert node.molecular_cos2 == 0.75
@@ -103,9 +103,6 @@ def test_particles_beside_molecules() -> None:
     np.testing.assert_array_equal(node.particle_per_m, [3e-5, 1e-6, 0, 0])
     np.testing.assert_array_equal(node.asymmetry, [0.7] * 4)
     np.testing.assert_allclose(node.extinction_per_m, [6e-5, 4e-6, 2e-6, 1e-9])
-
-
-def test_particles_do_not_scatter_in_thermal_bands() -> None:
     with_them, without = (
         af.file_model(af.parse_atmosphere(data, "air.json"), thermal=True).thermal[0]
         for data in (changed("bands/0", particles()), content())

@@ -131,11 +131,8 @@ def test_seasons() -> None:
     assert (np.ptp([st.land_k(LATITUDE, m)[belt] - st.sea_k(LATITUDE, m)[belt] for m in (1, 7)], axis=0) > 4).all()
 
 
-def test_a_year_closes() -> None:
+def test_a_year_closes_and_days_swing() -> None:
     np.testing.assert_allclose(st.land_k(LATITUDE, 0.5), st.land_k(LATITUDE, 12.5), atol=1e-9)
-
-
-def test_daily_swing() -> None:
     swing = st.land_daily_swing_k(LATITUDE)
     assert swing.min() >= 0.0
     assert 13.0 < swing.max() <= 14.0

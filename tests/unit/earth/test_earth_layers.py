@@ -44,25 +44,19 @@ def test_columns_are_nothing_beyond_their_layer():
         assert top_m - 100.0 <= inside[-1] < top_m + 100.0
 
 
-def test_air_scatters_by_its_layers():
+def test_air_scatters_by_its_layers_whatever_its_dust():
     clear, cloudy = (air_of(scene(*layers)) for layers in ((), ({"kind": "cirrus", "base_km": 9, "top_km": 11},)))
     added = cloudy.aerosol.at(0.55)[0] - (clear.aerosol.at(0.55)[0] if clear.aerosol.kinds else 0.0)
     assert np.trapezoid(added, GRID_M) == pytest.approx(0.2, rel=1e-6)
     assert cloudy.aerosol.at(0.55)[2][100] == pytest.approx(0.7988, abs=0.005)
-
-
-def test_dustier_air_has_the_same_cloud():
     changed = air_of(scene({"kind": "cirrus"}), change=AirChange(dustier=1.0))
     assert np.trapezoid(changed.aerosol.extinction_550_per_m[-1], GRID_M) == pytest.approx(0.2, rel=1e-6)
 
 
-def test_infrared_depth_is_about_half_the_visible_one():
+def test_optics_of_large_and_of_the_finest_particles():
     """Both are near geometric optics, where extinction is twice the cross section and absorption once."""
     for kind in ("ice 30", "ice 50", "water 10"):
         assert 0.4 < layers.infrared_absorption(kind, [11.0])[0] < 0.56
-
-
-def test_finest_ice_scatters_as_rayleigh():
     extinction, _, g = layers.sunlit("ice 0.02", [0.45, 0.9])
     assert np.log(extinction[0] / extinction[1]) / np.log(2.0) == pytest.approx(4.0, abs=0.15)
     assert (g < 0.05).all()
@@ -136,14 +130,11 @@ def test_mistakes_are_named(layer, message):
         scene(layer)
 
 
-def test_refusals():
+def test_refusals_and_merged_bands():
     with pytest.raises(ValidationError, match="needs air with a profile"):
         scene({"kind": "cirrus"}, atmosphere={"profile": "none"})
     with pytest.raises(UserError, match="no optical properties of thin cloud"):
         layers.sunlit("ice 30", [1.3])
-
-
-def test_bands_are_merged():
     assert merged_bands([(9e3, 11e3), (10.9e3, 12e3), (15e3, 16e3)], 100.0) == [(8.9e3, 12.1e3), (14.9e3, 16.1e3)]
 
 

@@ -91,11 +91,8 @@ def test_shipped_cameras_have_four(name: str) -> None:
         assert counts == {"vis": 4} if name.startswith("vis-") else max(counts.values()) <= 4
 
 
-def test_out_of_reach() -> None:
+def test_bands_at_the_ends_of_the_tables() -> None:
     with pytest.raises(UserError, match=r"cam\.toml: band\[0\]: 64 spectral nodes .* a larger render\.band_error"):
         model_of(solar(0.28, 2.0), render={"band_error": 1e-4})
-
-
-def test_below_the_ozone_table_without_ozone() -> None:
     model = model_of(solar(0.26, 0.27), atmosphere={"ozone": False, "aerosol": "background"})
     assert all(n.particle_per_m.any() for n in model.nodes)

@@ -85,7 +85,7 @@ def test_between_places_of_a_lattice(written: Callable[..., Path]) -> None:
         assert abs(pair[0] - pair[1]) < 0.01
 
 
-def test_latitudes_alone_hold_all_around_and_beyond_the_last(written: Callable[..., Path]) -> None:
+def test_latitudes_hold_all_around_and_one_place_everywhere(written: Callable[..., Path]) -> None:
     air = PlacedProfiles(read_profiles(written(table_of([(-30.0,), (90.0,), (30.0,)], lambda lat: 260.0 + lat / 3.0))))
     latitude = np.array([-90.0, -30.0, 0.0, 0.0, 48.590378, 90.0])
     longitude = np.array([0.0, 5.0, 170.0, -20.0, 33.0, 0.0])
@@ -93,9 +93,6 @@ def test_latitudes_alone_hold_all_around_and_beyond_the_last(written: Callable[.
     # 48.590378 deg is half way between 30 and 90 in the sine
     np.testing.assert_allclose(found[:, 0], [250.0, 250.0, 260.0, 260.0, 280.0, 290.0], atol=1e-6)
     np.testing.assert_allclose(found, found[:, :1] * np.ones_like(Z), rtol=1e-12)
-
-
-def test_one_place_is_everywhere(written: Callable[..., Path]) -> None:
     assert not PlacedProfiles(read_profiles(written(table_of([(10.0, 20.0)], kelvin_at)))).vary
 
 

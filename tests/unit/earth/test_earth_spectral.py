@@ -28,38 +28,26 @@ HAT = band(lo_um=0.4, hi_um=0.9)
 TRIANGLE = band(wavelength_um=[0.3, 0.4, 0.5, 0.7, 0.8], response=[0.0, 0.0, 0.4, 0.0, 0.0])
 
 
-def test_hat() -> None:
+def test_responses_by_hand() -> None:
     np.testing.assert_array_equal(bands.response(HAT, [0.39, 0.4, 0.6, 0.9, 0.91]), [0, 1, 1, 1, 0])
     assert bands.limits_um(HAT) == (0.4, 0.9)
     assert bands.width_um(HAT) == pytest.approx(0.5, rel=1e-13)
     assert bands.reference_wavelength_um(HAT) == pytest.approx(0.65, rel=1e-13)
-
-
-def test_table_has_peak_one_and_is_trimmed() -> None:
     np.testing.assert_allclose(bands.response(TRIANGLE, [0.35, 0.45, 0.5, 0.6, 0.75]), [0, 0.5, 1, 0.5, 0])
     assert bands.limits_um(TRIANGLE) == (0.4, 0.7)
     assert bands.width_um(TRIANGLE) == pytest.approx(0.15, rel=1e-13)
     # Centroid of a triangle: mean of its corners.
     assert bands.reference_wavelength_um(TRIANGLE) == pytest.approx((0.4 + 0.5 + 0.7) / 3, rel=1e-13)
-
-
-def test_response_that_stops_at_full_height() -> None:
     step = band(wavelength_um=[0.5, 0.6], response=[0.5, 0.25])
     np.testing.assert_allclose(bands.response(step, [0.499, 0.5, 0.6, 0.601]), [0, 1, 0.5, 0])
     assert bands.limits_um(step) == (0.5, 0.6)
-
-
-def test_sampled_honours_breaks() -> None:
     wavelength, weight = bands.sampled(HAT, [0.123, 0.5137])
     assert np.sum(weight * (wavelength > 0.5137)) == pytest.approx(0.9 - 0.5137, rel=1e-13)
 
 
-def test_total_irradiance() -> None:
+def test_published_irradiances() -> None:
     # 1361 W m-2 in all, of which a 5772 K black body leaves 0.2 % below 250 nm and beyond 20 um; table bins: 1359.02.
     assert sunlight.band_irradiance(0.25, 20.0) == pytest.approx(1359.0, abs=0.2)
-
-
-def test_share_of_the_visible() -> None:
     # ASTM E490 holds 759.6 W m-2 in 400 to 900 nm, NRL2 0.4 to 0.6 % less.
     assert sunlight.band_irradiance(0.4, 0.9) == pytest.approx(759.6 * 0.995, rel=0.002)
 
@@ -173,13 +161,10 @@ def test_what_counts_photons_is_no_energy(band: Band, spectrum: str, percent: fl
     assert 100.0 * (photons / energy - 1.0) == pytest.approx(percent, abs=0.05)
 
 
-def test_wavelength_and_wavenumber_agree() -> None:
+def test_plancks_law_in_both_units() -> None:
     nu = 667.0
     per_um = planck.radiance_per_um(1e4 / nu, 250.0)
     assert planck.radiance_per_wavenumber(nu, 250.0) == pytest.approx(per_um * 1e4 / nu**2, rel=1e-14)
-
-
-def test_published_value() -> None:
     # First radiation constant for radiance 1.191042972e8 W um4 m-2 sr-1, second 14387.768775 um K.
     expected = 1.191042972e8 / 10.0**5 / np.expm1(14387.768775 / (10.0 * 300.0))
     assert planck.radiance_per_um(10.0, 300.0) == pytest.approx(expected, rel=1e-9)

@@ -121,13 +121,10 @@ def test_a_flat_limb_has_no_half_height() -> None:
     assert any("no statement" in sentence for sentence in accuracy.sentences)
 
 
-def test_names_are_for_their_own_edges() -> None:
+def test_names_are_for_their_own_edges_and_bands_inside_the_tables() -> None:
     assert thermal_accuracy(hat(14.004, 16.296)).interval == "14.0-16.3 um"
     assert thermal_accuracy(hat(14.05, 16.3)).interval == ""
     assert len(NAMED) == 4
-
-
-def test_outside_the_tables() -> None:
     with pytest.raises(UserError, match=r"within 7\.195 to 20 um"):
         thermal_accuracy(hat(3.0, 5.0))
 

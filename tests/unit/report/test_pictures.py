@@ -92,15 +92,12 @@ def ramp(lo: float, hi: float, shape: tuple[int, int] = (60, 80)) -> np.ndarray:
     return np.linspace(lo, hi, shape[0] * shape[1]).reshape(shape)
 
 
-def test_a_scale_reaches_from_the_warmest_down_by_its_least_span() -> None:
+def test_a_scale_reaches_from_the_warmest_down_to_cold_clouds() -> None:
     disc = ramp(223.0, 231.0)
     assert scale_k([panel(disc)]) == (235.0 - SPAN_K, 235.0)
     sky = disc.copy()
     sky[:30] = 0.0
     assert scale_k([panel(sky)]) == scale_k([panel(disc)]), "space does not count"
-
-
-def test_a_scale_reaches_below_cold_clouds() -> None:
     lo, hi = scale_k([panel(ramp(190.0, 290.0)), panel(ramp(250.0, 298.0))])
     assert hi == 300.0
     assert lo < 190.0

@@ -45,21 +45,15 @@ def test_nadir_error_is_the_angle_of_the_rotation(error_arcsec):
     assert s.nadir_error_arcsec == pytest.approx(error_arcsec, rel=1e-9, abs=ROUNDING_ARCSEC)
 
 
-def test_roll_and_pitch_errors_are_claim_minus_truth():
+def test_roll_and_pitch_errors_are_claim_minus_truth_and_wrap():
     truth = truth_at(roll_deg=20.0, pitch_deg=-10.0)
     fit = dataclasses.replace(fit_of(truth), roll_rad=math.radians(20.1), pitch_rad=math.radians(-10.05))
     s = score(truth, estimator(), fit)
     assert s.roll_error_arcsec == pytest.approx(360, abs=ROUNDING_ARCSEC)
     assert s.pitch_error_arcsec == pytest.approx(-180, abs=ROUNDING_ARCSEC)
-
-
-def test_roll_error_wraps():
     truth = truth_at(roll_deg=179.9)
     fit = dataclasses.replace(fit_of(truth), roll_rad=math.radians(-179.9))
     assert score(truth, estimator(), fit).roll_error_arcsec == pytest.approx(720, abs=ROUNDING_ARCSEC)
-
-
-def test_pitch_beyond_the_vertical_is_the_same_nadir():
     truth = truth_at(pitch_deg=120.0, roll_deg=5.0)
     s = score(truth, estimator(), fit_of(truth))
     assert s.roll_error_arcsec == pytest.approx(0, abs=ROUNDING_ARCSEC)

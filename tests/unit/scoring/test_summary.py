@@ -115,13 +115,10 @@ def draws(count: int, claimed: float = 1.0, bias: float = 0.0) -> list[Fit]:
     return fits
 
 
-def test_an_honest_covariance_gives_two_whatever_all_draws_are_off_by() -> None:
+def test_an_honest_covariance_gives_two_and_half_the_scatter_eight() -> None:
     """Two degrees of freedom each: the mean of 400 is 2 with a standard error of 0.1."""
     assert noise_nees(draws(400)).mean() == pytest.approx(2.0, abs=0.4)
     assert noise_nees(draws(400, bias=3e-3)).mean() == pytest.approx(2.0, abs=0.4)
-
-
-def test_a_claim_of_half_the_scatter_gives_eight() -> None:
     assert noise_nees(draws(400, claimed=0.5)).mean() == pytest.approx(8.0, abs=1.6)
 
 

@@ -76,12 +76,9 @@ def test_the_corner_of_an_image_circle_is_its_edge() -> None:
     assert k1_per_px(circle) == pytest.approx(1.0 / (300.0 * 1.2**3))
 
 
-def test_no_distortion_of_a_camera_that_has_none() -> None:
+def test_distortions_that_cannot_be_are_one_line() -> None:
     with pytest.raises(UserError, match="equal_angle has no distortion"):
         miscalibrated(replace(PINHOLE, projection="equal_angle", distortion=(0,) * 5), distortion_px=1.0)
-
-
-def test_a_camera_that_folds_is_one_line() -> None:
     with pytest.raises(UserError, match=r"calibration: .*folds inside the image"):
         told(distortion_error_px=-300.0)
 

@@ -86,13 +86,10 @@ def test_the_sun_saturates_and_does_not_overflow(full_well):
     assert np.isfinite(counts).all()
 
 
-def test_counts_below_the_cap_are_untouched_by_it():
+def test_counts_below_the_cap_and_converter():
     expected = np.full(1000, 500.0)
     low = exposure.count(expected, 1e4, np.random.default_rng(1))
     np.testing.assert_array_equal(low, np.random.default_rng(1).poisson(expected))
-
-
-def test_converter():
     gain = readout.default_gain(13500.0, 10, 32.0)
     dn = readout.digitise(np.array([-1e6, 0.0, 0.49 * gain, 0.51 * gain, 13500.0, 1e9]), gain, 32.0, 10)
     assert dn.dtype == np.uint16

@@ -30,12 +30,9 @@ def test_it_is_what_the_file_says() -> None:
     np.testing.assert_allclose(lens.shares(np.radians([10.0, 50.0])), [[0.75, 0.0], [0.25, 1.0]])
 
 
-def test_of_a_plain_lens_nothing_is_said() -> None:
+def test_a_plain_lens_and_one_without_pixels() -> None:
     camera = load_camera("vis-cmos-512-60deg")
     assert stated_lens(camera, camera.band[0]) is None
-
-
-def test_without_pixels_there_is_no_pitch() -> None:
     camera = load_camera("vis-cmos-1024-60deg-full").model_copy(update={"detector": None})
     lens = stated_lens(camera, camera.band[0])
     assert lens.diffraction_px == 0.0

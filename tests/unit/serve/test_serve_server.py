@@ -83,14 +83,11 @@ def test_a_refusal_says_what_where_and_what_to_do_and_the_client_goes_on(run):
         assert client.image(seed=3).dn[0, 0] == 3
 
 
-def test_an_id_comes_back_with_answers_and_refusals(run):
+def test_an_id_comes_back_and_an_error_reply_has_its_parts(run):
     with run().raw() as stream:
         for message in ({"seed": 1}, {"seed": -1}, {"kind": "status"}):
             send(stream, pack({"schema": SCHEMA, "kind": "image", "id": "step 4", **message}), 5.0)
             assert unpack(receive(stream, 1 << 20, 5.0) or b"")["id"] == "step 4"
-
-
-def test_an_error_reply_has_its_parts(run):
     with run().raw() as stream:
         send(stream, pack({"schema": "horizonval/9", "kind": "image"}), 5.0)
         reply = unpack(receive(stream, 1 << 20, 5.0) or b"")
