@@ -84,11 +84,12 @@ def test_a_refusal_says_what_where_and_what_to_do_and_the_client_goes_on(run):
 
 
 def test_an_id_comes_back_and_an_error_reply_has_its_parts(run):
-    with run().raw() as stream:
+    running = run()
+    with running.raw() as stream:
         for message in ({"seed": 1}, {"seed": -1}, {"kind": "status"}):
             send(stream, pack({"schema": SCHEMA, "kind": "image", "id": "step 4", **message}), 5.0)
             assert unpack(receive(stream, 1 << 20, 5.0) or b"")["id"] == "step 4"
-    with run().raw() as stream:
+    with running.raw() as stream:
         send(stream, pack({"schema": "horizonval/9", "kind": "image"}), 5.0)
         reply = unpack(receive(stream, 1 << 20, 5.0) or b"")
     assert set(reply) == {"schema", "kind", "what", "where", "expected", "fix", "line"}
