@@ -52,7 +52,7 @@ def test_the_content_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monke
     assert order == ["fsync", "replace", "fsync"]
 
 
-def test_what_a_killed_writer_left_is_known(tmp_path: Path) -> None:
+def test_what_a_killed_writer_left_is_known_and_a_missing_folder_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
     (tmp_path / ".a.json.12.tmp").touch()
     (tmp_path / "below" / ".b.tmp").touch()
@@ -60,9 +60,6 @@ def test_what_a_killed_writer_left_is_known(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     assert [path.name for path in atomic.leftovers(tmp_path)] == [".a.json.12.tmp", ".b.tmp"]
     assert [path.name for path in atomic.leftovers(tmp_path, below=False)] == [".a.json.12.tmp"]
-
-
-def test_a_missing_folder_is_the_callers_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         atomic.write_text(tmp_path / "none" / "a", "text")
 

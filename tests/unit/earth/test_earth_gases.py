@@ -122,15 +122,12 @@ def test_cross_section_of_bodhaine(wavelength_um: float, cm2: float) -> None:
     assert rayleigh.cross_section_m2(wavelength_um, 360.0) * 1e4 == pytest.approx(cm2, rel=2e-5)
 
 
-def test_fit_of_bucholtz() -> None:
+def test_scattering_against_other_fits() -> None:
     # Bucholtz, Appl. Opt. 34, 2765 (1995), eq. 8 and table 3: other index and King factor; the fit is good to 0.1 %.
     um = np.array([0.35, 0.45, 0.55, 0.65, 0.85])
     short = 3.01577e-32 * um ** -(3.55212 + 1.35579 * um + 0.11563 / um)
     long = 4.01061e-32 * um ** -(3.99668 + 1.10298e-3 * um + 2.71393e-2 / um)
     np.testing.assert_allclose(rayleigh.cross_section_m2(um), np.where(um < 0.5, short, long), rtol=2e-3)
-
-
-def test_king_factor_and_index_at_550_nm() -> None:
     # Bates 1984 gives 1.049 for air at 550 nm; n - 1 of standard air is 2.778e-4 (Edlen).
     assert rayleigh.king_factor(0.55) == pytest.approx(1.049, abs=0.0005)
     assert rayleigh.refractive_index_minus_one(0.55) == pytest.approx(2.778e-4, rel=5e-4)

@@ -63,13 +63,10 @@ def test_inverse_square_and_disc() -> None:
     assert sunlight.disc_projected_solid_angle() == pytest.approx(np.pi * np.radians(32.0 / 60 / 2) ** 2, rel=0.003)
 
 
-def test_composite_rule_is_exact_on_every_interval() -> None:
+def test_rules_of_flat_measures_are_gauss_legendre() -> None:
     x, w = composite_gauss(np.array([0.0, 0.1, 1.0, 3.0]), 3)
     assert x.shape == w.shape == (3, 3)
     assert np.sum(w * x**5) == pytest.approx(3.0**6 / 6, rel=1e-14)
-
-
-def test_flat_measure_gives_gauss_legendre() -> None:
     x, w = composite_gauss(np.linspace(-1, 1, 40), 8)
     nodes, weights = Orthonormal.of(x.ravel(), w.ravel(), 7).rule(7)
     expected_nodes, expected_weights = np.polynomial.legendre.leggauss(7)
@@ -199,16 +196,13 @@ def test_a_black_body_has_its_own_temperature(band: Band) -> None:
     np.testing.assert_allclose(found, temperature, rtol=0, atol=1e-5)
 
 
-def test_a_narrow_band_is_plancks_law_turned_round() -> None:
+def test_temperatures_of_a_narrow_band_and_of_a_table_of_responses() -> None:
     narrow = Band(name="n", kind="thermal", lo_um=11.999, hi_um=12.001)
     per_m = 8.0 / 1e-6
     x = math.log1p(2 * constants.h * constants.c**2 / (12e-6) ** 5 / per_m)
     expected = constants.h * constants.c / (12e-6 * constants.k * x)
     # The curvature of B over 2 nm: below 1e-8 of the radiance, a microkelvin.
     assert brightness_temperature_k(narrow, 8.0 * 0.002) == pytest.approx(expected, abs=2e-5)
-
-
-def test_a_table_of_responses_weighs_the_radiance() -> None:
     half = Band(name="h", kind="thermal", wavelength_um=[10.0, 10.001, 12.0, 12.001], response=[0, 1, 1, 0])
     hat = Band(name="f", kind="thermal", lo_um=10.0005, hi_um=12.0005)
     assert black_body_radiance(half, 280.0) == pytest.approx(float(black_body_radiance(hat, 280.0)), rel=1e-6)

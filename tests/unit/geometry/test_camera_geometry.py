@@ -34,14 +34,11 @@ def test_strong_distortion_is_opencvs_and_is_undone(lens: tuple[float, float, fl
     assert np.abs(theirs[:, 0] - pixels).max() < 1e-9
 
 
-def test_pixel_centre_convention_and_field_of_view() -> None:
+def test_pixel_centres_field_of_view_and_equal_angles() -> None:
     camera = CameraModel(101, 51, 50.5, 50.5, 50.0, 25.0)
     assert unproject(camera, [[50.0, 25.0]])[0] == pytest.approx([0.0, 0.0, 1.0])
     edge = unproject(camera, [[100.5, 25.0]])[0]
     assert np.degrees(np.arctan2(edge[0], edge[2])) == pytest.approx(45.0)
-
-
-def test_equal_angle_is_linear_in_angle() -> None:
     camera = CameraModel(11, 11, 100.0, 100.0, 5.0, 5.0, projection="equal_angle")
     d = unproject(camera, [[8.0, 5.0], [5.0, 2.0]])
     assert np.arctan2(d[0, 0], d[0, 2]) == pytest.approx(0.03)

@@ -103,12 +103,9 @@ def _same(key: Any, scene: SceneSpec, camera: CameraSpec, table: str, values: di
     return bool(key(changed, camera) == key(scene, camera))
 
 
-def test_scenes_that_share_their_tables(shipped: Any) -> None:
+def test_scenes_that_share_their_tables_and_viewpoints(shipped: Any) -> None:
     assert [change for change in ALIKE if not _same(shared_view, *shipped, *change)] == []
     assert [change for change in APART if _same(shared_view, *shipped, *change)] == []
-
-
-def test_scenes_of_one_viewpoint(shipped: Any) -> None:
     scene, camera = shipped
     assert [change for change in (*APART, ALIKE[-1]) if _same(viewpoint_key, *shipped, *change)] == []
     seeded = _with(scene, "clouds", seed=3)

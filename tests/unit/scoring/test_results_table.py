@@ -89,19 +89,16 @@ def test_the_infrared_horizon_in_view(rows):
     assert visible_height_m(away, "lwir") is None
 
 
-def test_values_come_back_bit_by_bit_and_sorted(rows, tmp_path):
+def test_values_come_back_bit_by_bit_sorted_and_in_the_same_bytes(rows, tmp_path):
     back = read_results(write_results(rows, tmp_path / "results.parquet"))
     assert [(r.case, r.estimator) for r in back] == [(c, e) for c in "abc" for e in ("one", "two")]
     assert back == sorted(rows, key=lambda r: (r.case, r.estimator))
     assert back[0].image_address is None
     assert back[0].false_valid is False
-
-
-def test_same_rows_same_bytes(rows, tmp_path):
     first = write_results(rows, tmp_path / "one.parquet").read_bytes()
     second = write_results(rows[::-1], tmp_path / "two.parquet").read_bytes()
     assert hashlib.sha256(first).digest() == hashlib.sha256(second).digest()
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["one.parquet", "two.parquet"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["one.parquet", "results.parquet", "two.parquet"]
 
 
 def test_types_are_fixed_even_without_rows(tmp_path):

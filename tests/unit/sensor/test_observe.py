@@ -41,15 +41,12 @@ def seen(make_frame, camera_tables):
     return run
 
 
-def test_equal_input_gives_equal_bytes(make_frame, camera_tables):
+def test_equal_input_gives_equal_bytes_and_the_observation_is_enough(make_frame, camera_tables):
     first, second = (observe(make_frame(), camera_with(camera_tables), seed=4) for _ in range(2))
     assert first.dn.tobytes() == second.dn.tobytes()
     assert first.observation == second.observation
     assert (first.band, first.full_scale, first.dn.dtype, first.dn.shape) == ("vis", 1023, np.uint16, (30, 40))
     assert first.truth == make_frame().truth
-
-
-def test_the_observation_is_enough_to_make_it_again(make_frame, camera_tables):
     image = observe(make_frame(), camera_with(camera_tables, detector__exposure_s=1e-4), seed=9)
     note = image.observation
     again = observe(make_frame(), CameraSpec.model_validate(note["camera"]), image.band, note["seed"])

@@ -82,9 +82,6 @@ def test_a_frame_of_a_suite_is_one_of_every_head(folder: Path) -> None:
     assert [case.scene.camera.head for case in four] == ["az45", "az135", "az225", "az315"]
     assert {case.scene.scene.name for case in four} == {"a"}
     assert len({truth_of(case.scene, case.camera).scene_id for case in four}) == 4
-
-
-def test_names_after_expansion_must_differ(folder: Path) -> None:
     with pytest.raises(UserError, match=r"two frames are named 'a\.az45'"):
         load_suite(write(folder, SUITE + '[[frame]]\nscene.name = "a.az45"\ncamera.head = "az45"\n'))
 

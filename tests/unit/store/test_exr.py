@@ -395,14 +395,11 @@ def test_energy_has_a_channel_and_a_unit_of_its_own(tmp_path, both_kinds):
     assert_same_energy(exr.read_frame(tmp_path / "a.exr"), both_kinds)
 
 
-def test_a_frame_without_it_still_reads(tmp_path, both_kinds):
+def test_a_frame_without_it_still_reads_and_fits_keeps_it(tmp_path, both_kinds):
     exr.write_frame(tmp_path / "a.exr", replace(both_kinds, energy_radiance={}))
     read = exr.read_frame(tmp_path / "a.exr")
     assert list(read.energy_radiance) == ["lwir"]
     assert list(read.radiance) == ["vis", "lwir"]
-
-
-def test_fits_keeps_it(tmp_path, both_kinds):
     (tmp_path / "a.fits").write_bytes(fits_bytes(both_kinds, ""))
     source = read_fits(tmp_path / "a.fits")[2]
     assert isinstance(source, RadianceFrame)

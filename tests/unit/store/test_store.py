@@ -31,14 +31,11 @@ def test_what_goes_in_comes_out(store, make_frame, make_image):
     assert "0" * 64 not in store
 
 
-def test_the_address_is_the_hash_of_the_file(store, make_frame):
+def test_the_address_is_the_hash_of_the_file_and_adding_twice_touches_nothing(store, make_frame):
     address = store.add_frame(make_frame())
     path = store.path(address)
     assert path.relative_to(store.root) == Path(address[:2]) / f"{address}.exr"
     assert hashlib.sha256(path.read_bytes()).hexdigest() == address
-
-
-def test_adding_twice_touches_nothing(store, make_frame):
     address = store.add_frame(make_frame())
     before = os.stat(store.path(address))
     assert store.add_frame(make_frame()) == address
