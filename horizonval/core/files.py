@@ -224,14 +224,14 @@ def ensure_file(path: Path, *, expected: str = "a file", links: bool = True) -> 
 
 
 LONGEST_FRAME_NAME = 150
-"""Of a scene or frame. With the name of a head, the endings of files and what a file is called while it is written, it
-stays within 255 bytes, the most that the usual file systems take."""
+"""Most characters of the name of a scene or frame. With the name of a head, the endings of files and the suffix of an
+unfinished write, a file's name stays within 255 bytes, the limit of the usual file systems."""
 
 LONGEST_NAME = 50
-"""Of what is part of a name: a head, a band, a table of cases, an entry of a list."""
+"""Most characters of a part of a name: a head, a band, a table of cases, an entry of a list."""
 
 LONGEST_GENERATED_NAME = 120
-"""Of what a grid or a list of cases makes, before the number of an orbit's sample."""
+"""Most characters of a name that a grid or a list of cases makes, before the number of an orbit's sample."""
 
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
 _DIGITS = 12

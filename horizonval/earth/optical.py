@@ -1,4 +1,4 @@
-"""From a scene and a camera to the optical properties that the renderer integrates.
+"""Optical properties of a scene in a camera's bands, as the renderer integrates them.
 
 Solar bands become monochromatic nodes: Gauss's rule for the measure ``R(lambda) (lambda / lambda_ref) E_sun(lambda)``,
 so that Fraunhofer lines and jagged responses are integrated exactly and only the smooth transfer function is sampled

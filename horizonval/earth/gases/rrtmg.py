@@ -55,14 +55,14 @@ from horizonval.earth.tables import npz
 BOLTZMANN = 1.380649e-23
 FILE = "rrtmg_lw.npz"
 _PER_CM2 = 1e-24
-"""From molecules per m3 to 1e20 molecules per cm2 in a metre."""
+"""Factor from molecules per m3 to 1e20 molecules per cm2 in a metre."""
 _LEAST = 1e-30
 """Mixing ratio that replaces zero: eta needs both key gases."""
 _NODES_K, _LEVELS_PER_LN = 15.0, 5.0
 _LOWER_LEVELS = 13
 _STRETCHED = 0.125
 SEAM_LN_HPA = 4.56
-"""Above this pressure the lower atmosphere's tables apply, below it the upper ones."""
+"""Logarithm of the pressure [hPa] between the tables of the lower and the upper atmosphere."""
 
 LOWER_KEY: dict[int, tuple[str, ...]] = {
     3: ("h2o", "co2"), 4: ("h2o", "co2"), 5: ("h2o", "co2"), 6: ("h2o",), 7: ("h2o", "o3"), 8: ("h2o",),
