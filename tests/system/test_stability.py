@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import PROGRAM, assert_one_line
 
@@ -83,9 +84,13 @@ def test_the_infrared_horizon_is_complete(finished):
     # Right and left of an exactly polar orbit are mirror images in this air.
     assert sensors["edge-half"]["max_roll_deg"] < 2e-6
     assert "The infrared horizon through the year" in (finished / "report" / "index.html").read_text()
-    # South in July is north in January, to 5 m: the air is mirrored by half a year.
+    # The air is mirrored by half a year, to 0.1 m. Poleward of 55 deg the cold low air of each winter is its own
+    # pole's, which moves the horizon by some metres.
     half = json.loads((finished / "stability" / "result.json").read_text())["bands"][0]["profiles"]["half_km"]
-    assert half[0] == pytest.approx(half[2][::-1], abs=5e-3)
+    north, south = half[0], half[2][::-1]
+    mirrored = sum(latitude < 55.0 for latitude in np.linspace(-90.0, 90.0, len(north)))
+    assert north[:mirrored] == pytest.approx(south[:mirrored], abs=1e-4)
+    assert north[mirrored:] == pytest.approx(south[mirrored:], abs=5e-3)
     assert half[0][0] - half[0][-1] > 4.0
 
 

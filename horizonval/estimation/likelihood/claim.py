@@ -1,4 +1,4 @@
-"""From a limb's likelihood to an estimator's claim: start points in, nadir and covariance out, or a refusal.
+"""Claim of an estimator that fits the limb's likelihood: start points in, nadir and covariance or a refusal out.
 
 The edge of the fit is one exponential in a window of some pixels. Where a pixel covers less of the air than its scale
 height, the limb is deeper than the window, and the fit converges wrongly or not at all. Such a limb is fitted in a copy

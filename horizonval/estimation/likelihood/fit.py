@@ -51,8 +51,8 @@ SCATTERED = 2.0
 MOST_STEPS = 30
 """Gauss-Newton takes 3 to 6 from within a pixel; where blur and softness are hard to tell apart, twice as many."""
 SETTLING_STEPS = 2
-"""Steps after which noise, outliers and the spread of levels are fixed, since marginal outliers would alternate. Later
-steps that reduce the likelihood are halved."""
+"""Number of steps after which noise, outliers and the spread of levels are fixed, since marginal outliers would
+alternate. Later steps that reduce the likelihood are halved."""
 CONVERGED = 1e-2
 """Square of a step over its own covariance: a tenth of a standard deviation, and it is still taken."""
 RESELECT_PX = 0.5

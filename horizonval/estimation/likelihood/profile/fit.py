@@ -132,7 +132,7 @@ an image without the Earth takes all steps. Correct answers have at least 0.58 t
 SETTLED, NEARLY_SETTLED = 0.03, 1.0
 """Squares of steps below which a search is near, and near enough to leave its first part."""
 SETTLING_STEPS = 2
-"""Steps after a step's square first falls below :data:`SETTLED`, after which the noise is fixed."""
+"""Number of steps after a step's square first falls below :data:`SETTLED`, after which the noise is fixed."""
 STEADY = 0.03
 """Largest change of the log variances between steps for a settled noise."""
 CONVERGED = 1e-3
@@ -190,7 +190,7 @@ class ProfileSearch:
 
     @property
     def pose(self) -> LimbPose:
-        """Of the present unknowns."""
+        """Pose of the present unknowns."""
         return self.model.pose.moved(self.now.away)
 
     def run(self) -> ProfileSearch:

@@ -138,7 +138,7 @@ def common_air(airs: Sequence[NodeAir], tables: Sequence[Hashable]) -> CommonAir
 OWN = SHARED - POSE
 """Unknowns that each head has of its own: blur, sharpness, gain, background."""
 SETTLING_STEPS = 4
-"""Steps after which pixels and noise are fixed; heads start from their separate fits."""
+"""Number of steps after which pixels and noise are fixed; heads start from their separate fits."""
 ALIGNING_STEPS = 4
 """Largest number of steps towards a common pose with each head's own noise; more steps creep along a bent valley."""
 

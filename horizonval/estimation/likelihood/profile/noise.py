@@ -50,7 +50,7 @@ class Floor:
 
     @property
     def background(self) -> float:
-        """Of space, without the floor."""
+        """Grey level of space, without the floor."""
         return self.level + self.space
 
     def expected(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
