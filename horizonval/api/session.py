@@ -16,6 +16,8 @@ from horizonval.api.scene import Scene, SceneKeywords, plain, scene_of
 from horizonval.core.errors import UserError
 from horizonval.geometry.pose import turned
 from horizonval.jobs.progress import shown
+from horizonval.sensor.motion import check_scene_turn
+from horizonval.spec.detector import Cmos
 from horizonval.spec.pose import ANGLES
 
 if TYPE_CHECKING:
@@ -128,9 +130,7 @@ class Session:
         ``band``, ``noise``: as of :func:`horizonval.observe`. Raises ``UserError``: as :meth:`frame`, and for a camera
         without a detector, a band that it lacks, or an invalid exposure.
         """
-        camera = self.camera
-        if exposure_s is not None:
-            camera = camera.changed(detector={"exposure_s": exposure_s})
+        camera = exposed(self.camera, exposure_s, "Session: exposure_s")
         return observe(self._rendered(attitude, maps=False), seed=seed, band=band, camera=camera, noise=noise)
 
     def move(self, **keywords: Any) -> None:
@@ -156,12 +156,22 @@ class Session:
         if attitude is not None:
             keys = attitude if isinstance(attitude, Mapping) else _keys_of_numbers(attitude, ATTITUDE)
             spec = turned(spec, {str(key): plain(value) for key, value in keys.items()}, ATTITUDE)
+        check_scene_turn(spec, self.camera.spec)
         if self._viewpoint is None:
             from horizonval.renderer.frame import viewpoint_of
 
             with shown(self._progress) as listener:
                 self._viewpoint = viewpoint_of(self.scene.spec, self.camera.spec, listener)
         return self._viewpoint.frame(spec, maps=maps)
+
+
+def exposed(camera: Camera, exposure_s: float | None, where: str) -> Camera:
+    """Return a camera with another exposure, if one is given; ``UserError``, at ``where``: it has no shutter."""
+    if exposure_s is None:
+        return camera
+    if not isinstance(camera.spec.detector, Cmos):
+        raise UserError("set", where=where, expected="none: this camera's detector has no shutter")
+    return camera.changed(detector={"exposure_s": exposure_s})
 
 
 def _keys_of_numbers(attitude: Sequence[float] | NDArray[np.float64], where: str) -> dict[str, Any]:
