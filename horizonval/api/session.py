@@ -16,7 +16,6 @@ from horizonval.api.scene import Scene, SceneKeywords, plain, scene_of
 from horizonval.core.errors import UserError
 from horizonval.geometry.pose import turned
 from horizonval.jobs.progress import shown
-from horizonval.sensor.motion import check_scene_turn
 from horizonval.spec.detector import Cmos
 from horizonval.spec.pose import ANGLES
 
@@ -128,7 +127,7 @@ class Session:
 
         ``attitude``: as of :meth:`frame`. ``exposure_s``: replaces the exposure of the camera's detector. ``seed``,
         ``band``, ``noise``: as of :func:`horizonval.observe`. Raises ``UserError``: as :meth:`frame`, and for a camera
-        without a detector, a band that it lacks, or an invalid exposure.
+        without a detector, a band that it lacks, an invalid exposure, or a rate that no image shows.
         """
         camera = exposed(self.camera, exposure_s, "Session: exposure_s")
         return observe(self._rendered(attitude, maps=False), seed=seed, band=band, camera=camera, noise=noise)
@@ -156,7 +155,6 @@ class Session:
         if attitude is not None:
             keys = attitude if isinstance(attitude, Mapping) else _keys_of_numbers(attitude, ATTITUDE)
             spec = turned(spec, {str(key): plain(value) for key, value in keys.items()}, ATTITUDE)
-        check_scene_turn(spec, self.camera.spec)
         if self._viewpoint is None:
             from horizonval.renderer.frame import viewpoint_of
 

@@ -62,7 +62,8 @@ def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
     The scene's ``attitude.rate_deg_s``; with ``attitude.hold = "inertial"`` also the orbital rate that the local
     vertical frame turns by, ``sqrt(GM / r^3)`` about its -y axis.
     """
-    rate = _body_rate_rad_s(truth.scene.get("attitude", {}), truth.r_itrs, truth.q_body_from_lvlh)
+    attitude, q = truth.scene.get("attitude", {}), np.array(truth.q_body_from_lvlh)
+    rate = _body_rate_rad_s(attitude, np.array(truth.r_itrs), q)
     return rotate(truth.q_cam_from_body, rate)
 
 
