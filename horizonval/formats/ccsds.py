@@ -9,7 +9,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, excerpt
+from horizonval.geometry import clock
 
 MAX_FILE_BYTES = 256 * 1024 * 1024
 
@@ -124,7 +125,7 @@ def outside(what: str, epoch_utc: datetime, seconds: float, coverage: Coverage, 
     """Return the error for a time outside the spans of a file, the first three of which it names."""
 
     def stamp(t: float) -> str:
-        return (epoch_utc + timedelta(seconds=float(t))).isoformat()
+        return clock.stamp_after(epoch_utc, float(t))
 
     spans = [f"{stamp(begin)} to {stamp(end)}" for begin, end in zip(coverage.begins, coverage.ends, strict=True)]
     more = ", ..." if len(spans) > 3 else ""

@@ -15,7 +15,7 @@ import numpy as np
 
 from horizonval.core import files
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import axes_of, states_in_gcrs
+from horizonval.formats.attitude import axes_of
 from horizonval.formats.ccsds import MAX_FILE_BYTES, check_earth, seconds_after
 from horizonval.formats.trajectory import Trajectory, TrajectoryPiece, piece_of
 
@@ -62,4 +62,4 @@ def _piece(
         (time.utc.to_datetime(timezone=UTC) - epoch).total_seconds()
         for time in (metadata.useable_start_time, metadata.useable_stop_time)
     ]
-    return piece_of(seconds, *states_in_gcrs(axes, epoch, seconds, r, v), where, (usable[0], usable[1]))
+    return piece_of(axes, epoch, seconds, r, v, where, (usable[0], usable[1]))
