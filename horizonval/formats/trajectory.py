@@ -9,9 +9,6 @@ An interval in which the polynomial may be more than 100 m off is a gap, and pos
 the remainder of interpolation for a circular orbit: in low orbit the largest steps are 16 minutes with velocities and 8
 without, near the ends of a piece 14 and 6.
 
-* **Orbit ephemeris messages** (CCSDS 502.0-B), KVN and XML, are read by the library ``oem``. They are interpolated as
-  above, whatever method they name; states outside the usable span serve for that alone. Covariances are not read.
-* **Orbit mean-elements messages** (CCSDS 502.0-B), KVN and XML, hold the elements of SGP4 with all their digits.
 * **Tables of text.** An orbit has ``time_utc`` and ``x_gcrs_km``, ``y_gcrs_km``, ``z_gcrs_km``, or the same with
   ``itrs``; with ``vx_gcrs_km_s`` and so on the velocities. An attitude has ``time_utc`` and ``q_body_from_gcrs_x``,
   ``_y``, ``_z``, ``_w`` (the scalar), or the same with ``itrs``.
@@ -24,7 +21,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -35,28 +31,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import KroghInterpolator
-from sgp4 import omm
-from sgp4.api import SGP4_ERRORS, Satrec
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import AttitudeHistory, Axes, attitudes_of, axes_of, states_in_gcrs
-from horizonval.formats.ccsds import (
-    MAX_FILE_BYTES,
-    Coverage,
-    check_earth,
-    check_utc,
-    coverage_of,
-    is_xml,
-    lines_of,
-    needed,
-    outside,
-    seconds_after,
-    together,
-    utc_of,
-    xml_of,
-)
+from horizonval.formats.attitude import AttitudeHistory, Axes, attitudes_of, states_in_gcrs
+from horizonval.formats.ccsds import Coverage, coverage_of, outside, seconds_after, together, utc_of
 from horizonval.formats.csv_table import CsvTable, read_csv
 from horizonval.geometry.orbit import GM_M3_PER_S2
 
@@ -192,126 +172,6 @@ def _between(piece: TrajectoryPiece, t: FloatArray) -> tuple[FloatArray, FloatAr
         at = (t[here] - origin) / scale
         r[here], v[here] = polynomial.derivatives(at, der=2)[:2] / np.array([1.0, scale])[:, None, None]
     return r, v
-
-
-OEM_EXPECTED = "an orbit ephemeris message, KVN or XML"
-
-
-def orbit_of_oem(path: Path) -> Trajectory:
-    """Return the orbit in a message; UserError names file and key, or that ``oem`` is not installed."""
-    try:
-        from oem import OrbitEphemerisMessage
-    except ImportError:
-        raise UserError("oem is not installed", where=str(path), fix='run `pip install "horizonval[ccsds]"`') from None
-    files.read_bytes(path, largest=MAX_FILE_BYTES, expected=OEM_EXPECTED)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            message = OrbitEphemerisMessage.open(str(path))
-            segments = list(message)
-            read = [(segment.metadata, *_states(segment)) for segment in segments]
-        except Exception as error:
-            text = " ".join(str(error).split())[:120] or type(error).__name__
-            raise UserError(f"cannot be read: {text}", where=str(path), expected=OEM_EXPECTED) from error
-    epoch = read[0][1][0]
-    pieces = tuple(_piece(path, number, epoch, *one) for number, one in enumerate(read, 1))
-    return Trajectory(epoch, pieces, str(path))
-
-
-def _states(segment: Any) -> tuple[list[datetime], np.ndarray, np.ndarray]:
-    """Return times, positions [m] and velocities [m/s] of all states."""
-    states = list(segment.states)
-    times = [state.epoch.utc.to_datetime(timezone=UTC) for state in states]
-    r_km, v_km_s = (np.array([getattr(state, name) for state in states]) for name in ("position", "velocity"))
-    return times, 1e3 * r_km, 1e3 * v_km_s
-
-
-def _piece(
-    path: Path, number: int, epoch: datetime, metadata: Any, times: list[datetime], r: np.ndarray, v: np.ndarray
-) -> TrajectoryPiece:
-    where = f"{path}: segment {number}"
-    check_earth({"CENTER_NAME": str(metadata["CENTER_NAME"])}, where)
-    axes = axes_of(str(metadata["REF_FRAME"]), f"{where}: REF_FRAME")
-    seconds = seconds_after(epoch, times)
-    usable = [
-        (time.utc.to_datetime(timezone=UTC) - epoch).total_seconds()
-        for time in (metadata.useable_start_time, metadata.useable_stop_time)
-    ]
-    return piece_of(seconds, *states_in_gcrs(axes, epoch, seconds, r, v), where, (usable[0], usable[1]))
-
-
-OMM_EXPECTED = "an orbit mean-elements message of SGP4, KVN or XML"
-NEEDED = ("EPOCH", "MEAN_MOTION", "ECCENTRICITY", "INCLINATION", "RA_OF_ASC_NODE", "ARG_OF_PERICENTER", "MEAN_ANOMALY")
-UNITS = {
-    "MEAN_MOTION": "rev/day",
-    "INCLINATION": "deg",
-    "RA_OF_ASC_NODE": "deg",
-    "ARG_OF_PERICENTER": "deg",
-    "MEAN_ANOMALY": "deg",
-}
-"""Those of the standard, which a message may leave out."""
-DEFAULTS = {
-    "CLASSIFICATION_TYPE": "U",
-    "OBJECT_ID": "0000-000A",
-    "EPHEMERIS_TYPE": "0",
-    "ELEMENT_SET_NO": "0",
-    "REV_AT_EPOCH": "0",
-    "NORAD_CAT_ID": "0",
-    "BSTAR": "0",
-    "MEAN_MOTION_DOT": "0",
-    "MEAN_MOTION_DDOT": "0",
-}
-"""What a message may leave out, and SGP4 needs no value of."""
-
-
-def satellite_of_omm(path: Path) -> Satrec:
-    """Return the satellite in a message, for SGP4; a mistake is a :class:`UserError` with file and key."""
-    where = str(path)
-    fields = _fields(path)
-    check_earth(fields, where)
-    check_utc(fields, where)
-    if (axes := needed(fields, "REF_FRAME", where, "TEME")).upper() != "TEME":
-        raise UserError(f"found {axes!r}", where=f"{where}: REF_FRAME", expected="TEME")
-    theory = needed(fields, "MEAN_ELEMENT_THEORY", where, "SGP4")
-    if theory.upper() not in ("SGP4", "SGP", "SGP/SGP4"):
-        raise UserError(f"found {theory!r}", where=f"{where}: MEAN_ELEMENT_THEORY", expected="SGP4")
-    for key in NEEDED:
-        needed(fields, key, where, "an element of SGP4")
-    epoch = utc_of(fields["EPOCH"], f"{where}: EPOCH")
-    fields = {**DEFAULTS, **fields, "EPOCH": epoch.strftime("%Y-%m-%dT%H:%M:%S.%f")}
-    satellite = Satrec()
-    try:
-        omm.initialize(satellite, fields)
-    except (ValueError, KeyError) as error:
-        raise UserError(f"elements that are no numbers: {error}", where=where, expected=OMM_EXPECTED) from error
-    if satellite.error:
-        raise UserError(SGP4_ERRORS[satellite.error], where=where, expected="elements of a satellite")
-    return satellite
-
-
-def _fields(path: Path) -> dict[str, str]:
-    with path.open("rb") as file:
-        head = file.read(256).decode("utf-8", errors="replace")
-    found: dict[str, str] = {}
-    if is_xml(head):
-        for element in xml_of(path, OMM_EXPECTED).iter():
-            if len(element) == 0 and element.text and element.tag not in found:
-                found[element.tag] = element.text.strip()
-                _check_unit(path, element.tag, element.get("units", ""))
-        return found
-    for _, line in lines_of(path, OMM_EXPECTED):
-        key, equals, value = line.partition("=")
-        if equals:
-            # Units stand behind the value, in brackets.
-            number, _, unit = value.partition("[")
-            found.setdefault(key.strip(), number.strip())
-            _check_unit(path, key.strip(), unit.rstrip(" ]"))
-    return found
-
-
-def _check_unit(path: Path, key: str, unit: str) -> None:
-    if unit and key in UNITS and unit.strip().lower() != UNITS[key]:
-        raise UserError(f"in {unit.strip()!r}", where=f"{path}: {key}", expected=UNITS[key])
 
 
 AXES: tuple[Axes, ...] = ("gcrs", "itrs")

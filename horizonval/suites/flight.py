@@ -20,14 +20,9 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.formats.attitude import attitude_of_aem
 from horizonval.formats.ccsds import kind_of
-from horizonval.formats.trajectory import (
-    SpiceOrbit,
-    attitude_of_csv,
-    orbit_of_csv,
-    orbit_of_oem,
-    satellite_of_omm,
-    span_of,
-)
+from horizonval.formats.oem import orbit_of_oem
+from horizonval.formats.omm import satellite_of_omm
+from horizonval.formats.trajectory import SpiceOrbit, attitude_of_csv, orbit_of_csv, span_of
 from horizonval.geometry import attitude_profile, orbit
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme

@@ -18,14 +18,9 @@ from sgp4.api import Satrec
 from horizonval.core.errors import UserError
 from horizonval.formats.attitude import aem_text, attitude_of_aem
 from horizonval.formats.ccsds import utc_of
-from horizonval.formats.trajectory import (
-    Trajectory,
-    attitude_of_csv,
-    orbit_of_csv,
-    orbit_of_oem,
-    piece_of,
-    satellite_of_omm,
-)
+from horizonval.formats.oem import orbit_of_oem
+from horizonval.formats.omm import satellite_of_omm
+from horizonval.formats.trajectory import Trajectory, attitude_of_csv, orbit_of_csv, piece_of
 
 EPOCH = datetime(2026, 3, 20, 12, 0, 0, tzinfo=UTC)
 RADIUS_KM, RATE = 6928.0, math.sqrt(398600.4418 / 6928.0**3)
