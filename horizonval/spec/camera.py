@@ -24,6 +24,11 @@ from horizonval.spec.base import Angle, Finite, Fraction, Model, PlainName, Posi
 from horizonval.spec.detector import Cmos, Detector, ThermalDetector
 from horizonval.spec.optics import Optics
 
+LARGEST_SIDE_PX = 16384
+"""Largest number of columns and of rows of an image."""
+FARTHEST_TANGENT = 6.0
+"""Distance of a pinhole's image from its optical axis, in focal lengths: 80 deg off axis."""
+
 
 def image_radius(theta_rad: ArrayLike, k: Sequence[float]) -> FloatArray:
     """Return ``theta_d``, in focal lengths, of off-axis angles."""
@@ -66,9 +71,9 @@ class CameraGeometry(Model):
     """Name of the camera; noise and fixed patterns are drawn from it."""
     source: str = ""
     """Where the figures come from, in words."""
-    width: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    width: Annotated[int, Field(ge=1, le=LARGEST_SIDE_PX), unit("px")]
     """Columns of the image."""
-    height: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    height: Annotated[int, Field(ge=1, le=LARGEST_SIDE_PX), unit("px")]
     """Rows of the image."""
     fov_deg: Annotated[float, Field(gt=0, lt=360)] | None = None
     """Horizontal full angle between the outer edges of the first and last column of a centred image: below 180 for a
@@ -135,12 +140,16 @@ class CameraGeometry(Model):
         return self
 
     @model_validator(mode="after")
-    def _the_axis_is_near_the_image(self) -> CameraGeometry:
+    def _the_image_is_near_the_axis(self) -> CameraGeometry:
+        """An image may be a window or a strip far from the axis of its lens, but not where no lens has a field."""
+        focal_px = self.focal_px if self.fx is not None or self.fov_deg is not None else math.inf
+        farthest_px = min(LARGEST_SIDE_PX, focal_px * (FARTHEST_TANGENT if self.projection == "pinhole" else math.pi))
         for key, size, side in (("cx", "width", self.width), ("cy", "height", self.height)):
             value = getattr(self, key)
-            if value is not None and not -side <= value <= 2 * side:
+            if value is not None and not -farthest_px <= value <= side + farthest_px:
                 raise ValueError(
-                    f"{key} = {value:g} lies more than a whole image away from the image, which has {size} = {side}"
+                    f"{key} = {value:g} puts the optical axis more than {farthest_px:.0f} pixels outside the image, "
+                    f"which has {size} = {side}"
                 )
         return self
 

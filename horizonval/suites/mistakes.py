@@ -153,6 +153,7 @@ def _without_numbers(value: Any, numbers: list[float]) -> Any:
 
 
 def _check_case(case: Case, cameras: set[int]) -> None:
+    from horizonval.sensor.motion import check_scene_turn
     from horizonval.sensor.observe import check_camera
 
     camera = id(case.camera)
@@ -167,6 +168,7 @@ def _check_case(case: Case, cameras: set[int]) -> None:
         check_invertible(camera_from_spec(case.camera.camera))
         cameras.add(camera)
     place_from_spec(case.scene)
+    check_scene_turn(case.scene, case.camera)
     if case.scene.calibration is not None:
         errors = drawn_errors(case.scene.calibration, case.scene.model_dump(mode="json"), case.scene.camera.head)
         errors.camera(camera_from_spec(case.camera.camera))

@@ -17,6 +17,7 @@ from horizonval.earth.optical import node_counts, optical_model
 from horizonval.jobs.engine import ExpectedTime
 from horizonval.renderer.frame_cost import refuse_too_large, shared_view
 from horizonval.scoring import limits
+from horizonval.sensor.motion import check_scene_turn
 from horizonval.sensor.observe import check_camera
 from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.load import Case, Suite
@@ -74,6 +75,7 @@ def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:
         refuse_too_large(scene, camera)
         if camera.detector is not None:
             check_camera(camera)
+            check_scene_turn(scene, camera)
     except UserError as e:
         findings.append(cannot_run(e))
     groups = _groups_of_heads(scene, camera)
