@@ -32,7 +32,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.formats.attitude import KNOWN, LONGEST_OFF, AttitudeHistory, Axes, attitudes_of, axes_of
 from horizonval.formats.ndm import Fields, Segment, check_order, one_message
-from horizonval.geometry.clock import seconds_after, utc_at
+from horizonval.geometry.clock import epoch_at, seconds_after
 
 _LOG = logging.getLogger("horizonval")
 EXPECTED = "an attitude ephemeris message, KVN or XML"
@@ -72,7 +72,7 @@ def attitude_of_aem(path: Path, satellite: str | None = None) -> AttitudeHistory
     for segment in segments:
         segment.fields.check_earth(needed=False)
     instants = [segment.instants() for segment in segments]
-    epoch = utc_at(instants[0][0])
+    epoch = epoch_at(instants[0][0])
     pieces = []
     first: tuple[Axes, str] | None = None
     for segment, times in zip(segments, instants, strict=True):

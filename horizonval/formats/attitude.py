@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.formats.ccsds import Coverage, coverage_of, outside, together
+from horizonval.geometry import clock
 from horizonval.geometry.orbit import EARTH_RATE_RAD_S
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme, tod_from_gcrs, turn
 
@@ -105,7 +106,7 @@ class AttitudeHistory:
         UserError
             A time outside all pieces, or in a gap.
         """
-        t = np.asarray(seconds, dtype=np.float64) + (epoch_utc - self.epoch_utc).total_seconds()
+        t = np.asarray(seconds, dtype=np.float64) + clock.elapsed_s(self.epoch_utc, epoch_utc)
         matrices = np.full((len(t), 3, 3), np.nan)
         for piece in self.pieces:
             inside = np.isfinite(piece.coverage.around(t)[0])
@@ -119,7 +120,7 @@ class AttitudeHistory:
 
     def around(self, epoch_utc: datetime, seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return begin and end, shape (n,) each, of the spans that times after another epoch lie in; NaN outside."""
-        offset = (epoch_utc - self.epoch_utc).total_seconds()
+        offset = clock.elapsed_s(self.epoch_utc, epoch_utc)
         lo, hi = self.coverage.around(seconds + offset)
         return lo - offset, hi - offset
 

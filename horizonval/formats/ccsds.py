@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, excerpt
+from horizonval.geometry import clock
 
 EXPECTED = "a UTC time as 2026-03-20T12:00:00.25"
 
@@ -62,7 +63,7 @@ def outside(what: str, epoch_utc: datetime, seconds: float, coverage: Coverage, 
     """Return the error for a time outside the spans of a file, the first three of which it names."""
 
     def stamp(t: float) -> str:
-        return (epoch_utc + timedelta(seconds=float(t))).isoformat()
+        return clock.stamp_after(epoch_utc, float(t))
 
     spans = [f"{stamp(begin)} to {stamp(end)}" for begin, end in zip(coverage.begins, coverage.ends, strict=True)]
     more = ", ..." if len(spans) > 3 else ""

@@ -210,6 +210,10 @@ class Segment:
         """Return the position of a row."""
         return f"{self.path}: line {row.line}"
 
+    def place(self, index: int) -> str:
+        """Return the position of a row by its index."""
+        return self.at(self.rows[index])
+
     def instants(self) -> list[int]:
         """Return the instants [ns, TAI] of all rows; UserError unless they rise."""
         system = self.fields.time_system()

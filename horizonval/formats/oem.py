@@ -6,17 +6,16 @@ serve for that alone. Accelerations and covariances are not read.
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import axes_of, gcrs_from, states_in_gcrs
+from horizonval.formats.attitude import Axes, axes_of, gcrs_from
 from horizonval.formats.ndm import Fields, check_order, one_message
 from horizonval.formats.trajectory import Trajectory, TrajectoryPiece, piece_of
-from horizonval.geometry.clock import seconds_after, utc_at
+from horizonval.geometry.clock import epoch_at, seconds_after
 from horizonval.geometry.rotation import turn
 
 EXPECTED = "an orbit ephemeris message, KVN or XML"
@@ -37,28 +36,26 @@ def orbit_of_oem(path: Path, satellite: str | None = None) -> Trajectory:
     for segment in segments:
         segment.fields.check_earth()
     instants = [segment.instants() for segment in segments]
-    epoch = utc_at(instants[0][0])
+    epoch = epoch_at(instants[0][0])
     pieces: list[TrajectoryPiece] = []
     for segment, times in zip(segments, instants, strict=True):
         numbers = np.array(segment.numbers(STATE, ACCELERATION))
-        seconds = seconds_after(epoch, times)
-        r, v = _in_gcrs(segment.fields, epoch, seconds, 1e3 * numbers[:, :3], 1e3 * numbers[:, 3:6])
-        pieces.append(piece_of(seconds, r, v, segment.fields.where, segment.fields.usable_s(epoch)))
+        axes, r, v = _along(segment.fields, 1e3 * numbers[:, :3], 1e3 * numbers[:, 3:6])
+        where, usable = segment.fields.where, segment.fields.usable_s(epoch)
+        pieces.append(piece_of(axes, epoch, seconds_after(epoch, times), r, v, where, usable, segment.place))
     check_order([piece.coverage for piece in pieces], segments)
     return Trajectory(epoch, tuple(pieces), str(path))
 
 
-def _in_gcrs(
-    fields: Fields, epoch: datetime, seconds: FloatArray, r: FloatArray, v: FloatArray
-) -> tuple[FloatArray, FloatArray | None]:
-    """Return positions and velocities turned to ``gcrs``; axes of date may be those of a named epoch."""
+def _along(fields: Fields, r: FloatArray, v: FloatArray) -> tuple[Axes, FloatArray, FloatArray]:
+    """Return axes, positions and velocities; axes of date that keep still from an epoch on are turned to ``gcrs``."""
     axes = axes_of(fields.needed("REF_FRAME", "the axes of the states"), fields.at("REF_FRAME"))
     held = fields.instant("REF_FRAME_EPOCH")
     if held is None or axes == "gcrs":
-        return states_in_gcrs(axes, epoch, seconds, r, v)
+        return axes, r, v
     if axes == "itrs":
         raise UserError(
             "Earth-fixed axes have no epoch", where=fields.at("REF_FRAME_EPOCH"), expected="this key for TOD or TEME"
         )
-    matrix = gcrs_from(axes, utc_at(held), np.zeros(1))
-    return turn(matrix, r), turn(matrix, v)
+    matrix = gcrs_from(axes, epoch_at(held), np.zeros(1))
+    return "gcrs", turn(matrix, r), turn(matrix, v)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sgp4.api import Satrec
-from sgp4.conveniences import sat_epoch_datetime
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
@@ -23,7 +22,7 @@ from horizonval.formats.ndm import KINDS, kind_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
 from horizonval.formats.trajectory import SpiceOrbit, attitude_of_csv, orbit_of_csv, span_of
-from horizonval.geometry import attitude_profile, orbit
+from horizonval.geometry import attitude_profile, clock, orbit
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme
 from horizonval.geometry.sun_and_moon import sun_itrs
@@ -68,7 +67,7 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
     return [
         {
             "platform": {
-                "epoch_utc": epoch + timedelta(seconds=float(t)),
+                "epoch_utc": clock.utc_after(epoch, float(t)),
                 "latitude_deg": float(degrees[0][i]),
                 "longitude_deg": float(degrees[1][i]),
                 "altitude_km": float(km[i]),
@@ -190,7 +189,7 @@ def _track_of_lines(spec: OrbitSpec, beside: Path) -> _Track:
 
 
 def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
-    epoch = spec.epoch_utc or sat_epoch_datetime(satellite).astimezone(UTC)
+    epoch = spec.epoch_utc or orbit.epoch_of(satellite)
 
     def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
         return orbit.satellite_states(satellite, epoch, seconds)
@@ -208,8 +207,8 @@ def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
         return _track_of_satellite(spec, satellite_of_omm(path))
     trajectory = orbit_of_oem(path) if kind == "oem" else orbit_of_csv(path)
     first, last = trajectory.span_s
-    epoch = spec.epoch_utc or trajectory.epoch_utc + timedelta(seconds=first)
-    offset = (epoch - trajectory.epoch_utc).total_seconds()
+    epoch = spec.epoch_utc or clock.utc_after(trajectory.epoch_utc, first)
+    offset = clock.elapsed_s(trajectory.epoch_utc, epoch)
 
     def around(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
         begin, end = trajectory.coverage.around(seconds + offset)
@@ -229,9 +228,10 @@ def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
     assert spec.spacecraft is not None
     paths = tuple(beside / Path(name).expanduser() for name in spec.kernels)
     first, last = span_of(paths, spec.spacecraft)
-    epoch = spec.epoch_utc or first
+    epoch = spec.epoch_utc or clock.utc_at(first)
     found = SpiceOrbit(paths, spec.spacecraft, epoch, spec.attitude.body_axes)
-    begin_s, end_s = (first - epoch).total_seconds(), (last - epoch).total_seconds()
+    begin_s, end_s = clock.seconds_after(epoch, (first, last)).tolist()
+    found.check(begin_s, end_s)
     return _Track(
         epoch,
         found.states,

@@ -322,7 +322,7 @@ def test_what_is_no_gap_is_right_to_what_is_said(velocities: bool, step: float) 
     """The remainder's estimate, against the circle itself: some intervals are given up, the others hold 100 m."""
     times = step * np.arange(13.0)
     r, v = (1e3 * x for x in circle(times))
-    piece = piece_of(times, r, v if velocities else None, "")
+    piece = piece_of("gcrs", EPOCH, times, r, v if velocities else None, "")
     found = Trajectory(EPOCH, (piece,), "")
     t = np.linspace(0.0, times[-1], 500)
     known = np.isfinite(found.coverage.around(t)[0])
