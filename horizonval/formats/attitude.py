@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.formats.ccsds import Coverage, coverage_of, outside, together
+from horizonval.formats.coverage import Coverage, coverage_of, outside, together
 from horizonval.geometry import clock
 from horizonval.geometry.orbit import EARTH_RATE_RAD_S
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme, tod_from_gcrs, turn

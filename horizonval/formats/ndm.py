@@ -22,7 +22,7 @@ from xml.parsers import expat
 
 from horizonval.core import files
 from horizonval.core.errors import UserError, excerpt, nearest
-from horizonval.formats.ccsds import ROUNDING_S, Coverage
+from horizonval.formats.coverage import ROUNDING_S, Coverage
 from horizonval.geometry.clock import check_system, instant_of, seconds_after
 
 MAX_FILE_BYTES = 256 * 1024 * 1024
