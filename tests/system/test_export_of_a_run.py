@@ -11,7 +11,7 @@ from conftest import MINI_CAMERA
 from scipy.spatial.transform import Rotation
 
 import horizonval as hv
-from horizonval.formats.attitude import attitude_of_aem
+from horizonval.formats.aem import attitude_of_aem
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.store.store import Store
 
