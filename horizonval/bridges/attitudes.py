@@ -29,7 +29,7 @@ from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, excerpt, printable
 from horizonval.core.outcome import Outcome
-from horizonval.formats.attitude import aem_text
+from horizonval.formats.aem import aem_text
 from horizonval.frame import FrameTruth
 from horizonval.geometry.orbit import EARTH_RATE_RAD_S
 from horizonval.geometry.rotation import itrs_from_gcrs

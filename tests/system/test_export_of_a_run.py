@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import horizonval as hv
 from horizonval.cli.app import run_command_line
-from horizonval.formats.attitude import attitude_of_aem
+from horizonval.formats.aem import attitude_of_aem
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.store.store import Store
 
