@@ -255,7 +255,7 @@ def write_baseline(
     together: Mapping[str, Any],
 ) -> None:
     """Write a baseline's two files, the JSON last, because it names the other."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    atomic.make_folder(path.parent)
     images = pack_path(path)
     write_pack(images, pack)
     content = {
