@@ -159,7 +159,7 @@ def _kind_of(path: Path, known: Sequence[str], expected: str) -> str:
     found = kinds_of(path, expected)
     fit = [kind for kind in found if kind in known]
     if found and len(fit) != 1:
-        held = " and ".join(KINDS[kind] for kind in fit or found)
+        held = " and ".join(KINDS.get(kind, "two-line elements, which the key `tle` takes") for kind in fit or found)
         raise UserError(f"holds {held}", where=str(path), expected=expected)
     return fit[0] if fit else ""
 
