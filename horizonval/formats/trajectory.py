@@ -39,7 +39,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.formats import contradiction
 from horizonval.formats.attitude import AttitudeHistory, Axes, attitudes_of, states_in_gcrs
-from horizonval.formats.ccsds import Coverage, coverage_of, outside, together
+from horizonval.formats.coverage import Coverage, coverage_of, outside, together
 from horizonval.formats.csv_table import CsvTable, read_csv
 from horizonval.geometry import clock
 from horizonval.geometry.orbit import EARTH_RATE_RAD_S, GM_M3_PER_S2

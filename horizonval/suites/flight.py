@@ -17,8 +17,8 @@ from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
-from horizonval.formats.attitude import attitude_of_aem
-from horizonval.formats.ccsds import kind_of
+from horizonval.formats.aem import attitude_of_aem
+from horizonval.formats.ndm import KINDS, kind_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
 from horizonval.formats.trajectory import SpiceOrbit, attitude_of_csv, orbit_of_csv, span_of
@@ -139,7 +139,8 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
     if spec.attitude.file is None:
         return found
     path = beside / Path(spec.attitude.file).expanduser()
-    history = attitude_of_aem(path) if kind_of(path) == "aem" else attitude_of_csv(path)
+    kind = _kind_of(path, ("aem",), "an attitude: AEM, or a table of quaternions")
+    history = attitude_of_aem(path) if kind == "aem" else attitude_of_csv(path)
 
     def body_from_axes(seconds: FloatArray) -> FloatArray:
         # The file refers to celestial axes, the states may be in others.
@@ -154,6 +155,14 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
         return np.fmax(begin, first), np.fmin(end, last)
 
     return replace(found, body_from_axes=body_from_axes, around=around)
+
+
+def _kind_of(path: Path, known: Sequence[str], expected: str) -> str:
+    """Return the kind of message in a file, empty for a table; UserError for a kind that is read elsewhere or not."""
+    kind = kind_of(path, expected)
+    if kind and kind not in known:
+        raise UserError(f"holds {KINDS[kind]}", where=str(path), expected=expected)
+    return kind
 
 
 def _track_of_elements(spec: OrbitSpec) -> _Track:
@@ -196,7 +205,7 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
 
 
 def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
-    kind = kind_of(path)
+    kind = _kind_of(path, ("oem", "omm"), "an orbit: OEM, OMM, mean elements as JSON or CSV, or a table of states")
     if kind == "omm":
         return _track_of_satellite(spec, satellite_of_omm(path))
     trajectory = orbit_of_oem(path) if kind == "oem" else orbit_of_csv(path)
