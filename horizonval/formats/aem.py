@@ -58,8 +58,11 @@ COLUMNS = {
 }
 """Columns after the time, by version and ``ATTITUDE_TYPE``; types of spin are not read."""
 _BODY = re.compile(r"SC_BODY(_[A-Z0-9]+)?")
-_FIRST_VERSION = {"ATTITUDE_DIR": "A2B", "QUATERNION_TYPE": "LAST"}
-"""Keys of the first version, and the values that the second has without them."""
+_OTHER_VERSION = {
+    "1.0": {"ANGVEL_FRAME": ""},
+    "2.0": {"ATTITUDE_DIR": "A2B", "QUATERNION_TYPE": "LAST", "RATE_FRAME": ""},
+}
+"""Keys that only the other version has, and the values that this version has without them."""
 
 
 def attitude_of_aem(path: Path, satellite: str | None = None) -> AttitudeHistory:
@@ -102,18 +105,20 @@ def _frames(fields: Fields, version: str) -> tuple[Axes, str, bool]:
             expected=f"SC_BODY_1 and one of {KNOWN}",
             fix="" if is_body[0] else "the attitude of a unit or against local axes is not read",
         )
-    if version == "1.0":
-        forward = fields.one_of("ATTITUDE_DIR", ("A2B", "B2A")) == "A2B"
-    else:
-        forward = True
-        for key, value in _FIRST_VERSION.items():
-            if fields.text(key, value).upper() != value:
-                raise UserError(
-                    f'found "{fields.text(key)}", a key of version 1.0',
-                    where=fields.at(key),
-                    expected=f"no such key in version {version}, which has {value}",
-                    fix="declare CCSDS_AEM_VERS = 1.0 if the rows follow it",
-                )
+    for key, value in _OTHER_VERSION[version].items():
+        if fields.text(key, value).upper() != value:
+            raise UserError(
+                f'found "{fields.text(key)}", a key of another version',
+                where=fields.at(key),
+                expected=f"{value}, as version {version} has without the key" if value else f"no such key in {version}",
+                fix="declare the version that the rows follow in CCSDS_AEM_VERS",
+            )
+    forward = version != "1.0" or fields.one_of("ATTITUDE_DIR", ("A2B", "B2A")) == "A2B"
+    for key in ("RATE_FRAME", "ANGVEL_FRAME"):
+        if fields.text(key):
+            fields.one_of(key, ("REF_FRAME_A", "REF_FRAME_B", *names))
+    if fields.text("EULER_ROT_SEQ"):
+        _sequence(fields)
     letter = "B" if is_body[0] else "A"
     axes = axes_of(fields.text(f"REF_FRAME_{letter}"), fields.at(f"REF_FRAME_{letter}"))
     # The frame's turn towards the body is the conjugate of ours; away from it, it is ours.
@@ -128,13 +133,15 @@ def _quaternions(segment: Segment, seconds: FloatArray) -> FloatArray:
     if kind.startswith("EULER"):
         sequence = _sequence(fields)
         _check_axes(segment, sequence)
-        numbers = np.array(segment.numbers(columns))
+        numbers = segment.numbers(columns)
         q = np.asarray(Rotation.from_euler(sequence, numbers[:, :3], degrees=True).as_quat())
     else:
+        # In XML the components have names, and the key may be left out.
         named = isinstance(segment.rows[0].values, dict)
-        if segment.version == "1.0" and not named and fields.one_of("QUATERNION_TYPE", ("FIRST", "LAST")) == "FIRST":
+        place = fields.one_of("QUATERNION_TYPE", ("FIRST", "LAST"), "LAST" if named or segment.version != "1.0" else "")
+        if place == "FIRST" and not named:
             columns = tuple(key for k in (0, 4) for key in columns[k + 3 : k + 4] + columns[k : k + 3])
-        numbers = np.array(segment.numbers(columns))
+        numbers = segment.numbers(columns)
         q = numbers[:, [columns.index(key) for key in _Q]]
     if len(seconds) > 1 and "/" in kind:
         _check_rates(segment, kind, {key: numbers[:, k] for k, key in enumerate(columns)}, q, seconds)
@@ -220,11 +227,8 @@ def _readings(
         return allowed, [(text, s * v[frame], mean) for _, v in rolled for frame in v for s in (1.0, -1.0)]
     mean = middle(_ANGVEL)
     frames = ("REF_FRAME_A", "REF_FRAME_B")
-    name = fields.text("ANGVEL_FRAME").upper()
-    by_name = {fields.text(key).upper(): key for key in frames}
-    frame = by_name.get(name, name)
-    if frame not in frames:
-        fields.one_of("ANGVEL_FRAME", frames)
+    name = fields.needed("ANGVEL_FRAME", " or ".join(frames)).upper()
+    frame = next((key for key in frames if name in (key, fields.text(key).upper())), name)
     other = frames[1 - frames.index(frame)]
     others = [(f"their frame is {other}", of[other], mean), *_other_units(of[frame], mean)]
     if kind.startswith("QUATERNION"):

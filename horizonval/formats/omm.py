@@ -19,8 +19,9 @@ from sgp4.api import SGP4_ERRORS, Satrec
 from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.formats.ndm import (
-    KEYS,
+    HARMLESS,
     MAX_FILE_BYTES,
+    READ,
     VERSIONS,
     Fields,
     check_keys,
@@ -137,7 +138,7 @@ def _element_sets(path: Path) -> list[Fields]:
     if not found:
         raise UserError("no element set", where=str(path), expected=EXPECTED)
     for fields in found:
-        check_keys(fields, KEYS["omm"] | CATALOGUE, "mean elements")
+        check_keys(fields, READ["omm"] | HARMLESS | CATALOGUE, "mean elements")
         if fields.text("CCSDS_OMM_VERS"):
             fields.one_of("CCSDS_OMM_VERS", VERSIONS["omm"])
         for key, value in DEFAULTS.items():

@@ -21,7 +21,7 @@ from sgp4.api import Satrec
 
 from horizonval.core.errors import UserError
 from horizonval.formats.aem import attitude_of_aem
-from horizonval.formats.ndm import kinds_of
+from horizonval.formats.ndm import HARMLESS, READ, kinds_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
 
@@ -470,7 +470,9 @@ ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
         ("1.0", {"ATTITUDE_DIR": None}, PLAIN, "ATTITUDE_DIR: is missing; expected A2B or B2A"),
         ("1.0", {"ATTITUDE_DIR": "A_TO_B"}, PLAIN, 'ATTITUDE_DIR: found "A_TO_B"'),
         ("2.0", {"QUATERNION_TYPE": None, "ATTITUDE_DIR": "B2A"}, PLAIN, 'ATTITUDE_DIR: found "B2A", a key of'),
-        ("2.0", {"QUATERNION_TYPE": "FIRST"}, PLAIN, 'QUATERNION_TYPE: found "FIRST", a key of version 1.0'),
+        ("2.0", {"QUATERNION_TYPE": "FIRST"}, PLAIN, 'QUATERNION_TYPE: found "FIRST", a key of another version'),
+        ("2.0", {"RATE_FRAME": "REF_FRAME_A"}, PLAIN, "RATE_FRAME: found"),
+        ("1.0", {"ANGVEL_FRAME": "REF_FRAME_A"}, PLAIN, "ANGVEL_FRAME: found"),
         ("2.0", {}, PLAIN, ""),
         ("1.0", {"Q_DIR": "A2B"}, PLAIN, "Q_DIR: is not a key of an attitude ephemeris message"),
         ("1.0", {"CENTER_NAME": "MARS"}, PLAIN, 'CENTER_NAME: found "MARS"; expected EARTH'),
@@ -540,3 +542,20 @@ def test_damaged_text_is_one_line(tmp_path: Path, text: str) -> None:
         with pytest.raises(UserError, match=str(path)) as found:
             reader(path)
         assert not any(word in str(found.value) for word in ("Error", "object at", "NoneType", "float", "\n"))
+
+
+NAMES = {"OBJECT_NAME", "OBJECT_ID", "NORAD_CAT_ID"}
+
+
+@pytest.mark.parametrize(("kind", "key"), [(kind, key) for kind, keys in READ.items() for key in sorted(keys - NAMES)])
+def test_every_key_that_is_not_harmless_is_read(tmp_path: Path, kind: str, key: str) -> None:
+    """Nonsense in its place is refused by its name; in a harmless key it is not."""
+    reader, version, fields, rows = {
+        "oem": (orbit_of_oem, "2.0", OEM, oem_rows(stamps(T), circle(T))),
+        "aem": (attitude_of_aem, "2.0" if key == "ANGVEL_FRAME" else "1.0", AEM, PLAIN),
+        "omm": (satellite_of_omm, "2.0", OMM, None),
+    }[kind]
+    harmless = dict.fromkeys(HARMLESS - {"CREATION_DATE", "ORIGINATOR"}, "nonsense")
+    with pytest.raises(UserError, match=f"{key}: "):
+        reader(written(tmp_path, kvn_of(kind.upper(), version, {**fields, key: "nonsense", **harmless}, rows)))
+    reader(written(tmp_path, kvn_of(kind.upper(), "1.0" if kind == "aem" else version, {**fields, **harmless}, rows)))
