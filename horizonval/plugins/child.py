@@ -188,7 +188,7 @@ def _described_apart(setup: dict[str, Any], exchange: int, scratch: str) -> dict
 
 
 def _apart(job: Callable[[], None], scratch: str) -> None:
-    """Do a job as the first process of namespaces that end with it, without privileges and with an empty ``scratch``."""
+    """Do a job in namespaces that end with it, without privileges and with an empty ``scratch``."""
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.unshare(_NEW_MOUNTS | _NEW_PROCESSES) != 0:
         raise OSError(ctypes.get_errno(), "no namespace of mounts and processes")

@@ -49,7 +49,8 @@ def make_frames(
 ) -> dict[str, Any]:
     """Render the frames of a suite, or resume; return the content of ``bench.json``.
 
-    ``passphrase_file``: where the seed's passphrase was read. Raises ``UserError``: frames that failed, or as :func:`horizonval.suites.run.run_suite`.
+    ``passphrase_file``: where the seed's passphrase was read. Raises ``UserError``: frames that failed, or as
+    :func:`horizonval.suites.run.run_suite`.
     """
     made: dict[str, dict[str, Any]] = {}
     for group in CELLS:

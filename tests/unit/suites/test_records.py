@@ -22,7 +22,7 @@ from horizonval.store.entry import StoreEntry
 from horizonval.store.store import Store
 from horizonval.suites.identity import rescored_identity, suite_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads, oracle_pose
-from horizonval.suites.plan import plan_of
+from horizonval.suites.plan import CasePlan, plan_of
 from horizonval.suites.record import (
     camera_name,
     failed_record,
