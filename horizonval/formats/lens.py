@@ -134,7 +134,8 @@ class FileReader:
         """Return a list of numbers of that length, or of one of those."""
         value = self.data.get(key)
         counts = (count,) if isinstance(count, int) else count
-        wanted = f"{', '.join(str(c) for c in counts[:-1])}{' or ' if counts[1:] else ''}{counts[-1]} finite number{'' if counts == (1,) else 's'}"
+        *others, last = (str(c) for c in counts)
+        wanted = f"{', '.join(others)}{' or ' if others else ''}{last} finite number{'' if counts == (1,) else 's'}"
         shape = None
         if isinstance(value, Mapping):
             # ROS and OpenCV write the size of a matrix next to its data.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -95,7 +96,7 @@ def written(tmp_path: Path, name: str, text: str) -> Path:
     return path
 
 
-def pixels_of(path: Path, tmp_path: Path, **options: str) -> np.ndarray:
+def pixels_of(path: Path, tmp_path: Path, **options: Any) -> np.ndarray:
     """Return where our camera, by its own file, puts the directions."""
     ours = written(tmp_path, "ours.toml", camera_text(path, **options))
     uv, seen = project(camera_from_spec(load_camera(ours).camera), DIRECTIONS)
@@ -141,14 +142,14 @@ def test_matlab_counts_from_one_and_transposes(tmp_path: Path) -> None:
         assert (read_camera(path)[0].width, read_camera(path)[0].height) == (640, 480)
 
 
-OMNI = {"xi": 1.2, "k": [-0.1, 0.05, 1e-3, -2e-3]}
+XI, OMNI = 1.2, [-0.1, 0.05, 1e-3, -2e-3]
 
 
 def omni_pixels(d: np.ndarray, fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
     """Return pixels by Mei and Rives."""
     x, y, z = (d / np.linalg.norm(d, axis=1, keepdims=True)).T
-    x, y = x / (z + OMNI["xi"]), y / (z + OMNI["xi"])
-    k1, k2, p1, p2 = OMNI["k"]
+    x, y = x / (z + XI), y / (z + XI)
+    k1, k2, p1, p2 = OMNI
     r2 = x * x + y * y
     radial = 1 + k1 * r2 + k2 * r2 * r2
     u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
@@ -164,14 +165,15 @@ def test_rational_omnidirectional_and_skewed_lenses_are_read(tmp_path: Path) -> 
     numbers = 812.5, 808.75, 322.25, 236.5
     rational = [*RADTAN, 0.1, 0.02, -0.004]
     prism = [*rational, 3e-3, -1e-3, 2e-3, 5e-4, 0.0, 0.0]
-    mei = kalibr("radtan", OMNI["k"], "omni").replace("intrinsics: [", "intrinsics: [1.2, ")
+    mei = kalibr("radtan", OMNI, "omni").replace("intrinsics: [", "intrinsics: [1.2, ")
     keys = dict(zip(("gamma1", "gamma2", "u0", "v0"), numbers, strict=True))
+    distortion = dict(zip(("k1", "k2", "p1", "p2"), OMNI, strict=True))
     camodocal = (
         "%YAML:1.0\n---\nmodel_type: MEI\ncamera_name: c\nimage_width: 640\nimage_height: 480\n"
-        f"mirror_parameters:\n   xi: 1.2\ndistortion_parameters: {dict(zip(('k1', 'k2', 'p1', 'p2'), OMNI['k'], strict=True))}\n"
+        f"mirror_parameters:\n   xi: 1.2\ndistortion_parameters: {distortion}\n"
         f"projection_parameters: {keys}\n"
     ).replace("'", "")
-    opencv(tmp_path / "omni.yml", OMNI["k"], xi=1.2, flags=0)
+    opencv(tmp_path / "omni.yml", OMNI, xi=1.2, flags=0)
     skewed = ros("equidistant", EQUI).replace("[812.5, 0.0,", "[812.5, 16.25,")
 
     def by_opencv(k: list[float]) -> np.ndarray:
@@ -283,7 +285,7 @@ def test_four_coefficients_without_a_model_ask_for_it(tmp_path: Path) -> None:
 
 
 STEREO = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\n" + "".join(
-    f"M{n}: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {flow(n * np.eye(3) + [[0, 0, 1], [0, 0, 1], [0, 0, 1 - n]])}\n"
+    f"M{n}: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [{n}., 0., 1., 0., {n}., 1., 0., 0., 1.]\n"
     f"D{n}: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [0., 0., 0., 0., 0.]\n"
     for n in (1, 2)
 )

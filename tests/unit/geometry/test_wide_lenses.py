@@ -1,9 +1,10 @@
-"""Rational, thin prism, skewed and unified lenses: against OpenCV and the papers' formulas, themselves, the renderer."""
+"""Rational, thin prism, skewed and unified lenses: against OpenCV, the papers' formulas, the renderer."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import drjit as dr
@@ -36,7 +37,7 @@ RATIONAL = {
     "wide": [0.9, 0.1, 1e-4, 2e-4, 0.003, 1.3, 0.35, 0.02],
     "prism": [-0.28, 0.09, 1.2e-3, -7e-4, 0.013, 0.1, 0.02, -0.004, 3e-3, -1e-3, 2e-3, 5e-4],
 }
-UNIFIED = {
+UNIFIED: dict[str, dict[str, Any]] = {
     "mei": {"xi": 0.9, "distortion": [-0.1, 0.05, 1e-3, -2e-3]},
     "mei-beyond-1": {"xi": 1.7, "distortion": [-0.05, 0.2, -1e-3, 5e-4], "skew": 3e-3},
     "double-sphere": {"xi": -0.2, "alpha": 0.6},
@@ -46,7 +47,7 @@ UNIFIED = {
 }
 
 
-def lens(fx: float = FX, fy: float = FY, **keys: object) -> CameraModel:
+def lens(fx: float = FX, fy: float = FY, **keys: Any) -> CameraModel:
     size = {"width": 800, "height": 600, "fx": fx, "fy": fy, "cx": CX, "cy": CY}
     return camera_from_spec(CameraGeometry.model_validate({**size, **keys}))
 
@@ -57,7 +58,7 @@ def unified(name: str) -> CameraModel:
     return lens(scale, 1.01 * scale, projection="unified", **keys)
 
 
-def papers(d: Array, keys: dict[str, object]) -> Array:
+def papers(d: Array, keys: dict[str, Any]) -> Array:
     """Return pixels by the formulas of Mei and Rives, Usenko et al. and Khomutenko et al., each as its paper has it."""
     x, y, z = (d / np.linalg.norm(d, axis=-1, keepdims=True)).T
     xi, alpha, beta = (float(keys.get(key, default)) for key, default in (("xi", 0.0), ("alpha", 0.0), ("beta", 1.0)))
@@ -167,12 +168,13 @@ def test_the_renderers_rays_are_the_same(camera: CameraModel) -> None:
 
 
 def test_what_is_no_lens_is_refused() -> None:
-    for keys, line in (
+    mistakes: tuple[tuple[dict[str, Any], str], ...] = (
         ({"xi": 0.5}, 'xi applies to projection = "unified" only'),
         ({"projection": "equal_angle", "skew": 0.1}, "skew does not apply"),
         ({"projection": "unified", "xi": 1.6, "image_circle_deg": 270.0}, "folds back at a full angle of 257.4 deg"),
         ({"distortion": [0.0] * 13}, "at most 12"),
-    ):
+    )
+    for keys, line in mistakes:
         with pytest.raises(ValueError, match=line):
             lens(**keys)
     with pytest.raises(UserError, match="folds inside the image"):
