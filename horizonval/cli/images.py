@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from horizonval.cli.options import CameraName, Json, PriorFile, estimators, shipped
-from horizonval.cli.output import check_target, print_json, print_result, watched
+from horizonval.cli.output import check_target, print_json, print_result, watched, written
 from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
 
@@ -55,10 +55,11 @@ def observe(
     if todo[0].path.parent == Path(out):
         Path(out).mkdir(exist_ok=True)
     for plan in todo:
-        check_target(plan.path, frame)
+        check_target(plan.path)
     for plan in todo:
         image = stored.observe(plan.seed, band=plan.band, camera=hv.Camera(plan.camera(seen_by.spec)))
-        write_image(plan.path, informed(image, stored))
+        with written(plan.path) as path:
+            write_image(path, informed(image, stored))
         size = f"{image.dn.shape[1]} x {image.dn.shape[0]}"
         print(f"{plan.path}: band {image.band}, seed {plan.seed}, {size}, full scale {image.full_scale}")
 
@@ -74,11 +75,8 @@ def sheet(
     from horizonval.report.pictures import contact_sheet, tiles_of
 
     tiles = tiles_of(images)
-    check_target(out)
-    for image in images:
-        if image.is_file():
-            check_target(out, image)
-    atomic.write_bytes(out, contact_sheet(tiles, columns))
+    with written(out) as path:
+        atomic.write_bytes(path, contact_sheet(tiles, columns))
     print(f"{out}: {len(tiles)} images")
 
 
@@ -224,7 +222,8 @@ def calibrate(
     with watched("calibrate", "images") as progress:
         report, text = calibrated(images, believed, known, progress=progress)
     if out is not None and text is not None:
-        atomic.write_text(out, text)
+        with written(out) as path:
+            atomic.write_text(path, text)
     print_result(report, as_json, (f"{key:28} {value}" for key, value in report.items()))
     return 0 if text is not None else 1
 
@@ -261,7 +260,7 @@ def camera(
     from horizonval.api.calibrate import camera_text
 
     if out is not None:
-        check_target(out, file)
+        check_target(out)
     text = camera_text(file, name, base, vignetting, model, image_circle_deg)
     for line in text.splitlines():
         if line.startswith("# "):
@@ -269,7 +268,8 @@ def camera(
     if out is None:
         print(text, end="")
     else:
-        atomic.write_text(out, text)
+        with written(out) as path:
+            atomic.write_text(path, text)
 
 
 @dataclass(frozen=True)

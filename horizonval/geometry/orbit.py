@@ -18,25 +18,27 @@ needs a position that such a satellite could have and an exact truth for it.
 **Two-line elements** are propagated by SGP4 as published with its corrections (the ``sgp4`` package, gravity constants
 WGS72, with which the elements are fitted), in the frames of :mod:`horizonval.geometry.rotation`. Elements describe a
 real satellite to about a kilometre at their epoch and some kilometres a day after it. Here they define the orbit and
-are the truth.
+are the truth. Time from their epoch is counted in SI seconds; programs that subtract Julian dates of UTC (as the
+interface of ``sgp4`` does) are one second of flight, 7.6 km, behind after a leap second.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 
 import erfa
 import numpy as np
 from numpy.typing import ArrayLike
 from sgp4.api import SGP4_ERRORS, Satrec
+from sgp4.conveniences import sat_epoch_datetime
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.geometry import clock
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme, julian_utc, turn
+from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme, turn
 
 GM_M3_PER_S2 = 3.986004418e14
 """WGS84."""
@@ -47,6 +49,7 @@ TROPICAL_YEAR_S = 365.2421897 * 86400.0
 """At J2000 (Simon et al. 1994)."""
 
 _KEPLER_STEPS = 30
+_JD_1970, _DAY_1970 = 2440587.5, datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True)
@@ -135,12 +138,8 @@ def tod_states(elements: Elements, seconds: ArrayLike) -> tuple[FloatArray, Floa
 
 def sidereal_time(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
     """Return Greenwich apparent sidereal time [rad], shape (...), some seconds after an epoch (UT1 taken as UTC)."""
-    utc1, utc2 = julian_utc(epoch_utc, seconds)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        tt = erfa.taitt(*erfa.utctai(utc1, utc2))
-        ut = erfa.utcut1(utc1, utc2, 0.0)
-        return np.asarray(erfa.gst06a(*ut, *tt), dtype=np.float64)
+    tt, ut1 = clock.julian_tt(epoch_utc, seconds), clock.julian_ut1(epoch_utc, seconds)
+    return np.asarray(erfa.gst06a(*ut1, *tt), dtype=np.float64)
 
 
 def raan_of_local_time(epoch_utc: datetime, local_time_h: float) -> float:
@@ -149,7 +148,8 @@ def raan_of_local_time(epoch_utc: datetime, local_time_h: float) -> float:
     The node's right ascension is its longitude and the sidereal time. The Sun's own hour differs from mean local time
     by the equation of time, up to 16.5 min.
     """
-    utc_h = float(julian_utc(epoch_utc)[1]) * 24.0
+    epoch = clock.in_range(epoch_utc)
+    utc_h = (epoch - epoch.replace(hour=0, minute=0, second=0, microsecond=0)).total_seconds() / 3600.0
     longitude = math.radians(15.0 * (local_time_h - utc_h))
     return math.remainder(longitude + float(sidereal_time(epoch_utc)), math.tau)
 
@@ -233,9 +233,23 @@ def teme_states(elements: ElementSet, epoch_utc: datetime, seconds: ArrayLike = 
     return satellite_states(elements._satellite(), epoch_utc, seconds)
 
 
+def epoch_of(satellite: Satrec) -> datetime:
+    """Return the epoch (UTC) of a satellite's elements."""
+    return sat_epoch_datetime(satellite).astimezone(UTC)
+
+
+def _days_of_sgp4(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike) -> tuple[float, FloatArray]:
+    """Return instants as SGP4 counts them: days of 86400 s, in two parts, the difference to its epoch in SI seconds."""
+    epoch, own = clock.in_range(epoch_utc), epoch_of(satellite)
+    day = epoch.replace(hour=0, minute=0, second=0, microsecond=0)
+    second = 60.0 * (60 * epoch.hour + epoch.minute) + (epoch.second + epoch.microsecond * 1e-6)
+    leap_seconds = clock.elapsed_s(own, epoch) - (epoch - own).total_seconds()
+    return _JD_1970 + (day - _DAY_1970).days, (second + leap_seconds) / 86400.0 + np.asarray(seconds, float) / 86400.0
+
+
 def satellite_states(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
     """Return what :func:`teme_states` does, of elements that SGP4 has read."""
-    day, fraction = np.broadcast_arrays(*julian_utc(epoch_utc, seconds))
+    day, fraction = np.broadcast_arrays(*_days_of_sgp4(satellite, epoch_utc, seconds))
     shape = fraction.shape
     codes, r_km, v_km_s = satellite.sgp4_array(
         np.ascontiguousarray(day, float).ravel(), np.ascontiguousarray(fraction, float).ravel()

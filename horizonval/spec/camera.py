@@ -29,9 +29,14 @@ from pydantic import Field, model_validator
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.spec.base import Angle, Fraction, Model, PlainName, Positive, unit
+from horizonval.spec.base import Angle, Finite, Fraction, Model, PlainName, Positive, unit
 from horizonval.spec.detector import Cmos, Detector, ThermalDetector
 from horizonval.spec.optics import Optics
+
+LARGEST_SIDE_PX = 16384
+"""Largest number of columns and of rows of an image."""
+FARTHEST_TANGENT = 6.0
+"""Distance of a pinhole's image from its optical axis, in focal lengths: 80 deg off axis."""
 
 
 def image_radius(theta_rad: ArrayLike, k: Sequence[float]) -> FloatArray:
@@ -103,8 +108,6 @@ def unified_turning_angle(shape: tuple[float, float, float]) -> float:
 
 Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
 """Of a distortion; those of real lenses are some thousand at most, where a long lens has the image's edge near 0.01."""
-FARTHEST_AXIS_PX = 1e5
-"""Largest distance of the principal point from the first pixel; strips may lie far from the axis of a wide detector."""
 
 
 class CameraGeometry(Model):
@@ -120,9 +123,9 @@ class CameraGeometry(Model):
     """Name of the camera; noise and fixed patterns are drawn from it."""
     source: str = ""
     """Where the figures come from, in words."""
-    width: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    width: Annotated[int, Field(ge=1, le=LARGEST_SIDE_PX), unit("px")]
     """Columns of the image."""
-    height: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    height: Annotated[int, Field(ge=1, le=LARGEST_SIDE_PX), unit("px")]
     """Rows of the image."""
     fov_deg: Annotated[float, Field(gt=0, lt=360)] | None = None
     """Horizontal full angle between the outer edges of the first and last column of a centred image: below 180 for a
@@ -134,11 +137,11 @@ class CameraGeometry(Model):
     """
     fy: Annotated[Positive, unit("px")] | None = None
     """Focal length along the columns; without the key as `fx`."""
-    cx: Annotated[float, Field(ge=-FARTHEST_AXIS_PX, le=FARTHEST_AXIS_PX), unit("px")] | None = None
+    cx: Annotated[Finite, unit("px")] | None = None
     """Column of the principal point, 0 at the centre of the first column; without the key `(width - 1) / 2`. It may
     lie outside the image, as of a window or a strip.
     """
-    cy: Annotated[float, Field(ge=-FARTHEST_AXIS_PX, le=FARTHEST_AXIS_PX), unit("px")] | None = None
+    cy: Annotated[Finite, unit("px")] | None = None
     """Row of the principal point, 0 at the centre of the first row; without the key `(height - 1) / 2`."""
     skew: Annotated[float, Field(ge=-1, le=1), unit("1")] = 0.0
     """Skew of the pixel axes: the column is `fx (x + skew y) + cx`. OpenCV's fisheye calls it alpha; it is the second
@@ -212,6 +215,21 @@ class CameraGeometry(Model):
                 raise ValueError(
                     f"{key} = {value:g}, but the lens with {lens} folds back at a full angle "
                     f"of {limit_deg:.4g} deg; check the coefficients' order and sign"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _the_image_is_near_the_axis(self) -> CameraGeometry:
+        """An image may be a window or a strip far from the axis of its lens, but not where no lens has a field."""
+        focal_px = self.focal_px if self.fx is not None or self.fov_deg is not None else math.inf
+        by_angle = self.projection in ("fisheye", "equal_angle")
+        farthest_px = min(LARGEST_SIDE_PX, focal_px * (math.pi if by_angle else FARTHEST_TANGENT))
+        for key, size, side in (("cx", "width", self.width), ("cy", "height", self.height)):
+            value = getattr(self, key)
+            if value is not None and not -farthest_px <= value <= side + farthest_px:
+                raise ValueError(
+                    f"{key} = {value:g} puts the optical axis more than {farthest_px:.0f} pixels outside the image, "
+                    f"which has {size} = {side}"
                 )
         return self
 

@@ -62,6 +62,11 @@ class PriorSpec(Model):
     gives whole degrees.
     """
 
+    accept_deg: SigmaAngle | None = None
+    """Accuracy of the nadir that is of use. A frame whose information allows it must be answered; 0.2 deg without the
+    key.
+    """
+
     @field_validator("q_cam_from_itrs")
     @classmethod
     def _unit_length(cls, value: tuple[float, float, float, float] | None) -> tuple[float, float, float, float] | None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import uuid
-import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -24,7 +23,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
 from horizonval.frame import FrameTruth, Hit
 from horizonval.geometry.camera import CameraModel, camera_from_spec
-from horizonval.geometry.rotation import julian_utc
+from horizonval.geometry.clock import julian_tai
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos
 
@@ -182,10 +181,7 @@ def _epoch(truth: FrameTruth) -> datetime:
 
 
 def _tai_mjd(truth: FrameTruth) -> float:
-    with warnings.catch_warnings():
-        # Beyond the table of leap seconds the newest offset is kept.
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        day, fraction = erfa.utctai(*julian_utc(_epoch(truth)))
+    day, fraction = julian_tai(_epoch(truth))
     return float(day - 2400000.5) + float(fraction)
 
 

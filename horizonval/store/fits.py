@@ -32,7 +32,8 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
-from horizonval.geometry.rotation import itrs_from_gcrs, julian_utc
+from horizonval.geometry.clock import julian_utc
+from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.detector import Cmos
 from horizonval.store.attributes import camera_of, earth_mask, saturated_mask, sunlit_mask

@@ -21,16 +21,13 @@ from horizonval.core import files, memory
 from horizonval.core.errors import UserError
 from horizonval.estimation.limb.picture import to_grey
 from horizonval.frame import DetectorImage, RadianceFrame
-from horizonval.spec.camera import CameraSpec
+from horizonval.spec.camera import LARGEST_SIDE_PX, CameraSpec
 from horizonval.store.header import read_header
 
 MAX_FILE_BYTES = 4 * 1024**3
 EXR_MAGIC = b"\x76\x2f\x31\x01"
 FITS_MAGIC = b"SIMP"
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-
-LARGEST_SIDE_PX = 16384
-"""Largest side of a camera file, and so of a picture."""
 
 BYTES_PER_PIXEL = 48.0
 """Memory of decoding, converting and estimating: 37 measured for 8 bit grey, up to 8 more for colour of 16 bit."""

@@ -5,25 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sgp4.api import Satrec
-from sgp4.conveniences import sat_epoch_datetime
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
-from horizonval.formats.attitude import attitude_of_aem
-from horizonval.formats.ccsds import kind_of
+from horizonval.formats.aem import attitude_of_aem
+from horizonval.formats.ndm import KINDS, kind_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
 from horizonval.formats.trajectory import SpiceOrbit, attitude_of_csv, orbit_of_csv, span_of
-from horizonval.geometry import attitude_profile, orbit
+from horizonval.geometry import attitude_profile, clock, orbit
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme
 from horizonval.geometry.sun_and_moon import sun_itrs
@@ -68,7 +67,7 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
     return [
         {
             "platform": {
-                "epoch_utc": epoch + timedelta(seconds=float(t)),
+                "epoch_utc": clock.utc_after(epoch, float(t)),
                 "latitude_deg": float(degrees[0][i]),
                 "longitude_deg": float(degrees[1][i]),
                 "altitude_km": float(km[i]),
@@ -137,7 +136,8 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
     if spec.attitude.file is None:
         return found
     path = beside / Path(spec.attitude.file).expanduser()
-    history = attitude_of_aem(path) if kind_of(path) == "aem" else attitude_of_csv(path)
+    kind = _kind_of(path, ("aem",), "an attitude: AEM, or a table of quaternions")
+    history = attitude_of_aem(path) if kind == "aem" else attitude_of_csv(path)
 
     def body_from_axes(seconds: FloatArray) -> FloatArray:
         # The file refers to celestial axes, the states may be in others.
@@ -152,6 +152,14 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
         return np.fmax(begin, first), np.fmin(end, last)
 
     return replace(found, body_from_axes=body_from_axes, around=around)
+
+
+def _kind_of(path: Path, known: Sequence[str], expected: str) -> str:
+    """Return the kind of message in a file, empty for a table; UserError for a kind that is read elsewhere or not."""
+    kind = kind_of(path, expected)
+    if kind and kind not in known:
+        raise UserError(f"holds {KINDS[kind]}", where=str(path), expected=expected)
+    return kind
 
 
 def _track_of_elements(spec: OrbitSpec) -> _Track:
@@ -181,7 +189,7 @@ def _track_of_lines(spec: OrbitSpec, beside: Path) -> _Track:
 
 
 def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
-    epoch = spec.epoch_utc or sat_epoch_datetime(satellite).astimezone(UTC)
+    epoch = spec.epoch_utc or orbit.epoch_of(satellite)
 
     def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
         return orbit.satellite_states(satellite, epoch, seconds)
@@ -194,13 +202,13 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
 
 
 def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
-    kind = kind_of(path)
+    kind = _kind_of(path, ("oem", "omm"), "an orbit: OEM, OMM, mean elements as JSON or CSV, or a table of states")
     if kind == "omm":
         return _track_of_satellite(spec, satellite_of_omm(path))
     trajectory = orbit_of_oem(path) if kind == "oem" else orbit_of_csv(path)
     first, last = trajectory.span_s
-    epoch = spec.epoch_utc or trajectory.epoch_utc + timedelta(seconds=first)
-    offset = (epoch - trajectory.epoch_utc).total_seconds()
+    epoch = spec.epoch_utc or clock.utc_after(trajectory.epoch_utc, first)
+    offset = clock.elapsed_s(trajectory.epoch_utc, epoch)
 
     def around(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
         begin, end = trajectory.coverage.around(seconds + offset)
@@ -220,9 +228,10 @@ def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
     assert spec.spacecraft is not None
     paths = tuple(beside / Path(name).expanduser() for name in spec.kernels)
     first, last = span_of(paths, spec.spacecraft)
-    epoch = spec.epoch_utc or first
+    epoch = spec.epoch_utc or clock.utc_at(first)
     found = SpiceOrbit(paths, spec.spacecraft, epoch, spec.attitude.body_axes)
-    begin_s, end_s = (first - epoch).total_seconds(), (last - epoch).total_seconds()
+    begin_s, end_s = clock.seconds_after(epoch, (first, last)).tolist()
+    found.check(begin_s, end_s)
     return _Track(
         epoch,
         found.states,

@@ -41,7 +41,8 @@ CAMERAS = [
     # 64 x 5.5 um behind 8 mm are 2.5 deg.
     (CAMERA + "focal_length_mm = 8.0\n" + CMOS, "camera.focal_length_mm = 8"),
     (PLAIN + "fx = 1480.0\nfocal_length_mm = 8.0\n" + CMOS, "camera.focal_length_mm = 8"),
-    (CAMERA + "cx = 500000.0\n", "camera.cx: found 500000"),
+    (CAMERA + "cx = 5000.0\n", "cx = 5000"),
+    (CAMERA + "cy = -600.0\n", "cy = -600"),
     (PLAIN + "fov_deg = 190.0\n", "fov_deg = 190"),
     (CAMERA + "image_circle_deg = 185.0\n", "image_circle_deg = 185"),
     (FISHEYE + "fov_deg = 360.0\n", "camera.fov_deg: found 360"),

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import aem_text
+from horizonval.formats.aem import aem_text
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic
 from horizonval.geometry.orbit import ElementSet, gcrs_states, lvlh_matrices
 from horizonval.geometry.sun_and_moon import sun_itrs
