@@ -8,11 +8,11 @@ corrected trapezoidal rule (Euler and Maclaurin), with the pull of the Earth as 
 The difference of the two may be as large as
 
 * the rule's remainder, R w^5 h^4 / 720 for a circle of radius R and rate w, times 120 for a perigee between the states;
-* half of a lasting step of velocity, since a manoeuvre may lie between the states: what the velocities change by beyond
-  the pull, over this interval and the one before *and* over this and the next;
+* somewhat more than half of a lasting step of velocity, since a manoeuvre may lie between the states: what the
+  velocities change by beyond the pull, over this interval and the one before *and* over this and the next;
 * four times the noise, the median change of the difference from interval to interval: a wrong unit, sign or frame
   changes it slowly, rounded or measured positions do not;
-* one metre a second.
+* 3 m/s, more than a Kepler ellipse's velocity lacks of a drifting one's.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from horizonval.core.errors import UserError
 from horizonval.formats.attitude import Axes
 from horizonval.geometry.orbit import EARTH_RATE_RAD_S, GM_M3_PER_S2
 
-FLOOR_M_S = 1.0
+FLOOR_M_S, STEP_SHARE = 3.0, 0.6
 LARGEST_STEP_M_S = 4000.0
 """Largest manoeuvre between two states."""
 LARGEST_NOISE_M, LARGEST_ROUNDING_M_S = 1000.0, 5.0
@@ -88,7 +88,9 @@ def _difference(seconds: FloatArray, r: FloatArray, v: FloatArray) -> tuple[Floa
     if len(seconds) >= _FEWEST_FOR_NOISE:
         noise = np.minimum(noise, 4.0 * float(np.median(np.linalg.norm(np.diff(off, n=2, axis=0), axis=1))))
     remainder = 120.0 / 720.0 * lowest * rate * (rate * h) ** 4
-    return off, FLOOR_M_S + np.minimum(step, LARGEST_STEP_M_S) / 2.0 + noise + np.minimum(remainder, LARGEST_STEP_M_S)
+    return off, FLOOR_M_S + STEP_SHARE * np.minimum(step, LARGEST_STEP_M_S) + noise + np.minimum(
+        remainder, LARGEST_STEP_M_S
+    )
 
 
 def _cause(axes: Axes, given: tuple[FloatArray, FloatArray, FloatArray], wrong: NDArray[np.bool_]) -> str:
@@ -99,7 +101,7 @@ def _cause(axes: Axes, given: tuple[FloatArray, FloatArray, FloatArray], wrong: 
     slope = (np.diff(r, axis=0) / h)[wrong]
     spin = np.cross([0.0, 0.0, EARTH_RATE_RAD_S], middle)
     size = float(np.median(np.linalg.norm(slope, axis=1)))
-    if float(np.median(np.linalg.norm(found, axis=1))) < 1e-3 * size:
+    if float(np.median(np.linalg.norm(found, axis=1))) < 1e-6 * size:
         return "it is zero"
     guesses: list[tuple[str, FloatArray]] = [
         ("it looks like m/s in place of km/s", found / 1e3),

@@ -22,6 +22,7 @@ from horizonval.formats.ndm import KINDS, kind_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
 from horizonval.formats.trajectory import SpiceOrbit, attitude_of_csv, orbit_of_csv, span_of
+from horizonval.formats.two_lines import elements_of
 from horizonval.geometry import attitude_profile, clock, orbit
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme
@@ -29,15 +30,15 @@ from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.spec.expand import seed_of
 from horizonval.spec.orbit import OrbitAttitude, OrbitSpec
 
-MAX_FILE_BYTES = 64 * 1024
-"""Maximum size of a file with one set of elements, bytes."""
+MAX_FILE_BYTES = 64 * 1024**2
+"""Maximum size of a file of two-line elements, bytes; a catalogue of all satellites has 5 MB."""
 
 _ANGLE_DIGITS, _RATE_DIGITS, _KM_DIGITS = 7, 9, 6
 """Decimals in scenes, about 1 cm on the ground and 0.001 arcsec: machine-dependent last bits stay out of identities."""
 
 
-def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[JsonObject]:
-    """Return a partial scene for every sample: ``platform`` and ``attitude``.
+def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> tuple[list[JsonObject], str]:
+    """Return a partial scene for every sample: ``platform`` and ``attitude``; and a warning, or nothing.
 
     ``ellipsoid``: reference of latitude and altitude. ``seed`` (of the suite) and ``name``: source of the pointing
     error. ``beside``: base folder of the orbit's files. Raises ``UserError``: invalid elements, or those that SGP4
@@ -64,7 +65,7 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
     km = np.round(height / 1e3, _KM_DIGITS)
     turned = np.round(np.degrees(angles), _ANGLE_DIGITS) + 0.0
     turning = np.round(np.degrees(rates), _RATE_DIGITS) + 0.0
-    return [
+    samples = [
         {
             "platform": {
                 "epoch_utc": clock.utc_after(epoch, float(t)),
@@ -77,6 +78,7 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
         }
         for i, t in enumerate(seconds)
     ]
+    return samples, "" if track.doubt is None else track.doubt(seconds)
 
 
 def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> JsonObject:
@@ -93,7 +95,7 @@ class _Track:
 
     ``states``: in celestial axes. ``itrs``, ``body_from_axes``: matrices from these to Earth-fixed and body axes, shape
     (n, 3, 3). ``period_s``: of a revolution, None without elements; ``end_s``: of the file. ``around``: begin and end
-    of the files' coverage around times, None if unlimited.
+    of the files' coverage around times, None if unlimited. ``doubt``: returns a warning about times, or nothing.
     """
 
     epoch_utc: datetime
@@ -103,6 +105,7 @@ class _Track:
     end_s: float | None = None
     body_from_axes: Callable[[FloatArray], FloatArray] | None = None
     around: attitude_profile.Spans | None = None
+    doubt: Callable[[FloatArray], str] | None = None
 
 
 def _duration_s(spec: OrbitSpec, track: _Track) -> float:
@@ -182,8 +185,7 @@ def _track_of_elements(spec: OrbitSpec) -> _Track:
 
 def _track_of_lines(spec: OrbitSpec, beside: Path) -> _Track:
     try:
-        found = orbit.ElementSet(*_lines(spec.tle, beside))
-        return _track_of_satellite(spec, Satrec.twoline2rv(found.line1, found.line2))
+        return _track_of_satellite(spec, elements_of(_lines(spec.tle or "", beside), spec.satellite).satellite())
     except UserError as e:
         raise e.at("tle") from e
 
@@ -198,7 +200,8 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
         return itrs_from_teme(epoch, seconds)
 
     # From node to node, as for elements; the satellite's mean motion counts from perigee to perigee.
-    return _Track(epoch, states, itrs, 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot))
+    period_s = 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot)
+    return _Track(epoch, states, itrs, period_s, doubt=partial(orbit.far_from_epoch, satellite, epoch))
 
 
 def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
@@ -242,19 +245,16 @@ def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
     )
 
 
-def _lines(given: Sequence[str] | str | None, beside: Path) -> tuple[str, str]:
-    """Return the two lines, without the optional name before them."""
-    if isinstance(given, str):
-        path = beside / Path(given).expanduser()
-        expected = "a text file with two lines of 69 columns"
-        try:
-            given = files.read_text(path, largest=MAX_FILE_BYTES, expected=expected, encoding="ascii").splitlines()
-        except UserError as e:
-            raise UserError(f"{path}: {e.what}", expected=expected) from e
-    lines = [line.rstrip() for line in given or [] if line.strip()]
-    if len(lines) not in (2, 3):
-        raise UserError(f"found {len(lines)} lines", expected="two lines of 69 columns, or three with a name")
-    return lines[-2], lines[-1]
+def _lines(given: Sequence[str] | str, beside: Path) -> Sequence[str]:
+    """Return the lines of an element set, or of the file that holds them."""
+    if not isinstance(given, str):
+        return given
+    path = beside / Path(given).expanduser()
+    expected = "a text file with two lines of 69 columns"
+    try:
+        return files.read_text(path, largest=MAX_FILE_BYTES, expected=expected).splitlines()
+    except UserError as e:
+        raise UserError(f"{path}: {e.what}", expected=expected) from e
 
 
 def _elements(spec: OrbitSpec, epoch: datetime) -> orbit.Elements:

@@ -31,7 +31,7 @@ def orbit(**keys: Any) -> list[dict[str, Any]]:
         values["altitude_km"] = 700.0
     if "sun_synchronous" not in values and "inclination_deg" not in values:
         values["inclination_deg"] = 60.0
-    return fly(TypeAdapter(OrbitSpec).validate_python(values), WGS84, 1, "o", Path())
+    return fly(TypeAdapter(OrbitSpec).validate_python(values), WGS84, 1, "o", Path())[0]
 
 
 def places(samples: list[dict[str, Any]]) -> np.ndarray:
@@ -172,7 +172,7 @@ def test_two_lines_fly_as_sgp4_says(tmp_path: Path) -> None:
 
     lines = [checked(line) for line in LINES]
     spec = TypeAdapter(OrbitSpec).validate_python({"tle": lines, "n": 12})
-    samples = fly(spec, WGS84, 1, "o", Path())
+    samples, _ = fly(spec, WGS84, 1, "o", Path())
     satellite = Satrec.twoline2rv(*lines)
     start = samples[0]["platform"]["epoch_utc"]
     assert abs(start - datetime(2026, 3, 20, 12, tzinfo=UTC)) < timedelta(milliseconds=1)
@@ -185,10 +185,10 @@ def test_two_lines_fly_as_sgp4_says(tmp_path: Path) -> None:
     assert 12 * t[1] == pytest.approx(86400 / 15.5, rel=2e-3)
     (tmp_path / "iss.txt").write_text("ISS\n" + "\n".join(lines) + "\n\n")
     from_file = TypeAdapter(OrbitSpec).validate_python({"tle": "iss.txt", "n": 12})
-    assert fly(from_file, WGS84, 1, "o", tmp_path) == samples
-    for wrong in (lines[:1], [*lines, *lines]):
+    assert fly(from_file, WGS84, 1, "o", tmp_path)[0] == samples
+    for wrong, message in ((lines[:1], "found 1 lines"), ([*lines, *lines], "2 element sets of satellite 25544")):
         (tmp_path / "iss.txt").write_text("\n".join(wrong))
-        with pytest.raises(UserError, match="lines"):
+        with pytest.raises(UserError, match=message):
             fly(from_file, WGS84, 1, "o", tmp_path)
 
 
@@ -204,7 +204,7 @@ ANGLES_DEG = (20.0, -5.0, 3.0)
 
 def flown(beside: Path = Path(), **keys: object) -> list[dict]:
     spec = OrbitSpec.model_validate({"duration_s": SPAN_S, "n": N, **keys})
-    return fly(spec, WGS84, 1, "orbit", beside)
+    return fly(spec, WGS84, 1, "orbit", beside)[0]
 
 
 def states(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
