@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import KNOWN, LONGEST_OFF, AttitudeHistory, Axes, attitudes_of, axes_of
+from horizonval.formats.attitude import KNOWN, AttitudeHistory, Axes, attitudes_of, axes_of
 from horizonval.formats.ndm import Fields, Segment, check_order, one_message
 from horizonval.geometry.clock import epoch_at, seconds_after
 
@@ -85,7 +85,7 @@ def attitude_of_aem(path: Path, satellite: str | None = None) -> AttitudeHistory
         first = axes, body
         seconds = seconds_after(epoch, times)
         q = _quaternions(segment, seconds) * ([-1.0, -1.0, -1.0, 1.0] if turned else [1.0, 1.0, 1.0, 1.0])
-        pieces.append(attitudes_of(seconds, q, fields.where, fields.usable_s(epoch)))
+        pieces.append(attitudes_of(seconds, q, fields.where, fields.usable_s(epoch), segment.place))
     assert first is not None
     check_order([piece.coverage for piece in pieces], segments)
     return AttitudeHistory(epoch, tuple(pieces), first[0], str(path))
@@ -136,11 +136,6 @@ def _quaternions(segment: Segment, seconds: FloatArray) -> FloatArray:
             columns = tuple(key for k in (0, 4) for key in columns[k + 3 : k + 4] + columns[k : k + 3])
         numbers = np.array(segment.numbers(columns))
         q = numbers[:, [columns.index(key) for key in _Q]]
-        length = np.linalg.norm(q, axis=1)
-        off = int(np.argmax(np.abs(length - 1.0)))
-        if abs(length[off] - 1.0) > LONGEST_OFF:
-            where = segment.at(segment.rows[off])
-            raise UserError(f"a quaternion of the length {length[off]:.6g}", where=where, expected="the length 1")
     if len(seconds) > 1 and "/" in kind:
         _check_rates(segment, kind, {key: numbers[:, k] for k, key in enumerate(columns)}, q, seconds)
     return q
@@ -148,8 +143,9 @@ def _quaternions(segment: Segment, seconds: FloatArray) -> FloatArray:
 
 Reading = tuple[str, FloatArray, FloatArray]
 """How the rates may be meant, and for each step the slope of the attitudes and the mean of the rates, shape (n, k)."""
-LARGEST_MISFIT = 0.5
-"""Median difference of rates and slopes, relative to the larger, at which a reading of the columns is wrong."""
+LARGEST_MISFIT, BEST_MISFIT, BETTER = 0.5, 0.1, 5.0
+"""Median difference of rates and slopes, relative to the larger: the largest one of rates that agree, the largest one
+of another reading that explains a contradiction, and by which factor that reading must be better."""
 SMALLEST_TURN, LARGEST_TURN = 1e-3, 1.0
 """Turns between two rows [rad] that are compared: smaller ones are rounding, larger ones have no slope."""
 
@@ -169,19 +165,18 @@ def _check_rates(
         larger = np.maximum(np.linalg.norm(slope, axis=1), np.linalg.norm(mean, axis=1))
         return float(np.median(np.linalg.norm(slope - mean, axis=1) / np.maximum(larger, 1e-300)))
 
-    stated, others = _readings(segment.fields, kind, columns, q, np.diff(seconds)[:, None])
-    if min(misfit(one) for one in stated) < LARGEST_MISFIT:
-        return
+    allowed, others = _readings(segment.fields, kind, columns, q, np.diff(seconds)[:, None])
+    stated = min(misfit(one) for one in allowed)
     where = segment.at(segment.rows[int(np.flatnonzero(use)[0]) + 1])
     for one in others:
-        if misfit(one) < LARGEST_MISFIT:
+        if misfit(one) < min(BEST_MISFIT, (stated - BEST_MISFIT / 2.0) / BETTER):
             raise UserError(
                 "the rates contradict the attitudes",
                 where=where,
                 expected=f"{kind} in the order of the standard",
                 fix=f"they agree if {one[0]}",
             )
-    if segment.version != "1.0":
+    if stated > LARGEST_MISFIT and not kind.endswith("/RATE"):
         _LOG.warning("horizonval: warning: %s: the rates contradict the attitudes; they are not used", where)
 
 

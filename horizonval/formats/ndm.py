@@ -16,12 +16,13 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 from xml.parsers import expat
 
 from horizonval.core import files
-from horizonval.core.errors import UserError, excerpt, nearest
+from horizonval.core.errors import UserError, excerpt
 from horizonval.formats.coverage import ROUNDING_S, Coverage
 from horizonval.geometry.clock import check_system, instant_of, seconds_after
 
@@ -194,8 +195,8 @@ class Fields:
 
 
 def plain_name(name: str) -> str:
-    """Return a name or number without what does not count: capitals, and zeros before a number."""
-    return name.strip().upper().lstrip("0")
+    """Return a name or number without what does not count: capitals, zeros before a number, and ``.0`` after it."""
+    return name.strip().upper().removesuffix(".0").lstrip("0")
 
 
 @dataclass
@@ -313,10 +314,9 @@ def messages_of(path: Path, kind: str, expected: str) -> list[Message]:
 def check_keys(fields: Fields, known: frozenset[str], what: str) -> None:
     for key, value in fields.values.items():
         if key not in known:
-            close = nearest(key, sorted(known))[0]
-            raise UserError(
-                f"is not a key of {what}", where=value.where, expected=f"a key of the standard, such as {close}"
-            )
+            close = get_close_matches(key.upper(), sorted(known), 1, 0.75)
+            like = f", such as {close[0]}" if close else ", COMMENT or USER_DEFINED_..."
+            raise UserError(f"is not a key of {what}", where=value.where, expected=f"a key of the standard{like}")
 
 
 def is_user_defined(key: str) -> bool:
@@ -324,20 +324,27 @@ def is_user_defined(key: str) -> bool:
     return key.startswith("USER_DEFINED") or key == "COMMENT"
 
 
-def kind_of(path: Path, expected: str = "an orbit or attitude file") -> str:
-    """Return the kind of the first message in a file, one of :data:`KINDS`; empty if it holds none.
+_TAG = re.compile(rb"<(?:[\w.-]+:)?(" + "|".join(KINDS).encode() + rb")[\s/>]")
+_REMARK = re.compile(rb"<!--.*?-->", re.DOTALL)
+_HEADING = re.compile(rb"^\s*CCSDS_([A-Z]+)_VERS\s*=", re.MULTILINE)
+_LINES = re.compile(rb"(?:^|\n)1 [ 0-9A-Z]{5}[A-Z ].*\r?\n2 [ 0-9A-Z]{5} ")
 
-    Mean elements as JSON or CSV are ``omm``.
+
+def kinds_of(path: Path, expected: str = "an orbit or attitude file") -> list[str]:
+    """Return the kinds of messages in a file, of :data:`KINDS`, in their order; empty if it holds none.
+
+    Mean elements as JSON or CSV are ``omm``; two-line elements are ``tle``.
     """
-    head = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=expected, first=1 << 20)
-    if _is_xml(head):
-        return _Tree(path, expected).first_kind(head)
-    text = head.decode("utf-8-sig", errors="replace")
-    for line in text.splitlines():
-        if found := _VERSION.match(line.strip()):
-            return found[1].lower() if found[1].lower() in KINDS else ""
-    first = text.lstrip()[:1]
-    return "omm" if first and (first in "[{" or "MEAN_MOTION" in text.lstrip().split("\n", 1)[0].upper()) else ""
+    data = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=expected)
+    if _is_xml(data):
+        found = _TAG.findall(_REMARK.sub(b"", data.replace(b"\0", b"")))
+        return [kind.decode() for kind in dict.fromkeys(found)]
+    if found := [kind.lower().decode() for kind in dict.fromkeys(_HEADING.findall(data.removeprefix(b"\xef\xbb\xbf")))]:
+        return [kind for kind in found if kind in KINDS]
+    head = data[:4096].decode("utf-8-sig", errors="replace").lstrip()
+    if head[:1] in ("[", "{") or "MEAN_MOTION" in head.split("\n", 1)[0].upper():
+        return ["omm"]
+    return ["tle"] if _LINES.search(data[: 1 << 16]) else []
 
 
 def _is_xml(data: bytes) -> bool:
@@ -362,7 +369,7 @@ _BLOCKS = {"META": "META_STOP", "DATA": "DATA_STOP", "COVARIANCE": "COVARIANCE_S
 def _of_kvn(path: Path, text: str, expected: str) -> list[Message]:
     found: list[Message] = []
     block, opened = "", 0
-    for number, raw in enumerate(io.StringIO(text), 1):
+    for number, raw in enumerate(io.StringIO(text, newline=None), 1):
         line = raw.strip()
         if not line or line == "COMMENT" or line.startswith(("COMMENT ", "COMMENT\t")):
             continue
@@ -430,17 +437,12 @@ def check_unit(key: str, unit: str, where: str) -> None:
         raise UserError(f"in {unit.strip()!r}", where=where, expected=UNITS[key])
 
 
-class _Found(Exception):  # noqa: N818
-    """The parser is stopped early: the first message was found."""
-
-
 class _Tree:
     """Messages of an XML file; expat counts the lines and knows name spaces, and entities are refused."""
 
     def __init__(self, path: Path, expected: str) -> None:
         self.path, self.expected = path, expected
         self.messages: list[Message] = []
-        self._only_first = False
         self._stack: list[str] = []
         self._text: list[str] = []
         self._attributes: dict[str, str] = {}
@@ -448,27 +450,19 @@ class _Tree:
         self._row: Row | None = None
         self._depth = 0
 
-    def parse(self, data: bytes, *, final: bool = True) -> None:
+    def parse(self, data: bytes) -> None:
         parser = self._parser = expat.ParserCreate(namespace_separator=" ")
         parser.buffer_text = True
         parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
         parser.CharacterDataHandler = self._text.append
         parser.StartDoctypeDeclHandler = self._refuse
         try:
-            parser.Parse(data, final)
+            parser.Parse(data, True)
         except expat.ExpatError as error:
             where = f"{self.path}: line {error.lineno}"
             raise UserError(f"not XML: {expat.ErrorString(error.code)}", where=where, expected=self.expected) from None
-
-    def first_kind(self, head: bytes) -> str:
-        self._only_first = True
-        try:
-            self.parse(head, final=False)
-        except _Found:
-            return self.messages[0].kind
-        except UserError:
-            pass
-        return ""
+        except (LookupError, ValueError):
+            raise UserError("in an encoding that is not read", where=str(self.path), expected="XML in UTF-8") from None
 
     @property
     def _where(self) -> str:
@@ -485,8 +479,6 @@ class _Tree:
         if tag in KINDS and not self._depth:
             self._depth = len(self._stack)
             self.messages.append(Message(tag, attributes.get("version", "").strip(), self._where, Fields(self._where)))
-            if self._only_first:
-                raise _Found
         elif tag == "segment" and self._depth:
             message = self.messages[-1]
             message.segments.append(Segment(self.path, message.version, Fields(self._where)))

@@ -17,7 +17,7 @@ from sgp4 import omm
 from sgp4.api import SGP4_ERRORS, Satrec
 
 from horizonval.core import files
-from horizonval.core.errors import UserError, excerpt
+from horizonval.core.errors import UserError
 from horizonval.formats.ndm import (
     KEYS,
     MAX_FILE_BYTES,
@@ -42,7 +42,7 @@ CATALOGUE = frozenset(
 )
 """Further keys of Space-Track and CelesTrak in JSON and CSV; none of them changes the orbit."""
 THEORIES = ("SGP4", "SGP/SGP4", "SGP")
-EPHEMERIS_TYPES = ("0", "2", "3")
+EPHEMERIS_TYPES = (0.0, 2.0, 3.0)
 """Types of SGP4 and of its deep-space part; 4 is SGP4-XP, another theory with other elements."""
 GM_KM3_S2, LARGEST_GM_MISFIT = 398600.8, 1e-4
 """Gravity parameter inside SGP4 (WGS-72), and the relative difference up to which another one is the Earth's."""
@@ -73,7 +73,10 @@ def _satellite(fields: Fields) -> Satrec:
     fields.check_earth()
     fields.one_of("REF_FRAME", ("TEME",))
     theory = fields.one_of("MEAN_ELEMENT_THEORY", THEORIES)
-    fields.one_of("EPHEMERIS_TYPE", EPHEMERIS_TYPES, default="0")
+    if (kind := fields.number("EPHEMERIS_TYPE", default=0.0)) not in EPHEMERIS_TYPES:
+        raise UserError(
+            f"found {kind:g}", where=fields.at("EPHEMERIS_TYPE"), expected="0, 2 or 3, of SGP4", fix="4 is SGP4-XP"
+        )
     for key in ("REF_FRAME_EPOCH", "SEMI_MAJOR_AXIS"):
         if fields.text(key):
             raise UserError(
@@ -123,11 +126,11 @@ def _within(fields: Fields, key: str, low: float, high: float) -> float:
 
 def _element_sets(path: Path) -> list[Fields]:
     """Return all element sets of a file, each with its keys."""
-    data = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
-    text = data.decode("utf-8-sig", errors="replace").lstrip()
+    head = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=4096)
+    text = head.decode("utf-8-sig", errors="replace").lstrip()
     if text[:1] in ("[", "{"):
-        found = _of_json(path, text)
-    elif "," in text.split("\n", 1)[0] and not text.startswith("<"):
+        found = _of_json(path)
+    elif "MEAN_MOTION" in text.split("\n", 1)[0].upper() and not text.startswith("<"):
         found = _of_csv(path)
     else:
         return [segment.fields for message in messages_of(path, "omm", EXPECTED) for segment in message.segments]
@@ -144,7 +147,9 @@ def _element_sets(path: Path) -> list[Fields]:
     return found
 
 
-def _of_json(path: Path, text: str) -> list[Fields]:
+def _of_json(path: Path) -> list[Fields]:
+    text = files.read_text(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
+
     def refuse(constant: str) -> None:
         raise UserError(f"found {constant}", where=str(path), expected="finite numbers")
 
@@ -159,7 +164,7 @@ def _of_json(path: Path, text: str) -> list[Fields]:
     for number, one in enumerate([every] if isinstance(every, _Pairs) else every, 1):
         where = f"{path}: element set {number}"
         if not isinstance(one, _Pairs):
-            raise UserError(f'found "{excerpt(str(one))}"', where=where, expected="keys and values of mean elements")
+            raise UserError("is no object of JSON", where=where, expected="keys and values of mean elements")
         found.append(_fields(where, [(key, value) for key, value in one]))
     return found
 
@@ -172,10 +177,12 @@ def _of_csv(path: Path) -> list[Fields]:
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
     try:
         reader = csv.reader(io.StringIO(text), strict=True, skipinitialspace=True)
-        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+        rows = [(reader.line_num, row) for row in reader if any(c.strip() for c in row) and not row[0].startswith("#")]
     except csv.Error as error:
         raise UserError(f"not a CSV file: {error}", where=str(path), expected=EXPECTED) from None
     header = rows[0][1]
+    if len(header) == 1:
+        raise UserError("columns without commas between them", where=str(path), expected="comma-separated text")
     for line, row in rows[1:]:
         if len(row) != len(header):
             raise UserError(f"{len(row)} fields", where=f"{path}: line {line}", expected=f"{len(header)}")
@@ -185,10 +192,9 @@ def _of_csv(path: Path) -> list[Fields]:
 def _fields(where: str, pairs: list[tuple[str, Any]]) -> Fields:
     fields = Fields(where)
     for key, value in pairs:
-        if not is_user_defined(name := key.strip().upper()):
+        name = key.strip().upper()
+        if (name or value) and not is_user_defined(name):
             if value is not None and not isinstance(value, str):
-                raise UserError(
-                    f'found "{excerpt(str(value))}"', where=f"{where}: {key}", expected="a number or a text"
-                )
+                raise UserError("is no single value", where=f"{where}: {key}", expected="a number or a text")
             fields.add(name, (value or "").strip(), where)
     return fields

@@ -240,10 +240,10 @@ def attitude_of_csv(path: Path) -> AttitudeHistory:
     )
     axes: Axes = "gcrs" if "q_body_from_gcrs_x" in table.numbers else "itrs"
     epoch, seconds = _times(table)
-    check_rising(seconds, lambda k: f"{path}: line {table.lines[k]}")
-    return AttitudeHistory(
-        epoch, (attitudes_of(seconds, table.together(*_quaternion(axes)), str(path)),), axes, str(path)
-    )
+    lines = [f"{path}: line {line}" for line in table.lines]
+    check_rising(seconds, lines.__getitem__)
+    piece = attitudes_of(seconds, table.together(*_quaternion(axes)), str(path), place=lines.__getitem__)
+    return AttitudeHistory(epoch, (piece,), axes, str(path))
 
 
 def _place(axes: Axes) -> tuple[str, ...]:

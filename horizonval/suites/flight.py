@@ -18,7 +18,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.formats.aem import attitude_of_aem
-from horizonval.formats.ndm import KINDS, kind_of
+from horizonval.formats.ndm import KINDS, kinds_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
 from horizonval.formats.trajectory import SpiceOrbit, attitude_of_csv, orbit_of_csv, span_of
@@ -159,10 +159,12 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
 
 def _kind_of(path: Path, known: Sequence[str], expected: str) -> str:
     """Return the kind of message in a file, empty for a table; UserError for a kind that is read elsewhere or not."""
-    kind = kind_of(path, expected)
-    if kind and kind not in known:
-        raise UserError(f"holds {KINDS[kind]}", where=str(path), expected=expected)
-    return kind
+    found = kinds_of(path, expected)
+    fit = [kind for kind in found if kind in known]
+    if found and len(fit) != 1:
+        held = " and ".join(KINDS.get(kind, "two-line elements, which the key `tle` takes") for kind in fit or found)
+        raise UserError(f"holds {held}", where=str(path), expected=expected)
+    return fit[0] if fit else ""
 
 
 def _track_of_elements(spec: OrbitSpec) -> _Track:
