@@ -15,7 +15,7 @@ import typer
 from horizonval.cli.options import CameraName, Json, PriorFile, estimators, shipped
 from horizonval.cli.output import check_target, print_json, print_result, watched, written
 from horizonval.core import atomic
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, printable
 
 if TYPE_CHECKING:
     from horizonval.spec.camera import CameraSpec
@@ -229,7 +229,7 @@ def calibrate(
 
 
 def camera(
-    file: Annotated[Path, typer.Argument(help="ROS camera_info, Kalibr camchain, OpenCV or MATLAB (JSON) file.")],
+    file: Annotated[Path, typer.Argument(help="File of ROS, OpenCV, Kalibr, Basalt, camodocal or MATLAB (JSON).")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Camera file to write; without, it is printed.")
     ] = None,
@@ -244,7 +244,13 @@ def camera(
         typer.Option(metavar="CSV", help="Table of field_deg or radius_px, and relative_illumination or vignetting."),
     ] = None,
     name: Annotated[
-        str | None, typer.Option("--camera", help="Of several cameras in one file of Kalibr, as cam0.")
+        str | None, typer.Option("--camera", help="Of several cameras in one file, as cam0 (Kalibr) or 1 (M1).")
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="pinhole or fisheye, where the file has coefficients without a model.")
+    ] = None,
+    image_circle_deg: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Full angle that the lens fills, if not the whole image.")
     ] = None,
 ) -> None:
     """Convert the camera file of a calibration program: the exact lens, or why it cannot be represented.
@@ -255,7 +261,10 @@ def camera(
 
     if out is not None:
         check_target(out)
-    text = camera_text(file, name, base, vignetting)
+    text = camera_text(file, name, base, vignetting, model, image_circle_deg)
+    for line in text.splitlines():
+        if line.startswith("# "):
+            print(printable(f"horizonval: {file}: {line[2:]}"), file=sys.stderr)
     if out is None:
         print(text, end="")
     else:

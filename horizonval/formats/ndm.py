@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from difflib import get_close_matches
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 from xml.parsers import expat
 
 import numpy as np
@@ -186,11 +186,12 @@ class Fields:
 
     def is_of(self, satellite: str) -> bool:
         """Whether a satellite's name, number or designator is the block's; capitals and leading zeros do not count."""
-        wanted = _plain(satellite)
-        return wanted in {_plain(self.text(key)) for key in ("OBJECT_NAME", "OBJECT_ID", "NORAD_CAT_ID")} - {""}
+        wanted = plain_name(satellite)
+        return wanted in {plain_name(self.text(key)) for key in ("OBJECT_NAME", "OBJECT_ID", "NORAD_CAT_ID")} - {""}
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
+    """Return a name or number without what does not count: capitals, zeros before a number, and ``.0`` after it."""
     return name.strip().upper().removesuffix(".0").lstrip("0")
 
 
@@ -547,15 +548,26 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(every[:MOST_NAMES]) + (f" and {len(every) - MOST_NAMES} more" if len(every) > MOST_NAMES else "")
 
 
+class Named(Protocol):
+    """What belongs to a satellite."""
+
+    @property
+    def name(self) -> str:
+        """Name for messages."""
+
+    def is_of(self, satellite: str) -> bool:
+        """Whether it belongs to the satellite of a name, number or designator."""
+
+
 def of_satellite(
-    found: Sequence[T], satellite: str | None, where: str, fields_of: Callable[[T], Fields], what: str
+    found: Sequence[T], satellite: str | None, where: str, named: Callable[[T], Named], what: str
 ) -> list[T]:
     """Return what belongs to one satellite.
 
     ``satellite`` is its name, catalogue number or international designator; None: the file must hold only one.
     """
-    chosen = [one for one in found if satellite is None or fields_of(one).is_of(satellite)]
-    names = list(dict.fromkeys(fields_of(one).name for one in chosen or found))
+    chosen = [one for one in found if satellite is None or named(one).is_of(satellite)]
+    names = list(dict.fromkeys(named(one).name for one in chosen or found))
     if not chosen:
         raise UserError(f"no {what} of {satellite!r}", where=where, expected=f"one of {listed(names)}")
     if len(names) > 1:

@@ -256,7 +256,7 @@ def _band(spec: CameraSpec, name: str) -> Cards:
 
 def _coordinates(truth: FrameTruth, camera: CameraModel) -> Cards:
     """Return the celestial coordinate system, or nothing where none is good to a tenth of a pixel."""
-    if camera.projection == "equal_angle":
+    if camera.projection == "equal_angle" or camera.skew:
         return {}
     sip, error_px = _distortion(camera)
     if error_px > LARGEST_SIP_ERROR_PX:
@@ -291,7 +291,7 @@ def _coordinates(truth: FrameTruth, camera: CameraModel) -> Cards:
 
 def _distortion(camera: CameraModel) -> tuple[Cards, float]:
     """Return SIP polynomials from the image to that of the undistorted lens, and their largest error in pixels."""
-    if not any(camera.distortion):
+    if camera.projection != "unified" and not any(camera.distortion):
         return {}, 0.0
     side = [np.linspace(-0.5, size - 0.5, SIP_GRID) for size in (camera.width, camera.height)]
     uv = np.stack(np.meshgrid(*side), axis=-1).reshape(-1, 2)

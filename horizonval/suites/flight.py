@@ -209,8 +209,10 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
 def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
     kind = _kind_of(path, ("oem", "omm"), "an orbit: OEM, OMM, mean elements as JSON or CSV, or a table of states")
     if kind == "omm":
-        return _track_of_satellite(spec, satellite_of_omm(path))
-    trajectory = orbit_of_oem(path) if kind == "oem" else orbit_of_csv(path)
+        return _track_of_satellite(spec, satellite_of_omm(path, spec.satellite))
+    if kind != "oem" and spec.satellite is not None:
+        raise UserError("a table of states names no satellite", where="satellite", expected="it to be left out")
+    trajectory = orbit_of_oem(path, spec.satellite) if kind == "oem" else orbit_of_csv(path)
     first, last = trajectory.span_s
     epoch = spec.epoch_utc or clock.utc_after(trajectory.epoch_utc, first)
     offset = clock.elapsed_s(trajectory.epoch_utc, epoch)
