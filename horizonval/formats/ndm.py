@@ -44,8 +44,9 @@ KINDS = {
     "tdm": "a tracking data message",
     "cdm": "a conjunction data message",
     "rdm": "a re-entry data message",
+    "tle": "two-line elements",
 }
-"""Kinds of messages; the first three are read."""
+"""Kinds of messages; the first three are read, and two-line elements elsewhere."""
 VERSIONS = {"oem": ("1.0", "2.0", "3.0"), "omm": ("2.0", "3.0"), "aem": ("1.0", "2.0")}
 
 # ---- Keys of the standards ----------------------------------------------------------------------------------------
@@ -62,7 +63,7 @@ READ: Mapping[str, frozenset[str]] = {
     "omm": _OBJECT
     | {"REF_FRAME", "REF_FRAME_EPOCH", "MEAN_ELEMENT_THEORY", "EPOCH", "SEMI_MAJOR_AXIS", "MEAN_MOTION"}
     | {"ECCENTRICITY", "INCLINATION", "RA_OF_ASC_NODE", "ARG_OF_PERICENTER", "MEAN_ANOMALY", "GM", "EPHEMERIS_TYPE"}
-    | {"NORAD_CAT_ID", "BSTAR", "BTERM", "AGOM"},
+    | {"NORAD_CAT_ID", "BSTAR", "BTERM", "AGOM", "MEAN_MOTION_DOT", "MEAN_MOTION_DDOT"},
 }
 """Keys that are read, by the kind of message."""
 HEADER = frozenset({"CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID"})
@@ -70,13 +71,13 @@ HARMLESS = (
     HEADER
     | {"INTERPOLATION", "INTERPOLATION_METHOD", "INTERPOLATION_DEGREE"}
     | {"MASS", "SOLAR_RAD_AREA", "SOLAR_RAD_COEFF", "DRAG_AREA", "DRAG_COEFF", "CLASSIFICATION_TYPE"}
-    | {"ELEMENT_SET_NO", "REV_AT_EPOCH", "MEAN_MOTION_DOT", "MEAN_MOTION_DDOT", "COV_REF_FRAME"}
+    | {"ELEMENT_SET_NO", "REV_AT_EPOCH", "COV_REF_FRAME"}
     | {f"C{a}_{b}" for k, a in enumerate(_STATE) for b in _STATE[: k + 1]}
 )
 """Keys that change neither orbit nor attitude here, and may have any value.
 
 Files are interpolated by our own polynomial whatever method they name, covariances are not read, and the propagator
-SGP4 takes its drag from BSTAR alone: masses, areas and the derivatives of the mean motion are not terms of it.
+SGP4 takes its drag from BSTAR: masses and areas are not terms of it.
 """
 UNITS = {
     **dict.fromkeys(("X", "Y", "Z", "SEMI_MAJOR_AXIS"), "km"),
@@ -585,6 +586,8 @@ def one_message(path: Path, kind: str, expected: str, satellite: str | None) -> 
     parts = [(message, segment) for message in messages_of(path, kind, expected) for segment in message.segments]
     if not parts:
         raise UserError("no segment", where=str(path), expected=expected)
+    if kind == "aem" and len({segment.fields.name for _, segment in parts}) == 1:
+        satellite = None  # Attitudes of one object may name it otherwise than its elements.
     chosen = of_satellite(parts, satellite, str(path), lambda part: part[1].fields, "ephemerides")
     messages = list({id(message): message for message, _ in chosen}.values())
     if len(messages) > 1:
