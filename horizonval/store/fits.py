@@ -116,7 +116,7 @@ def opened(path: Path) -> Iterator[Any]:
             raise
         except Exception:
             # A damaged file comes out of the library as whatever went wrong inside.
-            raise DamagedFileError("not a FITS file that can be read: damaged", where=str(path)) from None
+            raise DamagedFileError("not an image that can be read: a damaged FITS file", where=str(path)) from None
 
 
 def _content(source: RadianceFrame | DetectorImage) -> dict[str, Any]:

@@ -67,15 +67,15 @@ def _data_bytes(cards: dict[str, str], path: Path, left: int) -> int:
         if value < 0:
             raise DamagedFileError(f"{key} = {value} is negative", where=str(path))
     for n, (key, value) in enumerate(inner.items(), 1):
-        if value > LARGEST_SIDE_PX or tiles[f"ZTILE{n}"] > max(value, 1):
+        if value > LARGEST_SIDE_PX or tiles[f"ZTILE{n}"] > LARGEST_SIDE_PX:
             what = f"{key} = {value} in tiles of {tiles[f'ZTILE{n}']}"
-            raise DamagedFileError(what, where=str(path), expected=f"at most {LARGEST_SIDE_PX}, in smaller tiles")
+            raise DamagedFileError(what, where=str(path), expected=f"at most {LARGEST_SIDE_PX} pixels")
     lengths = list(sizes.values())
     if cards.get("GROUPS") == "T" and lengths and lengths[0] == 0:
         lengths = lengths[1:]
     elements = number("GCOUNT", 1) * (number("PCOUNT", 0) + math.prod(lengths)) if lengths else 0
     announced = abs(bits) // 8 * elements
-    if announced > left:
+    if announced > max(left, 0):
         what = f"truncated, or a wrong head: it announces {announced} bytes of data, {max(left, 0)} follow"
         raise DamagedFileError(what, where=str(path))
     return -(-announced // _BLOCK) * _BLOCK

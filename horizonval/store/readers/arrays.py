@@ -147,6 +147,9 @@ def parts_of_table(path: Path) -> list[Part] | None:
             cells.pop()
         numbers = [cell for cell in cells if _NUMBER.fullmatch(cell)]
         if len(numbers) == len(cells):
+            if blocks[-1] and blocks[-1][0].size != len(cells):
+                what, expected = f"{len(cells)} numbers", f"{blocks[-1][0].size}, as in the rows above"
+                raise UserError(what, where=f"{path}: line {number}", expected=expected)
             blocks[-1].append(np.array(cells, dtype=np.float64))
         elif _DECIMAL_COMMA.search(text):
             where, what = f"{path}: line {number}", "numbers with a decimal comma"
@@ -155,9 +158,6 @@ def parts_of_table(path: Path) -> list[Part] | None:
             what = "is no row of numbers alone"
             raise UserError(what, where=f"{path}: line {number}", expected="numbers in every cell")
     blocks = [block for block in blocks if block]
-    for block in blocks:
-        if any(row.size != block[0].size for row in block):
-            raise UserError("rows of different lengths", where=str(path), expected="as many numbers in every row")
     if not blocks or max(len(block) * block[0].size for block in blocks) < 2:
         return None
 

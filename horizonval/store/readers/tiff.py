@@ -10,6 +10,8 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
+import os
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -59,15 +61,22 @@ def _opened(path: Path) -> Iterator[Any]:
         raise
     except Exception:
         # A damaged file comes out of the library as whatever went wrong inside.
-        raise DamagedFileError(
-            "not an image that can be read: a damaged TIFF file", where=str(path), expected=EXPECTED
-        ) from None
+        raise DamagedFileError("not an image that can be read: a damaged TIFF file", where=str(path)) from None
     finally:
         logger.disabled = before
 
 
 def _refuse_stacks(tiff: Any, path: Path) -> None:
-    """Raise ``UserError`` for files whose one page stands for several images that follow it without tags."""
+    """Raise ``UserError`` for files whose one page stands for several images that follow it without tags.
+
+    Also for files whose list of pages leads out of the file, where the library stops reading.
+    """
+    layout, file = tiff.tiff, tiff.filehandle
+    file.seek(tiff.pages[len(tiff.pages) - 1].offset)
+    (tags,) = struct.unpack(layout.tagnoformat, file.read(layout.tagnosize))
+    file.seek(tags * layout.tagsize, os.SEEK_CUR)
+    if file.read(layout.offsetsize).strip(b"\0"):
+        raise DamagedFileError("truncated, or a damaged list of pages", where=str(path))
     count = int((tiff.imagej_metadata or {}).get("images", 1)) if tiff.is_imagej else 1
     truncated = tiff.is_shaped and any(m.get("truncated") for m in tiff.shaped_metadata)
     if count > len(tiff.pages) or truncated or tiff.is_stk or tiff.is_lsm:
@@ -92,7 +101,8 @@ def _parts_of(page: Any, place: tuple[int, int | None], path: Path) -> list[Part
         raise UserError(f"pixels of shape {tuple(page.shaped)}", where=str(path), expected="a flat image")
     photometric = page.tags.valueof(_PHOTOMETRIC)
     colours = _COLOURS.get(-1 if photometric is None else int(photometric), samples)
-    unknown = samples - colours > 1 or (samples > colours and page.extrasamples[:1] not in ((1,), (2,)))
+    # Some programs do not say that a fourth sample is opacity.
+    unknown = samples - colours > 1 or (samples == 2 and colours == 1 and page.extrasamples not in ((1,), (2,)))
     kind = f"{page.dtype or 'unknown'}, {samples} sample{'s' if samples > 1 else ''} a pixel"
     main = not page.subfiletype & (_REDUCED | _MASK)
     orientation = int(page.tags.valueof(_ORIENTATION, 1))
@@ -148,8 +158,12 @@ def _photometric(page: Any, path: Path) -> int:
 def _refuse_missing_data(page: Any, size: int, path: Path) -> None:
     """Raise unless every strip or tile lies inside the file; the decoder fills others with zeros."""
     segments = list(zip(page.dataoffsets, page.databytecounts, strict=True))
-    plain = int(page.compression) == 1
-    enough = sum(page.databytecounts) >= page.nbytes if plain else len(segments) == math.prod(page.chunked)
+    if int(page.compression) == 1:
+        separate, _, height, width, together = page.shaped
+        least = separate * height * -(-width * together * page.bitspersample // 8)
+        enough = sum(page.databytecounts) >= least
+    else:
+        enough = len(segments) == math.prod(page.chunked)
     if not enough or any(start <= 0 or count <= 0 or start + count > size for start, count in segments):
         raise DamagedFileError("truncated, or parts of its pixels are missing", where=str(path))
 
