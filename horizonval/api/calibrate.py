@@ -146,15 +146,22 @@ def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:
     }
 
 
-def camera_text(path: Path, camera: str | None = None, base: str | None = None, vignetting: Path | None = None) -> str:
-    """Return the text of a camera file.
+def camera_text(
+    path: Path,
+    camera: str | None = None,
+    base: str | None = None,
+    vignetting: Path | None = None,
+    model: str | None = None,
+    image_circle_deg: float | None = None,
+) -> str:
+    """Return the text of a camera file; comments at its beginning say what was assumed or applied.
 
     Raises ``UserError``: a mistake, with file and key.
 
     Parameters
     ----------
     path : Path
-        Camera file of ROS, Kalibr, OpenCV or MATLAB.
+        Camera file of ROS, Kalibr, OpenCV, Basalt, camodocal or MATLAB.
     camera : str, optional
         Name of one of several cameras in it.
     base : str, optional
@@ -163,10 +170,16 @@ def camera_text(path: Path, camera: str | None = None, base: str | None = None, 
         Table of ``field_deg`` or ``radius_px``, the distance from the principal point along its row, and either
         ``relative_illumination``, the total loss towards the edge, or ``vignetting``, the loss beyond the law of the
         pupil.
+    model : str, optional
+        ``pinhole`` or ``fisheye`` where the file has coefficients without a model.
+    image_circle_deg : float, optional
+        Full angle of the field that the lens fills, where it does not fill the image.
     """
-    found, program = read_camera(path, camera)
+    found, program = read_camera(path, camera, model)
     data: dict[str, Any] = {} if base is None else read_toml(find("camera", base))
     data["camera"] = found.table(f"{program}: {path.name}")
+    if image_circle_deg is not None:
+        data["camera"]["image_circle_deg"] = image_circle_deg
     spec = validate(CameraSpec, data, str(path))
     check_invertible(camera_from_spec(spec.camera), f"{path}: distortion")
     if vignetting is not None:
@@ -178,7 +191,7 @@ def camera_text(path: Path, camera: str | None = None, base: str | None = None, 
         optics["vignetting_deg"], optics["vignetting"] = _vignetting(vignetting, spec)
         validate(CameraSpec, data, str(vignetting))
     # The camera comes first, as in every shipped file.
-    return toml({"camera": data.pop("camera"), **data})
+    return "".join(f"# {note}\n" for note in found.notes) + toml({"camera": data.pop("camera"), **data})
 
 
 def _vignetting(path: Path, spec: CameraSpec) -> tuple[list[float], list[float]]:

@@ -24,7 +24,7 @@ from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.plugins import registry, supervisor
 from horizonval.plugins.supervisor import Limits
-from horizonval.scoring.bound import bound_of, together
+from horizonval.scoring.bound import NO_BOUND, known_bound
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score, rounded
@@ -466,6 +466,6 @@ def _bounds(sources: Sequence[Source]) -> dict[str, Any]:
     images = [source for source in sources if isinstance(source, DetectorImage)]
     if not images:
         return {}
-    bound = bound_of(together(images), images[0].truth, images[0].band)
+    bound = known_bound(images, images[0].truth, images[0].band) or NO_BOUND
     values = zip(BOUNDS, (bound.noise_arcsec, bound.known_arcsec), strict=True)
     return {name: rounded(name, value) for name, value in values}

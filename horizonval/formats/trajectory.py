@@ -21,9 +21,10 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -31,20 +32,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import KroghInterpolator
+from scipy.spatial.transform import Rotation
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.formats import contradiction
 from horizonval.formats.attitude import AttitudeHistory, Axes, attitudes_of, states_in_gcrs
-from horizonval.formats.ccsds import Coverage, coverage_of, outside, seconds_after, together, utc_of
+from horizonval.formats.coverage import Coverage, coverage_of, outside, together
 from horizonval.formats.csv_table import CsvTable, read_csv
-from horizonval.geometry.orbit import GM_M3_PER_S2
+from horizonval.geometry import clock
+from horizonval.geometry.orbit import EARTH_RATE_RAD_S, GM_M3_PER_S2
+from horizonval.geometry.rotation import itrs_from_gcrs
 
 WITH_VELOCITY, WITHOUT = 4, 8
 """Nearest states that a polynomial goes through."""
 FEWEST = 2
 LARGEST_OFF_M = 100.0
 """Three arc seconds of the way round the Earth, in low orbit."""
+LOWEST_KM, FARTHEST_KM = 6200.0, 2e6
+"""Distances from the Earth's centre that a state may have; beyond, its unit is another one."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +59,14 @@ class TrajectoryPiece:
     """States without a manoeuvre between them.
 
     ``seconds`` after the trajectory's epoch, shape (m,), rising; ``r_gcrs`` [m] and ``v_gcrs`` [m/s], shape (m, 3).
-    ``coverage``: the times that may be asked for.
+    ``coverage``: the times that may be asked for. ``earth_fixed``: whether the states come from Earth-fixed axes.
     """
 
     seconds: FloatArray
     r_gcrs: FloatArray
     v_gcrs: FloatArray | None
     coverage: Coverage
+    earth_fixed: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,6 +103,8 @@ class Trajectory:
             inside = np.isfinite(piece.coverage.around(t)[0])
             if inside.any():
                 r[inside], v[inside] = _between(piece, t[inside])
+                if piece.earth_fixed and (turns := _turns_at_leap_seconds(self.epoch_utc, t[inside])) is not None:
+                    r[inside], v[inside] = (turns.inv().apply(x[inside]) for x in (r, v))
         if np.isnan(r).any():
             first = float(t[int(np.flatnonzero(np.isnan(r[:, 0]))[0])])
             raise outside("state", self.epoch_utc, first, self.coverage, self.where)
@@ -102,32 +112,61 @@ class Trajectory:
 
 
 def piece_of(
+    axes: Axes,
+    epoch_utc: datetime,
     seconds: FloatArray,
-    r_gcrs: FloatArray,
-    v_gcrs: FloatArray | None,
+    r: FloatArray,
+    v: FloatArray | None,
     where: str,
     usable_s: tuple[float, float] | None = None,
+    place: Callable[[int], str] | None = None,
 ) -> TrajectoryPiece:
-    """Return a piece, or a :class:`UserError` where its states are no way round the Earth.
+    """Return a piece, or a :class:`UserError` where its states are no way round the Earth or contradict each other.
 
-    States outside ``usable_s`` are interpolated through, and not flown.
+    ``r`` [m] and ``v`` [m/s], shape (m, 3), are along ``axes``; Earth-fixed velocities are relative. States outside
+    ``usable_s`` are interpolated through, and not flown. ``place``: name of a state, by its index, for messages.
     """
+    named = place or (lambda k: f"{where}: state {k + 1}")
     if len(seconds) < FEWEST:
         raise UserError(f"{len(seconds)} states", where=where, expected=f"{FEWEST} and more")
+    check_rising(seconds, named)
+    distance_km = np.linalg.norm(r, axis=1) / 1e3
+    for k, wrong in ((int(np.argmin(distance_km)), "below"), (int(np.argmax(distance_km)), "above")):
+        if (distance_km[k] < LOWEST_KM) if wrong == "below" else (distance_km[k] > FARTHEST_KM):
+            raise UserError(
+                f"a state {distance_km[k]:.6g} km from the Earth's centre",
+                where=named(k),
+                expected=f"a position {LOWEST_KM:g} to {FARTHEST_KM:g} km from it; are these kilometres?",
+            )
+    r_gcrs, v_gcrs = states_in_gcrs(axes, epoch_utc, seconds, r, v)
+    if axes == "itrs" and (turns := _turns_at_leap_seconds(epoch_utc, seconds)) is not None:
+        r_gcrs, v_gcrs = turns.apply(r_gcrs), None if v_gcrs is None else turns.apply(v_gcrs)
+    gaps = _gaps(seconds, r_gcrs, v is not None)
+    if v_gcrs is not None:
+        assert v is not None
+        contradiction.check(axes, (seconds, r, v), (r_gcrs, v_gcrs), gaps, named)
+    return TrajectoryPiece(seconds, r_gcrs, v_gcrs, coverage_of(seconds, gaps, usable_s), axes == "itrs")
+
+
+def check_rising(seconds: FloatArray, place: Callable[[int], str]) -> None:
+    """Refuse a time that is not after the one before it."""
     steps = np.diff(seconds)
     if (steps <= 0.0).any():
-        number = int(np.flatnonzero(steps <= 0.0)[0]) + 2
-        raise UserError(f"state {number} is not after the one before", where=where, expected="rising times")
-    distance_km = np.linalg.norm(r_gcrs, axis=1) / 1e3
-    if distance_km.min() < 6200.0:
-        number = int(np.argmin(distance_km)) + 1
-        raise UserError(
-            f"state {number} is {distance_km[number - 1]:.6g} km from the Earth's centre",
-            where=where,
-            expected="a place above the ground; are these kilometres?",
-        )
-    gaps = _gaps(seconds, r_gcrs, v_gcrs is not None)
-    return TrajectoryPiece(seconds, r_gcrs, v_gcrs, coverage_of(seconds, gaps, usable_s))
+        k = int(np.flatnonzero(steps <= 0.0)[0]) + 1
+        what = "the time of the row before" if steps[k - 1] == 0.0 else f"{-steps[k - 1]:g} s before the row before"
+        raise UserError(what, where=place(k), expected="rising times")
+
+
+def _turns_at_leap_seconds(epoch_utc: datetime, seconds: FloatArray) -> Rotation | None:
+    """Return the turns, in celestial axes, by which UT1, taken as UTC, steps at leap seconds since the epoch.
+
+    Earth-fixed states have no steps, but turned to celestial axes they would. None if there is no leap second.
+    """
+    steps = clock.leap_seconds(epoch_utc, seconds)
+    if not steps.any():
+        return None
+    pole = itrs_from_gcrs(epoch_utc, seconds)[:, 2]
+    return Rotation.from_rotvec(EARTH_RATE_RAD_S * steps[:, None] * pole)
 
 
 def _nodes(total: int, interval: NDArray[np.intp], with_velocity: bool) -> tuple[int, NDArray[np.intp]]:
@@ -175,30 +214,36 @@ def _between(piece: TrajectoryPiece, t: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 AXES: tuple[Axes, ...] = ("gcrs", "itrs")
+LIKE_STATES = re.compile(r"(v?[xyz](_|\d|$|km)|v[xyz]|r[xyz](_|$)|pos|vel|time|epoch|utc|date)", re.IGNORECASE)
+LIKE_ATTITUDES = re.compile(r"(q(_|\d|$|[wxyzs]|uat)|time|epoch|utc|date)", re.IGNORECASE)
+"""Names that look like columns of ours."""
 
 
 def orbit_of_csv(path: Path) -> Trajectory:
     """Return the orbit in a table; a mistake is a :class:`UserError` with line and column."""
     moving = [("time_utc", *_place(axes), *_velocity(axes)) for axes in AXES]
-    table = read_csv(path, *moving, *(("time_utc", *_place(axes)) for axes in AXES), texts=("time_utc",))
+    table = read_csv(
+        path, *moving, *(("time_utc", *_place(axes)) for axes in AXES), texts=("time_utc",), like=LIKE_STATES
+    )
     axes: Axes = "gcrs" if "x_gcrs_km" in table.numbers else "itrs"
-    times = _times(table)
-    seconds = seconds_after(times[0], times)
+    epoch, seconds = _times(table)
     r = 1e3 * table.together(*_place(axes))
     v = 1e3 * table.together(*_velocity(axes)) if f"vx_{axes}_km_s" in table.numbers else None
-    return Trajectory(
-        times[0], (piece_of(seconds, *states_in_gcrs(axes, times[0], seconds, r, v), str(path)),), str(path)
-    )
+    piece = piece_of(axes, epoch, seconds, r, v, str(path), place=lambda k: f"{path}: line {table.lines[k]}")
+    return Trajectory(epoch, (piece,), str(path))
 
 
 def attitude_of_csv(path: Path) -> AttitudeHistory:
     """Return the attitudes in a table; a mistake is a :class:`UserError` with line and column."""
-    table = read_csv(path, *(("time_utc", *_quaternion(axes)) for axes in AXES), texts=("time_utc",))
+    table = read_csv(
+        path, *(("time_utc", *_quaternion(axes)) for axes in AXES), texts=("time_utc",), like=LIKE_ATTITUDES
+    )
     axes: Axes = "gcrs" if "q_body_from_gcrs_x" in table.numbers else "itrs"
-    times = _times(table)
-    q = table.together(*_quaternion(axes))
-    piece = attitudes_of(seconds_after(times[0], times), q, str(path))
-    return AttitudeHistory(times[0], (piece,), axes, str(path))
+    epoch, seconds = _times(table)
+    lines = [f"{path}: line {line}" for line in table.lines]
+    check_rising(seconds, lines.__getitem__)
+    piece = attitudes_of(seconds, table.together(*_quaternion(axes)), str(path), place=lines.__getitem__)
+    return AttitudeHistory(epoch, (piece,), axes, str(path))
 
 
 def _place(axes: Axes) -> tuple[str, ...]:
@@ -213,8 +258,12 @@ def _quaternion(axes: Axes) -> tuple[str, ...]:
     return tuple(f"q_body_from_{axes}_{letter}" for letter in "xyzw")
 
 
-def _times(table: CsvTable) -> list[datetime]:
-    return [utc_of(text, table.place(row, "time_utc")) for row, text in enumerate(table.texts["time_utc"])]
+def _times(table: CsvTable) -> tuple[datetime, FloatArray]:
+    """Return the epoch of a table, its first time, and the seconds from it to all its rows."""
+    texts = enumerate(table.texts["time_utc"])
+    instants = [clock.instant_of(text, table.place(row, "time_utc")) for row, text in texts]
+    epoch = clock.epoch_at(instants[0])
+    return epoch, clock.seconds_after(epoch, instants)
 
 
 LARGEST_BYTES = 4 * 1024**3
@@ -240,20 +289,43 @@ class SpiceOrbit:
 
     def body_from_gcrs(self, epoch_utc: datetime, seconds: FloatArray) -> FloatArray:
         """Return matrices, shape (n, 3, 3), at times (n,) after an epoch."""
-        offset = (epoch_utc - self.epoch_utc).total_seconds()
+        offset = clock.elapsed_s(self.epoch_utc, epoch_utc)
         with _loaded(self.kernels) as spice:
             times = self._times(spice, np.asarray(seconds) + offset)
             return np.array([spice.pxform("J2000", self.body_axes, et) for et in times])
 
     def _times(self, spice: Any, seconds: FloatArray) -> list[float]:
-        at = [self.epoch_utc + timedelta(seconds=float(t)) for t in seconds]
-        return [
-            spice.str2et(time.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")) for time in at
-        ]
+        return [spice.str2et(clock.stamp_after(self.epoch_utc, float(t))) for t in seconds]
+
+    def check(self, begin_s: float, end_s: float) -> None:
+        """Refuse leap seconds other than ours, and velocities that contradict the positions; at five short spans."""
+        h = min(30.0, (end_s - begin_s) / 4.0)
+        if h <= 0.0:
+            return
+        for start in np.linspace(begin_s, end_s - 4.0 * h, 5):
+            seconds = start + h * np.arange(5.0)
+            with _loaded(self.kernels) as spice:
+                et = self._times(spice, seconds[:1])[0]
+            tt = clock.julian_tt(self.epoch_utc, float(start))
+            # TDB is within 2 ms of TT.
+            late = et - ((tt[0] - 2451545.0) + tt[1]) * 86400.0
+            if abs(late) > 0.1:
+                raise UserError(
+                    f"{late:+.0f} s off at {clock.stamp_after(self.epoch_utc, float(start))}: leap seconds that differ "
+                    "from those of IERS",
+                    where=_names(self.kernels),
+                    expected="an up-to-date kernel of leap seconds (LSK)",
+                )
+            r, v = self.states(seconds)
+            places = [
+                f"{_names(self.kernels)}: {self.spacecraft} at {clock.stamp_after(self.epoch_utc, float(t))}"
+                for t in seconds
+            ]
+            contradiction.check("gcrs", (seconds, r, v), (r, v), np.zeros(4, dtype=bool), places.__getitem__)
 
 
-def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[datetime, datetime]:
-    """Return first and last time of the spacecraft's states in the kernels, to whole microseconds within them."""
+def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[int, int]:
+    """Return first and last instant [ns, TAI] of the spacecraft's states in the kernels, a microsecond within them."""
     with _loaded(kernels) as spice:
         number = spice.bods2c(spacecraft)
         window: Any = None
@@ -265,9 +337,9 @@ def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[datetime, datetim
             raise UserError(f"no states of {spacecraft!r}", where=_names(kernels), expected="an SPK of the spacecraft")
         first, last = spice.wnfetd(window, 0)[0], spice.wnfetd(window, spice.wncard(window) - 1)[1]
         stamps = [spice.et2utc(et, "ISOC", 6) for et in (first, last)]
-    ends = [datetime.fromisoformat(stamp).replace(tzinfo=UTC) for stamp in stamps]
     # The last digit is rounded, and may lie outside.
-    return ends[0] + timedelta(microseconds=1), ends[1] - timedelta(microseconds=1)
+    begin, end = (clock.instant_of(stamp, _names(kernels)) for stamp in stamps)
+    return begin + 1000, end - 1000
 
 
 @contextlib.contextmanager

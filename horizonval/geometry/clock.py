@@ -118,6 +118,14 @@ def stamp(tai_ns: int) -> str:
     return text.replace(":59:59", ":59:60") if leaping else text
 
 
+def epoch_at(tai_ns: int) -> datetime:
+    """Return the last UTC ``datetime`` that is not after an instant: within a leap second the one before it."""
+    shown, leaping = _shown(tai_ns)
+    if leaping:
+        shown = shown // _DAY * _DAY - 1
+    return _ORIGIN + timedelta(microseconds=shown // 1000)
+
+
 def utc_after(epoch_utc: datetime, seconds: float) -> datetime:
     """Return the UTC ``datetime`` so many SI seconds after an epoch; UserError within a leap second."""
     return utc_at(tai_of(epoch_utc) + round(seconds * _S))
@@ -275,6 +283,16 @@ def _days(epoch: datetime, t: FloatArray) -> Literal["uniform", "stretched", "le
     if first.year < _FIRST_WHOLE_YEAR:
         return "stretched"
     return "uniform" if _offset_ns(first.year, first.month) == _offset_ns(last.year, last.month) else "leap"
+
+
+def leap_seconds(epoch_utc: datetime, seconds: ArrayLike) -> FloatArray:
+    """Return by how much TAI - UTC [s] has grown from an epoch to instants, SI seconds after it, shape (...)."""
+    epoch, t = in_range(epoch_utc), np.asarray(seconds, dtype=np.float64)
+    if _days(epoch, t) == "uniform":
+        return np.zeros_like(t)
+    origin = tai_of(epoch)
+    shown = np.array([_shown(origin + round(x * _S))[0] - (origin + round(x * _S)) for x in t.ravel().tolist()])
+    return (_shown(origin)[0] - origin - shown.reshape(t.shape)) / _S
 
 
 def julian_tai(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> Julian:

@@ -31,7 +31,8 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
-from horizonval.geometry.rotation import itrs_from_gcrs, julian_utc
+from horizonval.geometry.clock import julian_utc
+from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.detector import Cmos
 from horizonval.store.attributes import camera_of, earth_mask, saturated_mask, sunlit_mask
@@ -212,7 +213,7 @@ def _band(spec: CameraSpec, name: str) -> Cards:
 
 def _coordinates(truth: FrameTruth, camera: CameraModel) -> Cards:
     """Return the celestial coordinate system, or nothing where none is good to a tenth of a pixel."""
-    if camera.projection == "equal_angle":
+    if camera.projection == "equal_angle" or camera.skew:
         return {}
     sip, error_px = _distortion(camera)
     if error_px > LARGEST_SIP_ERROR_PX:
@@ -247,7 +248,7 @@ def _coordinates(truth: FrameTruth, camera: CameraModel) -> Cards:
 
 def _distortion(camera: CameraModel) -> tuple[Cards, float]:
     """Return SIP polynomials from the image to that of the undistorted lens, and their largest error in pixels."""
-    if not any(camera.distortion):
+    if camera.projection != "unified" and not any(camera.distortion):
         return {}, 0.0
     side = [np.linspace(-0.5, size - 0.5, SIP_GRID) for size in (camera.width, camera.height)]
     uv = np.stack(np.meshgrid(*side), axis=-1).reshape(-1, 2)

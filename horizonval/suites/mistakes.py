@@ -10,9 +10,9 @@ from typing import Any
 from horizonval.core.errors import MistakeCollector, UserError
 from horizonval.earth.spectral.bands import limits_um
 from horizonval.estimation.likelihood.templates import is_of_band, templates_of
+from horizonval.geometry import clock
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
-from horizonval.geometry.rotation import julian_utc
 from horizonval.renderer.frame_cost import refuse_too_large
 from horizonval.sensor.knowledge import drawn_errors, refuse_unknown_climate
 from horizonval.spec.camera import CameraSpec
@@ -175,6 +175,6 @@ def _check_case(case: Case, cameras: set[int]) -> None:
     if case.scene.prior is not None:
         _check_prior(case.scene.prior, case.camera)
     try:
-        julian_utc(case.scene.platform.epoch_utc)
+        clock.in_range(case.scene.platform.epoch_utc)
     except UserError as e:
         raise e.at("platform.epoch_utc") from e
