@@ -12,13 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-<<<<<<< HEAD
 from horizonval.cli.options import CameraName, Json, Orientation, Part, PriorFile, estimators, shipped
-from horizonval.cli.output import check_target, print_json, print_result, watched
-=======
-from horizonval.cli.options import CameraName, Json, PriorFile, estimators, shipped
 from horizonval.cli.output import check_target, print_json, print_result, watched, written
->>>>>>> main
 from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
 
