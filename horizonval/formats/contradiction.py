@@ -33,6 +33,8 @@ LARGEST_STEP_M_S = 4000.0
 """Largest manoeuvre between two states."""
 LARGEST_NOISE_M, LARGEST_ROUNDING_M_S = 1000.0, 5.0
 """Of positions and of velocities: what is given in whole kilometres, and to 0.01 km/s."""
+SPEEDS_M_S = (1.0, 20e3)
+"""Least and greatest speed, among the stars."""
 _FEWEST_FOR_NOISE = 5
 _ALIKE = 0.03
 """Relative difference up to which a hypothesis explains a velocity."""
@@ -55,6 +57,7 @@ def check(
     off, allowed = _difference(given[0], *gcrs)
     wrong = (np.linalg.norm(off, axis=1) > allowed) & ~gaps
     if not wrong.any():
+        _check_speed(gcrs[1], place)
         return
     first = int(np.flatnonzero(wrong)[0])
     whole = bool(wrong[~gaps].mean() > 0.5)
@@ -67,6 +70,18 @@ def check(
         expected="velocities that fit the positions",
         fix="correct the velocities, or give a table of positions alone",
     )
+
+
+def _check_speed(v_gcrs: FloatArray, place: Callable[[int], str]) -> None:
+    """Refuse speeds that no satellite of the Earth has; in a gap they are all that is known."""
+    speed = np.linalg.norm(v_gcrs, axis=1)
+    wrong = np.flatnonzero((speed < SPEEDS_M_S[0]) | (speed > SPEEDS_M_S[1]))
+    if len(wrong):
+        raise UserError(
+            f"a speed of {speed[wrong[0]] / 1e3:.3g} km/s",
+            where=place(int(wrong[0])),
+            expected=f"{SPEEDS_M_S[0] / 1e3:g} to {SPEEDS_M_S[1] / 1e3:g} km/s; are these kilometres a second?",
+        )
 
 
 def _difference(seconds: FloatArray, r: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:

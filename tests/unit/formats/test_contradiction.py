@@ -62,6 +62,15 @@ def test_a_contradiction_is_refused_with_its_cause(wrong: str, elements: Element
     piece(t, r, v)
 
 
+@pytest.mark.parametrize(("factor", "message"), [(0.0, "speed of 0 km/s"), (1e3, r"speed of 7.*e.03 km/s")])
+def test_states_too_far_apart_to_compare_have_a_speed_at_least(factor: float, message: str) -> None:
+    t = 3600.0 * np.arange(9.0)
+    r, v = tod_states(LEO, t)
+    piece(t, r, v)
+    with pytest.raises(UserError, match=f"state 1: a {message}"):
+        piece(t, r, factor * v)
+
+
 @pytest.mark.parametrize("elements", [LEO, GEO])
 @pytest.mark.parametrize("rows", [2, 3, 12])
 def test_inertial_velocities_in_earth_fixed_columns(elements: Elements, rows: int) -> None:
