@@ -91,6 +91,10 @@ def _satellite(fields: Fields) -> tuple[Satrec, str]:
             f"found {fields.text('GM')}", where=fields.at("GM"), expected=f"the Earth's, {GM_KM3_S2} km**3/s**2"
         )
     instant = instant_of(fields.needed("EPOCH", "the time of the elements"), fields.at("EPOCH"), fields.time_system())
+    try:
+        epoch = utc_at(instant)
+    except UserError as error:
+        raise error.at(fields.at("EPOCH")) from error
     values = {
         key: _within(fields, key, low, high)
         for key, low, high in (
@@ -111,7 +115,7 @@ def _satellite(fields: Fields) -> tuple[Satrec, str]:
         doubts.append(f"{fields.at('MEAN_ELEMENT_THEORY')}: elements of SGP are flown by SGP4")
     found = Satrec()
     names = {"CLASSIFICATION_TYPE": "U", "OBJECT_ID": "", "EPHEMERIS_TYPE": "0", "ELEMENT_SET_NO": "0"}
-    numbers = {"REV_AT_EPOCH": "0", "NORAD_CAT_ID": "0", "EPOCH": utc_at(instant).strftime("%Y-%m-%dT%H:%M:%S.%f")}
+    numbers = {"REV_AT_EPOCH": "0", "NORAD_CAT_ID": "0", "EPOCH": epoch.strftime("%Y-%m-%dT%H:%M:%S.%f")}
     omm.initialize(found, {**names, **numbers, **values})
     if found.error:
         raise UserError(SGP4_ERRORS[found.error], where=fields.where, expected="elements of a satellite")
