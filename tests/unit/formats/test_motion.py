@@ -142,14 +142,14 @@ def test_mean_elements_are_those_of_the_lines(tmp_path: Path) -> None:
     tags = {key: f"<{key}>{value}</{key}>" for key, value in fields.items()}
     xml = "<?xml version='1.0'?><omm id='CCSDS_OMM_VERS' version='2.0'><body><segment>" + "".join(tags.values())
     for name, text in (("a.omm", kvn), ("a.xml", xml + "</segment></body></omm>")):
-        found = satellite_of_omm(written(tmp_path, name, text))
+        found, _ = satellite_of_omm(written(tmp_path, name, text))
         for day in (0.0, 1.0):
             _, r, v = satellite.sgp4(satellite.jdsatepoch + day, satellite.jdsatepochF)
             _, r2, v2 = found.sgp4(satellite.jdsatepoch + day, satellite.jdsatepochF)
             assert np.abs(np.subtract(r, r2)).max() < 1e-6
             assert np.abs(np.subtract(v, v2)).max() < 1e-9
     stated = kvn.replace("15.49560000", "15.49560000 [rev/day]").replace("51.6400", "51.6400 [deg]")
-    assert satellite_of_omm(written(tmp_path, "c.omm", stated)).inclo == satellite.inclo
+    assert satellite_of_omm(written(tmp_path, "c.omm", stated))[0].inclo == satellite.inclo
     for wrong in (stated.replace("[deg]", "[rad]"), xml.replace("<INCLINATION>", "<INCLINATION units='rad'>")):
         with pytest.raises(UserError, match="INCLINATION: in 'rad'; expected deg"):
             satellite_of_omm(written(tmp_path, "d.omm", wrong + ("</segment></body></omm>" if wrong[0] == "<" else "")))
