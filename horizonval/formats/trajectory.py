@@ -141,6 +141,7 @@ def piece_of(
     r_gcrs, v_gcrs = states_in_gcrs(axes, epoch_utc, seconds, r, v)
     if axes == "itrs" and (turns := _turns_at_leap_seconds(epoch_utc, seconds)) is not None:
         r_gcrs, v_gcrs = turns.apply(r_gcrs), None if v_gcrs is None else turns.apply(v_gcrs)
+    contradiction.check_axes(axes, seconds, r_gcrs, where)
     gaps = _gaps(seconds, r_gcrs, v is not None)
     if v_gcrs is not None:
         assert v is not None
