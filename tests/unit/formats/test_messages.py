@@ -456,6 +456,7 @@ IN_A, IN_B = ({"ANGVEL_FRAME": f"REF_FRAME_{letter}"} for letter in "AB")
         ("2.0", {**ANGVEL, **IN_B}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands first"),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, W_B), ""),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands at"),
+        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "EULER_ROT_SEQ": "312"}, aem_rows(Q, W_B[:, [2, 0, 1]]), ""),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, 5.0 * W_B[:, [1, 0, 2]]), ""),
     ],
 )  # fmt: skip
