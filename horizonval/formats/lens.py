@@ -312,13 +312,13 @@ def _of_kalibr(read: FileReader, name: str) -> Intrinsics:
     model = read.data.get("distortion_model")
     if model in ("equi", "equidistant") and kind == "pinhole":
         return replace(one, distortion=tuple(read.numbers(coefficients, 4)), projection=FISHEYE)
-    if model in ("radtan", "radial-tangential"):
+    if model in ("radtan", "radial-tangential") and kind in ("pinhole", "omni"):
         return replace(one, distortion=read.brown(coefficients, read.numbers(coefficients, (4, 5))))
     if model == "none":
         if any(_leaves(read.data.get(coefficients))) and any(read.numbers(coefficients, tuple(range(1, 15)))):
             raise read.fail(coefficients, "coefficients that are not 0", "none, as distortion_model says")
         return one
-    expected = "radtan, equi or none" if kind == "pinhole" else "radtan or none"
+    expected = {"pinhole": "radtan, equi or none", "omni": "radtan or none"}.get(kind, "none")
     raise read.fail("distortion_model", "missing" if model is None else f"found {excerpt(repr(model))}", expected)
 
 
@@ -614,6 +614,10 @@ MOST_VALUES, DEEPEST = 50_000, 40
 EXPECTED = "a camera of ROS (camera_info), OpenCV (FileStorage), Kalibr, Basalt, camodocal or MATLAB (a struct as JSON)"
 
 
+_COMMENT = re.compile(r"^[ \t]*//.*$", re.MULTILINE)
+"""Comments that OpenCV writes into JSON."""
+
+
 def read_camera(path: Path, camera: str | None = None, model: str | None = None) -> tuple[Intrinsics, str]:
     """Return a camera and the name of the program that wrote it.
 
@@ -626,7 +630,7 @@ def read_camera(path: Path, camera: str | None = None, model: str | None = None)
     start = text.lstrip()
     if start.startswith("<"):
         documents = [_xml(text, path)]
-    elif path.suffix.lower() == ".json" or (start.startswith("{") and '"' in start):
+    elif path.suffix.lower() == ".json" or _is_json(start):
         documents = [_json(text, path)]
     else:
         documents = _yaml(text, path)
@@ -724,6 +728,17 @@ def _yaml(text: str, path: Path) -> list[Any]:
     return documents
 
 
+def _is_json(text: str) -> bool:
+    """Whether a text is JSON, and not YAML that also begins with a brace."""
+    if not text.startswith("{"):
+        return False
+    try:
+        json.loads(_COMMENT.sub("", text))
+    except (ValueError, RecursionError):
+        return False
+    return True
+
+
 def _json(text: str, path: Path) -> Any:
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         table = dict(pairs)
@@ -733,8 +748,7 @@ def _json(text: str, path: Path) -> Any:
             raise UserError("found twice", where=f"{path}: {excerpt(twice)}", expected="every key once")
         return table
 
-    # OpenCV writes comments into JSON.
-    text = re.sub(r"^\s*//.*$", "", text, flags=re.MULTILINE)
+    text = _COMMENT.sub("", text)
     files.parse_json(text, path)
     return json.loads(text, object_pairs_hook=once)
 
