@@ -52,6 +52,8 @@ def calibrate(
     camera: Camera | None = None,
     known: PriorSpec | None = None,
     *,
+    part: str | int | None = None,
+    orientation: str | None = None,
     progress: bool | Progress = True,
 ) -> tuple[dict[str, Any], str | None]:
     """Return focal length, principal point and mounting from the limbs in the images of a pass.
@@ -64,6 +66,8 @@ def calibrate(
         Initial camera; images of this package carry theirs.
     known : PriorSpec, optional
         Position and attitude with their sigmas; replaces those in the files.
+    part, orientation : optional
+        As for :func:`horizonval.estimate`, for all images.
     progress : bool or Progress
 
     Returns
@@ -73,7 +77,7 @@ def calibrate(
     text : str or None
         The calibrated camera file; None after a refusal.
     """
-    observations = observations_of(images, camera, known)
+    observations = observations_of(images, camera, known, part, orientation)
     with shown(progress, "calibrate", "images") as listener:
         found = calibrate_camera(observations, listener)
     report = report_of(found)
@@ -111,10 +115,15 @@ def images_of(paths: Sequence[Path]) -> list[Path]:
 
 
 def observations_of(
-    paths: Sequence[Path], camera: Camera | None = None, known: PriorSpec | None = None
+    paths: Sequence[Path],
+    camera: Camera | None = None,
+    known: PriorSpec | None = None,
+    part: str | int | None = None,
+    orientation: str | None = None,
 ) -> list[Observation]:
     """Return the observations of a calibration; parameters as for :func:`calibrate`."""
-    return [observation_from(path, limb_ellipsoid.ESTIMATOR, camera, known)[0] for path in images_of(paths)]
+    method = limb_ellipsoid.ESTIMATOR
+    return [observation_from(path, method, camera, known, part, orientation)[0] for path in images_of(paths)]
 
 
 def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from horizonval.cli.options import CameraName, Json, PriorFile, estimators, shipped
+from horizonval.cli.options import CameraName, Json, Orientation, Part, PriorFile, estimators, shipped
 from horizonval.cli.output import check_target, print_json, print_result, watched, written
 from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
@@ -110,7 +110,8 @@ def estimate(
     image: Annotated[
         list[Path],
         typer.Argument(
-            help="EXR, PNG, TIFF, JPEG, FITS; of several a line each, or for a method of several heads one for each."
+            help="EXR, PNG, TIFF, JPEG, FITS, NumPy, CSV; of several a line each, or for a method of several heads "
+            "one for each."
         ),
     ],
     estimator: Annotated[
@@ -123,6 +124,8 @@ def estimate(
         typer.Option(metavar="FILE", help="Suite or study whose [[estimator]] table the estimator is: a program."),
     ] = None,
     prior: PriorFile = None,
+    part: Part = None,
+    orientation: Orientation = None,
     as_json: Json = False,
 ) -> int:
     """One estimator on any image, also a real photograph; with the error of the answer for our own files.
@@ -137,9 +140,13 @@ def estimate(
     method = estimator_of(estimator, suite)
     taken_by = hv.Camera.from_file(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
+
+    def report_of(images: Path | list[Path]) -> dict[str, Any]:
+        return estimate_report(images, method, camera=taken_by, prior=known, part=part, orientation=orientation)
+
     if len(image) > 1 and method.needs != "heads":
-        return _each(image, lambda path: estimate_report(path, method, camera=taken_by, prior=known), as_json)
-    report = estimate_report(image[0] if len(image) == 1 else image, method, camera=taken_by, prior=known)
+        return _each(image, report_of, as_json)
+    report = report_of(image[0] if len(image) == 1 else image)
     if as_json:
         print_json(report)
         return 0
@@ -204,6 +211,8 @@ def calibrate(
     ] = None,
     camera: CameraName = None,
     prior: PriorFile = None,
+    part: Part = None,
+    orientation: Orientation = None,
     as_json: Json = False,
 ) -> int:
     """Focal length, principal point and mounting from the limbs in the images of a pass.
@@ -220,7 +229,7 @@ def calibrate(
     believed = hv.Camera.from_file(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
     with watched("calibrate", "images") as progress:
-        report, text = calibrated(images, believed, known, progress=progress)
+        report, text = calibrated(images, believed, known, part=part, orientation=orientation, progress=progress)
     if out is not None and text is not None:
         with written(out) as path:
             atomic.write_text(path, text)

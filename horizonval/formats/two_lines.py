@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from horizonval.core.errors import UserError
+from horizonval.formats.ndm import listed, of_satellite, plain_name
 from horizonval.geometry.orbit import ElementSet
 
 EXPECTED = "two lines of 69 columns, or three with a name"
-MOST_NAMES = 5
 
 
 def elements_of(lines: Sequence[str], satellite: str | None = None) -> ElementSet:
@@ -17,12 +18,12 @@ def elements_of(lines: Sequence[str], satellite: str | None = None) -> ElementSe
     A line before the two is a name. ``satellite`` chooses by name, catalogue number or international designator. Raises
     ``UserError``: no or several sets, a line without its other, or what :class:`ElementSet` refuses.
     """
-    found: list[tuple[str, str, str]] = []
+    found: list[_Set] = []
     name, first = "", ""
     texts = [text for line in lines if (text := line.strip().lstrip("\ufeff"))]
     for text in texts:
         if first:
-            found.append((name, first, text))
+            found.append(_Set(name, first, text))
             name, first = "", ""
         elif text.startswith("1 "):
             first = text
@@ -32,41 +33,38 @@ def elements_of(lines: Sequence[str], satellite: str | None = None) -> ElementSe
             name = text.removeprefix("0 ")
     if not found or name or first:
         raise UserError(f"found {len(texts)} lines", expected=EXPECTED)
-    chosen = [one for one in found if satellite is None or _plain(satellite) in _names(one)]
-    if len(chosen) == 1:
-        return ElementSet(chosen[0][1], chosen[0][2])
-    if not chosen:
-        raise UserError(f"no elements of {satellite!r}", expected=f"one of {_listed(found)}")
-    if len({one[1][2:7] for one in chosen}) == 1:
-        epochs = ", ".join(one[1][18:32].strip() for one in chosen[:MOST_NAMES])
+    sets = of_satellite(found, satellite, "", lambda one: one, "elements")
+    if len(sets) > 1:
+        epochs = listed(one.line1[18:32].strip() for one in sets)
         raise UserError(
-            f"{len(chosen)} element sets of satellite {chosen[0][1][2:7]}, of {epochs} (year and day)",
-            expected="one set",
+            f"{len(sets)} element sets of {sets[0].name}, of {epochs} (year and day)",
+            expected="one set for a satellite",
             fix="keep the one whose epoch is nearest to the flight",
         )
-    raise UserError(
-        f"elements of {len(chosen)} satellites: {_listed(chosen)}",
-        expected="one satellite",
-        fix="choose one with `satellite`, by its name or catalogue number",
-    )
+    return ElementSet(sets[0].line1, sets[0].line2)
 
 
-def _plain(name: str) -> str:
-    return name.strip().upper().lstrip("0")
+@dataclass(frozen=True)
+class _Set:
+    """Two lines, and the line before them."""
 
+    title: str
+    line1: str
+    line2: str
 
-def _names(one: tuple[str, str, str]) -> set[str]:
-    name, first, _ = one
-    number, designator = first[2:7], first[9:17].strip()
-    names = {name, number, designator}
-    if number[:1].isalpha() and number[1:].isdigit():
-        # Alpha-5 leaves out I and O.
-        names.add(f"{'ABCDEFGHJKLMNPQRSTUVWXYZ'.find(number[0].upper()) + 10}{number[1:]}")
-    if designator[:5].isdigit():
-        names.add(f"{'19' if int(designator[:2]) > 56 else '20'}{designator[:2]}-{designator[2:]}")
-    return {_plain(text) for text in names} - {""}
+    @property
+    def name(self) -> str:
+        """Catalogue number and name."""
+        number = self.line1[2:7].strip()
+        return f"{number} ({self.title})" if self.title else number
 
-
-def _listed(found: Sequence[tuple[str, str, str]]) -> str:
-    names = [f"{first[2:7].strip()} ({name})" if name else first[2:7].strip() for name, first, _ in found]
-    return ", ".join(names[:MOST_NAMES]) + (", ..." if len(names) > MOST_NAMES else "")
+    def is_of(self, satellite: str) -> bool:
+        """Whether a satellite's name, number or designator is the set's."""
+        number, designator = self.line1[2:7], self.line1[9:17].strip()
+        names = {self.title, number, designator}
+        if number[:1].isalpha() and number[1:].isdigit():
+            # Alpha-5 leaves out I and O.
+            names.add(f"{'ABCDEFGHJKLMNPQRSTUVWXYZ'.find(number[0].upper()) + 10}{number[1:]}")
+        if designator[:5].isdigit():
+            names.add(f"{'19' if int(designator[:2]) > 56 else '20'}{designator[:2]}-{designator[2:]}")
+        return plain_name(satellite) in {plain_name(text) for text in names} - {""}

@@ -144,6 +144,10 @@ def sidereal_time(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
     return np.asarray(erfa.gst06a(*ut1, *tt), dtype=np.float64)
 
 
+def _second_of_day(epoch_utc: datetime) -> float:
+    return 60.0 * (60 * epoch_utc.hour + epoch_utc.minute) + (epoch_utc.second + epoch_utc.microsecond * 1e-6)
+
+
 def raan_of_local_time(epoch_utc: datetime, local_time_h: float) -> float:
     """Return the node [rad] that is passed northwards at a mean local time [h]: UTC and longitude / 15 deg.
 
@@ -151,7 +155,7 @@ def raan_of_local_time(epoch_utc: datetime, local_time_h: float) -> float:
     by the equation of time, up to 16.5 min.
     """
     epoch = clock.in_range(epoch_utc)
-    utc_h = (epoch - epoch.replace(hour=0, minute=0, second=0, microsecond=0)).total_seconds() / 3600.0
+    utc_h = _second_of_day(epoch) / 86400.0 * 24.0
     longitude = math.radians(15.0 * (local_time_h - utc_h))
     return math.remainder(longitude + float(sidereal_time(epoch_utc)), math.tau)
 
@@ -316,7 +320,8 @@ def far_from_epoch(satellite: Satrec, epoch_utc: datetime, seconds: FloatArray) 
     size = "anywhere on its orbit, or decayed" if lost else f"{off_km:.2g} km off"
     when = "after" if days > 0.0 else "before"
     epoch = epoch_of(satellite).replace(tzinfo=None).isoformat(timespec="seconds")
-    return f"up to {abs(days):.3g} days {when} the epoch of the elements, {epoch}: the satellite is likely {size}"
+    far = f"up to {abs(days):.3g} days {when} the epoch of the elements, {epoch}"
+    return f"{far}: the satellite is likely {size}; take elements of a nearer epoch"
 
 
 def _drag_m(satellite: Satrec, epoch_utc: datetime, t: float, minutes: float) -> float:
@@ -338,9 +343,9 @@ def _days_of_sgp4(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike) ->
     """Return instants as SGP4 counts them: days of 86400 s, in two parts, the difference to its epoch in SI seconds."""
     epoch, own = clock.in_range(epoch_utc), epoch_of(satellite)
     day = epoch.replace(hour=0, minute=0, second=0, microsecond=0)
-    second = 60.0 * (60 * epoch.hour + epoch.minute) + (epoch.second + epoch.microsecond * 1e-6)
     leap_seconds = clock.elapsed_s(own, epoch) - (epoch - own).total_seconds()
-    return _JD_1970 + (day - _DAY_1970).days, (second + leap_seconds) / 86400.0 + np.asarray(seconds, float) / 86400.0
+    fraction = (_second_of_day(epoch) + leap_seconds) / 86400.0
+    return _JD_1970 + (day - _DAY_1970).days, fraction + np.asarray(seconds, float) / 86400.0
 
 
 def satellite_states(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
