@@ -142,8 +142,6 @@ def test_matlab_counts_from_one_and_transposes(tmp_path: Path) -> None:
         assert (read_camera(path)[0].width, read_camera(path)[0].height) == (640, 480)
     skew = [[fx, 0, 0], [9, fy, 0], [1, 1, 1]]
     skewed = matlab(RadialDistortion=None, TangentialDistortion=None, IntrinsicMatrix=skew)
-        RadialDistortion=None, TangentialDistortion=None, IntrinsicMatrix=[[fx, 0, 0], [9, fy, 0], [1, 1, 1]]
-    )
     x, y, z = DIRECTIONS.T
     expected = np.stack([fx * x / z + 9.0 * y / z, fy * y / z], axis=1)
     assert np.abs(pixels_of(written(tmp_path, "theirs.json", skewed), tmp_path) - expected).max() < 1e-9
