@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from horizonval.cli.options import CameraName, Json, PriorFile, estimators, shipped
+from horizonval.cli.options import CameraName, Json, Orientation, Part, PriorFile, estimators, shipped
 from horizonval.cli.output import check_target, print_json, print_result, watched, written
 from horizonval.core import atomic
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, printable
 
 if TYPE_CHECKING:
     from horizonval.spec.camera import CameraSpec
@@ -110,7 +110,8 @@ def estimate(
     image: Annotated[
         list[Path],
         typer.Argument(
-            help="EXR, PNG, TIFF, JPEG, FITS; of several a line each, or for a method of several heads one for each."
+            help="EXR, PNG, TIFF, JPEG, FITS, NumPy, CSV; of several a line each, or for a method of several heads "
+            "one for each."
         ),
     ],
     estimator: Annotated[
@@ -123,6 +124,8 @@ def estimate(
         typer.Option(metavar="FILE", help="Suite or study whose [[estimator]] table the estimator is: a program."),
     ] = None,
     prior: PriorFile = None,
+    part: Part = None,
+    orientation: Orientation = None,
     as_json: Json = False,
 ) -> int:
     """One estimator on any image, also a real photograph; with the error of the answer for our own files.
@@ -137,9 +140,13 @@ def estimate(
     method = estimator_of(estimator, suite)
     taken_by = hv.Camera.from_file(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
+
+    def report_of(images: Path | list[Path]) -> dict[str, Any]:
+        return estimate_report(images, method, camera=taken_by, prior=known, part=part, orientation=orientation)
+
     if len(image) > 1 and method.needs != "heads":
-        return _each(image, lambda path: estimate_report(path, method, camera=taken_by, prior=known), as_json)
-    report = estimate_report(image[0] if len(image) == 1 else image, method, camera=taken_by, prior=known)
+        return _each(image, report_of, as_json)
+    report = report_of(image[0] if len(image) == 1 else image)
     if as_json:
         print_json(report)
         return 0
@@ -204,6 +211,8 @@ def calibrate(
     ] = None,
     camera: CameraName = None,
     prior: PriorFile = None,
+    part: Part = None,
+    orientation: Orientation = None,
     as_json: Json = False,
 ) -> int:
     """Focal length, principal point and mounting from the limbs in the images of a pass.
@@ -220,7 +229,7 @@ def calibrate(
     believed = hv.Camera.from_file(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
     with watched("calibrate", "images") as progress:
-        report, text = calibrated(images, believed, known, progress=progress)
+        report, text = calibrated(images, believed, known, part=part, orientation=orientation, progress=progress)
     if out is not None and text is not None:
         with written(out) as path:
             atomic.write_text(path, text)
@@ -229,7 +238,7 @@ def calibrate(
 
 
 def camera(
-    file: Annotated[Path, typer.Argument(help="ROS camera_info, Kalibr camchain, OpenCV or MATLAB (JSON) file.")],
+    file: Annotated[Path, typer.Argument(help="File of ROS, OpenCV, Kalibr, Basalt, camodocal or MATLAB (JSON).")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Camera file to write; without, it is printed.")
     ] = None,
@@ -244,7 +253,13 @@ def camera(
         typer.Option(metavar="CSV", help="Table of field_deg or radius_px, and relative_illumination or vignetting."),
     ] = None,
     name: Annotated[
-        str | None, typer.Option("--camera", help="Of several cameras in one file of Kalibr, as cam0.")
+        str | None, typer.Option("--camera", help="Of several cameras in one file, as cam0 (Kalibr) or 1 (M1).")
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="pinhole or fisheye, where the file has coefficients without a model.")
+    ] = None,
+    image_circle_deg: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Full angle that the lens fills, if not the whole image.")
     ] = None,
 ) -> None:
     """Convert the camera file of a calibration program: the exact lens, or why it cannot be represented.
@@ -255,7 +270,10 @@ def camera(
 
     if out is not None:
         check_target(out)
-    text = camera_text(file, name, base, vignetting)
+    text = camera_text(file, name, base, vignetting, model, image_circle_deg)
+    for line in text.splitlines():
+        if line.startswith("# "):
+            print(printable(f"horizonval: {file}: {line[2:]}"), file=sys.stderr)
     if out is None:
         print(text, end="")
     else:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
@@ -73,6 +74,8 @@ LONGEST_OFF = 1e-3
 """Of a unit quaternion's length, by how much a file's may be off: four digits are written at least."""
 LARGEST_TURN = math.radians(90.0)
 GAP_STEPS, GAP_TURN = 10.0, math.radians(5.0)
+SPIKE_TURN, SPIKE_RATIO = math.radians(5.0), 0.2
+"""Smallest turn to a single attitude and back that is refused, and how large other turns may be, relative to it."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +89,16 @@ class AttitudePiece:
 
 @dataclass(frozen=True)
 class AttitudeHistory:
-    """How a body was turned against ``axes``; ``where`` names the file for messages. Pieces do not know each other."""
+    """How a body was turned against ``axes``; ``where`` names the file for messages. Pieces do not know each other.
+
+    ``doubt``: warning about the file, or nothing.
+    """
 
     epoch_utc: datetime
     pieces: tuple[AttitudePiece, ...]
     axes: Axes
     where: str
+    doubt: str = ""
 
     @cached_property
     def coverage(self) -> Coverage:
@@ -126,27 +133,47 @@ class AttitudeHistory:
 
 
 def attitudes_of(
-    seconds: FloatArray, q_body_from_axes: FloatArray, where: str, usable_s: tuple[float, float] | None = None
+    seconds: FloatArray,
+    q_body_from_axes: FloatArray,
+    where: str,
+    usable_s: tuple[float, float] | None = None,
+    place: Callable[[int], str] | None = None,
 ) -> AttitudePiece:
-    """Return a piece, or a :class:`UserError` for what is no history of attitudes."""
+    """Return a piece, or a :class:`UserError` for what is no history of attitudes.
+
+    ``seconds`` rise. ``place``: name of an attitude, by its index, for messages.
+    """
+    named = place or (lambda k: f"{where}: attitude {k + 1}")
     if len(seconds) < 2:
         raise UserError(f"{len(seconds)} attitudes", where=where, expected="2 and more")
-    steps = np.diff(seconds)
-    if (steps <= 0.0).any():
-        number = int(np.flatnonzero(steps <= 0.0)[0]) + 2
-        raise UserError(f"attitude {number} is not after the one before", where=where, expected="rising times")
     length = np.linalg.norm(q_body_from_axes, axis=1)
-    off = int(np.argmax(np.abs(length - 1.0)))
-    if abs(length[off] - 1.0) > LONGEST_OFF:
-        raise UserError(
-            f"quaternion {off + 1} has the length {length[off]:.6g}", where=where, expected="unit quaternions"
-        )
-    return AttitudePiece(seconds, q_body_from_axes, coverage_of(seconds, _gaps(steps, q_body_from_axes), usable_s))
-
-
-def _gaps(steps: FloatArray, q: FloatArray) -> NDArray[np.bool_]:
-    """Return whether each interval, shape (m - 1,), is one between whose ends nothing is known."""
-    turns = Rotation.from_quat(q)
+    if (off := np.flatnonzero(np.abs(length - 1.0) > LONGEST_OFF)).size:
+        k = int(off[0])
+        raise UserError(f"a quaternion of the length {length[k]:.6g}", where=named(k), expected="the length 1")
+    turns = Rotation.from_quat(q_body_from_axes)
     angle = (turns[1:] * turns[:-1].inv()).magnitude()
+    _check_spikes(turns, angle, named)
+    return AttitudePiece(seconds, q_body_from_axes, coverage_of(seconds, _gaps(np.diff(seconds), angle), usable_s))
+
+
+def _check_spikes(turns: Rotation, angle: FloatArray, place: Callable[[int], str]) -> None:
+    """Refuse an attitude that is turned away from both of its neighbours, which agree: a sign or a digit is wrong."""
+    if len(angle) < 4:
+        return
+    across = (turns[2:] * turns[:-2].inv()).magnitude()
+    least = np.minimum(angle[1:], angle[:-1])
+    away = (least > SPIKE_TURN) & (across < SPIKE_RATIO * least) & (np.median(angle) < SPIKE_RATIO * least)
+    if away.any():
+        k = int(np.flatnonzero(away)[0])
+        raise UserError(
+            f"turned {math.degrees(least[k]):.3g} deg away from the attitudes before and after it",
+            where=place(k + 1),
+            expected="attitudes of a steady turn",
+            fix="a component has a wrong sign, digit or position",
+        )
+
+
+def _gaps(steps: FloatArray, angle: FloatArray) -> NDArray[np.bool_]:
+    """Return whether each interval, shape (m - 1,), is one between whose ends nothing is known."""
     long = steps > GAP_STEPS * float(np.median(steps))
     return np.asarray((angle > LARGEST_TURN) | (long & (angle > GAP_TURN)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-import logging
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,11 @@ from sgp4 import omm
 from sgp4.api import SGP4_ERRORS, Satrec
 
 from horizonval.core import files
-from horizonval.core.errors import UserError, excerpt
+from horizonval.core.errors import UserError
 from horizonval.formats.ndm import (
-    KEYS,
+    HARMLESS,
     MAX_FILE_BYTES,
+    READ,
     VERSIONS,
     Fields,
     check_keys,
@@ -31,7 +32,6 @@ from horizonval.formats.ndm import (
 )
 from horizonval.geometry.clock import instant_of, utc_at
 
-_LOG = logging.getLogger("horizonval")
 EXPECTED = "mean elements of SGP4: an OMM in KVN or XML, JSON or CSV"
 DEFAULTS = {"CENTER_NAME": "EARTH", "REF_FRAME": "TEME", "TIME_SYSTEM": "UTC", "MEAN_ELEMENT_THEORY": "SGP4"}
 """Values that JSON and CSV leave out."""
@@ -42,14 +42,16 @@ CATALOGUE = frozenset(
 )
 """Further keys of Space-Track and CelesTrak in JSON and CSV; none of them changes the orbit."""
 THEORIES = ("SGP4", "SGP/SGP4", "SGP")
-EPHEMERIS_TYPES = ("0", "2", "3")
+EPHEMERIS_TYPES = (0.0, 2.0, 3.0)
 """Types of SGP4 and of its deep-space part; 4 is SGP4-XP, another theory with other elements."""
 GM_KM3_S2, LARGEST_GM_MISFIT = 398600.8, 1e-4
 """Gravity parameter inside SGP4 (WGS-72), and the relative difference up to which another one is the Earth's."""
 
 
-def satellite_of_omm(path: Path, satellite: str | None = None) -> Satrec:
-    """Return the satellite in a file, for SGP4; ``satellite`` chooses one by name, number or designator.
+def satellite_of_omm(path: Path, satellite: str | None = None) -> tuple[Satrec, str]:
+    """Return the satellite in a file, for SGP4, and a warning about what was assumed, or nothing.
+
+    ``satellite`` chooses one by name, number or designator.
 
     Raises
     ------
@@ -69,11 +71,14 @@ def satellite_of_omm(path: Path, satellite: str | None = None) -> Satrec:
     return _satellite(found[0])
 
 
-def _satellite(fields: Fields) -> Satrec:
+def _satellite(fields: Fields) -> tuple[Satrec, str]:
     fields.check_earth()
     fields.one_of("REF_FRAME", ("TEME",))
     theory = fields.one_of("MEAN_ELEMENT_THEORY", THEORIES)
-    fields.one_of("EPHEMERIS_TYPE", EPHEMERIS_TYPES, default="0")
+    if (kind := fields.number("EPHEMERIS_TYPE", default=0.0)) not in EPHEMERIS_TYPES:
+        raise UserError(
+            f"found {kind:g}", where=fields.at("EPHEMERIS_TYPE"), expected="0, 2 or 3, of SGP4", fix="4 is SGP4-XP"
+        )
     for key in ("REF_FRAME_EPOCH", "SEMI_MAJOR_AXIS"):
         if fields.text(key):
             raise UserError(
@@ -87,6 +92,10 @@ def _satellite(fields: Fields) -> Satrec:
             f"found {fields.text('GM')}", where=fields.at("GM"), expected=f"the Earth's, {GM_KM3_S2} km**3/s**2"
         )
     instant = instant_of(fields.needed("EPOCH", "the time of the elements"), fields.at("EPOCH"), fields.time_system())
+    try:
+        epoch = utc_at(instant)
+    except UserError as error:
+        raise error.at(fields.at("EPOCH")) from error
     values = {
         key: _within(fields, key, low, high)
         for key, low, high in (
@@ -100,17 +109,20 @@ def _satellite(fields: Fields) -> Satrec:
     }
     for key in ("BSTAR", "MEAN_MOTION_DOT", "MEAN_MOTION_DDOT"):
         values[key] = fields.number(key, default=0.0)
+    doubts = []
     if not fields.text("BSTAR"):
-        _LOG.warning("horizonval: warning: %s is missing: the orbit has no drag", fields.at("BSTAR"))
+        doubts.append(f"{fields.at('BSTAR')} is missing: no drag")
     if theory == "SGP":
-        _LOG.warning("horizonval: warning: %s: elements of SGP are flown by SGP4", fields.at("MEAN_ELEMENT_THEORY"))
+        doubts.append(f"{fields.at('MEAN_ELEMENT_THEORY')}: elements of SGP are flown by SGP4")
     found = Satrec()
     names = {"CLASSIFICATION_TYPE": "U", "OBJECT_ID": "", "EPHEMERIS_TYPE": "0", "ELEMENT_SET_NO": "0"}
-    numbers = {"REV_AT_EPOCH": "0", "NORAD_CAT_ID": "0", "EPOCH": utc_at(instant).strftime("%Y-%m-%dT%H:%M:%S.%f")}
+    number = fields.text("NORAD_CAT_ID")
+    number = number if re.fullmatch("[0-9]{1,5}", number) else "0"
+    numbers = {"REV_AT_EPOCH": "0", "NORAD_CAT_ID": number, "EPOCH": epoch.strftime("%Y-%m-%dT%H:%M:%S.%f")}
     omm.initialize(found, {**names, **numbers, **values})
     if found.error:
         raise UserError(SGP4_ERRORS[found.error], where=fields.where, expected="elements of a satellite")
-    return found
+    return found, "; ".join(doubts)
 
 
 def _within(fields: Fields, key: str, low: float, high: float) -> float:
@@ -123,18 +135,25 @@ def _within(fields: Fields, key: str, low: float, high: float) -> float:
 
 def _element_sets(path: Path) -> list[Fields]:
     """Return all element sets of a file, each with its keys."""
-    data = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
-    text = data.decode("utf-8-sig", errors="replace").lstrip()
+    head = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=4096)
+    text = head.decode("utf-8-sig", errors="replace").lstrip()
     if text[:1] in ("[", "{"):
-        found = _of_json(path, text)
-    elif "," in text.split("\n", 1)[0] and not text.startswith("<"):
+        found = _of_json(path)
+    elif "MEAN_MOTION" in text.split("\n", 1)[0].upper() and not text.startswith("<"):
         found = _of_csv(path)
     else:
         return [segment.fields for message in messages_of(path, "omm", EXPECTED) for segment in message.segments]
     if not found:
         raise UserError("no element set", where=str(path), expected=EXPECTED)
     for fields in found:
-        check_keys(fields, KEYS["omm"] | CATALOGUE, "mean elements")
+        if not {"EPOCH", "MEAN_MOTION"} & fields.values.keys():
+            raise UserError(
+                f"keys {listed(fields.values)}",
+                where=fields.where,
+                expected="mean elements, with EPOCH and MEAN_MOTION",
+                fix="two-line elements go into a file of their own, as lines",
+            )
+        check_keys(fields, READ["omm"] | HARMLESS | CATALOGUE, "mean elements")
         if fields.text("CCSDS_OMM_VERS"):
             fields.one_of("CCSDS_OMM_VERS", VERSIONS["omm"])
         for key, value in DEFAULTS.items():
@@ -144,7 +163,9 @@ def _element_sets(path: Path) -> list[Fields]:
     return found
 
 
-def _of_json(path: Path, text: str) -> list[Fields]:
+def _of_json(path: Path) -> list[Fields]:
+    text = files.read_text(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
+
     def refuse(constant: str) -> None:
         raise UserError(f"found {constant}", where=str(path), expected="finite numbers")
 
@@ -159,7 +180,7 @@ def _of_json(path: Path, text: str) -> list[Fields]:
     for number, one in enumerate([every] if isinstance(every, _Pairs) else every, 1):
         where = f"{path}: element set {number}"
         if not isinstance(one, _Pairs):
-            raise UserError(f'found "{excerpt(str(one))}"', where=where, expected="keys and values of mean elements")
+            raise UserError("is no object of JSON", where=where, expected="keys and values of mean elements")
         found.append(_fields(where, [(key, value) for key, value in one]))
     return found
 
@@ -172,10 +193,12 @@ def _of_csv(path: Path) -> list[Fields]:
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
     try:
         reader = csv.reader(io.StringIO(text), strict=True, skipinitialspace=True)
-        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+        rows = [(reader.line_num, row) for row in reader if any(c.strip() for c in row) and not row[0].startswith("#")]
     except csv.Error as error:
         raise UserError(f"not a CSV file: {error}", where=str(path), expected=EXPECTED) from None
     header = rows[0][1]
+    if len(header) == 1:
+        raise UserError("columns without commas between them", where=str(path), expected="comma-separated text")
     for line, row in rows[1:]:
         if len(row) != len(header):
             raise UserError(f"{len(row)} fields", where=f"{path}: line {line}", expected=f"{len(header)}")
@@ -185,10 +208,9 @@ def _of_csv(path: Path) -> list[Fields]:
 def _fields(where: str, pairs: list[tuple[str, Any]]) -> Fields:
     fields = Fields(where)
     for key, value in pairs:
-        if not is_user_defined(name := key.strip().upper()):
+        name = key.strip().upper()
+        if (name or value) and not is_user_defined(name):
             if value is not None and not isinstance(value, str):
-                raise UserError(
-                    f'found "{excerpt(str(value))}"', where=f"{where}: {key}", expected="a number or a text"
-                )
+                raise UserError("is no single value", where=f"{where}: {key}", expected="a number or a text")
             fields.add(name, (value or "").strip(), where)
     return fields

@@ -28,6 +28,8 @@ class PriorSpec(Model):
     A value next to it is used as it is. What has neither is unknown, but for the planet's shape.
     """
 
+    later_keys = frozenset({"accept_deg"})
+
     shape: Literal["wgs84", "sphere"] | None = None
     """Shape of the planet. Without the key a scene's own; with a picture a sphere whose flattening counts as an error.
     """
