@@ -19,7 +19,6 @@ attitudes, and agree with another reading of the columns, the message is refused
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Iterable
 from datetime import datetime
@@ -30,11 +29,10 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import KNOWN, AttitudeHistory, Axes, attitudes_of, axes_of
+from horizonval.formats.attitude import KNOWN, AttitudeHistory, AttitudePiece, Axes, attitudes_of, axes_of
 from horizonval.formats.ndm import Fields, Segment, check_order, one_message
 from horizonval.geometry.clock import epoch_at, seconds_after
 
-_LOG = logging.getLogger("horizonval")
 EXPECTED = "an attitude ephemeris message, KVN or XML"
 _Q, _Q_DOT = ("Q1", "Q2", "Q3", "QC"), ("Q1_DOT", "Q2_DOT", "Q3_DOT", "QC_DOT")
 _ANGLES, _RATES = ("ANGLE_1", "ANGLE_2", "ANGLE_3"), ("RATE_1", "RATE_2", "RATE_3")
@@ -58,8 +56,11 @@ COLUMNS = {
 }
 """Columns after the time, by version and ``ATTITUDE_TYPE``; types of spin are not read."""
 _BODY = re.compile(r"SC_BODY(_[A-Z0-9]+)?")
-_FIRST_VERSION = {"ATTITUDE_DIR": "A2B", "QUATERNION_TYPE": "LAST"}
-"""Keys of the first version, and the values that the second has without them."""
+_OTHER_VERSION = {
+    "1.0": {"ANGVEL_FRAME": ""},
+    "2.0": {"ATTITUDE_DIR": "A2B", "QUATERNION_TYPE": "LAST", "RATE_FRAME": ""},
+}
+"""Keys that only the other version has, and the values that this version has without them."""
 
 
 def attitude_of_aem(path: Path, satellite: str | None = None) -> AttitudeHistory:
@@ -73,7 +74,8 @@ def attitude_of_aem(path: Path, satellite: str | None = None) -> AttitudeHistory
         segment.fields.check_earth(needed=False)
     instants = [segment.instants() for segment in segments]
     epoch = epoch_at(instants[0][0])
-    pieces = []
+    pieces: list[AttitudePiece] = []
+    doubts: list[str] = []
     first: tuple[Axes, str] | None = None
     for segment, times in zip(segments, instants, strict=True):
         fields = segment.fields
@@ -84,11 +86,14 @@ def attitude_of_aem(path: Path, satellite: str | None = None) -> AttitudeHistory
             )
         first = axes, body
         seconds = seconds_after(epoch, times)
-        q = _quaternions(segment, seconds) * ([-1.0, -1.0, -1.0, 1.0] if turned else [1.0, 1.0, 1.0, 1.0])
+        q, doubt = _quaternions(segment, seconds)
+        if turned:
+            q = q * [-1.0, -1.0, -1.0, 1.0]
+        doubts.append(doubt)
         pieces.append(attitudes_of(seconds, q, fields.where, fields.usable_s(epoch), segment.place))
     assert first is not None
     check_order([piece.coverage for piece in pieces], segments)
-    return AttitudeHistory(epoch, tuple(pieces), first[0], str(path))
+    return AttitudeHistory(epoch, tuple(pieces), first[0], str(path), "; ".join(filter(None, doubts)))
 
 
 def _frames(fields: Fields, version: str) -> tuple[Axes, str, bool]:
@@ -102,43 +107,50 @@ def _frames(fields: Fields, version: str) -> tuple[Axes, str, bool]:
             expected=f"SC_BODY_1 and one of {KNOWN}",
             fix="" if is_body[0] else "the attitude of a unit or against local axes is not read",
         )
-    if version == "1.0":
-        forward = fields.one_of("ATTITUDE_DIR", ("A2B", "B2A")) == "A2B"
-    else:
-        forward = True
-        for key, value in _FIRST_VERSION.items():
-            if fields.text(key, value).upper() != value:
-                raise UserError(
-                    f'found "{fields.text(key)}", a key of version 1.0',
-                    where=fields.at(key),
-                    expected=f"no such key in version {version}, which has {value}",
-                    fix="declare CCSDS_AEM_VERS = 1.0 if the rows follow it",
-                )
+    for key, value in _OTHER_VERSION[version].items():
+        if fields.text(key, value).upper() != value:
+            raise UserError(
+                f'found "{fields.text(key)}", a key of another version',
+                where=fields.at(key),
+                expected=f"{value}, as version {version} has without the key" if value else f"no such key in {version}",
+                fix="declare the version that the rows follow in CCSDS_AEM_VERS",
+            )
+    forward = version != "1.0" or fields.one_of("ATTITUDE_DIR", ("A2B", "B2A")) == "A2B"
+    for key in ("RATE_FRAME", "ANGVEL_FRAME"):
+        if fields.text(key):
+            fields.one_of(key, ("REF_FRAME_A", "REF_FRAME_B", *names))
+    if fields.text("EULER_ROT_SEQ"):
+        _sequence(fields)
     letter = "B" if is_body[0] else "A"
     axes = axes_of(fields.text(f"REF_FRAME_{letter}"), fields.at(f"REF_FRAME_{letter}"))
     # The frame's turn towards the body is the conjugate of ours; away from it, it is ours.
     return axes, names[0 if is_body[0] else 1], forward == is_body[1]
 
 
-def _quaternions(segment: Segment, seconds: FloatArray) -> FloatArray:
-    """Return the quaternions of the rows, scalar last, shape (n, 4), that turn frame A or B as the message says."""
+def _quaternions(segment: Segment, seconds: FloatArray) -> tuple[FloatArray, str]:
+    """Return the quaternions of the rows, scalar last, shape (n, 4), that turn frame A or B as the message says.
+
+    With them a warning about the rates, or nothing.
+    """
     fields = segment.fields
     kind = fields.one_of("ATTITUDE_TYPE", tuple(COLUMNS[segment.version]))
     columns = COLUMNS[segment.version][kind]
     if kind.startswith("EULER"):
         sequence = _sequence(fields)
         _check_axes(segment, sequence)
-        numbers = np.array(segment.numbers(columns))
+        numbers = segment.numbers(columns)
         q = np.asarray(Rotation.from_euler(sequence, numbers[:, :3], degrees=True).as_quat())
     else:
+        # In XML the components have names, and the key may be left out.
         named = isinstance(segment.rows[0].values, dict)
-        if segment.version == "1.0" and not named and fields.one_of("QUATERNION_TYPE", ("FIRST", "LAST")) == "FIRST":
+        place = fields.one_of("QUATERNION_TYPE", ("FIRST", "LAST"), "LAST" if named or segment.version != "1.0" else "")
+        if place == "FIRST" and not named:
             columns = tuple(key for k in (0, 4) for key in columns[k + 3 : k + 4] + columns[k : k + 3])
-        numbers = np.array(segment.numbers(columns))
+        numbers = segment.numbers(columns)
         q = numbers[:, [columns.index(key) for key in _Q]]
-    if len(seconds) > 1 and "/" in kind:
-        _check_rates(segment, kind, {key: numbers[:, k] for k, key in enumerate(columns)}, q, seconds)
-    return q
+    if len(seconds) < 2 or "/" not in kind:
+        return q, ""
+    return q, _check_rates(segment, kind, {key: numbers[:, k] for k, key in enumerate(columns)}, q, seconds)
 
 
 Reading = tuple[str, FloatArray, FloatArray]
@@ -152,13 +164,16 @@ SMALLEST_TURN, LARGEST_TURN = 1e-3, 1.0
 
 def _check_rates(
     segment: Segment, kind: str, columns: dict[str, FloatArray], q: FloatArray, seconds: FloatArray
-) -> None:
-    """Refuse rates that contradict the attitudes and agree with another reading of the columns; else warn of them."""
+) -> str:
+    """Refuse rates that contradict the attitudes and agree with another reading of the columns.
+
+    Return a warning of other contradictions, or nothing.
+    """
     turns = Rotation.from_quat(q)
     angle = (turns[:-1].inv() * turns[1:]).magnitude()
     use = (angle > SMALLEST_TURN) & (angle < LARGEST_TURN)
     if not use.any():
-        return
+        return ""
 
     def misfit(reading: Reading) -> float:
         _, slope, mean = (reading[0], reading[1][use], reading[2][use])
@@ -176,8 +191,8 @@ def _check_rates(
                 expected=f"{kind} in the order of the standard",
                 fix=f"they agree if {one[0]}",
             )
-    if stated > LARGEST_MISFIT and not kind.endswith("/RATE"):
-        _LOG.warning("horizonval: warning: %s: the rates contradict the attitudes; they are not used", where)
+    doubtful = stated > LARGEST_MISFIT and not kind.endswith("/RATE")
+    return f"{where}: the rates contradict the attitudes, and are not used" if doubtful else ""
 
 
 def _readings(
@@ -220,11 +235,8 @@ def _readings(
         return allowed, [(text, s * v[frame], mean) for _, v in rolled for frame in v for s in (1.0, -1.0)]
     mean = middle(_ANGVEL)
     frames = ("REF_FRAME_A", "REF_FRAME_B")
-    name = fields.text("ANGVEL_FRAME").upper()
-    by_name = {fields.text(key).upper(): key for key in frames}
-    frame = by_name.get(name, name)
-    if frame not in frames:
-        fields.one_of("ANGVEL_FRAME", frames)
+    name = fields.needed("ANGVEL_FRAME", " or ".join(frames)).upper()
+    frame = next((key for key in frames if name in (key, fields.text(key).upper())), name)
     other = frames[1 - frames.index(frame)]
     others = [(f"their frame is {other}", of[other], mean), *_other_units(of[frame], mean)]
     if kind.startswith("QUATERNION"):

@@ -89,12 +89,16 @@ class AttitudePiece:
 
 @dataclass(frozen=True)
 class AttitudeHistory:
-    """How a body was turned against ``axes``; ``where`` names the file for messages. Pieces do not know each other."""
+    """How a body was turned against ``axes``; ``where`` names the file for messages. Pieces do not know each other.
+
+    ``doubt``: warning about the file, or nothing.
+    """
 
     epoch_utc: datetime
     pieces: tuple[AttitudePiece, ...]
     axes: Axes
     where: str
+    doubt: str = ""
 
     @cached_property
     def coverage(self) -> Coverage:

@@ -1,4 +1,10 @@
-"""Whether the velocities of states are the rates of change of their positions.
+"""States that contradict themselves: velocities against positions, and motion against the axes.
+
+**Axes.** In axes that turn with the Earth a satellite has the accelerations of Coriolis and of the centrifugal force
+beyond the pull of the Earth. If the second differences of positions that are said to be inertial show them, or those of
+Earth-fixed positions show their opposite, the axes are the other ones.
+
+**Velocities** are the rates of change of the positions.
 
 Between two states h apart the mean velocity is known twice: from the positions, and from the velocities by the
 corrected trapezoidal rule (Euler and Maclaurin), with the pull of the Earth as the acceleration a::
@@ -31,6 +37,8 @@ from horizonval.geometry.orbit import EARTH_RATE_RAD_S, GM_M3_PER_S2
 FLOOR_M_S, STEP_SHARE = 3.0, 0.6
 LARGEST_STEP_M_S = 4000.0
 """Largest manoeuvre between two states."""
+SPAN_S = 120.0
+"""Time between positions whose second differences show the axes."""
 LARGEST_NOISE_M, LARGEST_ROUNDING_M_S = 1000.0, 5.0
 """Of positions and of velocities: what is given in whole kilometres, and to 0.01 km/s."""
 SPEEDS_M_S = (1.0, 20e3)
@@ -40,6 +48,37 @@ _ALIKE = 0.03
 """Relative difference up to which a hypothesis explains a velocity."""
 
 States = tuple[FloatArray, FloatArray]
+
+
+def check_axes(axes: Axes, seconds: FloatArray, r_gcrs: FloatArray, where: str) -> None:
+    """Refuse positions (m, 3) that move as Earth-fixed ones in inertial axes, or the reverse."""
+    if len(seconds) < 3:
+        return
+    stride = max(1, min(round(SPAN_S / float(np.median(np.diff(seconds)))), (len(seconds) - 1) // 2))
+    before, here, after = (slice(0, -2 * stride), slice(stride, -stride), slice(2 * stride, None))
+    h0, h1 = seconds[here] - seconds[before], seconds[after] - seconds[here]
+    pull = -GM_M3_PER_S2 * r_gcrs / np.linalg.norm(r_gcrs, axis=1, keepdims=True) ** 3
+    rate = np.sqrt(np.linalg.norm(pull, axis=1) / np.linalg.norm(r_gcrs, axis=1))[here]
+    even = (np.abs(h1 - h0) < 1e-3 * h0) & (rate * h0 < 1.0)
+    if not even.any():
+        return
+    r0, r, r1 = (r_gcrs[part][even] for part in (before, here, after))
+    h = h0[even][:, None]
+    # Numerov's rule: the mean of the pull over the three instants, so that the steps may be long.
+    mean_pull = (pull[before] + 10.0 * pull[here] + pull[after])[even] / 12.0
+    beyond = (r1 - 2.0 * r + r0) / h**2 - mean_pull
+    v = (r1 - r0) / (2.0 * h)
+    size = float(np.median(np.linalg.norm(beyond, axis=1)))
+    turning = np.array([0.0, 0.0, EARTH_RATE_RAD_S if axes != "itrs" else -EARTH_RATE_RAD_S])
+    expected = -2.0 * np.cross(turning, v) - np.cross(turning, np.cross(turning, r))
+    if float(np.median(np.linalg.norm(beyond - expected, axis=1))) < 0.3 * size:
+        moves, named = ("Earth-fixed", "inertial") if axes != "itrs" else ("inertial", "Earth-fixed")
+        raise UserError(
+            f"the states move as in {moves} axes, but are said to be {named}",
+            where=where,
+            expected=f"{named} states",
+            fix="name the axes of the states",
+        )
 
 
 def check(

@@ -21,12 +21,17 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 from xml.parsers import expat
 
+import numpy as np
+
 from horizonval.core import files
+from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, excerpt
 from horizonval.formats.coverage import ROUNDING_S, Coverage
 from horizonval.geometry.clock import check_system, instant_of, seconds_after
 
 MAX_FILE_BYTES = 256 * 1024 * 1024
+LONGEST_KEY = 80
+"""Characters of a key that are compared with those of the standard."""
 
 KINDS = {
     "oem": "an orbit ephemeris message",
@@ -39,48 +44,40 @@ KINDS = {
     "tdm": "a tracking data message",
     "cdm": "a conjunction data message",
     "rdm": "a re-entry data message",
+    "tle": "two-line elements",
 }
-"""Kinds of messages; the first three are read."""
+"""Kinds of messages; the first three are read, and two-line elements elsewhere."""
 VERSIONS = {"oem": ("1.0", "2.0", "3.0"), "omm": ("2.0", "3.0"), "aem": ("1.0", "2.0")}
 
 # ---- Keys of the standards ----------------------------------------------------------------------------------------
 
-_HEADER = frozenset({"CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID"})
-_SPANS = frozenset({"START_TIME", "STOP_TIME", "USEABLE_START_TIME", "USEABLE_STOP_TIME"})
+_STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
 _OBJECT = frozenset({"OBJECT_NAME", "OBJECT_ID", "CENTER_NAME", "TIME_SYSTEM"})
-_COVARIANCE = frozenset(
-    f"C{a}_{b}"
-    for i, a in enumerate(("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT"))
-    for b in ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")[: i + 1]
-)
-KEYS: Mapping[str, frozenset[str]] = {
-    "oem": _OBJECT | _HEADER | _SPANS | {"REF_FRAME", "REF_FRAME_EPOCH", "INTERPOLATION", "INTERPOLATION_DEGREE"},
+_SPANS = frozenset({"START_TIME", "STOP_TIME", "USEABLE_START_TIME", "USEABLE_STOP_TIME"})
+READ: Mapping[str, frozenset[str]] = {
+    "oem": _OBJECT | _SPANS | {"REF_FRAME", "REF_FRAME_EPOCH"},
     "aem": _OBJECT
-    | _HEADER
     | _SPANS
     | {"REF_FRAME_A", "REF_FRAME_B", "ATTITUDE_DIR", "ATTITUDE_TYPE", "QUATERNION_TYPE", "EULER_ROT_SEQ"}
-    | {"RATE_FRAME", "ANGVEL_FRAME", "INTERPOLATION_METHOD", "INTERPOLATION_DEGREE"},
+    | {"RATE_FRAME", "ANGVEL_FRAME"},
     "omm": _OBJECT
-    | _HEADER
-    | _COVARIANCE
     | {"REF_FRAME", "REF_FRAME_EPOCH", "MEAN_ELEMENT_THEORY", "EPOCH", "SEMI_MAJOR_AXIS", "MEAN_MOTION"}
-    | {"ECCENTRICITY", "INCLINATION", "RA_OF_ASC_NODE", "ARG_OF_PERICENTER", "MEAN_ANOMALY", "GM", "COV_REF_FRAME"}
-    | {"MASS", "SOLAR_RAD_AREA", "SOLAR_RAD_COEFF", "DRAG_AREA", "DRAG_COEFF", "EPHEMERIS_TYPE", "NORAD_CAT_ID"}
-    | {"CLASSIFICATION_TYPE", "ELEMENT_SET_NO", "REV_AT_EPOCH", "BSTAR", "BTERM", "AGOM", "MEAN_MOTION_DOT"}
-    | {"MEAN_MOTION_DDOT"},
+    | {"ECCENTRICITY", "INCLINATION", "RA_OF_ASC_NODE", "ARG_OF_PERICENTER", "MEAN_ANOMALY", "GM", "EPHEMERIS_TYPE"}
+    | {"NORAD_CAT_ID", "BSTAR", "BTERM", "AGOM", "MEAN_MOTION_DOT", "MEAN_MOTION_DDOT"},
 }
-"""Keys of a segment, by the kind of message. Keys of the header are part of it: programs write them there too."""
+"""Keys that are read, by the kind of message."""
+HEADER = frozenset({"CLASSIFICATION", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID"})
 HARMLESS = (
-    _HEADER
-    | _COVARIANCE
-    | {"START_TIME", "STOP_TIME", "COV_REF_FRAME", "INTERPOLATION", "INTERPOLATION_METHOD", "INTERPOLATION_DEGREE"}
+    HEADER
+    | {"INTERPOLATION", "INTERPOLATION_METHOD", "INTERPOLATION_DEGREE"}
     | {"MASS", "SOLAR_RAD_AREA", "SOLAR_RAD_COEFF", "DRAG_AREA", "DRAG_COEFF", "CLASSIFICATION_TYPE"}
-    | {"ELEMENT_SET_NO", "REV_AT_EPOCH", "MEAN_MOTION_DOT", "MEAN_MOTION_DDOT"}
+    | {"ELEMENT_SET_NO", "REV_AT_EPOCH", "COV_REF_FRAME"}
+    | {f"C{a}_{b}" for k, a in enumerate(_STATE) for b in _STATE[: k + 1]}
 )
-"""Keys that change neither orbit nor attitude here.
+"""Keys that change neither orbit nor attitude here, and may have any value.
 
 Files are interpolated by our own polynomial whatever method they name, covariances are not read, and the propagator
-SGP4 takes its drag from BSTAR alone: masses, areas and the derivatives of the mean motion are not terms of it.
+SGP4 takes its drag from BSTAR: masses and areas are not terms of it.
 """
 UNITS = {
     **dict.fromkeys(("X", "Y", "Z", "SEMI_MAJOR_AXIS"), "km"),
@@ -227,35 +224,44 @@ class Segment:
                 raise UserError("is not after the row before", where=self.at(row), expected="rising times")
         return found
 
-    def numbers(self, columns: Sequence[str], optional: Sequence[str] = ()) -> list[list[float]]:
-        """Return the numbers of all rows behind their times, in the order of ``columns``.
+    def numbers(self, columns: Sequence[str], optional: Sequence[str] = ()) -> FloatArray:
+        """Return the numbers of all rows behind their times, shape (n, k), in the order of ``columns``.
 
         ``optional`` columns follow in all rows or in none.
         """
         full = (*columns, *optional)
-        found = [self._numbers(row, columns, full) for row in self.rows]
-        for row, numbers in zip(self.rows, found, strict=True):
-            if len(numbers) != len(found[0]):
-                raise UserError(
-                    f"{len(numbers)} numbers", where=self.at(row), expected=f"{len(found[0])}, as in the first row"
-                )
-        return found
+        found: list[list[float]] = []
+        for row in self.rows:
+            texts = self._texts(row, columns, full)
+            if found and len(texts) != len(found[0]):
+                expected = f"{len(found[0])}, as in the first row"
+                raise UserError(f"{len(texts)} numbers", where=self.at(row), expected=expected)
+            numbers = list(map(float, texts)) if all(map(_NUMBER.fullmatch, texts)) else [math.nan]
+            if not all(map(math.isfinite, numbers)):
+                for text, key in zip(texts, full, strict=False):
+                    number_of(text, f"{self.at(row)}: {key}")
+            found.append(numbers)
+        return np.array(found)
 
-    def _numbers(self, row: Row, columns: Sequence[str], full: Sequence[str]) -> list[float]:
-        where = self.at(row)
-        expected = f"a time and {', '.join(columns)}"
+    def _texts(self, row: Row, columns: Sequence[str], full: Sequence[str]) -> list[str]:
+        """Return the values of a row behind its time, as many as ``columns`` or ``full``."""
         if isinstance(row.values, dict):
             keys = full if any(key in row.values for key in full[len(columns) :]) else columns
-            for key in row.values:
-                if key not in keys and key != "EPOCH":
-                    raise UserError("is not a key of these rows", where=f"{where}: {key}", expected=expected)
-            for key in keys:
-                if not row.values.get(key):
-                    raise UserError("is missing", where=f"{where}: {key}", expected="a number")
-            return [number_of(row.values[key], f"{where}: {key}") for key in keys]
+            for key in dict.fromkeys((*row.values, *keys)):
+                if key != "EPOCH" and (key not in keys or not row.values.get(key)):
+                    raise UserError(
+                        "is missing" if key in keys else "is not a key of these rows",
+                        where=f"{self.at(row)}: {key}",
+                        expected=f"EPOCH, {', '.join(keys)}",
+                    )
+            return [row.values[key] for key in keys]
         if len(row.values) - 1 not in (len(columns), len(full)):
-            raise UserError(f"{len(row.values) - 1} values after the time", where=where, expected=expected)
-        return [number_of(text, f"{where}: {key}") for text, key in zip(row.values[1:], full, strict=False)]
+            raise UserError(
+                f"{len(row.values) - 1} values after the time",
+                where=self.at(row),
+                expected=f"a time and {', '.join(columns)}",
+            )
+        return row.values[1:]
 
 
 @dataclass
@@ -269,7 +275,7 @@ class Message:
     segments: list[Segment] = field(default_factory=list)
 
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def number_of(text: str, where: str, expected: str = "a finite number") -> float:
@@ -305,16 +311,17 @@ def messages_of(path: Path, kind: str, expected: str) -> list[Message]:
                 where=f"{message.where}: CCSDS_{kind.upper()}_VERS",
                 expected=" or ".join(VERSIONS[kind]),
             )
-        check_keys(message.header, _HEADER, f"the header of {KINDS[kind]}")
+        check_keys(message.header, HEADER, f"the header of {KINDS[kind]}")
         for segment in message.segments:
-            check_keys(segment.fields, KEYS[kind], KINDS[kind])
+            check_keys(segment.fields, READ[kind] | HARMLESS, KINDS[kind])
     return found
 
 
 def check_keys(fields: Fields, known: frozenset[str], what: str) -> None:
+    """Refuse a key that is not known, by name and line."""
     for key, value in fields.values.items():
         if key not in known:
-            close = get_close_matches(key.upper(), sorted(known), 1, 0.75)
+            close = get_close_matches(key[:LONGEST_KEY].upper(), sorted(known), 1, 0.75)
             like = f", such as {close[0]}" if close else ", COMMENT or USER_DEFINED_..."
             raise UserError(f"is not a key of {what}", where=value.where, expected=f"a key of the standard{like}")
 
@@ -325,8 +332,7 @@ def is_user_defined(key: str) -> bool:
 
 
 _TAG = re.compile(rb"<(?:[\w.-]+:)?(" + "|".join(KINDS).encode() + rb")[\s/>]")
-_REMARK = re.compile(rb"<!--.*?-->", re.DOTALL)
-_HEADING = re.compile(rb"^\s*CCSDS_([A-Z]+)_VERS\s*=", re.MULTILINE)
+_HEADING = re.compile(rb"^[ \t]*CCSDS_([A-Z]+)_VERS[ \t]*=", re.MULTILINE)
 _LINES = re.compile(rb"(?:^|\n)1 [ 0-9A-Z]{5}[A-Z ].*\r?\n2 [ 0-9A-Z]{5} ")
 
 
@@ -337,8 +343,9 @@ def kinds_of(path: Path, expected: str = "an orbit or attitude file") -> list[st
     """
     data = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=expected)
     if _is_xml(data):
-        found = _TAG.findall(_REMARK.sub(b"", data.replace(b"\0", b"")))
-        return [kind.decode() for kind in dict.fromkeys(found)]
+        first, *rest = data.replace(b"\0", b"").split(b"<!--")
+        plain = b"".join([first, *(text.partition(b"-->")[2] for text in rest)])
+        return [kind.decode() for kind in dict.fromkeys(_TAG.findall(plain))]
     if found := [kind.lower().decode() for kind in dict.fromkeys(_HEADING.findall(data.removeprefix(b"\xef\xbb\xbf")))]:
         return [kind for kind in found if kind in KINDS]
     head = data[:4096].decode("utf-8-sig", errors="replace").lstrip()
@@ -362,7 +369,6 @@ def _text_of(path: Path, data: bytes, expected: str) -> str:
 
 _VERSION = re.compile(r"CCSDS_([A-Z]+)_VERS\s*=\s*(.*)")
 _KEY = re.compile(r"([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*)")
-_WITH_UNIT = re.compile(r"(.*?)\s*\[(.*)\]")
 _BLOCKS = {"META": "META_STOP", "DATA": "DATA_STOP", "COVARIANCE": "COVARIANCE_STOP"}
 
 
@@ -393,7 +399,8 @@ def _of_kvn(path: Path, text: str, expected: str) -> list[Message]:
         name, _, edge = line.partition("_")
         if edge in ("START", "STOP") and name in _BLOCKS:
             if message.kind == "omm" or (edge == "START") == bool(block) or (edge == "STOP" and name != block):
-                raise UserError(f"found {line}", where=where, expected=_BLOCKS[block] if block else "blocks in order")
+                blocks = _BLOCKS[block] if block else "keys alone" if message.kind == "omm" else "blocks in order"
+                raise UserError(f"found {line}", where=where, expected=blocks)
             if name == "META" and edge == "START":
                 message.segments.append(Segment(path, message.version, Fields(where)))
             elif not message.segments:
@@ -423,9 +430,9 @@ def _add_of_kvn(message: Message, block: str, key: str, value: str, where: str) 
         return
     if message.kind != "omm" and block != "META" and message.segments:
         raise UserError("is a key between rows of data", where=f"{where}: {key}", expected="keys before META_STOP")
-    if (unit := _WITH_UNIT.fullmatch(value)) and key in UNITS:
-        value = unit[1]
-        check_unit(key, unit[2], f"{where}: {key}")
+    if key in UNITS and value.endswith("]"):
+        value, _, unit = value[:-1].partition("[")
+        check_unit(key, unit, f"{where}: {key}")
     fields = message.segments[-1].fields if message.segments else message.header
     fields.add(key, value.strip(), where)
 
@@ -579,6 +586,8 @@ def one_message(path: Path, kind: str, expected: str, satellite: str | None) -> 
     parts = [(message, segment) for message in messages_of(path, kind, expected) for segment in message.segments]
     if not parts:
         raise UserError("no segment", where=str(path), expected=expected)
+    if kind == "aem" and len({segment.fields.name for _, segment in parts}) == 1:
+        satellite = None  # Attitudes of one object may name it otherwise than its elements.
     chosen = of_satellite(parts, satellite, str(path), lambda part: part[1].fields, "ephemerides")
     messages = list({id(message): message for message, _ in chosen}.values())
     if len(messages) > 1:

@@ -39,7 +39,7 @@ def orbit_of_oem(path: Path, satellite: str | None = None) -> Trajectory:
     epoch = epoch_at(instants[0][0])
     pieces: list[TrajectoryPiece] = []
     for segment, times in zip(segments, instants, strict=True):
-        numbers = np.array(segment.numbers(STATE, ACCELERATION))
+        numbers = segment.numbers(STATE, ACCELERATION)
         axes, r, v = _along(segment.fields, 1e3 * numbers[:, :3], 1e3 * numbers[:, 3:6])
         where, usable = segment.fields.where, segment.fields.usable_s(epoch)
         pieces.append(piece_of(axes, epoch, seconds_after(epoch, times), r, v, where, usable, segment.place))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import logging
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,9 @@ from sgp4.api import SGP4_ERRORS, Satrec
 from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.formats.ndm import (
-    KEYS,
+    HARMLESS,
     MAX_FILE_BYTES,
+    READ,
     VERSIONS,
     Fields,
     check_keys,
@@ -31,7 +31,6 @@ from horizonval.formats.ndm import (
 )
 from horizonval.geometry.clock import instant_of, utc_at
 
-_LOG = logging.getLogger("horizonval")
 EXPECTED = "mean elements of SGP4: an OMM in KVN or XML, JSON or CSV"
 DEFAULTS = {"CENTER_NAME": "EARTH", "REF_FRAME": "TEME", "TIME_SYSTEM": "UTC", "MEAN_ELEMENT_THEORY": "SGP4"}
 """Values that JSON and CSV leave out."""
@@ -48,8 +47,10 @@ GM_KM3_S2, LARGEST_GM_MISFIT = 398600.8, 1e-4
 """Gravity parameter inside SGP4 (WGS-72), and the relative difference up to which another one is the Earth's."""
 
 
-def satellite_of_omm(path: Path, satellite: str | None = None) -> Satrec:
-    """Return the satellite in a file, for SGP4; ``satellite`` chooses one by name, number or designator.
+def satellite_of_omm(path: Path, satellite: str | None = None) -> tuple[Satrec, str]:
+    """Return the satellite in a file, for SGP4, and a warning about what was assumed, or nothing.
+
+    ``satellite`` chooses one by name, number or designator.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def satellite_of_omm(path: Path, satellite: str | None = None) -> Satrec:
     return _satellite(found[0])
 
 
-def _satellite(fields: Fields) -> Satrec:
+def _satellite(fields: Fields) -> tuple[Satrec, str]:
     fields.check_earth()
     fields.one_of("REF_FRAME", ("TEME",))
     theory = fields.one_of("MEAN_ELEMENT_THEORY", THEORIES)
@@ -90,6 +91,10 @@ def _satellite(fields: Fields) -> Satrec:
             f"found {fields.text('GM')}", where=fields.at("GM"), expected=f"the Earth's, {GM_KM3_S2} km**3/s**2"
         )
     instant = instant_of(fields.needed("EPOCH", "the time of the elements"), fields.at("EPOCH"), fields.time_system())
+    try:
+        epoch = utc_at(instant)
+    except UserError as error:
+        raise error.at(fields.at("EPOCH")) from error
     values = {
         key: _within(fields, key, low, high)
         for key, low, high in (
@@ -103,17 +108,18 @@ def _satellite(fields: Fields) -> Satrec:
     }
     for key in ("BSTAR", "MEAN_MOTION_DOT", "MEAN_MOTION_DDOT"):
         values[key] = fields.number(key, default=0.0)
+    doubts = []
     if not fields.text("BSTAR"):
-        _LOG.warning("horizonval: warning: %s is missing: the orbit has no drag", fields.at("BSTAR"))
+        doubts.append(f"{fields.at('BSTAR')} is missing: no drag")
     if theory == "SGP":
-        _LOG.warning("horizonval: warning: %s: elements of SGP are flown by SGP4", fields.at("MEAN_ELEMENT_THEORY"))
+        doubts.append(f"{fields.at('MEAN_ELEMENT_THEORY')}: elements of SGP are flown by SGP4")
     found = Satrec()
     names = {"CLASSIFICATION_TYPE": "U", "OBJECT_ID": "", "EPHEMERIS_TYPE": "0", "ELEMENT_SET_NO": "0"}
-    numbers = {"REV_AT_EPOCH": "0", "NORAD_CAT_ID": "0", "EPOCH": utc_at(instant).strftime("%Y-%m-%dT%H:%M:%S.%f")}
+    numbers = {"REV_AT_EPOCH": "0", "NORAD_CAT_ID": "0", "EPOCH": epoch.strftime("%Y-%m-%dT%H:%M:%S.%f")}
     omm.initialize(found, {**names, **numbers, **values})
     if found.error:
         raise UserError(SGP4_ERRORS[found.error], where=fields.where, expected="elements of a satellite")
-    return found
+    return found, "; ".join(doubts)
 
 
 def _within(fields: Fields, key: str, low: float, high: float) -> float:
@@ -137,7 +143,7 @@ def _element_sets(path: Path) -> list[Fields]:
     if not found:
         raise UserError("no element set", where=str(path), expected=EXPECTED)
     for fields in found:
-        check_keys(fields, KEYS["omm"] | CATALOGUE, "mean elements")
+        check_keys(fields, READ["omm"] | HARMLESS | CATALOGUE, "mean elements")
         if fields.text("CCSDS_OMM_VERS"):
             fields.one_of("CCSDS_OMM_VERS", VERSIONS["omm"])
         for key, value in DEFAULTS.items():

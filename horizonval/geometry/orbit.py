@@ -320,7 +320,8 @@ def far_from_epoch(satellite: Satrec, epoch_utc: datetime, seconds: FloatArray) 
     size = "anywhere on its orbit, or decayed" if lost else f"{off_km:.2g} km off"
     when = "after" if days > 0.0 else "before"
     epoch = epoch_of(satellite).replace(tzinfo=None).isoformat(timespec="seconds")
-    return f"up to {abs(days):.3g} days {when} the epoch of the elements, {epoch}: the satellite is likely {size}"
+    far = f"up to {abs(days):.3g} days {when} the epoch of the elements, {epoch}"
+    return f"{far}: the satellite is likely {size}; take elements of a nearer epoch"
 
 
 def _drag_m(satellite: Satrec, epoch_utc: datetime, t: float, minutes: float) -> float:

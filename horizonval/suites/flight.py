@@ -89,6 +89,10 @@ def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> JsonObject:
     return found
 
 
+Doubt = Callable[[FloatArray], str]
+"""From times [s] to a warning about them, or nothing."""
+
+
 @dataclass(frozen=True)
 class _Track:
     """Position of a satellite, and its attitude if a file gives it.
@@ -105,7 +109,7 @@ class _Track:
     end_s: float | None = None
     body_from_axes: Callable[[FloatArray], FloatArray] | None = None
     around: attitude_profile.Spans | None = None
-    doubt: Callable[[FloatArray], str] | None = None
+    doubt: Doubt | None = None
 
 
 def _duration_s(spec: OrbitSpec, track: _Track) -> float:
@@ -140,7 +144,9 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
         return found
     path = beside / Path(spec.attitude.file).expanduser()
     kind = _kind_of(path, ("aem",), "an attitude: AEM, or a table of quaternions")
-    history = attitude_of_aem(path) if kind == "aem" else attitude_of_csv(path)
+    if kind != "aem" and spec.satellite is not None and spec.tle is None and spec.ephemeris is None:
+        raise UserError("a table of attitudes names no satellite", where="satellite", expected="it to be left out")
+    history = attitude_of_aem(path, spec.satellite) if kind == "aem" else attitude_of_csv(path)
 
     def body_from_axes(seconds: FloatArray) -> FloatArray:
         # The file refers to celestial axes, the states may be in others.
@@ -154,7 +160,13 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
         first, last = found.around(seconds)
         return np.fmax(begin, first), np.fmin(end, last)
 
-    return replace(found, body_from_axes=body_from_axes, around=around)
+    doubts = (found.doubt, lambda _: history.doubt)
+    return replace(found, body_from_axes=body_from_axes, around=around, doubt=partial(_joined, doubts))
+
+
+def _joined(doubts: Sequence[Doubt | None], seconds: FloatArray) -> str:
+    """Return several warnings about times as one."""
+    return "; ".join(text for doubt in doubts if doubt is not None and (text := doubt(seconds)))
 
 
 def _kind_of(path: Path, known: Sequence[str], expected: str) -> str:
@@ -162,7 +174,7 @@ def _kind_of(path: Path, known: Sequence[str], expected: str) -> str:
     found = kinds_of(path, expected)
     fit = [kind for kind in found if kind in known]
     if found and len(fit) != 1:
-        held = " and ".join(KINDS.get(kind, "two-line elements, which the key `tle` takes") for kind in fit or found)
+        held = " and ".join(KINDS[kind] for kind in fit or found)
         raise UserError(f"holds {held}", where=str(path), expected=expected)
     return fit[0] if fit else ""
 
@@ -187,12 +199,16 @@ def _track_of_elements(spec: OrbitSpec) -> _Track:
 
 def _track_of_lines(spec: OrbitSpec, beside: Path) -> _Track:
     try:
-        return _track_of_satellite(spec, elements_of(_lines(spec.tle or "", beside), spec.satellite).satellite())
+        lines = _lines(spec.tle or "", beside)
+        path = beside / Path(spec.tle).expanduser() if isinstance(spec.tle, str) else None
+        if path is None or set(kinds_of(path)) <= {"tle"}:
+            return _track_of_satellite(spec, elements_of(lines, spec.satellite).satellite())
     except UserError as e:
         raise e.at("tle") from e
+    return _track_of_file(spec, path, ("omm",), "elements: two lines, an OMM, JSON or CSV")
 
 
-def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
+def _track_of_satellite(spec: OrbitSpec, satellite: Satrec, doubt: str = "") -> _Track:
     epoch = spec.epoch_utc or orbit.epoch_of(satellite)
 
     def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -203,13 +219,25 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
 
     # From node to node, as for elements; the satellite's mean motion counts from perigee to perigee.
     period_s = 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot)
-    return _Track(epoch, states, itrs, period_s, doubt=partial(orbit.far_from_epoch, satellite, epoch))
+    doubts = (lambda _: doubt, partial(orbit.far_from_epoch, satellite, epoch))
+    return _Track(epoch, states, itrs, period_s, doubt=partial(_joined, doubts))
 
 
-def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
-    kind = _kind_of(path, ("oem", "omm"), "an orbit: OEM, OMM, mean elements as JSON or CSV, or a table of states")
+ORBIT = "an orbit: OEM, mean elements as OMM, JSON, CSV or two lines, or a table of states"
+
+
+def _track_of_file(
+    spec: OrbitSpec, path: Path, known: Sequence[str] = ("oem", "omm", "tle"), expected: str = ORBIT
+) -> _Track:
+    kind = _kind_of(path, known, expected)
     if kind == "omm":
-        return _track_of_satellite(spec, satellite_of_omm(path, spec.satellite))
+        return _track_of_satellite(spec, *satellite_of_omm(path, spec.satellite))
+    if kind == "tle":
+        try:
+            found = elements_of(_lines(str(path), Path()), spec.satellite)
+            return _track_of_satellite(spec, found.satellite())
+        except UserError as e:
+            raise e.at(str(path)) from e
     if kind != "oem" and spec.satellite is not None:
         raise UserError("a table of states names no satellite", where="satellite", expected="it to be left out")
     trajectory = orbit_of_oem(path, spec.satellite) if kind == "oem" else orbit_of_csv(path)

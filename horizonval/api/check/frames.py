@@ -160,9 +160,8 @@ def _doubts(group: Group) -> list[Finding]:
     return [
         Finding(
             level=Level.WARNING,
-            code="far-from-epoch",
+            code="doubtful-orbit",
             text=text,
-            fix="take elements of a nearer epoch",
             subject=group.subject,
             frames=count,
             of=total,

@@ -295,5 +295,5 @@ RULES: tuple[Rule, ...] = (
 )
 """All rules, in the order of findings of the same level."""
 
-CODES = (*(rule.code for rule in RULES), "far-from-epoch", "cannot-run")
+CODES = (*(rule.code for rule in RULES), "doubtful-orbit", "cannot-run")
 """All codes of findings."""

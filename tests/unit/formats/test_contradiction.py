@@ -32,7 +32,7 @@ def tod_states(elements: Elements, t: np.ndarray) -> tuple[np.ndarray, np.ndarra
 RNG = np.random.default_rng(5)
 
 
-def piece(t: np.ndarray, r: np.ndarray, v: np.ndarray, axes: str = "gcrs") -> TrajectoryPiece:
+def piece(t: np.ndarray, r: np.ndarray, v: np.ndarray | None, axes: str = "gcrs") -> TrajectoryPiece:
     return piece_of(axes, EPOCH, t, r, v, "sat.csv")
 
 
@@ -81,6 +81,28 @@ def test_inertial_velocities_in_earth_fixed_columns(elements: Elements, rows: in
     piece(t, r, v - np.cross(SPIN, r), "itrs")
     with pytest.raises(UserError, match="it looks inertial, in Earth-fixed columns"):
         piece(t, r, v, "itrs")
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 1.0])
+@pytest.mark.parametrize("step", [1.0, 60.0, 300.0])
+@pytest.mark.parametrize("elements", [LEO, MOLNIYA, GEO, Elements(6.9e6, 0.001, 0.01, 1.0, 0.5, 0.3)])
+def test_states_of_other_axes_are_refused(elements: Elements, step: float, noise_m: float) -> None:
+    """Velocities and positions agree with each other, and not with the axes."""
+    t = step * np.arange(400.0 if step == 1.0 else 40.0)
+    r, v = tod_states(elements, t)
+    r = r + RNG.normal(0.0, noise_m, r.shape)
+    matrices = itrs_from_gcrs(EPOCH, t)
+    fixed = turn(matrices, r), turn(matrices, v) - np.cross(SPIN, turn(matrices, r))
+    for states in ((r, v), (r, None)):
+        piece(t, *states)
+        with pytest.raises(
+            UserError, match=r"sat.csv: the states move as in inertial axes, but are said to be Earth-f"
+        ):
+            piece(t, *states, "itrs")
+    for states in (fixed, (fixed[0], None)):
+        piece(t, *states, "itrs")
+        with pytest.raises(UserError, match=r"sat.csv: the states move as in Earth-fixed axes, but are said to be ine"):
+            piece(t, *states)
 
 
 def _noisy(step: float, sigma_m: float):

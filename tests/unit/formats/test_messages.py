@@ -6,7 +6,6 @@ import csv
 import io
 import itertools
 import json
-import logging
 import math
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +20,7 @@ from sgp4.api import Satrec
 
 from horizonval.core.errors import UserError
 from horizonval.formats.aem import attitude_of_aem
-from horizonval.formats.ndm import kinds_of
+from horizonval.formats.ndm import HARMLESS, READ, kinds_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
 
@@ -110,12 +109,12 @@ AS_NUMBERS = {k: float(v) if k not in ("EPOCH",) and v[0] in ".0123456789" and k
 def test_one_set_of_elements_is_the_same_orbit_however_it_is_written(tmp_path: Path, text: str | bytes) -> None:
     path = written(tmp_path, text)
     assert kinds_of(path) == ["omm"]
-    found, expected = satellite_of_omm(path), Satrec.twoline2rv(*LINES)
+    found, expected = satellite_of_omm(path)[0], Satrec.twoline2rv(*LINES)
     for day in (0.0, 1.0):
         jd = (expected.jdsatepoch + day, expected.jdsatepochF)
         assert np.abs(np.subtract(found.sgp4(*jd)[1], expected.sgp4(*jd)[1])).max() < 1e-6
     for satellite in ("iss (zarya)", "1998-067A", "799500766"):
-        assert satellite_of_omm(path, satellite).bstar == found.bstar
+        assert satellite_of_omm(path, satellite)[0].bstar == found.bstar
 
 
 SEVERAL = [
@@ -131,7 +130,7 @@ def test_of_several_satellites_one_is_chosen_and_none_is_filled_from_another(tmp
     path = written(tmp_path, text)
     with pytest.raises(UserError, match=r"of 2 satellites: ISS \(ZARYA\) \(799500766\), B \(7\)"):
         satellite_of_omm(path)
-    assert [satellite_of_omm(path, name).bstar for name in ("B", "007", "799500766")] == [0.01, 0.01, 0.00022]
+    assert [satellite_of_omm(path, name)[0].bstar for name in ("B", "007", "799500766")] == [0.01, 0.01, 0.00022]
     with pytest.raises(UserError, match=r"no mean elements of 'C'; expected one of ISS"):
         satellite_of_omm(path, "C")
     twice = written(tmp_path, text.replace("2020-001A", "1998-067A"))
@@ -139,18 +138,15 @@ def test_of_several_satellites_one_is_chosen_and_none_is_filled_from_another(tmp
         satellite_of_omm(twice, "1998-067A")
 
 
-def test_what_the_first_message_lacks_is_not_taken_from_the_second(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_the_first_message_lacks_is_not_taken_from_the_second(tmp_path: Path) -> None:
     first = {key: value for key, value in OMM.items() if key != "BSTAR"}
     for text in (
         kvn_of("OMM", "2.0", first) + kvn_of("OMM", "2.0", OTHER),
         f"<ndm>{omm_xml(first)}{omm_xml(OTHER)}</ndm>",
     ):
-        with caplog.at_level(logging.WARNING):
-            assert satellite_of_omm(written(tmp_path, text), "799500766").bstar == 0.0
-        assert "BSTAR is missing: the orbit has no drag" in caplog.text
-        caplog.clear()
+        satellite, doubt = satellite_of_omm(written(tmp_path, text), "799500766")
+        assert satellite.bstar == 0.0
+        assert "BSTAR is missing: no drag" in doubt
     later = {**OMM, "EPOCH": "2026-03-21T00:00:00"}
     with pytest.raises(UserError, match=r"2 element sets of ISS.*2026-03-20T12:00:00.000000, 2026-03-21T00:00:00"):
         satellite_of_omm(written(tmp_path, json.dumps([OMM, later])), "799500766")
@@ -470,7 +466,9 @@ ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
         ("1.0", {"ATTITUDE_DIR": None}, PLAIN, "ATTITUDE_DIR: is missing; expected A2B or B2A"),
         ("1.0", {"ATTITUDE_DIR": "A_TO_B"}, PLAIN, 'ATTITUDE_DIR: found "A_TO_B"'),
         ("2.0", {"QUATERNION_TYPE": None, "ATTITUDE_DIR": "B2A"}, PLAIN, 'ATTITUDE_DIR: found "B2A", a key of'),
-        ("2.0", {"QUATERNION_TYPE": "FIRST"}, PLAIN, 'QUATERNION_TYPE: found "FIRST", a key of version 1.0'),
+        ("2.0", {"QUATERNION_TYPE": "FIRST"}, PLAIN, 'QUATERNION_TYPE: found "FIRST", a key of another version'),
+        ("2.0", {"RATE_FRAME": "REF_FRAME_A"}, PLAIN, "RATE_FRAME: found"),
+        ("1.0", {"ANGVEL_FRAME": "REF_FRAME_A"}, PLAIN, "ANGVEL_FRAME: found"),
         ("2.0", {}, PLAIN, ""),
         ("1.0", {"Q_DIR": "A2B"}, PLAIN, "Q_DIR: is not a key of an attitude ephemeris message"),
         ("1.0", {"CENTER_NAME": "MARS"}, PLAIN, 'CENTER_NAME: found "MARS"; expected EARTH'),
@@ -540,3 +538,20 @@ def test_damaged_text_is_one_line(tmp_path: Path, text: str) -> None:
         with pytest.raises(UserError, match=str(path)) as found:
             reader(path)
         assert not any(word in str(found.value) for word in ("Error", "object at", "NoneType", "float", "\n"))
+
+
+NAMES = {"OBJECT_NAME", "OBJECT_ID", "NORAD_CAT_ID"}
+
+
+@pytest.mark.parametrize(("kind", "key"), [(kind, key) for kind, keys in READ.items() for key in sorted(keys - NAMES)])
+def test_every_key_that_is_not_harmless_is_read(tmp_path: Path, kind: str, key: str) -> None:
+    """Nonsense in its place is refused by its name; in a harmless key it is not."""
+    reader, version, fields, rows = {
+        "oem": (orbit_of_oem, "2.0", OEM, oem_rows(stamps(T), circle(T))),
+        "aem": (attitude_of_aem, "2.0" if key == "ANGVEL_FRAME" else "1.0", AEM, PLAIN),
+        "omm": (satellite_of_omm, "2.0", OMM, None),
+    }[kind]
+    harmless = dict.fromkeys(HARMLESS - {"CREATION_DATE", "ORIGINATOR"}, "nonsense")
+    with pytest.raises(UserError, match=f"{key}: "):
+        reader(written(tmp_path, kvn_of(kind.upper(), version, {**fields, key: "nonsense", **harmless}, rows)))
+    reader(written(tmp_path, kvn_of(kind.upper(), "1.0" if kind == "aem" else version, {**fields, **harmless}, rows)))

@@ -165,5 +165,5 @@ def test_a_check_shows_the_warning_once(tmp_path: Path) -> None:
         f"orbit = {{ tle = {lines()!r}, epoch_utc = 2026-04-01T00:00:00Z, n = 3, duration_s = 60.0 }}\n"
     )
     report = hv.check(tmp_path / "s.toml")
-    assert [finding.frames for finding in report.findings if finding.code == "far-from-epoch"] == [3]
+    assert [finding.frames for finding in report.findings if finding.code == "doubtful-orbit"] == [3]
     assert str(report).count("days after the epoch of the elements") == 1
