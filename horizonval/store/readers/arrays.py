@@ -1,7 +1,7 @@
 """NumPy arrays (``.npy``, ``.npz``) and tables of numbers (CSV) as pictures.
 
-An array of shape (H, W) or (H, W, 1) is grey, (H, W, 3) and (H, W, 4) are colours, and of any other three-dimensional one each plane
-is a picture. Pickled objects are not read.
+An array of shape (H, W) or (H, W, 1) is grey, (H, W, 3) and (H, W, 4) are colours. Of any other with three dimensions
+each plane is a picture. Pickled objects are not read.
 
 A table has one line for each row of the image, upper row first; numbers are separated by commas, semicolons, tabs or
 spaces, and lines of words may come first. Blank lines separate several images. Values are taken as they are: degrees
