@@ -34,7 +34,6 @@ from pydantic import Field, ValidationError
 
 from horizonval.core import atomic, files, sealed
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.frame import FrameTruth
 from horizonval.spec.base import Model, Positive
 from horizonval.spec.explain import explain
 from horizonval.store.folder import LARGEST_RECORD, read_json, write_json
@@ -166,7 +165,6 @@ def _read_pack(path: Path, _changed_ns: int) -> Pack:
                 raise DamagedFileError(f"the image {scene} {band} {replicate} is not what was frozen", where=str(path))
             if (scene, band, replicate) in images:
                 raise DamagedFileError(f"two images of {scene} {band} {replicate}", where=str(path))
-            FrameTruth.from_dict(dict(head["truths"][scene]))
             images[scene, band, replicate] = image
         frames: dict[tuple[str, str], FrozenFrame] = {}
         for scene, band, sha, name, k, scale in head["frames"]:

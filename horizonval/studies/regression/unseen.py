@@ -9,7 +9,12 @@ from horizonval.studies.regression.partners import Group
 from horizonval.studies.regression.words import figure
 from horizonval.suites.record import camera_name
 
-ANGLES: tuple[Metric, ...] = ("roll_mean", "roll_scatter", "nadir_error", "nadir_error_median")
+ANGLES: dict[str, Metric] = {
+    "mean of roll or pitch": "roll_mean",
+    "scatter": "roll_scatter",
+    "nadir error": "nadir_error",
+    "its median": "nadir_error_median",
+}
 
 
 def unseen(suite: Suite) -> dict[str, str]:
@@ -53,10 +58,10 @@ def _of_method(spec: RegressionSpec, group: Group, n: int) -> str:
         int((margin_of(spec, "replay", metric, group, 0.0)[0] or 0.0) / PERCENT * n)
         for metric in ("availability", "false_valid")
     )
-    crashes = _margin(spec, "replay", "crashes", group)
-    angles = ", ".join(f"{metric.replace('_', ' ')} {_margin(spec, 'replay', metric, group)}" for metric in ANGLES)
+    crashes = figure(margin_of(spec, "replay", "crashes", group, 0.0)[0])
+    angles = ", ".join(f"{name} by {_margin(spec, 'replay', metric, group)}" for name, metric in ANGLES.items())
     return (
-        f"of {n} images {lost} lost answers, {false} false claims and {crashes} to crash; {angles}; squared error over "
+        f"of {n} images {lost} lost answers, {false} new false claims, {crashes} new crashes; {angles}, squared error over "
         f"claim by a {_margin(spec, 'replay', 'honesty', group)}"
     )
 
@@ -65,4 +70,4 @@ def _margin(spec: RegressionSpec, lane: Lane, metric: Metric, group: Group) -> s
     margin, reason = margin_of(spec, lane, metric, group, 0.0)
     standing = STANDING[metric]
     text = f"{figure(margin)} {standing.unit}" if standing.unit != "factor" else f"factor of {figure(margin)}"
-    return f"{text} or {figure(PERCENT * standing.of_base)} %" if reason is None and standing.of_base else text
+    return f"{text} or {PERCENT * standing.of_base:.0f} %" if reason is None and standing.of_base else text
