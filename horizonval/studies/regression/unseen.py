@@ -61,8 +61,8 @@ def _of_method(spec: RegressionSpec, group: Group, n: int) -> str:
     crashes = figure(margin_of(spec, "replay", "crashes", group, 0.0)[0])
     angles = ", ".join(f"{name} by {_margin(spec, 'replay', metric, group)}" for name, metric in ANGLES.items())
     return (
-        f"of {n} images {lost} lost answers, {false} new false claims, {crashes} new crashes; {angles}, squared error over "
-        f"claim by a {_margin(spec, 'replay', 'honesty', group)}"
+        f"of {n} images {lost} lost answers, {false} new false claims, {crashes} new crashes; {angles}, squared error "
+        f"over claim by a {_margin(spec, 'replay', 'honesty', group)}"
     )
 
 
