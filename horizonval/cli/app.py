@@ -21,6 +21,7 @@ from horizonval.cli.run import check, report, run, study
 from horizonval.cli.serving import serve, view
 from horizonval.core.environment import settle_libraries
 from horizonval.core.errors import UserError, printable
+from horizonval.core.files import begin_command
 from horizonval.jobs.pool import hush, sign_of_life
 
 COMPLETION = "_HORIZONVAL_COMPLETE"
@@ -79,6 +80,7 @@ def _command_name(arguments: list[str]) -> str:
 
 def run_command_line(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
+    begin_command()
     try:
         status = app(arguments or ["--help"], prog_name="horizonval", standalone_mode=False)
         sys.stdout.flush()

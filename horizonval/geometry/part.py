@@ -33,10 +33,9 @@ from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.geometry import brown
-from horizonval.geometry.camera import CameraModel, in_image_circle, project, unproject
+from horizonval.geometry.camera import CameraModel, in_image_circle, project, unproject, widest_angle
 from horizonval.geometry.frames import from_yaw_pitch_roll, inverse, rotate
 from horizonval.geometry.rotation import tangent_basis
-from horizonval.spec.camera import turning_angle
 from horizonval.spec.scene import SpacecraftPart
 
 CORNERS = 512
@@ -475,8 +474,8 @@ def _image_edges(start: FloatArray, end: FloatArray, camera: CameraModel) -> tup
 
 def _image(camera: CameraModel, d: FloatArray) -> FloatArray:
     """Return the images of directions; those beyond what the lens can image move towards the boresight until it can."""
-    if camera.projection == "fisheye":
-        widest = turning_angle(camera.distortion[:4]) * (1.0 - 1e-6)
+    if camera.wide:
+        widest = widest_angle(camera) * (1.0 - 1e-6)
         across = np.hypot(d[:, 0], d[:, 1])
         off = np.minimum(np.arctan2(across, d[:, 2]), widest)
         scale = np.sin(off) / np.maximum(across, 1e-300)

@@ -35,6 +35,7 @@ from horizonval.report.words import (
     unit_of,
     verdict_of,
 )
+from horizonval.scoring.bound import known_bound
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
@@ -226,7 +227,9 @@ def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, Any]]:
 def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) -> dict[str, Any]:
     """Return the content of a frame's card, and its data for the viewer."""
     image = view.image
-    expected = expected_outcome(image.truth, view.band) if image is not None else None
+    expected = None
+    if image is not None:
+        expected = expected_outcome(image.truth, view.band, bound=known_bound([image], image.truth, view.band))
     frame = viewer.one_frame(view, run.estimators, expected, numbered=numbered)
     card: dict[str, Any] = {
         "frame": frame,

@@ -61,7 +61,8 @@ class RescoreWork(Recorded[Item]):
 
     def identity(self, item: Item) -> str:
         """Return the digest of images, frames, climate files of the priors, estimators and code."""
-        return rescored_identity(item.addresses, item.estimators(self.plan), climates_of(item, Store(self.archive)))
+        names = item.estimators(self.plan)
+        return rescored_identity(item.addresses, names, self.plan, climates_of(item, Store(self.archive)))
 
     def record(self, item: Item, watch: Stopwatch) -> Record:
         return archived_record(item, self.plan, Store(self.archive), watch)

@@ -75,8 +75,8 @@ def resized(camera: CameraSpec, width: int, height: int, where: str) -> CameraSp
     data["camera"] |= {
         "width": width,
         "height": height,
-        "fx": old.fx * x,
-        "fy": old.fy * y,
+        "fx": old.fx * (1.0 + old.shape[0]) * x,
+        "fy": old.fy * (1.0 + old.shape[0]) * y,
         # the image's outer edge, not the first pixel's centre, stays where it is
         "cx": (old.cx + 0.5) * x - 0.5,
         "cy": (old.cy + 0.5) * y - 0.5,

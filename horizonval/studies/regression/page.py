@@ -27,6 +27,7 @@ from horizonval.report import page, plots, viewer
 from horizonval.report.load import CaseView
 from horizonval.report.plots import Draw
 from horizonval.report.words import VERDICTS, Record, opening, verdict_of
+from horizonval.scoring.bound import ARCSEC, Bound
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
 from horizonval.studies.regression import history
@@ -235,9 +236,12 @@ def shown_of(
     """
     estimators = tuple(dict.fromkeys(row.estimator for row in rows))
     known = {scene: FrameTruth.from_dict(dict(truths[scene])) for scene in {row.case for row in rows} & set(truths)}
+    bounds = {(row.case, row.band): row.bound_arcsec for row in rows if row.case in known}
     expected = {
-        place: expected_outcome(known[place[0]], place[1])
-        for place in dict.fromkeys((row.case, row.band) for row in rows if row.case in known)
+        (case, band): expected_outcome(
+            known[case], band, bound=None if arcsec is None else Bound(None, arcsec * ARCSEC, None)
+        )
+        for (case, band), arcsec in bounds.items()
     }
     by_image: dict[Key, dict[str, Row]] = {}
     for row in (row for row in rows if row.case in known):

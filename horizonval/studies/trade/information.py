@@ -76,7 +76,7 @@ class InformationWork(Recorded[Case]):
                 "noise_arcsec": bound.noise_arcsec,
                 "bound_arcsec": bound.known_arcsec,
                 "altitude_m": bound.altitude_m,
-                "expected": str(expected_outcome(frame.truth, name).outcome),
+                "expected": str(expected_outcome(frame.truth, name, bound=bound).outcome),
             }
         return {"case": item.name, "bands": bands}
 
