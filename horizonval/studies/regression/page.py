@@ -48,6 +48,7 @@ from horizonval.studies.regression.words import (
 GLYPHS = {"PASS": "●", "FAIL": "✖", "IMPROVED": "▲", "INCONCLUSIVE": "○", "INCOMPLETE": "◐"}
 KINDS = {"PASS": "valid", "FAIL": "false", "IMPROVED": "valid", "INCONCLUSIVE": "missed", "INCOMPLETE": "missed"}
 MOST_LISTED = 40
+MOST_HEADLINES = 6
 LOOKS = {
     "PASS": ("#0072b2", "o", "full"),
     "FAIL": ("#b34700", "X", "full"),
@@ -102,7 +103,9 @@ def headline(verdict: Mapping[str, Any]) -> str:
     failed = [f"{subject(g)}{' since the last release' * (g['against'] == 'release')}" for g in of[Verdict.FAIL]]
     failed += [f"system {one['system']}, {one['name']}" for one in verdict["published"] if one["verdict"] == "FAIL"]
     if failed:
-        return "Regression: " + "; ".join(dict.fromkeys(failed)) + "."
+        names = list(dict.fromkeys(failed))
+        more = len(names) - MOST_HEADLINES
+        return "Regression: " + "; ".join(names[:MOST_HEADLINES]) + (f"; and {more} more." if more > 0 else ".")
     if verdict["problems"]:
         return "Incomplete: " + verdict["problems"][0] + "."
     better = [subject(first) for first in of[Verdict.IMPROVED]]
