@@ -358,7 +358,7 @@ def satellite_states(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike 
     if codes.any():
         first = int(np.flatnonzero(codes)[0])
         raise UserError(
-            f"satellite {satellite.satnum_str} at {epoch_utc.isoformat()} + {np.ravel(seconds)[first]} s: "
+            f"satellite {satellite.satnum_str} at {clock.stamp_after(epoch_utc, np.ravel(seconds)[first])}: "
             f"{SGP4_ERRORS[int(codes[first])]}",
             expected="an instant nearer to the elements' epoch",
         )
