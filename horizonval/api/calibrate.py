@@ -23,7 +23,14 @@ from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Observation
 from horizonval.formats.csv_table import CsvTable, read_csv
 from horizonval.formats.lens import read_camera
-from horizonval.geometry.camera import CameraModel, camera_from_spec, check_invertible, field_angles, unproject
+from horizonval.geometry.camera import (
+    CameraModel,
+    camera_from_spec,
+    camera_table,
+    check_invertible,
+    field_angles,
+    unproject,
+)
 from horizonval.jobs.progress import shown
 from horizonval.plugins.program import camera_file
 from horizonval.report.rerun import toml
@@ -125,15 +132,14 @@ def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:
         return {"status": str(found.status), "reason": found.reason}
     sigma, change = found.sigma, found.change
     u, v = sigma[POINT]
+    camera = found.camera
+    table = camera_table(camera)
     return {
         "status": "valid",
         "frames": found.frames,
         "left_out": list(found.left_out),
-        "fx": found.camera.fx,
-        "fy": found.camera.fy,
-        "cx": found.camera.cx,
-        "cy": found.camera.cy,
-        "distortion": list(found.camera.distortion),
+        **{key: table[key] for key in ("fx", "fy", "cx", "cy")},
+        "distortion": list(camera.distortion) if camera.classic else table["distortion"],
         "q_cam_from_body": found.q_cam_from_body.tolist(),
         "focal_length_change_percent": 100.0 * math.expm1(change[FOCAL]),
         "focal_length_sigma_percent": 100.0 * float(sigma[FOCAL]),

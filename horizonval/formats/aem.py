@@ -148,7 +148,7 @@ def _quaternions(segment: Segment, seconds: FloatArray) -> tuple[FloatArray, str
             columns = tuple(key for k in (0, 4) for key in columns[k + 3 : k + 4] + columns[k : k + 3])
         numbers = segment.numbers(columns)
         q = numbers[:, [columns.index(key) for key in _Q]]
-    if len(seconds) < 2 or "/" not in kind:
+    if len(seconds) < 2 or "/" not in kind or kind == "EULER_ANGLE/RATE":
         return q, ""
     return q, _check_rates(segment, kind, {key: numbers[:, k] for k, key in enumerate(columns)}, q, seconds)
 
@@ -191,7 +191,7 @@ def _check_rates(
                 expected=f"{kind} in the order of the standard",
                 fix=f"they agree if {one[0]}",
             )
-    doubtful = stated > LARGEST_MISFIT and not kind.endswith("/RATE")
+    doubtful = stated > LARGEST_MISFIT and kind != "QUATERNION/RATE"
     return f"{where}: the rates contradict the attitudes, and are not used" if doubtful else ""
 
 
@@ -223,16 +223,15 @@ def _readings(
         slope, mean = ((np.diff(angles, axis=0) + 180.0) % 360.0 - 180.0) / steps, middle(columns)[:, 3:]
         return [("", slope, mean)], _other_units(slope, mean)
     of = velocities(q)
-    if kind.endswith("/RATE"):
-        # Programs disagree whether these are velocities, and of which frame: only a wrong scalar is found.
-        mean = middle(_RATES)
-        sign = ((sign, frame) for sign in (1.0, -1.0) for frame in of)
-        allowed = [("", s * of[frame], mean) for s, frame in sign]
-        if kind.startswith("EULER"):
-            return allowed, []
-        rolled = [(roll, velocities(np.roll(q, roll, axis=1))) for roll in (1, -1)]
+    if kind == "QUATERNION/RATE":
+        # Programs disagree about their frame, sign and order, so that only a wrong place of the scalar is found.
+        order = _sequence(fields) if fields.text("EULER_ROT_SEQ") else "XYZ"
+        by_axis = [_RATES[order.index(axis)] for axis in "XYZ"] if len(set(order)) == 3 else _RATES
+        means = middle(_RATES), middle(by_axis)
+        allowed = [("", s * of[frame], mean) for frame in of for s in (1.0, -1.0) for mean in means]
+        rolled = [velocities(np.roll(q, roll, axis=1)) for roll in (1, -1)]
         text = "the scalar stands at the other end, against QUATERNION_TYPE"
-        return allowed, [(text, s * v[frame], mean) for _, v in rolled for frame in v for s in (1.0, -1.0)]
+        return allowed, [(text, s * v[key], mean) for v in rolled for key in v for s in (1.0, -1.0) for mean in means]
     mean = middle(_ANGVEL)
     frames = ("REF_FRAME_A", "REF_FRAME_B")
     name = fields.needed("ANGVEL_FRAME", " or ".join(frames)).upper()

@@ -150,7 +150,8 @@ class FileReader:
                 raise self.fail(key, f"{len(parts)} numbers without commas between them: {excerpt(item)}", wanted)
             number = _number(item)
             if number is None:
-                found = f"{item!r}" if isinstance(item, str) else "no list of numbers"
+                kinds = isinstance(item, str | float), isinstance(item, Mapping)
+                found = f"'{item}'" if kinds[0] else "a table of keys" if kinds[1] else "no number"
                 raise self.fail(key, f"found {excerpt(found)}", wanted)
             flat.append(number)
         if len(flat) not in counts:
@@ -295,10 +296,10 @@ def of_kalibr(data: Mapping[str, Any], path: Path, name: str | None = None) -> I
 def _of_kalibr(read: FileReader, name: str) -> Intrinsics:
     keys = EUROC_KEYS if "distortion_coefficients" in read.data else KALIBR_KEYS
     read.knows(keys, KALIBR_HARMLESS, "Kalibr")
-    kind, coefficients = read.data.get("camera_model"), keys[3]
+    kind, coefficients = _text(read.data.get("camera_model")), keys[3]
     if kind not in SHAPES:
-        raise read.fail("camera_model", f"found {kind!r}", ", ".join(SHAPES))
-    first = SHAPES[str(kind)]
+        raise read.fail("camera_model", f"found {excerpt(kind)!r}", ", ".join(SHAPES))
+    first = SHAPES[kind]
     numbers = read.numbers("intrinsics", len(first) + 4)
     fx, fy, cx, cy = numbers[len(first) :]
     if not (fx > 0.0 and fy > 0.0):
@@ -306,16 +307,18 @@ def _of_kalibr(read: FileReader, name: str) -> Intrinsics:
     width, height = read.size("resolution")
     one = Intrinsics(width, height, fx, fy, cx, cy, name=name, projection=UNIFIED if first else PINHOLE)
     one = _with(one, first, numbers)
+    if "line_delay" in read.data:
+        one = replace(one, notes=("The line_delay of a rolling shutter is not carried over.",))
     model = read.data.get("distortion_model")
     if model in ("equi", "equidistant") and kind == "pinhole":
         return replace(one, distortion=tuple(read.numbers(coefficients, 4)), projection=FISHEYE)
-    if model in ("radtan", "radial-tangential"):
+    if model in ("radtan", "radial-tangential") and kind in ("pinhole", "omni"):
         return replace(one, distortion=read.brown(coefficients, read.numbers(coefficients, (4, 5))))
     if model == "none":
         if any(_leaves(read.data.get(coefficients))) and any(read.numbers(coefficients, tuple(range(1, 15)))):
             raise read.fail(coefficients, "coefficients that are not 0", "none, as distortion_model says")
         return one
-    expected = "radtan, equi or none" if kind == "pinhole" else "radtan or none"
+    expected = {"pinhole": "radtan, equi or none", "omni": "radtan or none"}.get(kind, "none")
     raise read.fail("distortion_model", "missing" if model is None else f"found {excerpt(repr(model))}", expected)
 
 
@@ -537,7 +540,7 @@ def _model(read: FileReader, key: str, k: Sequence[float], wanted: str | None) -
     """Return the lens model that the file states, or the wanted one where it states none."""
     stated: dict[str, str] = {}
     named = _text(read.data.get("distortion_model")).lower()
-    if named:
+    if named or not isinstance(read.data.get("distortion_model", ""), str):
         if named not in MODEL_NAMES:
             raise read.fail("distortion_model", f"found {excerpt(repr(named))}", ", ".join(MODEL_NAMES))
         stated["distortion_model"] = MODEL_NAMES[named]
@@ -606,9 +609,13 @@ def _window(read: FileReader, found: Intrinsics) -> Intrinsics:
 
 MAX_FILE_BYTES = 1024 * 1024
 """A camera has some dozen numbers; the images of its calibration have some thousand points."""
-MOST_VALUES, DEEPEST = 200_000, 40
+MOST_VALUES, DEEPEST = 50_000, 40
 """Values and nested lists of a file after its aliases are replaced by what they stand for."""
-EXPECTED = "a camera of ROS (camera_info), Kalibr (camchain), OpenCV (FileStorage) or MATLAB (a struct as JSON)"
+EXPECTED = "a camera of ROS (camera_info), OpenCV (FileStorage), Kalibr, Basalt, camodocal or MATLAB (a struct as JSON)"
+
+
+_COMMENT = re.compile(r"^[ \t]*//.*$", re.MULTILINE)
+"""Comments that OpenCV writes into JSON."""
 
 
 def read_camera(path: Path, camera: str | None = None, model: str | None = None) -> tuple[Intrinsics, str]:
@@ -623,7 +630,7 @@ def read_camera(path: Path, camera: str | None = None, model: str | None = None)
     start = text.lstrip()
     if start.startswith("<"):
         documents = [_xml(text, path)]
-    elif start.startswith("{") and not start.startswith("{}"):
+    elif path.suffix.lower() == ".json" or _is_json(start):
         documents = [_json(text, path)]
     else:
         documents = _yaml(text, path)
@@ -632,7 +639,13 @@ def read_camera(path: Path, camera: str | None = None, model: str | None = None)
         if not isinstance(data, Mapping):
             raise UserError("holds no keys", where=str(path), expected=EXPECTED)
         _check_size(data, path)
-        found.append(_of_keys(data, path, camera, model))
+        try:
+            found.append(_of_keys(data, path, camera, model))
+        except UserError as error:
+            if len(documents) == 1:
+                raise
+            inner = error.where.removeprefix(str(path)).removeprefix(": ")
+            raise error.at(f"{path}: document {number}{': ' if inner else ''}{inner}") from None
         if found[-1] != found[0]:
             raise UserError(
                 f"{len(documents)} documents, of which 1 and {number} state different cameras",
@@ -698,6 +711,9 @@ def _yaml(text: str, path: Path) -> list[Any]:
                 seen.add(key.value if isinstance(key, yaml.ScalarNode) else None)
             return dict(super().construct_mapping(node, deep))
 
+    # Lists of a hostile file take PyYAML half a minute.
+    if text.count(",") + text.count("\n") > MOST_VALUES:
+        raise UserError(f"more than {MOST_VALUES} values", where=str(path), expected=EXPECTED)
     # OpenCV before version 5 writes %YAML:1.0, which is no directive of YAML.
     if text.startswith("%YAML"):
         text = "#" + text
@@ -712,6 +728,17 @@ def _yaml(text: str, path: Path) -> list[Any]:
     return documents
 
 
+def _is_json(text: str) -> bool:
+    """Whether a text is JSON, and not YAML that also begins with a brace."""
+    if not text.startswith("{"):
+        return False
+    try:
+        json.loads(_COMMENT.sub("", text))
+    except (ValueError, RecursionError):
+        return False
+    return True
+
+
 def _json(text: str, path: Path) -> Any:
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         table = dict(pairs)
@@ -721,8 +748,7 @@ def _json(text: str, path: Path) -> Any:
             raise UserError("found twice", where=f"{path}: {excerpt(twice)}", expected="every key once")
         return table
 
-    # OpenCV writes comments into JSON.
-    text = re.sub(r"^\s*//.*$", "", text, flags=re.MULTILINE)
+    text = _COMMENT.sub("", text)
     files.parse_json(text, path)
     return json.loads(text, object_pairs_hook=once)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,10 @@ def _satellite(fields: Fields) -> tuple[Satrec, str]:
             f"found {fields.text('GM')}", where=fields.at("GM"), expected=f"the Earth's, {GM_KM3_S2} km**3/s**2"
         )
     instant = instant_of(fields.needed("EPOCH", "the time of the elements"), fields.at("EPOCH"), fields.time_system())
+    try:
+        epoch = utc_at(instant)
+    except UserError as error:
+        raise error.at(fields.at("EPOCH")) from error
     values = {
         key: _within(fields, key, low, high)
         for key, low, high in (
@@ -111,7 +116,9 @@ def _satellite(fields: Fields) -> tuple[Satrec, str]:
         doubts.append(f"{fields.at('MEAN_ELEMENT_THEORY')}: elements of SGP are flown by SGP4")
     found = Satrec()
     names = {"CLASSIFICATION_TYPE": "U", "OBJECT_ID": "", "EPHEMERIS_TYPE": "0", "ELEMENT_SET_NO": "0"}
-    numbers = {"REV_AT_EPOCH": "0", "NORAD_CAT_ID": "0", "EPOCH": utc_at(instant).strftime("%Y-%m-%dT%H:%M:%S.%f")}
+    number = fields.text("NORAD_CAT_ID")
+    number = number if re.fullmatch("[0-9]{1,5}", number) else "0"
+    numbers = {"REV_AT_EPOCH": "0", "NORAD_CAT_ID": number, "EPOCH": epoch.strftime("%Y-%m-%dT%H:%M:%S.%f")}
     omm.initialize(found, {**names, **numbers, **values})
     if found.error:
         raise UserError(SGP4_ERRORS[found.error], where=fields.where, expected="elements of a satellite")
@@ -139,6 +146,13 @@ def _element_sets(path: Path) -> list[Fields]:
     if not found:
         raise UserError("no element set", where=str(path), expected=EXPECTED)
     for fields in found:
+        if not {"EPOCH", "MEAN_MOTION"} & fields.values.keys():
+            raise UserError(
+                f"keys {listed(fields.values)}",
+                where=fields.where,
+                expected="mean elements, with EPOCH and MEAN_MOTION",
+                fix="two-line elements go into a file of their own, as lines",
+            )
         check_keys(fields, READ["omm"] | HARMLESS | CATALOGUE, "mean elements")
         if fields.text("CCSDS_OMM_VERS"):
             fields.one_of("CCSDS_OMM_VERS", VERSIONS["omm"])

@@ -93,6 +93,11 @@ def is_own(units: Any) -> bool:
     return "JSON" in units and "format" in units["JSON"].columns.names
 
 
+def bands_of(units: Any) -> list[str]:
+    """Return the bands that an opened FITS file of ours holds."""
+    return [str(band) for band in json.loads(str(units["JSON"].data["bands"][0]))]
+
+
 def read_own(path: Path) -> RadianceFrame | DetectorImage:
     """Return the whole content of a FITS file of ours; ``UserError``: no FITS file, or changed after its export."""
     with opened(path) as units:

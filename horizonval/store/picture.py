@@ -86,10 +86,10 @@ def read_picture(
         refuse_other_size(width, height, camera, str(path), camera_file)
     refuse_too_large(width, height, path)
     pixels = found.load()
+    if found.note and (part is None or isinstance(pixels, Pixels)):
+        _warn(path, found.note)
     if not isinstance(pixels, Pixels):
         return picture_of_source(pixels)
-    if found.note:
-        _warn(path, found.note)
     grey = _grey(pixels, str(path))
     return GreyImage(grey if turn == 1 else turned(grey, turn), pixels.full_scale, None)
 

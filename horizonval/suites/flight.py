@@ -144,6 +144,8 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
         return found
     path = beside / Path(spec.attitude.file).expanduser()
     kind = _kind_of(path, ("aem",), "an attitude: AEM, or a table of quaternions")
+    if kind != "aem" and spec.satellite is not None and spec.tle is None and spec.ephemeris is None:
+        raise UserError("a table of attitudes names no satellite", where="satellite", expected="it to be left out")
     history = attitude_of_aem(path, spec.satellite) if kind == "aem" else attitude_of_csv(path)
 
     def body_from_axes(seconds: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """NumPy arrays (``.npy``, ``.npz``) and tables of numbers (CSV) as pictures.
 
-An array of shape (H, W) is grey, (H, W, 3) and (H, W, 4) are colours, and of any other three-dimensional one each plane
-is a picture. Pickled objects are not read.
+An array of shape (H, W) or (H, W, 1) is grey, (H, W, 3) and (H, W, 4) are colours. Of any other with three dimensions
+each plane is a picture. Pickled objects are not read.
 
 A table has one line for each row of the image, upper row first; numbers are separated by commas, semicolons, tabs or
 spaces, and lines of words may come first. Blank lines separate several images. Values are taken as they are: degrees
@@ -27,7 +27,7 @@ from horizonval.store.readers.part import EXPECTED, MAX_FILE_BYTES, Part, Pixels
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
 LARGEST_TABLE_BYTES = 256 * 1024**2
 
-_COLOURS = (3, 4)
+_CHANNELS = (1, 3, 4)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"(^|[;\s])[+-]?\d+,\d+([;\s]+[+-]?\d+,\d+)+[;\s]*$")
 
@@ -88,7 +88,7 @@ def _parts_of(opened: Any, size: int, name: str, path: Path) -> list[Part]:
     count = int(np.prod([float(n) for n in shape])) * dtype.itemsize
     if head + count > size:
         raise DamagedFileError(f"truncated: {size - head} of {count} bytes of an array", where=str(path))
-    is_colour = len(shape) == 3 and shape[2] in _COLOURS
+    is_colour = len(shape) == 3 and shape[2] in _CHANNELS
     height, width = shape[-2:] if not is_colour else shape[:2]
     kind = f"{dtype.name} of shape {'x'.join(str(n) for n in shape)}"
 

@@ -24,7 +24,7 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store import exr
 from horizonval.store import header as exr_header
 from horizonval.store.quiet import silenced
-from horizonval.store.readers.part import Part, Pixels
+from horizonval.store.readers.part import Part, Pixels, of_bands
 
 Size = tuple[int, int]
 Window = tuple[int, int, int, int]
@@ -39,7 +39,8 @@ _DEEP_TYPES = ("deepscanline", "deeptile")
 def parts(path: Path, camera: Size | None) -> list[Part]:
     """Return the pictures of an EXR file; of a part with a data window the one that fits the camera's size."""
     if exr.kind(path) != "foreign":
-        return [Part(*exr_header.read_header(path).size(path), "an EXR file of horizonval", lambda: exr.read(path))]
+        own = exr.read_header(path)
+        return of_bands(own["width"], own["height"], own["bands"], lambda: exr.read(path))
     found = []
     for number, header in enumerate(_headers(path)):
         name = header.attributes["name"].text() if "name" in header.attributes else ""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from horizonval.core import memory
 from horizonval.core.errors import UserError, excerpt
 from horizonval.store import fits
-from horizonval.store.readers.part import Part, Pixels, full_scale_of, native
+from horizonval.store.readers.part import Part, Pixels, full_scale_of, native, of_bands
 
 MAGIC = b"SIMPLE"
 
@@ -38,7 +38,7 @@ def parts(path: Path) -> list[Part]:
                 found += _parts_of(unit, number, path)
         if found and fits.is_own(units):
             first = found[0]
-            return [Part(first.width, first.height, "a FITS file of horizonval", lambda: fits.read_own(path))]
+            return of_bands(first.width, first.height, fits.bands_of(units), lambda: fits.read_own(path))
         return found
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ MAX_FILE_BYTES = 4 * 1024**3
 LISTED = 8
 """Parts that a message lists by name; further ones are counted."""
 
+Source: TypeAlias = DetectorImage | RadianceFrame
 Opacity = Literal["straight", "premultiplied"]
 
 
@@ -52,7 +54,7 @@ class Part:
     width: int
     height: int
     kind: str
-    load: Callable[[], Pixels | DetectorImage | RadianceFrame]
+    load: Callable[[], Pixels | Source]
     name: str = ""
     main: bool = True
     orientation: int = 1
@@ -86,6 +88,22 @@ def _listed(parts: dict[str, Part]) -> str:
     first = [f"{excerpt(name)} ({p.width} x {p.height}, {p.kind})" for name, p in list(parts.items())[:LISTED]]
     more = len(parts) - LISTED
     return ", ".join(first) + (f" and {more} more" if more > 0 else "")
+
+
+def of_bands(width: int, height: int, bands: Sequence[str], load: Callable[[], Source]) -> list[Part]:
+    """Return the bands of a frame, or the one of an image, of this package; the first is the picture."""
+
+    def only(band: str) -> Source:
+        source = load()
+        if isinstance(source, RadianceFrame):
+            return replace(source, radiance={band: source.radiance[band]})
+        return source
+
+    note = f"of the bands {', '.join(bands)} the first is used; --part takes another" if len(bands) > 1 else ""
+    return [
+        Part(width, height, "a band of horizonval", partial(only, band), band, band == bands[0], note=note)
+        for band in bands
+    ]
 
 
 def turned(values: NDArray[Any], orientation: int) -> NDArray[Any]:

@@ -177,8 +177,9 @@ def _meant(values: NDArray[Any], page: Any, photometric: int) -> Pixels:
     values, missing = values.astype(np.uint8) if kind == "b" else values, _missing(values, page)
     if photometric == _PALETTE:
         colours = np.moveaxis(np.asarray(page.colormap), 0, -1)
-        # Some programs write colours of 8 bits into the palette of 16.
-        full_scale = 255.0 if colours.max() <= 255 else 65535.0
+        # Colours of 8 bits are in the palette of 16 times 257, times 256 or as they are.
+        step = next((n for n in (257, 256) if not (colours % n).any()), 1)
+        colours, full_scale = colours // step, 65535.0 if colours.max() > 255 and step == 1 else 255.0
         values = colours[values[..., 0]]
     elif photometric == _WHITE_IS_ZERO:
         white = np.iinfo(values.dtype).max if full_scale is None else int(full_scale)

@@ -140,6 +140,11 @@ def test_matlab_counts_from_one_and_transposes(tmp_path: Path) -> None:
         path = written(tmp_path, "theirs.json", text)
         assert np.abs(pixels_of(path, tmp_path) - BROWN_PIXELS).max() < 1e-9
         assert (read_camera(path)[0].width, read_camera(path)[0].height) == (640, 480)
+    skew = [[fx, 0, 0], [9, fy, 0], [1, 1, 1]]
+    skewed = matlab(RadialDistortion=None, TangentialDistortion=None, IntrinsicMatrix=skew)
+    x, y, z = DIRECTIONS.T
+    expected = np.stack([fx * x / z + 9.0 * y / z, fy * y / z], axis=1)
+    assert np.abs(pixels_of(written(tmp_path, "theirs.json", skewed), tmp_path) - expected).max() < 1e-9
 
 
 XI, OMNI = 1.2, [-0.1, 0.05, 1e-3, -2e-3]
@@ -329,6 +334,10 @@ KALIBR, ROI = kalibr("radtan", RADTAN[:4]), MESSAGE.format(width=1280, height=80
         (ROI.replace("do_rectify", "rotation"), "roi: rotation: a key that is not known"),
         (KALIBR.replace("radtan", "fov"), "cam0: distortion_model: found 'fov'"),
         (KALIBR.replace("pinhole", "mirror"), "cam0: camera_model: found 'mirror'"),
+        (
+            KALIBR.replace("pinhole", "ds").replace("intrinsics: [", "intrinsics: [0, 0, "),
+            "cam0: distortion_model: found 'radtan'; expected none",
+        ),
         (KALIBR.replace("pinhole", "ds"), "cam0: intrinsics: found 4 numbers; expected 6 finite numbers"),
         (KALIBR.replace("radtan", "none"), "coefficients that are not 0; expected none"),
         (KALIBR.replace("  distortion_model: radtan\n", ""), "distortion_model: missing"),
@@ -344,7 +353,7 @@ KALIBR, ROI = kalibr("radtan", RADTAN[:4]), MESSAGE.format(width=1280, height=80
         ("width: 640\n", "a camera of no program that is known, with the keys width"),
         ("a: [1\n", "not valid YAML (line"),
         ("K: &x [*x]\n", "not valid YAML (line 1)"),
-        (bomb(), "more than 200000 values, aliases included"),
+        (bomb(), "more than 50000 values, aliases included"),
         ("K: " + "[" * 3000 + "]" * 3000, "not valid YAML"),
         ("K: " + "[" * 60 + "]" * 60, "nested too deeply"),
         ("", "holds no keys"),

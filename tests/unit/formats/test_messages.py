@@ -287,6 +287,23 @@ def test_axes_of_a_named_epoch_keep_still(tmp_path: Path) -> None:
     assert np.abs(found.states(T)[0] - 1e3 * states[:, :3]).max() < 0.1
 
 
+def test_one_of_several_ephemerides_is_chosen(tmp_path: Path) -> None:
+    other = {**OEM, "OBJECT_NAME": "B", "OBJECT_ID": "2020-001A"}
+    rows = oem_rows(stamps(T), circle(T)), oem_rows(stamps(T), circle(T + 600.0))
+    orbits = written(tmp_path, kvn_of("OEM", "2.0", OEM, rows[0]) + kvn_of("OEM", "2.0", other, rows[1]), "orbits")
+    both = f"<ndm>{oem_xml(stamps(T), circle(T))}{oem_xml(stamps(T), circle(T + 600.0), metadata=other)}</ndm>"
+    for path in (orbits, written(tmp_path, both)):
+        for name, shift in (("sat", 0.0), ("2020-001A", 600.0)):
+            r = orbit_of_oem(path, name).states(T)[0]
+            assert np.abs(r - 1e3 * circle(T + shift)[:, :3]).max() < 1e-3
+    text = kvn_of("AEM", "1.0", AEM, PLAIN)
+    attitudes = written(tmp_path, text + text.replace("= SAT", "= B").replace("A2B", "B2A"), "attitudes")
+    with pytest.raises(UserError, match="ephemerides of 2 satellites"):
+        attitude_of_aem(attitudes)
+    found = [attitude_of_aem(attitudes, name).body_from_gcrs(EPOCH, np.zeros(1))[0] for name in ("SAT", "B")]
+    assert np.abs(found[0] - found[1].T).max() < 1e-12
+
+
 KVN = kvn_of("OEM", "2.0", OEM, oem_rows(stamps(T), circle(T)))
 FIRST_ROW = oem_rows(stamps(T), circle(T))[0]
 
@@ -439,6 +456,7 @@ IN_A, IN_B = ({"ANGVEL_FRAME": f"REF_FRAME_{letter}"} for letter in "AB")
         ("2.0", {**ANGVEL, **IN_B}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands first"),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, W_B), ""),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands at"),
+        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "EULER_ROT_SEQ": "312"}, aem_rows(Q, W_B[:, [2, 0, 1]]), ""),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, 5.0 * W_B[:, [1, 0, 2]]), ""),
     ],
 )  # fmt: skip
@@ -527,7 +545,8 @@ def test_kinds_are_told_apart_by_their_content(tmp_path: Path, text: str, kinds:
 
 @pytest.mark.parametrize(
     "text",
-    ["[", "[1]", "[[]]", "[]", '{"EPOCH": [1]}', '[{"MEAN_MOTION": NaN}]', "[" * 100_000, '{"a": 1, "A": 2}',
+    ["[", "[1]", '{"name": "ISS", "line1": "1", "line2": "2"}',
+      "[[]]", "[]", '{"EPOCH": [1]}', '[{"MEAN_MOTION": NaN}]', "[" * 100_000, '{"a": 1, "A": 2}',
      "MEAN_MOTION\n1\n", "EPOCH,MEAN_MOTION\n1\n", 'EPOCH,MEAN_MOTION\n"1', "<omm version='2.0'/>",
      '<?xml version="1.0" encoding="x"?><omm/>', "CCSDS_OMM_VERS = 2.0\nMETA_START\n",
      "CCSDS_OEM_VERS = 2.0\nMETA_STOP\n"],

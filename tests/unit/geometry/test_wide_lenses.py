@@ -1,14 +1,11 @@
-"""Rational, thin prism, skewed and unified lenses: against OpenCV, the papers' formulas, the renderer."""
+"""Rational, thin prism, skewed and unified lenses: against OpenCV, the papers' formulas and themselves."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import cv2
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -148,23 +145,10 @@ def test_solid_angles_are_the_jacobians(camera: CameraModel) -> None:
     assert pixel_solid_angle(camera)[::40, ::40] == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "camera",
-    [*map(unified, UNIFIED), *(lens(distortion=k) for k in RATIONAL.values()), lens(skew=0.05, projection="fisheye")],
-)
-def test_the_renderers_rays_are_the_same(camera: CameraModel) -> None:
-    """1e-12, from code of its own; and the camera's table is read back as the same camera."""
-    mi.set_variant("llvm_ad_rgb")
-    from horizonval.renderer.kernel.frame_geometry import RayCamera
-
-    check_invertible(camera)
-    uv = pixels(300)
-    rays = RayCamera.of(camera, np.eye(3)).direction(mi.Float64(uv[:, 0]), mi.Float64(uv[:, 1]))
-    assert np.abs(np.array(rays).T - unproject(camera, uv)).max() < 1e-12
+@pytest.mark.parametrize("camera", [*map(unified, UNIFIED), lens(distortion=RATIONAL["prism"], skew=0.05)])
+def test_the_table_of_a_camera_is_read_as_the_same(camera: CameraModel) -> None:
     again = camera_from_spec(CameraGeometry.model_validate(camera_table(camera)))
-    assert np.abs(project(again, unproject(camera, uv))[0] - uv).max() < 1e-9
-    assert replace(again, distortion=(), fx=0.0, fy=0.0) == replace(camera, distortion=(), fx=0.0, fy=0.0)
-    dr.flush_malloc_cache()
+    assert np.abs(project(again, unproject(camera, pixels(300)))[0] - pixels(300)).max() < 1e-9
 
 
 def test_what_is_no_lens_is_refused() -> None:

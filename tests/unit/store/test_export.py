@@ -40,6 +40,7 @@ CAMERAS: dict[str, dict[str, Any]] = {
     "off-centre": {"fx": 70.0, "fy": 90.0, "cx": 30.25, "cy": 41.5},
     "distorted": {"fov_deg": 60.0, "distortion": [-0.2, 0.05, 1e-3, -2e-3, 0.01]},
     "fisheye": {"fov_deg": 120.0, "projection": "fisheye", "distortion": [0.01, -0.002, 0.0, 0.0]},
+    "unified": {"fov_deg": 90.0, "projection": "unified", "xi": 0.8, "distortion": [-0.02, 0.01]},
 }
 
 
@@ -114,7 +115,7 @@ def test_a_pixel_has_the_place_in_the_sky_that_astropy_works_out(name):
     pixel_arcsec = np.degrees(1 / max(camera.fx, camera.fy)) * 3600
     assert header["WCSERR"] <= 0.1
     assert apart.max() < 20.0 + header["WCSERR"] * pixel_arcsec
-    assert ("SIP" in header["CTYPE1"]) == (name in ("distorted", "fisheye"))
+    assert ("SIP" in header["CTYPE1"]) == (name in ("distorted", "fisheye", "unified"))
 
 
 def test_no_coordinates_are_better_than_wrong_ones():

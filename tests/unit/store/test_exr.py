@@ -13,7 +13,7 @@ import pytest
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import FRAME_SCHEMA, FrameTruth, RadianceFrame
 from horizonval.store import exr
-from horizonval.store.fits import fits_bytes
+from horizonval.store.fits import fits_bytes, read_own
 from horizonval.store.picture import read_picture
 
 
@@ -382,6 +382,6 @@ def test_a_frame_without_it_still_reads_and_fits_keeps_it(tmp_path, both_kinds):
     assert list(read.energy_radiance) == ["lwir"]
     assert list(read.radiance) == ["vis", "lwir"]
     (tmp_path / "a.fits").write_bytes(fits_bytes(both_kinds, ""))
-    source = read_picture(tmp_path / "a.fits").source
+    source = read_own(tmp_path / "a.fits")
     assert isinstance(source, RadianceFrame)
     assert_same_energy(source, both_kinds)

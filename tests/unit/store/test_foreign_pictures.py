@@ -29,7 +29,7 @@ A16 = RNG.integers(0, 65536, (12, 20), np.uint16)
 F32 = RNG.normal(size=(12, 20)).astype(np.float32)
 RGB16 = RNG.integers(0, 65536, (12, 20, 3), np.uint16)
 OPAQUE = np.full((12, 20), 65535, np.uint16)
-PALETTE = RNG.integers(0, 256, (3, 256), np.uint16) * 257
+PALETTE = RNG.integers(0, 256, (3, 256), np.uint16)
 
 
 def camera(width: int, height: int) -> CameraSpec:
@@ -62,7 +62,8 @@ TIFFS: dict[str, tuple[Any, dict[str, Any], np.ndarray[Any, Any], float | None]]
     ),
     "white is 0, 8 bit": (A8, {"photometric": "miniswhite"}, 255 - A8, 255),
     "white is 0, 16 bit": (A16, {"photometric": "miniswhite"}, 65535 - A16, 65535),
-    "palette": (A8, {"photometric": "palette", "colormap": PALETTE}, PALETTE[:, A8].mean(0), 65535),
+    "palette": (A8, {"photometric": "palette", "colormap": PALETTE * 257}, PALETTE[:, A8].mean(0), 255),
+    "fine palette": (A8, {"photometric": "palette", "colormap": PALETTE * 99}, (PALETTE * 99)[:, A8].mean(0), 65535),
     "float16": (F32.astype(np.float16), {}, F32.astype(np.float16), None),
     "float64": (F32.astype(float), {}, F32, None),
     "float, predictor": (F32, {"compression": "zlib", "predictor": 3}, F32, None),
@@ -84,7 +85,11 @@ def test_tiff(tmp_path, name):
     picture = read_picture(path)
     np.testing.assert_array_equal(picture.grey, expected)
     assert picture.full_scale == full_scale
-    if picture.full_scale == 65535 and name not in ("palette", "white is 0, 16 bit", "zstd"):  # It leaves these out.
+    if picture.full_scale == 65535 and name not in (
+        "fine palette",
+        "white is 0, 16 bit",
+        "zstd",
+    ):  # It leaves these out.
         theirs = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT16)
         np.testing.assert_array_equal(picture.grey, theirs[..., : 3 if theirs.shape[2] > 2 else 1].mean(-1))
 
@@ -330,6 +335,7 @@ def test_blank_pixels_of_fits_are_nan(tmp_path):
         ("la16.png", lambda p: by_oiio(p, np.stack([A16, OPAQUE], -1), "uint16", oiio_UnassociatedAlpha=1)),
         ("16.png", lambda p: Image.fromarray(A16).save(p)),
         ("16.npy", lambda p: np.save(p, A16)),
+        ("flat.npy", lambda p: np.save(p, A16[..., None])),
         ("f.npy", lambda p: np.save(p, np.asfortranarray(A16.astype(">u2")))),
     ],
 )
