@@ -119,8 +119,6 @@ def _frames(fields: Fields, version: str) -> tuple[Axes, str, bool]:
     for key in ("RATE_FRAME", "ANGVEL_FRAME"):
         if fields.text(key):
             fields.one_of(key, ("REF_FRAME_A", "REF_FRAME_B", *names))
-    if fields.text("EULER_ROT_SEQ"):
-        _sequence(fields)
     letter = "B" if is_body[0] else "A"
     axes = axes_of(fields.text(f"REF_FRAME_{letter}"), fields.at(f"REF_FRAME_{letter}"))
     # The frame's turn towards the body is the conjugate of ours; away from it, it is ours.
@@ -135,9 +133,9 @@ def _quaternions(segment: Segment, seconds: FloatArray) -> tuple[FloatArray, str
     fields = segment.fields
     kind = fields.one_of("ATTITUDE_TYPE", tuple(COLUMNS[segment.version]))
     columns = COLUMNS[segment.version][kind]
+    sequence = _sequence(fields) if kind.startswith("EULER") or fields.text("EULER_ROT_SEQ") else ""
+    _check_axes(segment, sequence)
     if kind.startswith("EULER"):
-        sequence = _sequence(fields)
-        _check_axes(segment, sequence)
         numbers = segment.numbers(columns)
         q = np.asarray(Rotation.from_euler(sequence, numbers[:, :3], degrees=True).as_quat())
     else:
@@ -257,16 +255,15 @@ def _sequence(fields: Fields) -> str:
 
 
 def _check_axes(segment: Segment, sequence: str) -> None:
-    """Refuse rows whose angles name other axes than the sequence (XML of the first version)."""
+    """Refuse rows whose turns name other axes than the sequence (XML of the first version); no sequence fits all."""
     for row in segment.rows:
         if isinstance(row.values, dict):
-            for number, axis in enumerate(sequence, 1):
-                for key in (f"ANGLE_{number}", f"RATE_{number}"):
-                    found = row.values.pop(f"{key}_AXIS", axis)
-                    if found != axis:
-                        raise UserError(
-                            f"is about {found}", where=f"{segment.at(row)}: {key}", expected=f"{axis}, by EULER_ROT_SEQ"
-                        )
+            for number in range(3):
+                for key in (f"ANGLE_{number + 1}", f"RATE_{number + 1}"):
+                    found, axis = row.values.pop(f"{key}_AXIS", ""), sequence[number : number + 1]
+                    if found and axis and found != axis:
+                        where = f"{segment.at(row)}: {key}"
+                        raise UserError(f"is about {found}", where=where, expected=f"{axis}, by EULER_ROT_SEQ")
 
 
 def aem_text(

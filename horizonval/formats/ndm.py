@@ -351,7 +351,9 @@ def kinds_of(path: Path, expected: str = "an orbit or attitude file") -> list[st
     head = data[:4096].decode("utf-8-sig", errors="replace").lstrip()
     if head[:1] in ("[", "{") or "MEAN_MOTION" in head.split("\n", 1)[0].upper():
         return ["omm"]
-    return ["tle"] if _LINES.search(data[: 1 << 16]) else []
+    if b"META_START" in (start := data[: 1 << 16]):
+        return ["aem" if b"ATTITUDE_TYPE" in start else "oem"]  # The line of the version is missing, and is asked for.
+    return ["tle"] if _LINES.search(start) else []
 
 
 def _is_xml(data: bytes) -> bool:

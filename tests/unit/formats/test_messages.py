@@ -472,6 +472,25 @@ def test_rates_that_fit_another_reading_of_the_columns_are_refused(
         assert np.abs(found - Rotation.from_quat(Q).inv().as_matrix()).max() < 1e-9
 
 
+def test_an_attitude_with_rates_is_read_from_xml(tmp_path: Path) -> None:
+    """Of the first version, whose rates name their axes."""
+    letters = ("Q1", "Q2", "Q3", "QC")
+    states = "".join(
+        f"<attitudeState><quaternionEulerRate><EPOCH>{time}</EPOCH><quaternion>"
+        + "".join(f"<{key}>{x:.12f}</{key}>" for key, x in zip(letters, q, strict=True))
+        + "</quaternion><rotationRates>"
+        + "".join(
+            f'<rotation{k} rate="{"XYZ"[k - 1]}_RATE" units="deg/s">{W_B[0, k - 1]}</rotation{k}>' for k in (1, 2, 3)
+        )
+        + "</rotationRates></quaternionEulerRate></attitudeState>"
+        for time, q in zip(stamps(10.0 * np.arange(6)), Q, strict=True)
+    )
+    fields = {**AEM, "ATTITUDE_TYPE": "QUATERNION/RATE", "QUATERNION_TYPE": None, "EULER_ROT_SEQ": "123"}
+    found = attitude_of_aem(written(tmp_path, xml_of("aem", "1.0", fields, states)))
+    expected = Rotation.from_quat(Q).inv().as_matrix()
+    assert np.abs(found.body_from_gcrs(EPOCH, 10.0 * np.arange(6)) - expected).max() < 1e-9
+
+
 PLAIN = aem_rows(Q)
 ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
 
@@ -536,6 +555,7 @@ def test_attitudes_in_other_time_systems_are_at_the_same_instants(tmp_path: Path
         ("CCSDS_TDM_VERS = 1.0\n", ["tdm"]),
         ("\n".join(LINES), ["tle"]),
         ("time_utc,x_gcrs_km\n", []),
+        (KVN.split("\n", 1)[1], ["oem"]),
         ("\ufeff\n" + KVN + kvn_of("OMM", "2.0", OMM), ["oem", "omm"]),
     ],
 )
