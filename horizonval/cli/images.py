@@ -273,7 +273,7 @@ def camera(
     text = camera_text(file, name, base, vignetting, model, image_circle_deg)
     for line in text.splitlines():
         if line.startswith("# "):
-            print(printable(f"horizonval: {file}: {line[2:]}"), file=sys.stderr)
+            print(printable(f"horizonval: note: {file}: {line[2:]}"), file=sys.stderr)
     if out is None:
         print(text, end="")
     else:

@@ -456,7 +456,18 @@ def of_matlab(data: Mapping[str, Any], path: Path) -> Intrinsics:
 # ROS and OpenCV: a camera matrix and coefficients
 
 MATRICES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k", "M", "mtx")
-COEFFICIENTS = (*("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "dist", "D", "d"),)
+COEFFICIENTS = (
+    *(
+        "distortion_coefficients",
+        "Distortion_Coefficients",
+        "distCoeffs",
+        "dist_coeffs",
+        "dist_coeff",
+        "dist",
+        "D",
+        "d",
+    ),
+)
 WIDTHS, HEIGHTS = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
 SIZES = ("cameraResolution", "resolution")
 MATRIX_USED = (
@@ -483,7 +494,8 @@ MODEL_NAMES = {
     "equidistant": FISHEYE,
     "fisheye": FISHEYE,
 }
-_ONE_OF_SEVERAL = re.compile(rf"({'|'.join((*MATRICES, *COEFFICIENTS, 'xi'))})(_?\d+|_left|_right)")
+_NUMBERED = [name for name in (*MATRICES, *COEFFICIENTS, "xi") if name not in ("k", "d")]
+_ONE_OF_SEVERAL = re.compile(rf"({'|'.join(_NUMBERED)})(_?\d+|_left|_right)")
 
 
 def is_matrix(data: Mapping[str, Any]) -> bool:

@@ -119,8 +119,37 @@ def test_opencv_puts_points_where_its_own_file_says(tmp_path: Path, name: str) -
     assert np.abs(pixels_of(tmp_path / name, tmp_path) - FISHEYE_PIXELS).max() < 1e-9
 
 
-def test_ros_and_kalibr_mean_the_same_lenses(tmp_path: Path) -> None:
+def keys(names: str, numbers: list[float]) -> str:
+    return "{" + ", ".join(f'"{n}": {v!r}' for n, v in zip(names.split(), numbers, strict=True)) + "}"
+
+
+def test_programs_mean_the_same_lenses(tmp_path: Path) -> None:
+    numbers = [812.5, 808.75, 322.25, 236.5]
+    size = "image_width: 640\nimage_height: 480\n"
+    euroc = (
+        "sensor_type: camera\nT_BS:\n  cols: 4\nrate_hz: 20\nresolution: [640, 480]\ncamera_model: pinhole\n"
+        f"intrinsics: {numbers}\ndistortion_model: radial-tangential\ndistortion_coefficients: {RADTAN[:4]}\n"
+    )
+    camodocal = (
+        f"%YAML:1.0\n---\nmodel_type: PINHOLE\ncamera_name: a\n{size}"
+        f"distortion_parameters: {keys('k1 k2 p1 p2', RADTAN[:4])}\n"
+        f"projection_parameters: {keys('fx fy cx cy', numbers)}\n"
+    )
+    wide = (
+        f"%YAML:1.0\n---\nmodel_type: KANNALA_BRANDT\ncamera_name: a\n{size}"
+        f"projection_parameters: {keys('k2 k3 k4 k5 mu mv u0 v0', EQUI + numbers)}\n"
+    )
+    kb4 = keys("k1 k2 k3 k4 fx fy cx cy", EQUI + numbers)
+    basalt = (
+        f'{{"value0": {{"intrinsics": [{{"camera_type": "kb4", "intrinsics": {kb4}}}], "resolution": [[640, 480]]}}}}'
+    )
+    plain = f"{size}mtx: {MATRIX.tolist()}\ndist: [{RADTAN}]\n"
     for text, expected in (
+        (euroc, RADTAN_PIXELS),
+        (camodocal, RADTAN_PIXELS),
+        (wide, FISHEYE_PIXELS),
+        (basalt, FISHEYE_PIXELS),
+        (plain, BROWN_PIXELS),
         (ros("plumb_bob", RADTAN), BROWN_PIXELS),
         (ros("rational_polynomial", [*RADTAN, 0.0, 0.0, 0.0]), BROWN_PIXELS),
         (ros("equidistant", EQUI), FISHEYE_PIXELS),

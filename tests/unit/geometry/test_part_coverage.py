@@ -16,6 +16,8 @@ AHEAD = (0.0, 0.0, 0.0, 1.0)
 PINHOLE = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
 BROWN = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5, (-0.2, 0.05, 0.001, 0.002, 0.0))
 FISHEYE = CameraModel(64, 64, 22.0, 22.0, 31.5, 31.5, (0.01, 0.0, 0.0, 0.0, 0.0), "fisheye", math.radians(95.0))
+UNIFIED = CameraModel(64, 64, 30.0, 31.0, 31.5, 31.5, projection="unified", skew=0.02, shape=(1.1, 0.2, 0.9))
+RATIONAL = CameraModel(64, 48, 40.0, 40.0, 31.5, 23.5, (0.9, 0.1, 1e-4, 2e-4, 3e-3, 1.3, 0.35, 0.02, 2e-3, 0, 1e-3, 0))
 GRID = CameraModel(64, 48, 80.0, 80.0, 31.5, 23.5, projection="equal_angle")
 PARTS = [
     Part(shape="boom", frame="cam", radius_m=0.1, from_m=(-1.0, -1.0, -1.0), to_m=(0.5, 0.6, 2.0)),
@@ -60,7 +62,7 @@ def test_a_boom_sideways_is_as_wide_as_its_tangents() -> None:
     np.testing.assert_allclose(share.sum(axis=0), 2.0 * 300.0 * math.tan(math.asin(0.2)), atol=0.01)
 
 
-@pytest.mark.parametrize("camera", [PINHOLE, BROWN, FISHEYE, GRID], ids=["pinhole", "brown", "fisheye", "grid"])
+@pytest.mark.parametrize("camera", [PINHOLE, BROWN, FISHEYE, UNIFIED, RATIONAL, GRID])
 def test_shares_are_those_of_rays(camera: CameraModel) -> None:
     """20 x 20 rays a pixel, met or not by the triangles themselves: neither the outline nor its edges are used."""
     outline = _outline(PARTS, camera)

@@ -100,7 +100,7 @@ def test_rays_equal_the_analytic_camera(mi: Any, name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("projection", ["fisheye", "pinhole", "equal_angle"])
+@pytest.mark.parametrize("projection", ["fisheye", "pinhole", "equal_angle", "unified"])
 def test_both_sides_see_the_same_image_circle(mi: Any, projection: Any) -> None:
     camera = CameraModel(64, 48, 30.0, 30.0, 31.0, 24.2, (0.01, 0.0, 0.0, 0.0, 0.0), projection, math.radians(41.0))
     grid = pixel_grid(camera).reshape(-1, 2)
