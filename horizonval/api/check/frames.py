@@ -24,6 +24,7 @@ from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.suite import Keep
+from horizonval.studies.regression.unseen import unseen
 from horizonval.studies.trade.design import Study
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import CasePlan, of_heads, plan_of
@@ -147,6 +148,8 @@ def _check_groups(target: Suite | Study, most: int, *, infrared: bool, before_ru
             subject = f"{group.subject}, {band}" if len(look.views) > 1 else group.subject
             findings += findings_of(views, subject, total=len(group.cases))
             facts[subject] = group_line(views, len(group.cases))
+    if not before_run:
+        facts |= unseen(suite)
     examined = sum(look.examined for look in looks)
     cost = None if before_run else total_cost(groups, looks, suite.keep, suite.draws)
     name, frames = suite.name, len(suite.cases)

@@ -43,11 +43,6 @@ def append(path: Path, verdict: Mapping[str, Any]) -> None:
         "commit": verdict["environment"]["commit"],
         "verdict": verdict["verdict"],
         "complete": verdict["complete"],
-        "gates": {
-            g["name"]: {"verdict": g["verdict"], "unit": g["unit"], "margin": g["margin"], **(g["estimate"] or {})}
-            for g in verdict["gates"]
-            if g["against"] == "accepted"
-        },
         "levels": verdict["levels"],
     }
     lines = [one for one in read(path, most=None) if one["night"] != line["night"]] + [line]
