@@ -44,7 +44,7 @@ LARGEST_NOISE_M, LARGEST_ROUNDING_M_S = 1000.0, 5.0
 SPEEDS_M_S = (1.0, 20e3)
 """Least and greatest speed, among the stars."""
 _FEWEST_FOR_NOISE = 5
-_ALIKE = 0.03
+_MATCH = 0.03
 """Relative difference up to which a hypothesis explains a velocity."""
 
 States = tuple[FloatArray, FloatArray]
@@ -90,8 +90,8 @@ def check(
 ) -> None:
     """Refuse velocities that contradict the positions, naming the first state and the likely cause.
 
-    ``given``: times (m,), positions and velocities (m, 3) along ``axes``; ``gcrs``: the same states along axes that
-    keep still. Intervals (m - 1,) that are gaps are left out. ``place``: name of a state, by its index.
+    ``given``: times (m,), positions and velocities (m, 3) along ``axes``; ``gcrs``: the same states along
+    inertial axes. Intervals (m - 1,) that are gaps are left out. ``place``: name of a state, by its index.
     """
     off, allowed = _difference(given[0], *gcrs)
     wrong = (np.linalg.norm(off, axis=1) > allowed) & ~gaps
@@ -174,4 +174,4 @@ def _cause(axes: Axes, given: tuple[FloatArray, FloatArray, FloatArray], wrong: 
     best = int(np.argmin(off))
     # Velocities as they are come again as one of the orders.
     plain = float(np.median(np.linalg.norm(found - slope, axis=1)))
-    return guesses[best][0] if off[best] < min(_ALIKE * max(size, 1.0), 0.3 * plain) else ""
+    return guesses[best][0] if off[best] < min(_MATCH * max(size, 1.0), 0.3 * plain) else ""
