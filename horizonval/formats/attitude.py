@@ -177,3 +177,14 @@ def _gaps(steps: FloatArray, angle: FloatArray) -> NDArray[np.bool_]:
     """Return whether each interval, shape (m - 1,), is one between whose ends nothing is known."""
     long = steps > GAP_STEPS * float(np.median(steps))
     return np.asarray((angle > LARGEST_TURN) | (long & (angle > GAP_TURN)))
+
+
+def other_readings(q: FloatArray) -> list[tuple[str, FloatArray]]:
+    """Return what quaternions (n, 4), scalar last, would be if they were meant otherwise, and in which way."""
+    inverse = np.array([-1.0, -1.0, -1.0, 1.0])
+    found = [("its turn is the inverse (ATTITUDE_DIR)", q * inverse)]
+    for given in (q, q * inverse):
+        for roll in (-1, 1):
+            other_end = np.roll(given, roll, axis=1)
+            found += [("its scalar stands at the other end (QUATERNION_TYPE)", other_end * s) for s in (1.0, inverse)]
+    return found
