@@ -52,7 +52,8 @@ def parts(path: Path) -> list[Part] | None:
             what = f"is a file of the format {image.format}, which is not read"
             raise UserError(what, where=str(path), expected=EXPECTED, fix="convert it to PNG or TIFF")
         if image.mode not in COLOURS or (image.format == "PPM" and not _ANYMAP.match(head)):
-            what = f"its pixels are {'CMYK' if image.mode == 'CMYK' else f'of the kind {image.mode}'}"
+            kinds = {"CMYK": "CMYK", "F": "floating-point numbers"}
+            what = f"its pixels are {kinds.get(image.mode, f'in the colour space {image.mode}')}"
             raise UserError(what, where=str(path), expected="grey or RGB", fix="convert it to PNG or TIFF")
         orientation = int(image.getexif().get(_ORIENTATION, 1))
         # A frame takes some bytes of the file, whatever its head counts.

@@ -458,6 +458,7 @@ IN_A, IN_B = ({"ANGVEL_FRAME": f"REF_FRAME_{letter}"} for letter in "AB")
         ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, -W_B), "their sign is the opposite"),
         ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, np.radians(W_B)), "they are in rad/s"),
         ("2.0", {**ANGVEL, **IN_B}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands first"),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q * [-1, -1, -1, 1], W_B), "frame B is turned into A"),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, W_B), ""),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands at"),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "EULER_ROT_SEQ": "312"}, aem_rows(Q, W_B[:, [2, 0, 1]]), ""),
@@ -525,6 +526,7 @@ ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
         ("2.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "ANGVEL_FRAME": "REF_FRAME_A"}, PLAIN, "QUATERNION/ANGVEL"),
         ("1.0", {}, aem_rows(Q * np.where(np.arange(6) == 3, -1.0, 1.0)[:, None]), ""),
         ("1.0", {}, aem_rows(Q * ONE_SIGN), "line 19: turned"),
+        ("1.0", DERIVATIVE, aem_rows(0.0 * Q, Q_DOT), "line 16: a quaternion of the length 0"),
         ("1.0", {}, aem_rows(2.0 * Q), "line 16: a quaternion of the length 2"),
     ],
 )  # fmt: skip
