@@ -96,13 +96,10 @@ def write_mcap(path: Path, sources: Iterable[Path], progress: Progress | None = 
         The package is not installed, a file is not one of ours or damaged, or the MCAP file cannot be written.
     """
     writer_class = _writer_class()
-    try:
-        with atomic.replacing(path) as temporary, temporary.open("wb") as stream:
-            writer = writer_class(stream)
-            count = _write_all(writer, sources, progress)
-            writer.finish()
-    except OSError as error:
-        raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
+    with atomic.replacing(path) as temporary, temporary.open("wb") as stream:
+        writer = writer_class(stream)
+        count = _write_all(writer, sources, progress)
+        writer.finish()
     return count
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import sys
@@ -92,7 +93,8 @@ def run_command_line(arguments: list[str]) -> int:
         return 0
     except OSError as e:
         parts = (e.filename and os.fsdecode(e.filename), e.strerror or e)
-        return _fail(printable(": ".join(str(part) for part in parts if part)))
+        more = "; raise the limit (ulimit -n)" if e.errno in (errno.EMFILE, errno.ENFILE) else ""
+        return _fail(printable(": ".join(str(part) for part in parts if part)) + more)
     except Exception as e:
         # The parser's own errors (unknown option, missing argument) have this method; anything else is a defect.
         if hasattr(e, "format_message"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -13,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
 from horizonval.core.files import is_input, kind_at
 
@@ -46,8 +46,7 @@ def written(out: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as folder:
         whole = Path(folder, out.name)
         yield whole
-        with whole.open("rb") as source, out.open("wb") as stream:
-            shutil.copyfileobj(source, stream)
+        atomic.pour(whole, out)
 
 
 def check_folder(out: Path) -> None:

@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import KNOWN, AttitudeHistory, AttitudePiece, Axes, attitudes_of, axes_of
+from horizonval.formats.attitude import KNOWN, AttitudeHistory, AttitudePiece, Axes, attitudes_of, axes_of, check_length
 from horizonval.formats.ndm import Fields, Segment, check_order, one_message
 from horizonval.geometry.clock import epoch_at, seconds_after
 
@@ -146,6 +146,7 @@ def _quaternions(segment: Segment, seconds: FloatArray) -> tuple[FloatArray, str
             columns = tuple(key for k in (0, 4) for key in columns[k + 3 : k + 4] + columns[k : k + 3])
         numbers = segment.numbers(columns)
         q = numbers[:, [columns.index(key) for key in _Q]]
+        check_length(q, segment.place)
     if len(seconds) < 2 or "/" not in kind or kind == "EULER_ANGLE/RATE":
         return q, ""
     return q, _check_rates(segment, kind, {key: numbers[:, k] for k, key in enumerate(columns)}, q, seconds)
@@ -235,7 +236,9 @@ def _readings(
     name = fields.needed("ANGVEL_FRAME", " or ".join(frames)).upper()
     frame = next((key for key in frames if name in (key, fields.text(key).upper())), name)
     other = frames[1 - frames.index(frame)]
-    others = [(f"their frame is {other}", of[other], mean), *_other_units(of[frame], mean)]
+    inverse = velocities(q * [-1.0, -1.0, -1.0, 1.0])[frame]
+    others = [(f"their frame is {other}", of[other], mean), ("frame B is turned into A", inverse, mean)]
+    others += _other_units(of[frame], mean)
     if kind.startswith("QUATERNION"):
         others.insert(0, ("the scalar stands first", velocities(np.roll(q, -1, axis=1))[frame], mean))
     return [("", of[frame], mean)], others

@@ -146,14 +146,19 @@ def attitudes_of(
     named = place or (lambda k: f"{where}: attitude {k + 1}")
     if len(seconds) < 2:
         raise UserError(f"{len(seconds)} attitudes", where=where, expected="2 and more")
-    length = np.linalg.norm(q_body_from_axes, axis=1)
-    if (off := np.flatnonzero(np.abs(length - 1.0) > LONGEST_OFF)).size:
-        k = int(off[0])
-        raise UserError(f"a quaternion of the length {length[k]:.6g}", where=named(k), expected="the length 1")
+    check_length(q_body_from_axes, named)
     turns = Rotation.from_quat(q_body_from_axes)
     angle = (turns[1:] * turns[:-1].inv()).magnitude()
     _check_spikes(turns, angle, named)
     return AttitudePiece(seconds, q_body_from_axes, coverage_of(seconds, _gaps(np.diff(seconds), angle), usable_s))
+
+
+def check_length(q: FloatArray, place: Callable[[int], str]) -> None:
+    """Refuse a quaternion, of shape (n, 4), that is not of length 1."""
+    length = np.linalg.norm(q, axis=1)
+    if (off := np.flatnonzero(np.abs(length - 1.0) > LONGEST_OFF)).size:
+        k = int(off[0])
+        raise UserError(f"a quaternion of the length {length[k]:.6g}", where=place(k), expected="the length 1")
 
 
 def _check_spikes(turns: Rotation, angle: FloatArray, place: Callable[[int], str]) -> None:
@@ -177,3 +182,14 @@ def _gaps(steps: FloatArray, angle: FloatArray) -> NDArray[np.bool_]:
     """Return whether each interval, shape (m - 1,), is one between whose ends nothing is known."""
     long = steps > GAP_STEPS * float(np.median(steps))
     return np.asarray((angle > LARGEST_TURN) | (long & (angle > GAP_TURN)))
+
+
+def other_readings(q: FloatArray) -> list[tuple[str, FloatArray]]:
+    """Return what quaternions (n, 4), scalar last, would be if they were meant otherwise, and in which way."""
+    inverse = np.array([-1.0, -1.0, -1.0, 1.0])
+    found = [("its turn is the inverse (ATTITUDE_DIR)", q * inverse)]
+    for given in (q, q * inverse):
+        for roll in (-1, 1):
+            other_end = np.roll(given, roll, axis=1)
+            found += [("its scalar stands at the other end (QUATERNION_TYPE)", other_end * s) for s in (1.0, inverse)]
+    return found

@@ -37,14 +37,14 @@ from horizonval.geometry.orbit import EARTH_RATE_RAD_S, GM_M3_PER_S2
 FLOOR_M_S, STEP_SHARE = 3.0, 0.6
 LARGEST_STEP_M_S = 4000.0
 """Largest manoeuvre between two states."""
-SPAN_S = 120.0
-"""Time between positions whose second differences show the axes."""
+SPAN_S, SHORTEST_S = 120.0, 10.0
+"""Time between positions whose second differences show the axes; below the second, rounding hides it."""
 LARGEST_NOISE_M, LARGEST_ROUNDING_M_S = 1000.0, 5.0
 """Of positions and of velocities: what is given in whole kilometres, and to 0.01 km/s."""
 SPEEDS_M_S = (1.0, 20e3)
 """Least and greatest speed, among the stars."""
 _FEWEST_FOR_NOISE = 5
-_ALIKE = 0.03
+_MATCH = 0.03
 """Relative difference up to which a hypothesis explains a velocity."""
 
 States = tuple[FloatArray, FloatArray]
@@ -59,7 +59,7 @@ def check_axes(axes: Axes, seconds: FloatArray, r_gcrs: FloatArray, where: str) 
     h0, h1 = seconds[here] - seconds[before], seconds[after] - seconds[here]
     pull = -GM_M3_PER_S2 * r_gcrs / np.linalg.norm(r_gcrs, axis=1, keepdims=True) ** 3
     rate = np.sqrt(np.linalg.norm(pull, axis=1) / np.linalg.norm(r_gcrs, axis=1))[here]
-    even = (np.abs(h1 - h0) < 1e-3 * h0) & (rate * h0 < 1.0)
+    even = (np.abs(h1 - h0) < 1e-3 * h0) & (rate * h0 < 1.0) & (h0 >= SHORTEST_S)
     if not even.any():
         return
     r0, r, r1 = (r_gcrs[part][even] for part in (before, here, after))
@@ -90,8 +90,8 @@ def check(
 ) -> None:
     """Refuse velocities that contradict the positions, naming the first state and the likely cause.
 
-    ``given``: times (m,), positions and velocities (m, 3) along ``axes``; ``gcrs``: the same states along axes that
-    keep still. Intervals (m - 1,) that are gaps are left out. ``place``: name of a state, by its index.
+    ``given``: times (m,), positions and velocities (m, 3) along ``axes``; ``gcrs``: the same states along
+    inertial axes. Intervals (m - 1,) that are gaps are left out. ``place``: name of a state, by its index.
     """
     off, allowed = _difference(given[0], *gcrs)
     wrong = (np.linalg.norm(off, axis=1) > allowed) & ~gaps
@@ -174,4 +174,4 @@ def _cause(axes: Axes, given: tuple[FloatArray, FloatArray, FloatArray], wrong: 
     best = int(np.argmin(off))
     # Velocities as they are come again as one of the orders.
     plain = float(np.median(np.linalg.norm(found - slope, axis=1)))
-    return guesses[best][0] if off[best] < min(_ALIKE * max(size, 1.0), 0.3 * plain) else ""
+    return guesses[best][0] if off[best] < min(_MATCH * max(size, 1.0), 0.3 * plain) else ""

@@ -36,7 +36,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core import files
-from horizonval.core.errors import UserError, excerpt
+from horizonval.core.errors import UserError, excerpt, nearest
 
 PINHOLE, FISHEYE, UNIFIED = "pinhole", "fisheye", "unified"
 MODELS = (PINHOLE, FISHEYE)
@@ -110,7 +110,7 @@ class FileReader:
                 raise self.fail(
                     str(key),
                     f"a key that is not known of files of {program}, and may change what the others mean",
-                    f"among others {', '.join(sorted(used))}",
+                    f"keys such as {', '.join(nearest(str(key), used)[:4])}",
                     "remove it if it says nothing about the lens",
                 )
 
@@ -147,7 +147,7 @@ class FileReader:
         flat: list[float] = []
         for item in _leaves(value):
             if isinstance(item, str) and len(parts := item.split()) > 1 and all(map(_NUMBER.fullmatch, parts)):
-                raise self.fail(key, f"{len(parts)} numbers without commas between them: {excerpt(item)}", wanted)
+                raise self.fail(key, f"{len(parts)} numbers without commas between them: {excerpt(item, 100)}", wanted)
             number = _number(item)
             if number is None:
                 kinds = isinstance(item, str | float), isinstance(item, Mapping)

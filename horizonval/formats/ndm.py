@@ -149,7 +149,7 @@ class Fields:
             raise UserError(f'found "{excerpt(found)}"', where=self.at(key), expected=expected)
         return found
 
-    def number(self, key: str, expected: str = "a finite number", default: float | None = None) -> float:
+    def number(self, key: str, expected: str = "a number", default: float | None = None) -> float:
         """Return the number of a key."""
         if default is not None and not self.text(key):
             return default
@@ -237,7 +237,7 @@ class Segment:
                 expected = f"{len(found[0])}, as in the first row"
                 raise UserError(f"{len(texts)} numbers", where=self.at(row), expected=expected)
             numbers = list(map(float, texts)) if all(map(_NUMBER.fullmatch, texts)) else [math.nan]
-            if not all(map(math.isfinite, numbers)):
+            if not max(map(abs, numbers)) < LARGEST:
                 for text, key in zip(texts, full, strict=False):
                     number_of(text, f"{self.at(row)}: {key}")
             found.append(numbers)
@@ -278,10 +278,14 @@ class Message:
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-def number_of(text: str, where: str, expected: str = "a finite number") -> float:
+LARGEST = 1e15
+"""Bound of numbers: nothing in these messages comes near it, and squares remain finite."""
+
+
+def number_of(text: str, where: str, expected: str = f"a number below {LARGEST:g}") -> float:
     """Return a decimal number; UserError for anything else (``nan`` and ``1_000`` included)."""
-    found = float(text) if _NUMBER.fullmatch(text) else float("nan")
-    if not abs(found) < float("inf"):
+    found = float(text) if _NUMBER.fullmatch(text) else math.nan
+    if not abs(found) < LARGEST:
         raise UserError(f'found "{excerpt(text)}"', where=where, expected=expected)
     return found
 

@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, excerpt
 from horizonval.formats import contradiction
 from horizonval.formats.attitude import AttitudeHistory, Axes, attitudes_of, states_in_gcrs
 from horizonval.formats.coverage import Coverage, coverage_of, outside, together
@@ -359,6 +359,8 @@ def _loaded(kernels: Sequence[Path]) -> Iterator[Any]:
     loaded: list[str] = []
     try:
         for path in kernels:
+            _refuse_named_elsewhere(spiceypy, path)
+        for path in kernels:
             spiceypy.furnsh(str(path))
             loaded.append(str(path))
         yield spiceypy
@@ -369,6 +371,32 @@ def _loaded(kernels: Sequence[Path]) -> Iterator[Any]:
     finally:
         for name in loaded:
             spiceypy.unload(name)
+
+
+def _refuse_named_elsewhere(spice: Any, path: Path) -> None:
+    """Refuse a meta-kernel that names anything but regular files of its own folder: the library would wait for a FIFO.
+
+    Names are relative to the current folder, as the library takes them.
+    """
+    if spice.getfat(str(path))[0] != "KPL":
+        return
+    spice.ldpool(str(path))
+    try:
+        pool = {}
+        for key in ("KERNELS_TO_LOAD", "PATH_SYMBOLS", "PATH_VALUES"):
+            try:
+                pool[key] = list(spice.gcpool(key, 0, 10_000))
+            except spice.utils.exceptions.NotFoundError:
+                pool[key] = []
+    finally:
+        spice.clpool()
+    for name in "\n".join(pool["KERNELS_TO_LOAD"]).replace("+\n", "").split("\n") if pool["KERNELS_TO_LOAD"] else ():
+        for symbol, value in zip(pool["PATH_SYMBOLS"], pool["PATH_VALUES"], strict=False):
+            name = name.replace(f"${symbol}", value)
+        expected = "a kernel in its own folder"
+        if not files.is_inside(Path(name), path.parent):
+            raise UserError(f"names {excerpt(name)!r}", where=str(path), expected=expected, fix="list it in `kernels`")
+        files.ensure_file(Path(name), expected=expected)
 
 
 def _names(kernels: Sequence[Path]) -> str:

@@ -9,6 +9,8 @@ from horizonval.core.errors import UserError
 from horizonval.formats.ndm import listed, of_satellite, plain_name
 from horizonval.geometry.orbit import ElementSet
 
+SHORTEST = 60
+"""Columns from which a line that begins with 1 is one of elements, perhaps cut off; names have up to 24."""
 EXPECTED = "two lines of 69 columns, or three with a name"
 
 
@@ -25,7 +27,7 @@ def elements_of(lines: Sequence[str], satellite: str | None = None) -> ElementSe
         if first:
             found.append(_Set(name, first, text))
             name, first = "", ""
-        elif text.startswith("1 "):
+        elif text.startswith("1 ") and len(text) >= SHORTEST:
             first = text
         elif name:
             break

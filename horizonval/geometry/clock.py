@@ -126,14 +126,20 @@ def epoch_at(tai_ns: int) -> datetime:
     return _ORIGIN + timedelta(microseconds=shown // 1000)
 
 
+def _after(epoch_utc: datetime, seconds: float) -> int:
+    if not abs(seconds) < 1e10:
+        raise UserError(f"an instant {seconds:g} s from the epoch", expected=YEARS)
+    return tai_of(epoch_utc) + round(seconds * _S)
+
+
 def utc_after(epoch_utc: datetime, seconds: float) -> datetime:
     """Return the UTC ``datetime`` so many SI seconds after an epoch; UserError within a leap second."""
-    return utc_at(tai_of(epoch_utc) + round(seconds * _S))
+    return utc_at(_after(epoch_utc, seconds))
 
 
 def stamp_after(epoch_utc: datetime, seconds: float) -> str:
     """Return the instant so many SI seconds after an epoch as text; see :func:`stamp`."""
-    return stamp(tai_of(epoch_utc) + round(seconds * _S))
+    return stamp(_after(epoch_utc, seconds))
 
 
 def elapsed_s(first_utc: datetime, second_utc: datetime) -> float:

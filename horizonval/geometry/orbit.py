@@ -360,7 +360,7 @@ def satellite_states(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike 
         # A number that SGP4 cannot hold is 0.
         name = f"satellite {satellite.satnum_str}" if satellite.satnum else "the satellite"
         raise UserError(
-            f"{name} at {epoch_utc.isoformat()} + {np.ravel(seconds)[first]} s: {SGP4_ERRORS[int(codes[first])]}",
+            f"{name} at {clock.stamp_after(epoch_utc, np.ravel(seconds)[first])}: {SGP4_ERRORS[int(codes[first])]}",
             expected="an instant nearer to the elements' epoch",
         )
     return 1e3 * r_km.reshape(*shape, 3), 1e3 * v_km_s.reshape(*shape, 3)

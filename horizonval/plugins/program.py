@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core.errors import excerpt
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -136,7 +137,7 @@ def result_of(answer: bytes, observation: Observation) -> Fit | Refusal:
     except (ValueError, RecursionError):
         return crash(f"the program printed no JSON object but {answer[:40]!r}")
     if not isinstance(data, dict):
-        return crash(f"the program printed a {type(data).__name__}, where a JSON object was expected")
+        return crash(f"the program printed {excerpt(json.dumps(data))}, where a JSON object was expected")
     status = data.get("status")
     if status not in tuple(Outcome):
         return crash(f"the program's status {str(status)[:40]!r} is none of {', '.join(Outcome)}")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from horizonval.core import atomic
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.report import campaign, infrared, page, pictures, plots, rerun, viewer
@@ -103,7 +104,7 @@ def write_report(run_dir: Path) -> list[Path]:
     shutil.rmtree(folder / campaign.FIGURES, ignore_errors=True)
     (folder / campaign.PAGE).unlink(missing_ok=True)
     for name, text in texts.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        atomic.make_folder((folder / name).parent)
         page.write(folder / name, text)
     return [folder / name for name in texts]
 

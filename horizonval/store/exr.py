@@ -45,7 +45,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from horizonval.core import atomic, memory
-from horizonval.core.errors import DamagedFileError, UserError, excerpt
+from horizonval.core.errors import DamagedFileError, UserError, excerpt, misfit
 from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import MAP_UNITS, PART_MAP, PART_MAP_UNIT, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.camera import Band, CameraSpec
@@ -308,15 +308,10 @@ def _write_sealed(
         if isinstance(value, int) and not -(2**31) <= value < 2**31:
             raise ValueError(f"{key} = {value} does not fit the format's 32-bit integers")
     header |= {"compression": _COMPRESSION[codec], "type": OpenEXR.scanlineimage}
-    try:
-        with atomic.replacing(path) as temporary:
-            with silenced():
-                OpenEXR.File(header, dict(channels)).write(str(temporary))
-            exr_header.seal_file(temporary)
-    except FileNotFoundError:
-        raise UserError(f"no folder {path.parent}", where=str(path), fix="create it first") from None
-    except OSError as error:
-        raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
+    with atomic.replacing(path) as temporary:
+        with silenced():
+            OpenEXR.File(header, dict(channels)).write(str(temporary))
+        exr_header.seal_file(temporary)
 
 
 def _own_kind(header: exr_header.Header, path: Path) -> Literal["frame", "image"]:
@@ -394,10 +389,8 @@ def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any]
 def _truth(header: dict[str, Any], path: Path) -> FrameTruth:
     try:
         return FrameTruth.from_dict(header["truth"])
-    except KeyError as error:
-        raise DamagedFileError(f"the truth has no {error.args[0]!r}", where=str(path)) from None
-    except (TypeError, AttributeError, ValueError) as error:
-        raise DamagedFileError(f"the truth cannot be read: {error}", where=str(path)) from None
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise DamagedFileError(f"the truth {misfit(error)}", where=str(path)) from None
 
 
 def _refuse_too_large(header: exr_header.Header, path: Path) -> None:

@@ -41,9 +41,9 @@ _TURNS = {
     3: "turned by 180 deg",
     4: "mirrored top to bottom",
     5: "mirrored along the diagonal",
-    6: "turned by 90 deg",
+    6: "turned by 90 deg clockwise",
     7: "mirrored along the other diagonal",
-    8: "turned by 270 deg",
+    8: "turned by 90 deg counterclockwise",
 }
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from sgp4.api import Satrec
 
 from horizonval.core import files
@@ -18,6 +19,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.formats.aem import attitude_of_aem
+from horizonval.formats.attitude import AttitudeHistory, other_readings
 from horizonval.formats.ndm import KINDS, kinds_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
@@ -160,8 +162,45 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
         first, last = found.around(seconds)
         return np.fmax(begin, first), np.fmin(end, last)
 
-    doubts = (found.doubt, lambda _: history.doubt)
-    return replace(found, body_from_axes=body_from_axes, around=around, doubt=partial(_joined, doubts))
+    turned = replace(found, body_from_axes=body_from_axes, around=around)
+    doubts = (found.doubt, lambda _: history.doubt, lambda _: _steady_otherwise(turned, history))
+    return replace(turned, doubt=partial(_joined, doubts))
+
+
+SHORTEST_ARC, LARGEST_SWAY, STEADIER = math.radians(20.0), math.radians(3.0), 0.1
+"""Arc of the orbit on which readings of quaternions are compared, largest turn against the local vertical of a reading
+that holds still, and how large it may be, relative to the stated reading's."""
+MOST_COMPARED = 50
+
+
+def _steady_otherwise(track: _Track, history: AttitudeHistory) -> str:
+    """Return a warning if a body that tumbles holds still against the local vertical in another reading of its file.
+
+    Quaternions with the scalar at the wrong end, or of the inverse turn, are as smooth as the right ones.
+    """
+    seconds = np.concatenate([piece.seconds for piece in history.pieces])
+    q = np.concatenate([piece.q_body_from_axes for piece in history.pieces])
+    t = seconds + clock.elapsed_s(track.epoch_utc, history.epoch_utc)
+    assert track.around is not None
+    known = np.flatnonzero(np.isfinite(track.around(t)[0]))
+    if len(known) < 3:
+        return ""
+    use = known[np.unique(np.linspace(0, len(known) - 1, MOST_COMPARED).astype(int))]
+    up = track.states(t[use])[0]
+    up = up / np.linalg.norm(up, axis=1, keepdims=True)
+    stated = _body_from_lvlh(track, t[use])
+    axes_from_lvlh = np.swapaxes(Rotation.from_quat(q[use]).as_matrix(), -1, -2) @ stated
+
+    def sway(body_from_lvlh: FloatArray) -> float:
+        turns = Rotation.from_matrix(body_from_lvlh)
+        return float((turns * turns[0].inv()).magnitude().max())
+
+    if float(np.min(up @ up[0])) > math.cos(SHORTEST_ARC) or sway(stated) < LARGEST_SWAY / STEADIER:
+        return ""
+    for text, other in other_readings(q[use]):
+        if sway(Rotation.from_quat(other).as_matrix() @ axes_from_lvlh) < min(LARGEST_SWAY, STEADIER * sway(stated)):
+            return f"{history.where}: the body tumbles, and would hold still against the local vertical if {text}"
+    return ""
 
 
 def _joined(doubts: Sequence[Doubt | None], seconds: FloatArray) -> str:

@@ -353,7 +353,7 @@ def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Pat
     described = describe(scene, camera)
     from horizonval.renderer.plugins import camera_properties
 
-    folder.mkdir(exist_ok=True)
+    atomic.make_folder(folder)
     bands = ", ".join(described.model.bands)
     needs = "needs horizonval and the data files of the scene"
     about = f'{SCENE} ({needs}): python -c "{LOAD}" gives radiance [W m-2 sr-1] of band {bands}.'

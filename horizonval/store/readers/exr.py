@@ -108,16 +108,17 @@ def _part(
     data, display = _window(header, "dataWindow", path), _window(header, "displayWindow", path)
     fits_data_only = camera == _size(data) != _size(display)
     view = display if _inside(display, data) and not fits_data_only else data
+    is_missing = view != display and camera == _size(display)
     note = "" if view == display else f"its pixels are {_crop_text(data, display)}; the camera file is taken for them"
 
     def load() -> Pixels:
-        if view != display and camera == _size(display):
+        if is_missing:
             what, fix = f"is a crop: {_crop_text(data, display)}", _crop_advice(data, display)
             raise UserError(what, where=str(path), fix=fix)
         return _load(path, number, channels, data, view)
 
     words = " ".join(channel.rpartition(".")[2] for channel in channels)
-    return Part(*_size(view), f"EXR, {words}", load, name, main, note=note)
+    return Part(*_size(display if is_missing else view), f"EXR, {words}", load, name, main, note=note)
 
 
 def _window(header: exr_header.Header, key: str, path: Path) -> Window:

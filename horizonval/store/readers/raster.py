@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core import files
-from horizonval.core.errors import UserError
+from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store.exported import read_beside
 from horizonval.store.quiet import silenced
@@ -32,6 +32,8 @@ COLOURS = ("1", "L", "LA", "P", "PA", "I;16", "I;16B", "I", "RGB", "RGBA")
 _BYTES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")
 _ORIENTATION = 0x0112
 _LEAST_FRAME_BYTES = 16
+_ENDS = ((b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"), (b"\x89PNG", b"IDAT", b"IEND"))
+"""First bytes of a format, and what begins and ends its pixels."""
 _HEAD_BYTES = 65536
 _ANYMAP = re.compile(rb"P[2356]" + 3 * rb"(?:\s|#[^\n]*\n)+(\d+)")
 _START_OF_FRAME = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
@@ -50,7 +52,8 @@ def parts(path: Path) -> list[Part] | None:
             what = f"is a file of the format {image.format}, which is not read"
             raise UserError(what, where=str(path), expected=EXPECTED, fix="convert it to PNG or TIFF")
         if image.mode not in COLOURS or (image.format == "PPM" and not _ANYMAP.match(head)):
-            what = f"its pixels are {'CMYK' if image.mode == 'CMYK' else f'of the kind {image.mode}'}"
+            kinds = {"CMYK": "CMYK", "F": "floating-point numbers"}
+            what = f"its pixels are {kinds.get(image.mode, f'in the colour space {image.mode}')}"
             raise UserError(what, where=str(path), expected="grey or RGB", fix="convert it to PNG or TIFF")
         orientation = int(image.getexif().get(_ORIENTATION, 1))
         # A frame takes some bytes of the file, whatever its head counts.
@@ -115,10 +118,13 @@ def _load(path: Path, head: bytes, frame: int) -> Pixels | DetectorImage | Radia
 def _decoded(path: Path) -> NDArray[Any]:
     import cv2
 
-    data = np.frombuffer(files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED), dtype=np.uint8)
+    data = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
+    # OpenCV fills what is missing with grey or black.
+    if any(data.startswith(magic) and data.rfind(end) <= data.rfind(begin) for magic, begin, end in _ENDS):
+        raise DamagedFileError("truncated: its pixels end before the image does", where=str(path))
     pixels: NDArray[Any] | None = None
     with silenced(), contextlib.suppress(cv2.error):
-        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.size == 0:
         raise UserError("not an image that can be read", where=str(path), expected=EXPECTED)
     return pixels

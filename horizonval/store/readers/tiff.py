@@ -75,7 +75,7 @@ def _refuse_stacks(tiff: Any, path: Path) -> None:
     file.seek(tiff.pages[len(tiff.pages) - 1].offset)
     (tags,) = struct.unpack(layout.tagnoformat, file.read(layout.tagnosize))
     file.seek(tags * layout.tagsize, os.SEEK_CUR)
-    if file.read(layout.offsetsize).strip(b"\0"):
+    if file.read(layout.offsetsize) != bytes(layout.offsetsize):
         raise DamagedFileError("truncated, or a damaged list of pages", where=str(path))
     count = int((tiff.imagej_metadata or {}).get("images", 1)) if tiff.is_imagej else 1
     truncated = tiff.is_shaped and any(m.get("truncated") for m in tiff.shaped_metadata)

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.digests import content_digest
 from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress
@@ -146,11 +146,10 @@ def refuse_readable_passphrase(out: Path, head: Mapping[str, Any], folder: Path)
     places = [path for place in {folder.resolve(), out.resolve().parent} for path in sorted(place.iterdir())]
     for path in [*([Path(made_from)] if made_from else []), *places]:
         try:
-            if not path.is_file() or path.stat().st_size > LONGEST_PASSPHRASE:
+            text = files.read_text(path, largest=LONGEST_PASSPHRASE, expected="a passphrase")
+            if commitment(sealed_seed(text)) != head["commitment"]:
                 continue
-            if commitment(sealed_seed(path.read_text(encoding="utf-8"))) != head["commitment"]:
-                continue
-        except (OSError, UnicodeDecodeError, UserError):
+        except UserError:
             continue
         raise UserError(
             "holds the passphrase of these frames, and submissions could read it",

@@ -274,7 +274,7 @@ def suite_from(seeds: SeedList, folder: Path) -> Suite:
         if inside.is_absolute() or ".." in inside.parts or not inside.parts:
             raise UserError(f"holds the path {name!r}", where=LIST_NAME, expected="paths beside the suite")
         path = folder / inside
-        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic.make_folder(path.parent)
         atomic.write_text(path, text)
     suite = load_suite(folder / f"{seeds.suite}.toml", seeds.scenes, seeds.seed)
     if suite_identity(suite) != seeds.suite_sha256:

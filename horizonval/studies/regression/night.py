@@ -189,7 +189,7 @@ class Night:
             return
         folder = self.wanted.out / WORK / PUBLISHED
         try:
-            folder.mkdir(exist_ok=True)
+            atomic.make_folder(folder)
             self.published = list(compute(folder, self._progress))
         except (UserError, RuntimeError) as error:
             self.failed[PUBLISHED] = str(error)
@@ -608,7 +608,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
     if probe().chosen is None:
         raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
     check_folder(wanted.out)
-    (wanted.out / WORK).mkdir(parents=True, exist_ok=True)
+    atomic.make_folder(wanted.out / WORK)
     folder = RunFolder(wanted.out / WORK)
     with folder.locked():
         withdraw_manifest(wanted.out)

@@ -121,7 +121,7 @@ def _burn(delta_v: float, step: float):
         r0, v0 = r[half] + 0.0, v[half] + delta_v * v[half] / np.linalg.norm(v[half])
         # The new orbit by small steps of Stoermer and Verlet.
         for k in range(half + 1, len(t)):
-            n = 200
+            n = 20
             h = (t[k] - t[k - 1]) / n
             for _ in range(n):
                 v0 = v0 - 0.5 * h * GM_M3_PER_S2 * r0 / np.linalg.norm(r0) ** 3

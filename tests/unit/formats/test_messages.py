@@ -23,6 +23,10 @@ from horizonval.formats.aem import attitude_of_aem
 from horizonval.formats.ndm import HARMLESS, READ, kinds_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
+from horizonval.geometry.ellipsoid import WGS84
+from horizonval.geometry.orbit import lvlh_matrices
+from horizonval.spec.orbit import OrbitSpec
+from horizonval.suites.flight import fly
 
 EPOCH = datetime(2026, 3, 20, 12, 0, 0, tzinfo=UTC)
 LINES = (
@@ -454,6 +458,7 @@ IN_A, IN_B = ({"ANGVEL_FRAME": f"REF_FRAME_{letter}"} for letter in "AB")
         ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, -W_B), "their sign is the opposite"),
         ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, np.radians(W_B)), "they are in rad/s"),
         ("2.0", {**ANGVEL, **IN_B}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands first"),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q * [-1, -1, -1, 1], W_B), "frame B is turned into A"),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, W_B), ""),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands at"),
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "EULER_ROT_SEQ": "312"}, aem_rows(Q, W_B[:, [2, 0, 1]]), ""),
@@ -521,6 +526,7 @@ ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
         ("2.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "ANGVEL_FRAME": "REF_FRAME_A"}, PLAIN, "QUATERNION/ANGVEL"),
         ("1.0", {}, aem_rows(Q * np.where(np.arange(6) == 3, -1.0, 1.0)[:, None]), ""),
         ("1.0", {}, aem_rows(Q * ONE_SIGN), "line 19: turned"),
+        ("1.0", DERIVATIVE, aem_rows(0.0 * Q, Q_DOT), "line 16: a quaternion of the length 0"),
         ("1.0", {}, aem_rows(2.0 * Q), "line 16: a quaternion of the length 2"),
     ],
 )  # fmt: skip
@@ -594,3 +600,39 @@ def test_every_key_that_is_not_harmless_is_read(tmp_path: Path, kind: str, key: 
     with pytest.raises(UserError, match=f"{key}: "):
         reader(written(tmp_path, kvn_of(kind.upper(), version, {**fields, key: "nonsense", **harmless}, rows)))
     reader(written(tmp_path, kvn_of(kind.upper(), "1.0" if kind == "aem" else version, {**fields, **harmless}, rows)))
+
+
+LONG = 60.0 * np.arange(11)
+INCLINED = circle(LONG).reshape(-1, 2, 3) @ Rotation.from_euler("xyz", [35.0, 15.0, 70.0], degrees=True).as_matrix()
+NADIR = Rotation.from_matrix(lvlh_matrices(INCLINED[:, 0], INCLINED[:, 1]))
+"""From celestial axes to those of a body that looks at the Earth; as a turn of frames it is the inverse."""
+TILTED = Rotation.from_euler("zyx", [30.0, -20.0, 50.0], degrees=True) * NADIR
+
+
+@pytest.mark.parametrize(
+    ("q", "changes", "doubt"),
+    [
+        (TILTED.inv().as_quat(), {}, ""),
+        (TILTED.as_quat(), {"ATTITUDE_DIR": "B2A"}, ""),
+        (TILTED.as_quat(), {}, "its turn is the inverse"),
+        (np.roll(TILTED.inv().as_quat(), 1, 1), {"QUATERNION_TYPE": "FIRST"}, ""),
+        (np.roll(TILTED.inv().as_quat(), 1, 1), {}, "its scalar stands at the other end"),
+        (TILTED.inv().as_quat(), {"QUATERNION_TYPE": "FIRST"}, "its scalar stands at the other end"),
+        (np.tile([0.5, 0.5, 0.5, 0.5], (11, 1)), {}, ""),
+        (Rotation.from_rotvec(0.001 * LONG[:, None] * [0.0, 0.0, 1.0]).as_quat(), {}, ""),
+    ],
+)  # fmt: skip
+def test_a_body_that_would_look_at_the_earth_in_another_reading_is_doubtful(
+    tmp_path: Path, q: np.ndarray, changes: dict[str, str], doubt: str
+) -> None:
+    written(
+        tmp_path,
+        kvn_of("OEM", "2.0", {**OEM, "STOP_TIME": None}, oem_rows(stamps(LONG), INCLINED.reshape(-1, 6))),
+        "orbit",
+    )
+    rows = [f"{time} {' '.join(f'{x:.12f}' for x in one)}" for time, one in zip(stamps(LONG), q, strict=True)]
+    written(tmp_path, kvn_of("AEM", "1.0", {**AEM, **changes}, rows), "attitude")
+    spec = OrbitSpec.model_validate({"ephemeris": "orbit", "n": 2, "attitude": {"file": "attitude"}})
+    found = fly(spec, WGS84, 1, "o", tmp_path)[1]
+    assert bool(found) == bool(doubt), found
+    assert doubt in found

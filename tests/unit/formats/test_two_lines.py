@@ -47,7 +47,7 @@ def changed(line: int, column: int, text: str, length: int | None = None) -> lis
         "ISS (ZARYA)   \n" + "  \n".join(lines()) + " \n\n",
         "0 ISS (ZARYA)\r" + "\r".join(lines()),
         "\ufeffISS (ZARYA) \u00e9\n" + "\n".join(lines()),
-        "\n".join(changed(1, 63, " ")),
+        "\n".join(["1 KUNS-PF", *changed(1, 63, " ")]),
         "\n".join(changed(1, 63, "2")),
         "\n".join(changed(1, 3, "  544")[:1] + changed(2, 3, "00544")[1:]),
     ],

@@ -126,3 +126,5 @@ def test_systems_that_need_a_table_are_refused() -> None:
     for seconds in (1e12, -1e300):
         with pytest.raises(UserError, match="1960"):
             clock.julian_utc(EPOCHS[0], seconds)
+        with pytest.raises(UserError, match="1960"):
+            clock.utc_after(EPOCHS[0], seconds)

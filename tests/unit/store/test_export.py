@@ -190,7 +190,7 @@ def test_what_cannot_be_exported_is_said_in_a_line(tmp_path, out, make_image):
     with pytest.raises(UserError, match="not written by horizonval"):
         export_file(tmp_path / "foreign.exr", out, ["png"])
     exr.write_image(tmp_path / "a.exr", make_image())
-    with pytest.raises(UserError, match="cannot be written"):
+    with pytest.raises(UserError, match="no such folder"):
         export_file(tmp_path / "a.exr", tmp_path / "none", ["png"])
     assert list(out.iterdir()) == []
 

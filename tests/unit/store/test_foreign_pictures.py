@@ -17,6 +17,8 @@ import tifffile
 from astropy.io import fits
 from PIL import Image, ImageOps
 
+from horizonval.api.camera import Camera
+from horizonval.api.estimate import estimate
 from horizonval.core.errors import UserError
 from horizonval.spec.camera import CameraSpec
 from horizonval.store.picture import read_picture
@@ -263,7 +265,7 @@ def test_windows_of_exr(tmp_path, caplog):
     assert caplog.messages[-1].endswith(
         "its pixels are columns 3 to 22 and rows 4 to 15 of an image of 40 x 30; the camera file is taken for them"
     )
-    with pytest.raises(UserError, match=r"the image is 20 x 12 pixels, the camera 40 x 30"):
+    with pytest.raises(UserError, match=r"is a crop: .*; give a .* 20 x 12, with 3 less in cx and 4 less in cy"):
         read_picture(path, camera(40, 30))
     cropped(path, 3, 4, 20, 12)
     with pytest.raises(UserError, match=r"is a crop: columns 3 to 22 .*; save the whole image"):
@@ -447,6 +449,19 @@ def huge(shape: tuple[int, ...]) -> bytes:
     return buffer.getvalue() + b"\0" * 64
 
 
+def deep(path: Path) -> None:
+    spec = oiio.ImageSpec(6, 5, 1, "float")
+    spec.deep, pixels, out = True, oiio.DeepData(), oiio.ImageOutput.create("a.exr")
+    pixels.init(30, 1, ["float"], ["Z"])
+    assert out.open(str(path), spec)
+    out.write_deep_image(pixels)
+    out.close()
+
+
+def anymap_of_floats(path: Path) -> None:
+    path.write_bytes(b"Pf\n20 12\n-1.0\n" + F32.tobytes())
+
+
 REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
     "CMYK TIFF": (of_pillow("CMYK", "tiff"), "its pixels are CMYK; expected grey or RGB"),
     "Lab TIFF": (of_pillow("LAB", "tiff"), "PhotometricInterpretation 8"),
@@ -458,6 +473,8 @@ REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
     "CMYK JPEG": (of_pillow("CMYK", "jpeg"), "its pixels are CMYK"),
     "GIF": (of_pillow("L", "gif"), "format GIF, which is not read; .*convert it to PNG"),
     "transparent PNG": (opacity(200, ".png"), "240 pixels are transparent, wholly or in part"),
+    "deep EXR": (deep, "holds deep pixels, which have several samples each; flatten it"),
+    "floating-point anymap": (anymap_of_floats, "its pixels are floating-point numbers"),
     "mosaic": (mosaic, r"mosaic of a colour sensor \(BAYERPAT = RGGB\); .*average its cells"),
     "negative axis": (bytes_of(sized("-64")), "NAXIS1 = -64 is negative"),
     "huge axis": (bytes_of(sized("9999999999")), "announces 479999999952 bytes of data, 5760 follow"),
@@ -506,3 +523,18 @@ def test_premultiplied_colours_are_over_black(tmp_path, caplog, name):
     assert (
         f"{np.count_nonzero(A8 <= 99)} pixels are transparent, and are taken as over a black background" in caplog.text
     )
+
+
+def test_estimate_takes_part_and_orientation(tmp_path):
+    pages_file, turned_file = tmp_path / "a.tif", tmp_path / "b.png"
+    several_pages(pages_file)
+    with_orientation(turned_file, 6)
+    upright = Camera(camera(12, 20))
+    with pytest.raises(UserError, match="holds 2 pictures"):
+        estimate(pages_file, "limb-sphere", camera=Camera(camera(20, 12)))
+    estimate(pages_file, "limb-sphere", camera=Camera(camera(20, 12)), part=2)
+    estimate(turned_file, "limb-sphere", camera=upright, orientation="shown")
+    with pytest.raises(UserError, match="the image is 20 x 12 pixels, the camera 12 x 20"):
+        estimate(turned_file, "limb-sphere", camera=upright, orientation="stored")
+    with pytest.raises(UserError, match="part, orientation: given for an image that is no file"):
+        estimate(A8, "limb-sphere", camera=Camera(camera(20, 12)), part=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
 from horizonval.formats.aem import aem_text
+from horizonval.formats.trajectory import span_of
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic
 from horizonval.geometry.orbit import ElementSet, gcrs_states, lvlh_matrices
 from horizonval.geometry.sun_and_moon import sun_itrs
@@ -390,3 +392,24 @@ def test_what_kernels_do_not_hold_is_one_line(kernels: Path) -> None:
         with pytest.raises(UserError) as found:
             flown(kernels, duration_s=100.0, **keys)
         assert line in str(found.value)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no FIFO")
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ("'fifo'", "fifo: is a FIFO; expected a kernel in its own folder"),
+        ("'$A/fi+', 'fo'", "fifo: is a FIFO"),
+        ("'../fifo'", "names '../fifo'; expected a kernel in its own folder; list it in `kernels`"),
+        ("'/etc/passwd'", "names '/etc/passwd'"),
+    ],
+)
+def test_a_meta_kernel_names_regular_files_of_its_own_folder(tmp_path, monkeypatch, names, said):
+    pytest.importorskip("spiceypy")
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("fifo")
+    head = "KPL/MK\n\\begindata\nPATH_VALUES = ( '.' )\nPATH_SYMBOLS = ( 'A' )\n"
+    (tmp_path / "meta.tm").write_text(f"{head}KERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
+    with pytest.raises(UserError) as refused:
+        span_of([Path("meta.tm")], "-1")
+    assert said in refused.value.line()
