@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 
 from horizonval.cli.options import Dask, Json, Shard, Workers, estimators, files, shipped
 from horizonval.cli.output import print_json, print_result, resumable
@@ -64,6 +63,8 @@ def bench_run(
     workers: Workers = None,
 ) -> int:
     """Run submissions on the frames, each in a separate process. The same command resumes."""
+    from pydantic import ValidationError
+
     from horizonval.jobs.pool import available_cpus
     from horizonval.plugins.supervisor import Limits, can_hide
     from horizonval.spec.suite import ProgramSpec

@@ -705,12 +705,7 @@ def _check_size(data: Any, path: Path) -> None:
 
 def _yaml(text: str, path: Path) -> list[Any]:
     """Return the documents of a YAML file, all scalars as text; empty documents are left out."""
-    try:
-        import yaml
-    except ImportError:
-        raise UserError(
-            "PyYAML is not installed", where=str(path), fix='run `pip install "horizonval[formats]"`'
-        ) from None
+    import yaml
 
     class Loader(yaml.BaseLoader):
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:

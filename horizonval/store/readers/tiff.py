@@ -59,7 +59,10 @@ def _opened(path: Path) -> Iterator[Any]:
             yield tiff
     except UserError:
         raise
-    except Exception:
+    except Exception as error:
+        if "imagecodecs" in str(error):
+            fix = 'run `pip install "horizonval[formats]"`, or save the picture without compression'
+            raise UserError("its pixels are compressed, which needs imagecodecs", where=str(path), fix=fix) from None
         # A damaged file comes out of the library as whatever went wrong inside.
         raise DamagedFileError("not an image that can be read: a damaged TIFF file", where=str(path)) from None
     finally:

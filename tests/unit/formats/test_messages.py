@@ -636,3 +636,42 @@ def test_a_body_that_would_look_at_the_earth_in_another_reading_is_doubtful(
     found = fly(spec, WGS84, 1, "o", tmp_path)[1]
     assert bool(found) == bool(doubt), found
     assert doubt in found
+
+
+INSERTED = ["nan", "1e999", "1e308", "=", '"', "[", "<", "\0", "{", ",", "9" * 30, "2016-12-31T23:59:60.5", "\u00e9"]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("reader", "text"),
+    [
+        (orbit_of_oem, KVN),
+        (orbit_of_oem, oem_xml(stamps(T), circle(T), ACCELERATION)),
+        (satellite_of_omm, omm_xml()),
+        (satellite_of_omm, json.dumps([CATALOGUE])),
+        (satellite_of_omm, csv_of(CATALOGUE)),
+        (attitude_of_aem, kvn_of("AEM", "2.0", {**SECOND, **ANGVEL, **IN_B}, aem_rows(Q, W_B))),
+        (attitude_of_aem, kvn_of("AEM", "1.0", {**AEM, **DERIVATIVE}, aem_rows(Q, Q_DOT))),
+    ],
+)
+def test_damage_anywhere_is_read_or_one_line(tmp_path: Path, reader, text: str) -> None:
+    random = np.random.default_rng(7)
+    path, lines = tmp_path / "file", []
+    for _ in range(120):
+        i = int(random.integers(len(text)))
+        j = i + int(random.integers(1, 60))
+        words = str(random.choice(INSERTED))
+        changed = (
+            text[:i],
+            text[:i] + text[j:],
+            text[:i] + words + text[i:],
+            text[:i] + words + text[j:],
+            text[:j] + text[i:],
+        )
+        path.write_text(changed[int(random.integers(5))], encoding="utf-8")
+        try:
+            reader(path)
+        except UserError as error:
+            lines.append(str(error))
+    assert len(lines) > 60
+    assert not any(word in " ".join(lines) for word in ("Error", "NoneType", "could not", "invalid literal", "\n"))
