@@ -264,6 +264,13 @@ class _Conversation:
         except UserError as e:
             self._refuse(e, send if self.is_known else send_last, identity)
             return self.is_known
+        except OSError:
+            raise
+        except Exception as e:
+            # A defect: every request has an answer.
+            defect = UserError(one_line(e), where="server", fix="report this line as a defect")
+            self._refuse(defect, send if self.is_known else send_last, identity)
+            return self.is_known
         send(self._stream, pack(reply if identity is None else reply | {"id": identity}), limit_s)
         return True
 

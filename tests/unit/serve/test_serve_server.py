@@ -205,6 +205,16 @@ def test_strangers_keep_nobody_out_and_are_dropped_after_one_wrong_token(run):
         stranger.close()
 
 
+def test_a_defect_is_an_answer_and_the_conversation_goes_on(run, monkeypatch):
+    running = run()
+    with running.client() as client:
+        with monkeypatch.context() as broken:
+            broken.setattr("horizonval.serve.server.image_request", lambda message: 1 / 0)
+            with pytest.raises(hv.UserError, match="report this line as a defect"):
+                client.image()
+        assert client.image(seed=4).seed == 4
+
+
 def test_a_lock_of_somebody_else_on_the_folder_does_not_stop_a_server(tmp_path, monkeypatch):
     fcntl = pytest.importorskip("fcntl")
     monkeypatch.setattr("horizonval.serve.service.LONGEST_LOCK_S", 0.2)
