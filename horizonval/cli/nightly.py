@@ -92,7 +92,8 @@ def baseline_accept(
 ) -> None:
     """Make a night the accepted baseline, and write the table of changes and of what the acceptance covers."""
     from horizonval.api.run import baseline_of
-    from horizonval.studies.regression.accept import accept, read_night
+    from horizonval.studies.regression.accept import accept
+    from horizonval.studies.regression.night import read_night
 
     file = baseline or baseline_of(read_night(run)["suite"])
     for path in accept(run, file, reason, release=release, yes=yes):

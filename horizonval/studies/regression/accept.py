@@ -30,7 +30,7 @@ from horizonval.studies.regression.baseline import (
     write_baseline,
 )
 from horizonval.studies.regression.gates import GateInputs, group_of, judge_rows
-from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, PUBLISHED, WORK
+from horizonval.studies.regression.night import LANES, PUBLISHED, WORK, read_night
 from horizonval.studies.regression.partners import Group, cameras_of, pairs_of
 from horizonval.studies.regression.row import ReplicateRow, summary_of
 from horizonval.studies.regression.statistics import Verdict
@@ -64,13 +64,12 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False, yes
     before = read_baseline(baseline, night["suite"]) if baseline.is_file() else None
     older = release_path(baseline)
     of_release = read_baseline(older, night["suite"]) if before is not None and older.is_file() else None
-    rows, fresh = ([ReplicateRow.from_dict(row) for row in night[key]] for key in ("rows", "fresh"))
-    results = GateInputs(rows=rows, fresh=fresh, fresh_night=night["night"])
+    results = GateInputs(rows=night["rows"], fresh=night["fresh"], fresh_night=night["night"])
     scenes = {
         name: {"table": record["table"], "camera": record["camera"], "bands": record["bands"]}
         for name, record in night["scenes"].items()
     }
-    useless = useless_methods(rows, cameras_of(scenes, night["together"]))
+    useless = useless_methods(results.rows, cameras_of(scenes, night["together"]))
     if useless and not yes:
         raise UserError(
             "; ".join(useless),
@@ -108,16 +107,6 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False, yes
             made = copy_as_release(staged)
             written += [baseline.with_name(path.name) for path in (made, pack_path(made))]
     return written
-
-
-def read_night(folder: Path) -> JsonObject:
-    """Return the content of a night's ``night.json``. Raises ``UserError``: there is none of this version."""
-    night = read_json(folder / "night.json")
-    if night is None or night.get("schema") != NIGHT_SCHEMA:
-        raise UserError(
-            "no night.json of this version", where=str(folder), expected="the folder of `horizonval regress`"
-        )
-    return dict(night)
 
 
 def useless_methods(rows: Sequence[ReplicateRow], cameras: Mapping[str, str]) -> list[str]:

@@ -174,11 +174,12 @@ def _read_pack(path: Path, _changed_ns: int) -> Pack:
             if (scene, band) in frames or not 0.0 <= scale < LARGEST_RADIANCE:
                 raise DamagedFileError(f"two frames of {scene} {band}, or none", where=str(path))
             frames[scene, band] = FrozenFrame(scene, band, sha, _decode(codes, scale), regions)
+        truths = dict(head["truths"])
     except UserError:
         raise
     except Exception as error:
         raise DamagedFileError("cannot be read as frozen images", where=str(path)) from error
-    return Pack(tuple(images.values()), tuple(frames.values()), head["truths"])
+    return Pack(tuple(images.values()), tuple(frames.values()), truths)
 
 
 def _arrays_of(path: Path) -> dict[str, NDArray[Any]]:

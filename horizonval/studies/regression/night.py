@@ -26,7 +26,7 @@ from typing import Any, Literal
 import horizonval
 from horizonval.core import atomic
 from horizonval.core.code import code_version
-from horizonval.core.errors import UserError
+from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.memory import peak_mebibytes
 from horizonval.core.outcome import Outcome
@@ -115,13 +115,23 @@ def checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
     return suite.regression, plan
 
 
-def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
-    """Return the fresh rows of another version's night."""
-    data = read_json(folder / "night.json")
+def read_night(folder: Path) -> JsonObject:
+    """Return the content of a night's ``night.json``. Raises ``UserError``: there is none, or it is damaged."""
+    path = folder / "night.json"
+    data = read_json(path)
     if data is None or data.get("schema") != NIGHT_SCHEMA:
         raise UserError(
-            "no night.json of this version", where=str(folder), expected="the folder of another version's night"
+            "no night.json of this version", where=str(folder), expected="the folder of `horizonval regress`"
         )
+    try:
+        return dict(data) | {key: [ReplicateRow.from_dict(row) for row in data[key]] for key in ("rows", "fresh")}
+    except (KeyError, TypeError, ValueError) as error:
+        raise DamagedFileError(f"its rows cannot be used: {error}", where=str(path)) from None
+
+
+def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
+    """Return the fresh rows of another version's night."""
+    data = read_night(folder)
     if (data["suite"], data["night"]) != (suite, night):
         raise UserError(
             f"is night {data['night']!r} of suite {data['suite']!r}",
@@ -129,7 +139,7 @@ def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
             expected=f"night {night!r} of {suite!r}",
             fix="give both runs the same --night",
         )
-    return GateInputs(fresh=[ReplicateRow.from_dict(row) for row in data["fresh"]], fresh_night=data["night"])
+    return GateInputs(fresh=data["fresh"], fresh_night=data["night"])
 
 
 def check_folder(out: Path) -> None:

@@ -288,9 +288,12 @@ def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
         run_night(wanted)
     reference.mkdir()
     rows = [row.to_dict() for row in read_baseline(accepted.baseline, "tiny").results.rows]
-    night = {"schema": NIGHT_SCHEMA, "suite": "tiny", "night": "another", "fresh": rows}
+    night = {"schema": NIGHT_SCHEMA, "suite": "tiny", "night": "another", "rows": [], "fresh": rows}
     write_json(reference / "night.json", night)
     with pytest.raises(UserError, match="is night 'another'"):
+        run_night(wanted)
+    write_json(reference / "night.json", night | {"fresh": [{"scene": 1}]})
+    with pytest.raises(DamagedFileError, match="rows cannot be used"):
         run_night(wanted)
     write_json(reference / "night.json", night | {"night": wanted.night})
     assert run_night(wanted)["verdict"] == "PASS"

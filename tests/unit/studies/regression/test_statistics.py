@@ -156,7 +156,8 @@ def test_a_night_done_again_replaces_the_first(tmp_path):
     for label in ("2026-11-02", "2026-11-01", "2026-11-02"):
         history.append(path, night(label, 1.0))
     history.append(path, night("2026-11-02", 7.0))
-    path.write_text(path.read_text() + '{"torn')
+    for line in ('{"night": "x", "verdict": "PASS", "levels": {"a": 1}}', '["x"]', '{"torn'):
+        path.write_text(path.read_text() + line + "\n")
     found = history.read(path)
     assert [line["night"] for line in found] == ["2026-11-01", "2026-11-02"]
     assert history.series(found)["fixed method: median nadir error"]["values"] == [1.0, 7.0]
