@@ -129,7 +129,8 @@ def _print_verdict(verdict: dict[str, Any]) -> None:
         print(
             f"step: {step['figure']} from {step['before']:.4g} to {step['after']:.4g} {step['unit']} on {step['night']}"
         )
-    print(f"night {verdict['night']}: {verdict['verdict']}{'' if verdict['complete'] else ', incomplete'}")
+    also = ", incomplete" if verdict["verdict"] == Verdict.FAIL and not verdict["complete"] else ""
+    print(f"night {verdict['night']}: {verdict['verdict']}{also}")
 
 
 def reproduce(
