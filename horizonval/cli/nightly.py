@@ -114,7 +114,8 @@ def _print_verdict(verdict: dict[str, Any]) -> None:
         same = [one for first, one, _ in subjects if first["lane"] == lane]
         if same:
             held = sum(one is Verdict.PASS for one in same)
-            print(f"{lane}: {held} of {len(same)} methods and image sets within their margins")
+            what = "methods hold on other scenes" if lane == "fresh" else "methods and image sets within their margins"
+            print(f"{lane}: {held} of {len(same)} {what}")
     if verdict["published"]:
         same = [one for one in verdict["published"] if one["verdict"] == "PASS"]
         print(f"published systems: {len(same)} of {len(verdict['published'])} figures as accepted")

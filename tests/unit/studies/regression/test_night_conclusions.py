@@ -217,6 +217,8 @@ def test_undecided_fresh_gates_get_more_scenes_and_no_end_of_them(bench: Bench) 
     assert gathered.batches == found["fresh"]["batches"]
     assert (verdicts(found)["fresh"], found["fresh"]["verdict"]) == ("INCONCLUSIVE", "INCONCLUSIVE")
     assert (found["verdict"], found["exit_status"]) == ("PASS", 0), "other scenes stand apart from the facts"
+    false = next(gate for gate in found["gates"] if (gate["lane"], gate["metric"]) == ("fresh", "false_valid"))
+    assert (false["before"], false["now"]) == (0.0, 0.0)
     alone = verdict_of(bench.night(accepted, lanes=("fresh",)), None, None)
     assert (alone["verdict"], alone["exit_status"]) == ("INCONCLUSIVE", 3)
     with_reference = bench.night(accepted)
