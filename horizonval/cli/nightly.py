@@ -103,13 +103,17 @@ def baseline_accept(
 def _print_verdict(verdict: dict[str, Any]) -> None:
     from horizonval.studies.regression.page import published_sentence
     from horizonval.studies.regression.statistics import Verdict
-    from horizonval.studies.regression.words import by_subject, subject_sentence
+    from horizonval.studies.regression.words import by_subject, subject, subject_sentence
 
     subjects = by_subject(verdict["gates"])
-    for word in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.IMPROVED):
+    for word in (Verdict.FAIL, Verdict.IMPROVED):
         for first, one, deciding in subjects:
             if one is word:
                 print(f"{one:12} {subject_sentence(first, deciding)}")
+    undecided = [subject(first) for first, one, _ in subjects if one is Verdict.INCONCLUSIVE]
+    if undecided:
+        more = f" and {len(undecided) - 1} more" if len(undecided) > 1 else ""
+        print(f"{Verdict.INCONCLUSIVE:12} other scenes: too few for {undecided[0]}{more}")
     for lane in ("replay", "rerender", "fresh"):
         same = [one for first, one, _ in subjects if first["lane"] == lane]
         if same:
