@@ -44,7 +44,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from horizonval.core import atomic, memory
+from horizonval.core import atomic, files, memory
 from horizonval.core.errors import DamagedFileError, UserError, excerpt, misfit
 from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import MAP_UNITS, PART_MAP, PART_MAP_UNIT, DetectorImage, FrameTruth, RadianceFrame
@@ -406,6 +406,12 @@ def _refuse_too_large(header: exr_header.Header, path: Path) -> None:
 
 def _decode_pixels(path: Path) -> Channels:
     """Return the separate channels of the first part."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise files.UnreadableFileError(
+            "cannot be read by OpenEXR: its path is not UTF-8", where=str(path), fix="give the folder another name"
+        ) from None
     try:
         with silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: np.ascontiguousarray(channel.pixels) for name, channel in file.channels().items()}

@@ -83,7 +83,7 @@ def _parts_of(opened: Any, size: int, name: str, path: Path) -> list[Part]:
     """Return the pictures in one array by its head, or nothing if it holds none."""
     with opened() as file:
         shape, _, dtype, head = _head(file, path)
-    if dtype.kind not in "buif" or len(shape) not in (2, 3) or 0 in shape:
+    if dtype.kind not in "buif" or len(shape) not in (2, 3) or min(shape) < 1:
         return []
     count = int(np.prod([float(n) for n in shape])) * dtype.itemsize
     if head + count > size:

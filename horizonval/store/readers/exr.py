@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import struct
 from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ Window = tuple[int, int, int, int]
 
 MAGIC = exr_header.MAGIC
 
+_NO_LIGHT = ("Z", "ZBACK", "DEPTH", "ID", "U", "V", "N", "P", "X")
+"""Usual names of channels of geometry: depth, objects, texture, normals, positions."""
 _DEEP = 0x800
 _DEEP_TYPES = ("deepscanline", "deeptile")
 
@@ -45,9 +48,11 @@ def parts(path: Path, camera: Size | None) -> list[Part]:
     for number, header in enumerate(_headers(path)):
         name = header.attributes["name"].text() if "name" in header.attributes else ""
         pictures = _pictures(_channels(header, path))
+        others = [label for label, channels, main in pictures if not main and _is_light(channels)]
+        note = f"its layer without a name is used, not {', '.join(others)}; --part takes another" if others else ""
         for label, channels, main in pictures:
             whole = name if name and len(pictures) == 1 else ".".join(word for word in (name, label) if word)
-            found.append(_part(path, number, header, whole, channels, main, camera))
+            found.append(_part(path, number, header, whole, channels, main, camera, note if main else ""))
     return found
 
 
@@ -96,6 +101,14 @@ def _pictures(channels: dict[str, Size]) -> list[tuple[str, dict[str, Size], boo
     return [(label, {name: channels[name] for name in names}, not whole or not label) for label, names in found]
 
 
+def _is_light(channels: Iterable[str]) -> bool:
+    return any(_base(name) in ("Y", "R") for name in channels)
+
+
+def _base(channel: str) -> str:
+    return channel.rpartition(".")[2].upper()
+
+
 def _part(
     path: Path,
     number: int,
@@ -104,12 +117,13 @@ def _part(
     channels: dict[str, Size],
     main: bool,
     camera: Size | None,
+    note: str,
 ) -> Part:
     data, display = _window(header, "dataWindow", path), _window(header, "displayWindow", path)
     fits_data_only = camera == _size(data) != _size(display)
     view = display if _inside(display, data) and not fits_data_only else data
     is_missing = view != display and camera == _size(display)
-    note = "" if view == display else f"its pixels are {_crop_text(data, display)}; the camera file is taken for them"
+    crop = "" if view == display else f"its pixels are {_crop_text(data, display)}; the camera file is taken for them"
 
     def load() -> Pixels:
         if is_missing:
@@ -117,8 +131,10 @@ def _part(
             raise UserError(what, where=str(path), fix=fix)
         return _load(path, number, channels, data, view)
 
+    is_light = not all(_base(channel) in _NO_LIGHT for channel in channels)
     words = " ".join(channel.rpartition(".")[2] for channel in channels)
-    return Part(*_size(display if is_missing else view), f"EXR, {words}", load, name, main, note=note)
+    size, notes = _size(display if is_missing else view), "; ".join(filter(None, (note, crop)))
+    return Part(*size, f"EXR, {words}", load, name, main, note=notes, is_light=is_light)
 
 
 def _window(header: exr_header.Header, key: str, path: Path) -> Window:

@@ -47,8 +47,8 @@ class Part:
 
     The function returns the whole content of a file of ours.
 
-    ``main`` is False for what accompanies a picture (a thumbnail, a mask). ``orientation`` is that of the EXIF and TIFF
-    tag. ``note`` is an assumption of the reader that the user must see.
+    ``main`` is False for what accompanies a picture (a thumbnail, a mask), ``is_light`` for a depth and the like.
+    ``orientation`` is that of the EXIF and TIFF tag. ``note`` is an assumption of the reader that the user must see.
     """
 
     width: int
@@ -59,6 +59,7 @@ class Part:
     main: bool = True
     orientation: int = 1
     note: str = ""
+    is_light: bool = True
 
 
 def chosen(parts: Sequence[Part], wanted: str | None, path: Path) -> Part:
@@ -73,9 +74,9 @@ def chosen(parts: Sequence[Part], wanted: str | None, path: Path) -> Part:
     named = {part.name if count[part.name] == 1 and part.name else str(n): part for n, part in enumerate(parts, 1)}
     if wanted is None:
         found = {name: part for name, part in named.items() if part.main} or named
-        if len(found) > 1:
-            what = f"holds {len(found)} pictures: {_listed(found)}"
-            raise UserError(what, where=str(path), fix="choose one with --part")
+        if len(found) > 1 or not all(part.is_light for part in found.values()):
+            what = f"holds {len(found)} pictures: " if len(found) > 1 else "holds no light but "
+            raise UserError(f"{what}{_listed(found)}", where=str(path), fix="choose one with --part")
         return next(iter(found.values()))
     if wanted in named:
         return named[wanted]

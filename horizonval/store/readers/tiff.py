@@ -100,7 +100,9 @@ def _parts_of(page: Any, place: tuple[int, int | None], path: Path) -> list[Part
     """Return a page as one part, or one for each sample if their meaning is not stated."""
     separate, depth, height, width, together = page.shaped
     samples = separate * together
-    if not (0 < samples <= _MOST_SAMPLES and height > 0 and width > 0 and depth == 1):
+    if not samples:
+        raise DamagedFileError("holds no image: its pages have no pixels", where=str(path))
+    if not (samples <= _MOST_SAMPLES and height > 0 and width > 0 and depth == 1):
         raise UserError(f"pixels of shape {tuple(page.shaped)}", where=str(path), expected="a flat image")
     photometric = page.tags.valueof(_PHOTOMETRIC)
     colours = _COLOURS.get(-1 if photometric is None else int(photometric), samples)

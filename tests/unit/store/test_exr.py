@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import OpenEXR
 import pytest
 
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.files import UnreadableFileError
 from horizonval.frame import FRAME_SCHEMA, FrameTruth, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.fits import fits_bytes, read_own
@@ -371,3 +373,13 @@ def test_a_frame_without_it_still_reads_and_fits_keeps_it(tmp_path, both_kinds):
     source = read_own(tmp_path / "a.fits")
     assert isinstance(source, RadianceFrame)
     assert_same_energy(source, both_kinds)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
+def test_a_path_that_is_not_utf8_is_named_as_the_cause(tmp_path, make_frame):
+    exr.write_frame(tmp_path / "a.exr", make_frame())
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/n\xff"))
+    folder.mkdir()
+    (tmp_path / "a.exr").rename(folder / "a.exr")
+    with pytest.raises(UnreadableFileError, match="its path is not UTF-8"):
+        exr.read_frame(folder / "a.exr")

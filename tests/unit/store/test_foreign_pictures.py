@@ -275,16 +275,27 @@ def test_windows_of_exr(tmp_path, caplog):
 @pytest.mark.parametrize(
     ("channels", "expected"),
     [
-        ({"depth.Z": F32}, F32),
+        ({"front.half": F32}, F32),
         ({"Y": F32, "RY": F32 * 0, "BY": F32 * 0, "A": F32 * 0 + 1}, F32),
         ({"R": F32, "G": 2 * F32, "B": 3 * F32, "Z": F32}, (0.2126 + 2 * 0.7152 + 3 * 0.0722) * F32),
-        ({"id": A16.astype(np.uint32)}, A16),
+        ({"level": A16.astype(np.uint32)}, A16),
         ({"half": F32.astype(np.float16)}, F32.astype(np.float16)),
     ],
 )
 def test_channels_of_exr(tmp_path, channels, expected):
     OpenEXR.File({"compression": OpenEXR.PIZ_COMPRESSION}, channels).write(str(tmp_path / "a.exr"))
     np.testing.assert_allclose(grey(tmp_path / "a.exr"), expected, rtol=1e-6)
+
+
+def test_a_depth_is_no_picture_and_other_layers_are_named(tmp_path, caplog):
+    path = tmp_path / "a.exr"
+    OpenEXR.File({"compression": OpenEXR.PIZ_COMPRESSION}, {"Z": F32}).write(str(path))
+    with pytest.raises(UserError, match=r"holds no light but Z \(20 x 12, EXR, Z\); choose one with --part$"):
+        read_picture(path)
+    np.testing.assert_array_equal(grey(path, part="Z"), F32)
+    OpenEXR.File({"compression": OpenEXR.PIZ_COMPRESSION}, {"Y": F32, "left.Y": 2 * F32}).write(str(path))
+    np.testing.assert_array_equal(grey(path), F32)
+    assert caplog.messages[-1].endswith("its layer without a name is used, not left; --part takes another")
 
 
 def test_tiles_and_smaller_copies_of_exr(tmp_path):
