@@ -268,6 +268,10 @@ COMMANDS: dict[str, str] = {
     "exported.json": "estimate exported.png --estimator altitude-free",
     "exported.png": "estimate exported.png --estimator altitude-free",
     "exported.fits": "estimate exported.fits --estimator altitude-free",
+    "packed.fits": "estimate packed.fits --camera camera.toml --estimator altitude-free",
+    "image.npy": "estimate image.npy --camera camera.toml --estimator altitude-free",
+    "image.npz": "estimate image.npz --camera camera.toml --estimator altitude-free",
+    "image.csv": "estimate image.csv --camera camera.toml --estimator altitude-free",
 }
 """The file that is damaged, and the command that reads it."""
 

@@ -17,23 +17,15 @@ from horizonval.plugins import registry
 from horizonval.spec.load import Suite
 from horizonval.studies.regression import units
 from horizonval.studies.regression.baseline import FrozenFrame, FrozenImage, Pack
-from horizonval.studies.regression.gates import GateInputs, judge, measure
+from horizonval.studies.regression.gates import judge_images, judge_rows
 from horizonval.studies.regression.images import compare_images
+from horizonval.studies.regression.partners import pairs_of
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.suites.plan import CasePlan, plan_of, units_of
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units import scored
 
 Run = Callable[[str, Any], Any]
-
-
-def gate_tables(*rows: tuple[str, str, str, float, str, str]) -> str:
-    """Return the tables of gates from their names, lanes, metrics, margins, units and reasons."""
-    keys = ("name", "lane", "metric", "margin", "unit", "reason")
-    return "".join(
-        "[[regression.gate]]\n" + "".join(f"{key} = {value!r}\n" for key, value in zip(keys, row, strict=True))
-        for row in rows
-    )
 
 
 SUITE = """
@@ -56,20 +48,14 @@ sobol.ranges = { "sun.zenith_deg" = [10.0, 40.0], "sun.azimuth_deg" = [45.0, 90.
 
 [regression]
 replicates = 1
-""" + gate_tables(
-    ("accuracy", "replay", "nadir_error", 20.0, "arcsec", "five percent of what images of 96 pixels allow"),
-    ("limb", "rerender", "limb_radiance", 1.0, "%", "radiances are known to one percent"),
-    ("disc", "rerender", "disc_radiance", 1.0, "%", "radiances are known to one percent"),
-    ("moved", "rerender", "limb_displacement", 0.1, "px", "sub-pixel edges are good to a tenth of a pixel"),
-    ("noise", "rerender", "noise", 5.0, "%", "data sheets give read noise to two figures"),
-)
+"""
 
 
 def row(scene: str, error: float | None = 10.0, **columns: Any) -> ReplicateRow:
     """Return a row made by hand: a claim with an error, or without one a refusal that was due an answer."""
     plain = {"band": "vis", "replicate": 0, "estimator": "est", "image": "0", "reason": None, "false_valid": False}
     plain |= {"status": "dark" if error is None else "valid", "table": "day", "due": True, "bound_arcsec": None}
-    plain |= {"roll_error_arcsec": None, "pitch_error_arcsec": None}
+    plain |= {"roll_error_arcsec": None, "pitch_error_arcsec": None, "nees_nadir_total": None, "without_sigma": False}
     return ReplicateRow.from_dict({**plain, "scene": scene, "nadir_error_arcsec": error, **columns})
 
 
@@ -165,14 +151,12 @@ class Night:
                 found[case, "vis"] = compare_images(now["table"], now["bands"]["vis"], base, new, frozen)
         return found
 
-    def verdicts(
-        self, lanes: set[str], rows: Any = None, images: Any = None, fresh: Any = None
-    ) -> dict[str, dict[str, Any]]:
-        """Return the gates of some lanes by name, decided together; what is not given has not changed."""
-        base = GateInputs(self.rows, fresh=self.rows, fresh_night="then")
-        now = GateInputs(rows or self.rows, images or {}, fresh or self.rows, "then")
-        gates = [gate for gate in self.suite.regression.gate if gate.lane in lanes] if self.suite.regression else []
-        return {gate["name"]: gate for gate in judge([("accepted", measure(gate, now, base)) for gate in gates])}
+    def failed(self, rows: Any = None, images: Any = None) -> dict[str, set[str]]:
+        """Return the scenes of the metrics that fail, by metric; what is not given has not changed."""
+        assert self.suite.regression is not None
+        gates = judge_rows(self.suite.regression, "replay", pairs_of(rows or self.rows, self.rows), {})
+        gates += judge_images(self.suite.regression, images or {}, {})
+        return {gate["metric"]: set(gate["scenes"]) for gate in gates if gate["verdict"] == "FAIL"}
 
 
 def rendered(path: Path, text: str) -> Night:

@@ -21,6 +21,9 @@ FULL_SCALE = 65535.0
 
 image = cv2.imread(sys.argv[1], cv2.IMREAD_UNCHANGED)
 camera = tomllib.loads(Path(sys.argv[2]).read_text())["camera"]
+# limb_fit.c knows fx, fy, cx and cy only.
+if camera.get("projection", "pinhole") != "pinhole" or any(camera.get("distortion", [])) or camera.get("skew"):
+    sys.exit("limb_fit takes a pinhole without distortion and skew, not this camera")
 prior = tomllib.loads(Path(sys.argv[3]).read_text())["prior"]
 epoch = prior["epoch_utc"]
 attitude = prior["q_cam_from_itrs"]

@@ -23,7 +23,14 @@ from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Observation
 from horizonval.formats.csv_table import CsvTable, read_csv
 from horizonval.formats.lens import read_camera
-from horizonval.geometry.camera import CameraModel, camera_from_spec, check_invertible, field_angles, unproject
+from horizonval.geometry.camera import (
+    CameraModel,
+    camera_from_spec,
+    camera_table,
+    check_invertible,
+    field_angles,
+    unproject,
+)
 from horizonval.jobs.progress import shown
 from horizonval.plugins.program import camera_file
 from horizonval.report.rerun import toml
@@ -45,6 +52,8 @@ def calibrate(
     camera: Camera | None = None,
     known: PriorSpec | None = None,
     *,
+    part: str | int | None = None,
+    orientation: str | None = None,
     progress: bool | Progress = True,
 ) -> tuple[dict[str, Any], str | None]:
     """Return focal length, principal point and mounting from the limbs in the images of a pass.
@@ -57,6 +66,8 @@ def calibrate(
         Initial camera; images of this package carry theirs.
     known : PriorSpec, optional
         Position and attitude with their sigmas; replaces those in the files.
+    part, orientation : optional
+        As for :func:`horizonval.estimate`, for all images.
     progress : bool or Progress
 
     Returns
@@ -66,7 +77,7 @@ def calibrate(
     text : str or None
         The calibrated camera file; None after a refusal.
     """
-    observations = observations_of(images, camera, known)
+    observations = observations_of(images, camera, known, part, orientation)
     with shown(progress, "calibrate", "images") as listener:
         found = calibrate_camera(observations, listener)
     report = report_of(found)
@@ -104,10 +115,15 @@ def images_of(paths: Sequence[Path]) -> list[Path]:
 
 
 def observations_of(
-    paths: Sequence[Path], camera: Camera | None = None, known: PriorSpec | None = None
+    paths: Sequence[Path],
+    camera: Camera | None = None,
+    known: PriorSpec | None = None,
+    part: str | int | None = None,
+    orientation: str | None = None,
 ) -> list[Observation]:
     """Return the observations of a calibration; parameters as for :func:`calibrate`."""
-    return [observation_from(path, limb_ellipsoid.ESTIMATOR, camera, known)[0] for path in images_of(paths)]
+    method = limb_ellipsoid.ESTIMATOR
+    return [observation_from(path, method, camera, known, part, orientation)[0] for path in images_of(paths)]
 
 
 def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:
@@ -116,15 +132,14 @@ def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:
         return {"status": str(found.status), "reason": found.reason}
     sigma, change = found.sigma, found.change
     u, v = sigma[POINT]
+    camera = found.camera
+    table = camera_table(camera)
     return {
         "status": "valid",
         "frames": found.frames,
         "left_out": list(found.left_out),
-        "fx": found.camera.fx,
-        "fy": found.camera.fy,
-        "cx": found.camera.cx,
-        "cy": found.camera.cy,
-        "distortion": list(found.camera.distortion),
+        **{key: table[key] for key in ("fx", "fy", "cx", "cy")},
+        "distortion": list(camera.distortion) if camera.classic else table["distortion"],
         "q_cam_from_body": found.q_cam_from_body.tolist(),
         "focal_length_change_percent": 100.0 * math.expm1(change[FOCAL]),
         "focal_length_sigma_percent": 100.0 * float(sigma[FOCAL]),
@@ -137,15 +152,22 @@ def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:
     }
 
 
-def camera_text(path: Path, camera: str | None = None, base: str | None = None, vignetting: Path | None = None) -> str:
-    """Return the text of a camera file.
+def camera_text(
+    path: Path,
+    camera: str | None = None,
+    base: str | None = None,
+    vignetting: Path | None = None,
+    model: str | None = None,
+    image_circle_deg: float | None = None,
+) -> str:
+    """Return the text of a camera file; comments at its beginning say what was assumed or applied.
 
     Raises ``UserError``: a mistake, with file and key.
 
     Parameters
     ----------
     path : Path
-        Camera file of ROS, Kalibr, OpenCV or MATLAB.
+        Camera file of ROS, Kalibr, OpenCV, Basalt, camodocal or MATLAB.
     camera : str, optional
         Name of one of several cameras in it.
     base : str, optional
@@ -154,10 +176,16 @@ def camera_text(path: Path, camera: str | None = None, base: str | None = None, 
         Table of ``field_deg`` or ``radius_px``, the distance from the principal point along its row, and either
         ``relative_illumination``, the total loss towards the edge, or ``vignetting``, the loss beyond the law of the
         pupil.
+    model : str, optional
+        ``pinhole`` or ``fisheye`` where the file has coefficients without a model.
+    image_circle_deg : float, optional
+        Full angle of the field that the lens fills, where it does not fill the image.
     """
-    found, program = read_camera(path, camera)
+    found, program = read_camera(path, camera, model)
     data: dict[str, Any] = {} if base is None else read_toml(find("camera", base))
     data["camera"] = found.table(f"{program}: {path.name}")
+    if image_circle_deg is not None:
+        data["camera"]["image_circle_deg"] = image_circle_deg
     spec = validate(CameraSpec, data, str(path))
     check_invertible(camera_from_spec(spec.camera), f"{path}: distortion")
     if vignetting is not None:
@@ -169,7 +197,7 @@ def camera_text(path: Path, camera: str | None = None, base: str | None = None, 
         optics["vignetting_deg"], optics["vignetting"] = _vignetting(vignetting, spec)
         validate(CameraSpec, data, str(vignetting))
     # The camera comes first, as in every shipped file.
-    return toml({"camera": data.pop("camera"), **data})
+    return "".join(f"# {note}\n" for note in found.notes) + toml({"camera": data.pop("camera"), **data})
 
 
 def _vignetting(path: Path, spec: CameraSpec) -> tuple[list[float], list[float]]:

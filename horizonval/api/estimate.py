@@ -24,7 +24,7 @@ from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.plugins import registry, supervisor
 from horizonval.plugins.supervisor import Limits
-from horizonval.scoring.bound import bound_of, together
+from horizonval.scoring.bound import NO_BOUND, known_bound
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score, rounded
@@ -70,14 +70,16 @@ def estimate(
     *,
     camera: AnyCamera | None = None,
     prior: AnyPrior | None = None,
+    part: str | int | None = None,
+    orientation: str | None = None,
 ) -> Fit | Refusal:
     """Run one estimator on an image: an attitude, or a refusal with its reason.
 
     Parameters
     ----------
     image : Image, Frame, str, Path, ndarray, or a sequence of them
-        An image or frame; the file of one; a PNG, TIFF or JPEG; pixels of shape (H, W) or (H, W, channels). A method of
-        several heads takes one image or frame for each head.
+        An image or frame; the file of one; another program's picture; pixels of shape (H, W) or (H, W, channels). A
+        method of several heads takes one image or frame for each head.
     estimator : str, Estimator or callable
         A name (:func:`horizonval.list_estimators`), the path of an ONNX file, or a function from an ``Observation`` to
         a ``Fit`` or a ``Refusal``, as it is or wrapped in an ``Estimator``.
@@ -86,6 +88,10 @@ def estimate(
     prior : Prior, str or Path, optional
         What is known in addition to the image, or a file with a table ``[prior]``. Replaces the prior that the image
         carries. A file may state a sigma without a value, which is then sampled about the image's truth.
+    part : str or int, optional
+        The picture of a file that holds several: its name, or its number from 1.
+    orientation : {"stored", "shown"}, optional
+        Whether the camera describes the stored pixels of a file whose tag turns them, or what viewers show.
 
     Raises
     ------
@@ -108,7 +114,7 @@ def estimate(
     ('dark', False)
     """
     method = estimator_of(estimator)
-    return registry.run_safely(method, _observed(image, method, camera, prior)[0])
+    return registry.run_safely(method, _observed(image, method, camera, prior, part, orientation)[0])
 
 
 def estimate_report(
@@ -117,6 +123,8 @@ def estimate_report(
     *,
     camera: AnyCamera | None = None,
     prior: AnyPrior | None = None,
+    part: str | int | None = None,
+    orientation: str | None = None,
 ) -> dict[str, Any]:
     """Run one estimator on an image and return the content of ``horizonval estimate --json``.
 
@@ -124,7 +132,7 @@ def estimate_report(
     :data:`BOUNDS`); the estimator does not receive the truth. Keys that do not apply are None.
     """
     method = estimator_of(estimator)
-    observation, sources = _observed(image, method, camera, prior)
+    observation, sources = _observed(image, method, camera, prior, part, orientation)
     start = time.perf_counter()
     result = registry.run_safely(method, observation)
     return _report(method, result, time.perf_counter() - start, sources, observation.prior)
@@ -281,15 +289,18 @@ def _observed(
     estimator: Estimator,
     camera: AnyCamera | None,
     prior: AnyPrior | None,
+    part: str | int | None,
+    orientation: str | None,
 ) -> tuple[Observation, list[Source]]:
     """Return the observation for an estimator, and the images and frames of this package among the sources."""
     known = prior_from(prior) if isinstance(prior, str | Path) else prior
     if not isinstance(image, Sequence) or isinstance(image, str):
-        return observation_from(image, estimator, None if camera is None else camera_of(camera), known)
+        taken_by = None if camera is None else camera_of(camera)
+        return observation_from(image, estimator, taken_by, known, part, orientation)
     if camera is not None:
         raise UserError("used with several images", where="camera", expected="our own images, which carry theirs")
     pictures = [
-        (str(one) if isinstance(one, str | Path) else f"image {number}", _picture_of(one))
+        (str(one) if isinstance(one, str | Path) else f"image {number}", _picture_of(one, None, part, orientation))
         for number, one in enumerate(image, 1)
     ]
     sources = sources_of_heads(pictures, estimator)
@@ -330,11 +341,16 @@ def sources_of_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estim
 
 
 def observation_from(
-    image: AnyImage, estimator: Estimator, camera: Camera | None = None, known: PriorSpec | Prior | None = None
+    image: AnyImage,
+    estimator: Estimator,
+    camera: Camera | None = None,
+    known: PriorSpec | Prior | None = None,
+    part: str | int | None = None,
+    orientation: str | None = None,
 ) -> tuple[Observation, list[Source]]:
     """Return the observation of one image, and the image if it is of this package; as :func:`estimate`."""
     where = str(image) if isinstance(image, str | Path) else "image"
-    picture = _picture_of(image, camera)
+    picture = _picture_of(image, camera, part, orientation)
     source = picture.source
     if source is None and estimator.needs == "pose":
         raise UserError(
@@ -376,9 +392,13 @@ def observation_from(
     ), [] if source is None else [source]
 
 
-def _picture_of(image: AnyImage, camera: Camera | None = None) -> GreyImage:
+def _picture_of(image: AnyImage, camera: Camera | None, part: str | int | None, orientation: str | None) -> GreyImage:
     if isinstance(image, str | Path):
-        return read_picture(Path(image)) if camera is None else read_picture(Path(image), camera.spec, camera.source)
+        spec, source = (None, "") if camera is None else (camera.spec, camera.source)
+        wanted = None if part is None else str(part)
+        return read_picture(Path(image), spec, source, part=wanted, orientation=orientation)
+    if part is not None or orientation is not None:
+        raise UserError("given for an image that is no file", where="part, orientation", expected="the path of a file")
     if isinstance(image, DetectorImage | RadianceFrame):
         return picture_of_source(image)
     if isinstance(image, np.ndarray) and image.ndim in (2, 3) and image.size and image.dtype.kind in "uif":
@@ -446,6 +466,6 @@ def _bounds(sources: Sequence[Source]) -> dict[str, Any]:
     images = [source for source in sources if isinstance(source, DetectorImage)]
     if not images:
         return {}
-    bound = bound_of(together(images), images[0].truth, images[0].band)
+    bound = known_bound(images, images[0].truth, images[0].band) or NO_BOUND
     values = zip(BOUNDS, (bound.noise_arcsec, bound.known_arcsec), strict=True)
     return {name: rounded(name, value) for name, value in values}

@@ -166,8 +166,10 @@ def render(scene: Scene | str | Path, *, progress: bool | Progress = True) -> Fr
     (32, 32)
     """
     from horizonval.renderer.frame import render_frame
+    from horizonval.sensor.motion import check_scene_turn
 
     resolved = scene_of(scene)
+    check_scene_turn(resolved.spec, resolved.camera.spec)
     with shown(progress) as listener:
         return Frame.of(render_frame(resolved.spec, resolved.camera.spec, listener))
 

@@ -34,18 +34,15 @@ def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Pr
             raise UserError(f"no scene {name!r}", where="SCENE", expected=", ".join(nearest(name, known)))
     chosen = list(names) or known
     halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with shown(progress, "gallery", "scenes") as listener:
-            listener.start(len(chosen), 0, unit="scenes")
-            for name in chosen:
-                for hall, exhibit in _exhibits(name):
-                    halls[hall].append(exhibit)
-                    atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)
-                listener.done(name)
-        return write_gallery(halls["visible"], halls["infrared"], folder)
-    except OSError as e:
-        raise UserError(e.strerror or "cannot be written", where=str(folder), expected="a folder to write to") from e
+    atomic.make_folder(folder)
+    with shown(progress, "gallery", "scenes") as listener:
+        listener.start(len(chosen), 0, unit="scenes")
+        for name in chosen:
+            for hall, exhibit in _exhibits(name):
+                halls[hall].append(exhibit)
+                atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)
+            listener.done(name)
+    return write_gallery(halls["visible"], halls["infrared"], folder)
 
 
 def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:

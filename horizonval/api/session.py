@@ -16,6 +16,7 @@ from horizonval.api.scene import Scene, SceneKeywords, plain, scene_of
 from horizonval.core.errors import UserError
 from horizonval.geometry.pose import turned
 from horizonval.jobs.progress import shown
+from horizonval.spec.detector import Cmos
 from horizonval.spec.pose import ANGLES
 
 if TYPE_CHECKING:
@@ -126,11 +127,9 @@ class Session:
 
         ``attitude``: as of :meth:`frame`. ``exposure_s``: replaces the exposure of the camera's detector. ``seed``,
         ``band``, ``noise``: as of :func:`horizonval.observe`. Raises ``UserError``: as :meth:`frame`, and for a camera
-        without a detector, a band that it lacks, or an invalid exposure.
+        without a detector, a band that it lacks, an invalid exposure, or a rate that no image shows.
         """
-        camera = self.camera
-        if exposure_s is not None:
-            camera = camera.changed(detector={"exposure_s": exposure_s})
+        camera = exposed(self.camera, exposure_s, "Session: exposure_s")
         return observe(self._rendered(attitude, maps=False), seed=seed, band=band, camera=camera, noise=noise)
 
     def move(self, **keywords: Any) -> None:
@@ -162,6 +161,15 @@ class Session:
             with shown(self._progress) as listener:
                 self._viewpoint = viewpoint_of(self.scene.spec, self.camera.spec, listener)
         return self._viewpoint.frame(spec, maps=maps)
+
+
+def exposed(camera: Camera, exposure_s: float | None, where: str) -> Camera:
+    """Return a camera with another exposure, if one is given; ``UserError``, at ``where``: it has no shutter."""
+    if exposure_s is None:
+        return camera
+    if not isinstance(camera.spec.detector, Cmos):
+        raise UserError("set", where=where, expected="none: this camera's detector has no shutter")
+    return camera.changed(detector={"exposure_s": exposure_s})
 
 
 def _keys_of_numbers(attitude: Sequence[float] | NDArray[np.float64], where: str) -> dict[str, Any]:

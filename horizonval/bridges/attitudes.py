@@ -7,14 +7,15 @@ rotation of vectors that scipy makes of the same parameters. ``N`` is ``gcrs``; 
 differ from it by 23 milliarcseconds.
 
 A horizon sensor measures roll and pitch against the local vertical. In a message of claimed attitudes the turn about
-the vertical is the true one, as a remark in it says; a refusal leaves a gap.
+the vertical is the true one, as a remark in it says. A message has one attitude for an instant: it counts the refusals
+and the claims of other scenes, heads and draws that it leaves out.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,9 @@ from scipy.spatial.transform import Rotation
 from horizonval.api.run import open_run
 from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, excerpt, printable
 from horizonval.core.outcome import Outcome
-from horizonval.formats.attitude import aem_text
+from horizonval.formats.aem import aem_text
 from horizonval.frame import FrameTruth
 from horizonval.geometry.orbit import EARTH_RATE_RAD_S
 from horizonval.geometry.rotation import itrs_from_gcrs
@@ -74,15 +75,19 @@ def request_of_state(
     }
 
 
-REMARKS = (
-    "Roll and pitch against the local vertical as {name} claims them; yaw is the exact one.",
-    "Frames that it refused have no line. Axes of the body as in the suite that was run.",
+REMARK = (
+    "Roll and pitch against the local vertical as {name} claims them; yaw is the exact one. Axes of the body as in the "
+    "suite that was run."
 )
+LONGEST_NAMES = 100
+"""Characters of the cases that a message names among those that it leaves out; a line of the format has 254."""
 _UNFIT = re.compile(r"[^A-Za-z0-9._-]+")
 
 
-def write_attitudes(run_folder: Path, store: Store, out: Path) -> list[Path]:
-    """Write the messages of a run into the folder ``out`` and return their paths; ``store`` has the true poses.
+def write_attitudes(run_folder: Path, store: Store, out: Path) -> dict[Path, str]:
+    """Write the messages of a run into the folder ``out``; ``store`` has the true poses.
+
+    Return the path of each message with what it holds and leaves out, as the message itself says.
 
     Raises
     ------
@@ -90,37 +95,50 @@ def write_attitudes(run_folder: Path, store: Store, out: Path) -> list[Path]:
         No results, no claims, or a frame of a result that the archive does not hold.
     """
     columns = "estimator, epoch_utc, roll_deg, pitch_deg, yaw_deg, roll_error_arcsec, pitch_error_arcsec, image_address"
+    claim = f"status = '{Outcome.VALID}' AND roll_error_arcsec IS NOT NULL"
+    results = open_run(run_folder).rows()
     rows = (
-        open_run(run_folder)
-        .rows()
-        .filter(f"status = '{Outcome.VALID}' AND roll_error_arcsec IS NOT NULL")
-        .project(columns)
-        .order("estimator, epoch_utc, image_address")
+        results.filter(claim)
+        .project(columns + ', "case"')
+        .order('estimator, epoch_utc, "case", image_address')
         .fetchall()
     )
     if not rows:
         raise UserError("no estimator claimed an attitude", where=str(run_folder), fix="see its report")
+    asked = dict(results.aggregate("estimator, count(*)").fetchall())
     truths: dict[str, FrameTruth] = {}
-    written = []
+    written: dict[Path, str] = {}
     for name in dict.fromkeys(row[0] for row in rows):
         times: list[datetime] = []
-        quaternions = []
-        for _, epoch, roll, pitch, yaw, roll_error, pitch_error, address in (row for row in rows if row[0] == name):
+        quaternions, left_out = [], []
+        claims = [row for row in rows if row[0] == name]
+        for _, epoch, roll, pitch, yaw, roll_error, pitch_error, address, case in claims:
             time = in_utc(datetime.fromisoformat(str(epoch)))
             if times and time <= times[-1]:
-                # Several heads or draws of one instant: a message has one attitude for each.
+                left_out.append(case)
                 continue
             if address not in truths:
                 truths[address] = exr.read_image(store.path(address)).truth
             claimed = [yaw, pitch + pitch_error / 3600.0, roll + roll_error / 3600.0]
             times.append(time)
             quaternions.append(_claimed_body_from_gcrs(truths[address], time, [yaw, pitch, roll], claimed))
-        remarks = [text.format(name=name) for text in REMARKS]
+        remarks = [REMARK.format(name=name), *_counts(len(times), asked[name] - len(claims), left_out)]
         text = aem_text(times, np.array(quaternions), name="SATELLITE", created_utc=times[-1], comments=remarks)
         path = out / f"attitude-{_UNFIT.sub('_', name)}.aem"
         atomic.write_text(path, text)
-        written.append(path)
+        written[path] = " ".join(remarks[1:])
     return written
+
+
+def _counts(lines: int, refused: int, left_out: Sequence[str]) -> Iterator[str]:
+    """Yield how many claims a message has, and how many frames it leaves out and why."""
+    yield f"Claims in this message: {lines}. Frames without a line because the estimator refused them: {refused}."
+    if left_out:
+        cases = printable(excerpt(", ".join(dict.fromkeys(left_out)), LONGEST_NAMES))
+        yield (
+            f"Claims left out because another scene, head or draw has the line of their instant: {len(left_out)} "
+            f"({cases})."
+        )
 
 
 def _claimed_body_from_gcrs(

@@ -15,7 +15,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any
 
 import cv2
@@ -30,6 +30,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.estimation.prior import Prior
+from horizonval.geometry import clock
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.plugins import registry, supervisor
@@ -135,7 +136,7 @@ class CameraModule(sysModel.SysModel):
 
     def instant(self, nanoseconds: int) -> datetime:
         """Return the instant of a simulation's time, to the microsecond."""
-        return self.epoch_utc + timedelta(microseconds=nanoseconds / 1e3)
+        return clock.utc_at(clock.tai_of(self.epoch_utc) + nanoseconds)
 
     def _publish(self, number: int, image: ServedImage, nanoseconds: int) -> None:
         png = png_of(image.dn, image.full_scale, self._bits)

@@ -16,8 +16,9 @@ topic                           type                           holds
 
 Our camera axes (x right, y down, z forward) are those of an optical frame (REP 103), and Earth-fixed axes are the frame
 ``earth`` (REP 105). Pixels are counted from the centre of the first, as in ``image_geometry``. A pinhole is
-``plumb_bob``, a fisheye ``equidistant``, both with OpenCV's coefficients; the fixed grid of geostationary imagers has
-no model there, and its camera is said to be uncalibrated. Stamps are the epoch, as seconds since 1970 without leap
+``plumb_bob`` (with rational terms ``rational_polynomial``), a fisheye ``equidistant``, all with OpenCV's coefficients;
+the fixed grid of geostationary imagers, unified lenses and thin prism terms have no model there, and such a camera is
+said to be uncalibrated. Stamps are the epoch, as seconds since 1970 without leap
 seconds. The same files give the same bytes.
 """
 
@@ -95,13 +96,10 @@ def write_mcap(path: Path, sources: Iterable[Path], progress: Progress | None = 
         The package is not installed, a file is not one of ours or damaged, or the MCAP file cannot be written.
     """
     writer_class = _writer_class()
-    try:
-        with atomic.replacing(path) as temporary, temporary.open("wb") as stream:
-            writer = writer_class(stream)
-            count = _write_all(writer, sources, progress)
-            writer.finish()
-    except OSError as error:
-        raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
+    with atomic.replacing(path) as temporary, temporary.open("wb") as stream:
+        writer = writer_class(stream)
+        count = _write_all(writer, sources, progress)
+        writer.finish()
     return count
 
 
@@ -185,8 +183,15 @@ def definition_of(name: str) -> str:
     return "\n".join([_MESSAGES[name], *(f"{_LINE}\nMSG: {part}\n{_PARTS[part]}" for part in found)]) + "\n"
 
 
+def _model_of(camera: CameraModel) -> tuple[str, int]:
+    """Return ROS's name of a distortion with its number of coefficients; no name for a lens that ROS cannot state."""
+    if camera.projection == "pinhole" and len(camera.distortion) > 5:
+        return ("", 0) if any(camera.distortion[8:]) else ("rational_polynomial", 8)
+    return MODELS.get(camera.projection, ("", 0))
+
+
 def _camera_info(camera: CameraModel, header: dict[str, Any]) -> dict[str, Any]:
-    model, count = MODELS.get(camera.projection, ("", 0))
+    model, count = _model_of(camera)
     known = 1.0 if model else 0.0
     fx, fy, cx, cy = (known * x for x in (camera.fx, camera.fy, camera.cx, camera.cy))
     return {
@@ -195,9 +200,9 @@ def _camera_info(camera: CameraModel, header: dict[str, Any]) -> dict[str, Any]:
         "width": camera.width,
         "distortion_model": model,
         "d": list(camera.distortion[:count]),
-        "k": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, known],
+        "k": [fx, fx * camera.skew, cx, 0.0, fy, cy, 0.0, 0.0, known],
         "r": (known * np.eye(3)).ravel().tolist(),
-        "p": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, known, 0.0],
+        "p": [fx, fx * camera.skew, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, known, 0.0],
         "binning_x": 0,
         "binning_y": 0,
         "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},

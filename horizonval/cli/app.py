@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import sys
@@ -21,6 +22,7 @@ from horizonval.cli.run import check, report, run, study
 from horizonval.cli.serving import serve, view
 from horizonval.core.environment import settle_libraries
 from horizonval.core.errors import UserError, printable
+from horizonval.core.files import begin_command
 from horizonval.jobs.pool import hush, sign_of_life
 
 COMPLETION = "_HORIZONVAL_COMPLETE"
@@ -79,6 +81,7 @@ def _command_name(arguments: list[str]) -> str:
 
 def run_command_line(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
+    begin_command()
     try:
         status = app(arguments or ["--help"], prog_name="horizonval", standalone_mode=False)
         sys.stdout.flush()
@@ -90,7 +93,8 @@ def run_command_line(arguments: list[str]) -> int:
         return 0
     except OSError as e:
         parts = (e.filename and os.fsdecode(e.filename), e.strerror or e)
-        return _fail(printable(": ".join(str(part) for part in parts if part)))
+        more = "; raise the limit (ulimit -n)" if e.errno in (errno.EMFILE, errno.ENFILE) else ""
+        return _fail(printable(": ".join(str(part) for part in parts if part)) + more)
     except Exception as e:
         # The parser's own errors (unknown option, missing argument) have this method; anything else is a defect.
         if hasattr(e, "format_message"):

@@ -10,6 +10,7 @@ import typer
 
 from horizonval.cli.options import ALL, EntryOptions, Json, Workers, estimators, selects
 from horizonval.cli.output import print_json, print_summary, resumable, watched
+from horizonval.core import atomic
 from horizonval.core.errors import UserError, command_line, printable
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
@@ -168,8 +169,8 @@ def archive_export(
     run_folder = None if store is None else run_folder_of(store.root)
     if aem and (store is None or run_folder is None):
         raise UserError("no run", where="--aem", expected="the folder of a run, which knows what was claimed")
-    out.mkdir(parents=True, exist_ok=True)
-    count = 0
+    atomic.make_folder(out)
+    count, messages = 0, dict[Path, str]()
     with watched("exporting") as progress:
         progress.start(len(paths) * (each + mcap), 0)
         for path in paths if each else []:
@@ -179,10 +180,13 @@ def archive_export(
             write_masks(out / "masks.json", paths)
             count += 1
         if aem and store is not None and run_folder is not None:
-            count += len(write_attitudes(run_folder.root, store, out))
+            messages = write_attitudes(run_folder.root, store, out)
+            count += len(messages)
         if mcap:
             write_mcap(out / f"{source.stem if source.is_file() else 'archive'}.mcap", paths, progress)
             count += 1
+    for message, held in messages.items():
+        print(printable(f"{message}: {held}"))
     print(f"{out}: {count} files of {len(paths)} {'entry' if len(paths) == 1 else 'entries'}")
 
 

@@ -10,7 +10,7 @@ import typer
 
 from horizonval.cli.options import Dask, Json, Shard, Workers, estimators, files, shipped
 from horizonval.cli.output import print_json, print_result, resumable
-from horizonval.core.errors import UserError, printable
+from horizonval.core.errors import UserError, excerpt, printable
 
 bench_app = typer.Typer(help="The benchmark of horizon sensing: make, run, score.", rich_markup_mode=None)
 
@@ -30,17 +30,17 @@ def bench_make(
     """Render the frames: the public ones, or sealed ones of a passphrase. The same command resumes."""
     from horizonval.core.files import read_bytes
     from horizonval.studies.bench.frames import sealed_seed
-    from horizonval.studies.bench.submissions import make_frames
+    from horizonval.studies.bench.submissions import LONGEST_PASSPHRASE, make_frames
 
     seed = None
     if passphrase_file is not None:
         try:
-            text = read_bytes(passphrase_file, largest=4096, expected="a passphrase").decode()
+            text = read_bytes(passphrase_file, largest=LONGEST_PASSPHRASE, expected="a passphrase").decode()
         except UnicodeDecodeError:
             raise UserError("is no text", where=str(passphrase_file), expected="a passphrase in UTF-8") from None
         seed = sealed_seed(text)
     with resumable("bench", "frames") as progress:
-        head = make_frames(out, seed, frames_per_cell, workers, progress)
+        head = make_frames(out, seed, frames_per_cell, workers, progress, passphrase_file)
     made = (f"{out / g}: {head[g]['images']} images, digest {head[g]['images_sha256']}" for g in ("frames", "heads"))
     print_result(head, as_json, [*made, f"commitment {head['commitment']}"])
 
@@ -58,11 +58,13 @@ def bench_run(
     memory_limit: Annotated[int, typer.Option(min=64, metavar="MB", help="Of one submission.")] = 4096,
     contain: Annotated[
         bool,
-        typer.Option(help="Hide the folder from plug-ins and programs, and cut their network; Linux can."),
+        typer.Option(help="Plug-ins and programs see no frames and no network, and write nowhere; Linux can."),
     ] = True,
     workers: Workers = None,
 ) -> int:
     """Run submissions on the frames, each in a separate process. The same command resumes."""
+    from pydantic import ValidationError
+
     from horizonval.jobs.pool import available_cpus
     from horizonval.plugins.supervisor import Limits, can_hide
     from horizonval.spec.suite import ProgramSpec
@@ -71,9 +73,14 @@ def bench_run(
     programs = []
     for text in program or ():
         name, _, command = text.partition("=")
-        if not name or not command:
-            raise UserError(f"found {text!r}", where="--program", expected="NAME=COMMAND")
-        programs.append(ProgramSpec(name=name, command=command))
+        try:
+            programs.append(ProgramSpec(name=name, command=command))
+        except ValidationError:
+            raise UserError(
+                f'found "{excerpt(text)}"',
+                where="--program",
+                expected="NAME=COMMAND, the name of letters, digits, dots, dashes and underscores",
+            ) from None
     names = [*(estimator or ()), *(spec.name for spec in programs)]
     if not names:
         raise UserError("which submission?", where="bench run", expected="--estimator, --program or several")

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from horizonval.cli.options import CameraName, Json, PriorFile, estimators, shipped
-from horizonval.cli.output import check_target, print_json, print_result, watched
+from horizonval.cli.options import CameraName, Json, Orientation, Part, PriorFile, estimators, shipped
+from horizonval.cli.output import check_target, print_json, print_result, watched, written
 from horizonval.core import atomic
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, printable
 
 if TYPE_CHECKING:
     from horizonval.spec.camera import CameraSpec
@@ -55,10 +55,11 @@ def observe(
     if todo[0].path.parent == Path(out):
         Path(out).mkdir(exist_ok=True)
     for plan in todo:
-        check_target(plan.path, frame)
+        check_target(plan.path)
     for plan in todo:
         image = stored.observe(plan.seed, band=plan.band, camera=hv.Camera(plan.camera(seen_by.spec)))
-        write_image(plan.path, informed(image, stored))
+        with written(plan.path) as path:
+            write_image(path, informed(image, stored))
         size = f"{image.dn.shape[1]} x {image.dn.shape[0]}"
         print(f"{plan.path}: band {image.band}, seed {plan.seed}, {size}, full scale {image.full_scale}")
 
@@ -74,11 +75,8 @@ def sheet(
     from horizonval.report.pictures import contact_sheet, tiles_of
 
     tiles = tiles_of(images)
-    check_target(out)
-    for image in images:
-        if image.is_file():
-            check_target(out, image)
-    atomic.write_bytes(out, contact_sheet(tiles, columns))
+    with written(out) as path:
+        atomic.write_bytes(path, contact_sheet(tiles, columns))
     print(f"{out}: {len(tiles)} images")
 
 
@@ -112,7 +110,8 @@ def estimate(
     image: Annotated[
         list[Path],
         typer.Argument(
-            help="EXR, PNG, TIFF, JPEG, FITS; of several a line each, or for a method of several heads one for each."
+            help="EXR, PNG, TIFF, JPEG, FITS, NumPy, CSV; of several a line each, or for a method of several heads "
+            "one for each."
         ),
     ],
     estimator: Annotated[
@@ -125,6 +124,8 @@ def estimate(
         typer.Option(metavar="FILE", help="Suite or study whose [[estimator]] table the estimator is: a program."),
     ] = None,
     prior: PriorFile = None,
+    part: Part = None,
+    orientation: Orientation = None,
     as_json: Json = False,
 ) -> int:
     """One estimator on any image, also a real photograph; with the error of the answer for our own files.
@@ -139,9 +140,13 @@ def estimate(
     method = estimator_of(estimator, suite)
     taken_by = hv.Camera.from_file(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
+
+    def report_of(images: Path | list[Path]) -> dict[str, Any]:
+        return estimate_report(images, method, camera=taken_by, prior=known, part=part, orientation=orientation)
+
     if len(image) > 1 and method.needs != "heads":
-        return _each(image, lambda path: estimate_report(path, method, camera=taken_by, prior=known), as_json)
-    report = estimate_report(image[0] if len(image) == 1 else image, method, camera=taken_by, prior=known)
+        return _each(image, report_of, as_json)
+    report = report_of(image[0] if len(image) == 1 else image)
     if as_json:
         print_json(report)
         return 0
@@ -206,6 +211,8 @@ def calibrate(
     ] = None,
     camera: CameraName = None,
     prior: PriorFile = None,
+    part: Part = None,
+    orientation: Orientation = None,
     as_json: Json = False,
 ) -> int:
     """Focal length, principal point and mounting from the limbs in the images of a pass.
@@ -222,15 +229,16 @@ def calibrate(
     believed = hv.Camera.from_file(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
     with watched("calibrate", "images") as progress:
-        report, text = calibrated(images, believed, known, progress=progress)
+        report, text = calibrated(images, believed, known, part=part, orientation=orientation, progress=progress)
     if out is not None and text is not None:
-        atomic.write_text(out, text)
+        with written(out) as path:
+            atomic.write_text(path, text)
     print_result(report, as_json, (f"{key:28} {value}" for key, value in report.items()))
     return 0 if text is not None else 1
 
 
 def camera(
-    file: Annotated[Path, typer.Argument(help="ROS camera_info, Kalibr camchain, OpenCV or MATLAB (JSON) file.")],
+    file: Annotated[Path, typer.Argument(help="File of ROS, OpenCV, Kalibr, Basalt, camodocal or MATLAB (JSON).")],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Camera file to write; without, it is printed.")
     ] = None,
@@ -245,7 +253,13 @@ def camera(
         typer.Option(metavar="CSV", help="Table of field_deg or radius_px, and relative_illumination or vignetting."),
     ] = None,
     name: Annotated[
-        str | None, typer.Option("--camera", help="Of several cameras in one file of Kalibr, as cam0.")
+        str | None, typer.Option("--camera", help="Of several cameras in one file, as cam0 (Kalibr) or 1 (M1).")
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="pinhole or fisheye, where the file has coefficients without a model.")
+    ] = None,
+    image_circle_deg: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Full angle that the lens fills, if not the whole image.")
     ] = None,
 ) -> None:
     """Convert the camera file of a calibration program: the exact lens, or why it cannot be represented.
@@ -255,12 +269,16 @@ def camera(
     from horizonval.api.calibrate import camera_text
 
     if out is not None:
-        check_target(out, file)
-    text = camera_text(file, name, base, vignetting)
+        check_target(out)
+    text = camera_text(file, name, base, vignetting, model, image_circle_deg)
+    for line in text.splitlines():
+        if line.startswith("# "):
+            print(printable(f"horizonval: note: {file}: {line[2:]}"), file=sys.stderr)
     if out is None:
         print(text, end="")
     else:
-        atomic.write_text(out, text)
+        with written(out) as path:
+            atomic.write_text(path, text)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.options import Json, kinds_of_files, lists, shipped
-from horizonval.cli.output import print_result, watched
+from horizonval.cli.output import check_target, print_result, watched, written
 from horizonval.core.errors import UserError
 
 
@@ -96,9 +96,11 @@ def templates(
     from horizonval.api.estimate import mission_table
     from horizonval.tables.mission import write_table
 
+    check_target(output)
     with watched("marching the air" if air else "cutting") as progress:
         made = mission_table(target, band, error, air, clear, progress)
-    write_table(made, output)
+    with written(output) as path:
+        write_table(made, path)
     a, b, k, h = made.cut.table.modes.shape
     facts = {
         "band": made.band.name,

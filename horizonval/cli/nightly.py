@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -44,22 +45,30 @@ def regress(
     """Nightly verdict: is anything worse than the accepted baseline or the last release?
 
     Writes verdict.json, junit.xml and index.html. `--lane replay` alone is quick enough for every change. Exit status
-    0 pass (or improved), 1 regression, 2 incomplete (no baseline, failed frames, wrong use), 3 inconclusive.
+    0 pass (or improved), 1 regression, 2 incomplete (no baseline, something of it missing, failed frames, wrong use), 3
+    inconclusive (`--lane fresh` alone).
     """
     from horizonval.api.run import DryRun as Counted
     from horizonval.api.run import regress as run_night
 
-    with interruptible(kept="units"):
-        verdict = run_night(
-            suite,
-            out,
-            baseline=baseline,
-            lanes=lane,
-            night=night,
-            reference=reference,
-            workers=workers,
-            dry_run=dry_run,
-        )
+    try:
+        with interruptible(kept="units"):
+            verdict = run_night(
+                suite,
+                out,
+                baseline=baseline,
+                lanes=lane,
+                night=night,
+                reference=reference,
+                workers=workers,
+                dry_run=dry_run,
+            )
+    except (UserError, OSError):
+        raise
+    except Exception:
+        # Exit status 1 means that something became worse; a defect of the program is something else.
+        traceback.print_exc()
+        return 2
     if isinstance(verdict, Counted):
         print_dry_run(verdict, as_json)
         return 0
@@ -77,32 +86,43 @@ def baseline_accept(
     reason: Annotated[str, typer.Option(help="Why the results are right, for whoever reviews the change.")],
     baseline: BaselineFile = None,
     release: Annotated[bool, typer.Option("--release", help="Also as the last release's.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Also with methods that claim falsely or crash in nearly every image.")
+    ] = False,
 ) -> None:
-    """Make a night the accepted baseline, and write the table of changes."""
+    """Make a night the accepted baseline, and write the table of changes and of what the acceptance covers."""
     from horizonval.api.run import baseline_of
-    from horizonval.store.folder import read_json
     from horizonval.studies.regression.accept import accept
+    from horizonval.studies.regression.night import read_night
 
-    name = (read_json(run / "night.json") or {}).get("suite", "nightly")
-    for path in accept(run, baseline or baseline_of(name), reason, release=release):
+    file = baseline or baseline_of(read_night(run)["suite"])
+    for path in accept(run, file, reason, release=release, yes=yes):
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
 
 
 def _print_verdict(verdict: dict[str, Any]) -> None:
-    from horizonval.studies.regression.gates import gate_sentence
     from horizonval.studies.regression.page import published_sentence
+    from horizonval.studies.regression.statistics import Verdict
+    from horizonval.studies.regression.words import by_subject, subject_sentence
 
-    for gate in verdict["gates"]:
-        print(f"{gate['verdict']:12} {gate['name']} ({gate['against']}): {gate_sentence(gate)}")
+    subjects = by_subject(verdict["gates"])
+    for word in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.IMPROVED):
+        for first, one, deciding in subjects:
+            if one is word:
+                print(f"{one:12} {subject_sentence(first, deciding)}")
+    for lane in ("replay", "rerender", "fresh"):
+        same = [one for first, one, _ in subjects if first["lane"] == lane]
+        if same:
+            held = sum(one is Verdict.PASS for one in same)
+            print(f"{lane}: {held} of {len(same)} methods and image sets within their margins")
     if verdict["published"]:
-        same = sum(one["verdict"] == "PASS" for one in verdict["published"])
-        print(
-            f"{'PASS' if same == len(verdict['published']) else 'FAIL':12} published systems: {same} of "
-            f"{len(verdict['published'])} figures as accepted"
-        )
+        same = [one for one in verdict["published"] if one["verdict"] == "PASS"]
+        print(f"published systems: {len(same)} of {len(verdict['published'])} figures as accepted")
     for one in verdict["published"]:
         if one["verdict"] != "PASS":
             print(f"{one['verdict']:12} system {one['system']}, {one['name']}: {published_sentence(one)}")
+    for note in verdict["notes"]:
+        print(f"note: {note}")
     for problem in verdict["problems"]:
         print(f"problem: {problem}")
     for step in verdict["trend"]:

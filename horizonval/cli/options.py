@@ -126,6 +126,17 @@ PriorFile = Annotated[
         autocompletion=files(".toml"),
     ),
 ]
+Part = Annotated[
+    str | None,
+    typer.Option(metavar="NAME|N", help="The picture of a file of several: page, part, layer, plane or array."),
+]
+Orientation = Annotated[
+    str | None,
+    typer.Option(
+        metavar="stored|shown",
+        help="What the camera file describes if a picture's tag turns it: the stored pixels, or what viewers show.",
+    ),
+]
 Merge = Annotated[
     list[Path] | None,
     typer.Option("--merge", metavar="DIR", help="Take over the results of another folder; repeatable."),

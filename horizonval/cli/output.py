@@ -3,28 +3,50 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
+from horizonval.core.files import is_input, kind_at
 
 if TYPE_CHECKING:
     from horizonval.api.run import DryRun
     from horizonval.jobs.progress import Terminal
 
 
-def check_target(out: Path, source: Path | None = None) -> None:
-    """Refuse an unwritable file before the work."""
+def check_target(out: Path) -> None:
+    """Refuse an unwritable file before the work, and one that the command has read until now."""
     if not out.parent.is_dir():
         raise UserError("no such folder", where=str(out.parent), fix="create it first")
-    if out.is_dir():
-        raise UserError("is a folder", where=str(out), expected="the path of a file")
-    if source is not None and out.exists() and out.samefile(source):
-        raise UserError("input and output are the same file", where=str(out))
+    kind = kind_at(out, links=True)
+    if kind in ("a folder", "a socket", "no file"):
+        raise UserError(f"is {kind}", where=str(out), expected="the path of a file")
+    if is_input(out):
+        raise UserError("is read by this command, which would replace it", where=str(out), fix="name another file")
+
+
+@contextmanager
+def written(out: Path) -> Iterator[Path]:
+    """Give the path to write an output to, the only way in which commands write the file that ``-o`` names.
+
+    A file is replaced when it is complete, at the end of the link if ``out`` is one, and never where the command has
+    read it. A device or a pipe stays: the complete output goes into it as a stream.
+    """
+    check_target(out)
+    if kind_at(out, links=True) in ("", "a file"):
+        yield Path(os.path.realpath(out)) if out.is_symlink() else out
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        whole = Path(folder, out.name)
+        yield whole
+        atomic.pour(whole, out)
 
 
 def check_folder(out: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from horizonval.cli.options import SceneName, shipped
-from horizonval.cli.output import check_folder, check_target
+from horizonval.cli.output import check_folder, check_target, written
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -113,7 +113,8 @@ def radiance(
 
     check_target(out)
     table, values = along_rays(rays, atmosphere, orders=orders, thermal=thermal, refraction=refraction)
-    write_radiance(out, table, values)
+    with written(out) as path:
+        write_radiance(path, table, values)
     print(f"{out}: {len(table.rows)} rays, bands {', '.join(values)}")
 
 
@@ -131,7 +132,8 @@ def gallery(
 
 
 def _write_frame(out: Path, frame: Frame, start: float) -> None:
-    frame.save(out)
+    with written(out) as path:
+        frame.save(path)
     height, width = next(iter(frame.radiance.values())).shape
     counts = frame.render.get("spectral_nodes", {})
     bands = ", ".join(f"{band} ({counts[band]} spectral nodes)" if band in counts else band for band in frame.radiance)

@@ -17,7 +17,7 @@ import numpy as np
 
 from horizonval.core import atomic, files, sealed
 from horizonval.core.environment import warn_once
-from horizonval.core.errors import DamagedFileError, UserError, printable
+from horizonval.core.errors import DamagedFileError, UserError, misfit, printable
 
 LARGEST = 1 << 34
 """Size of a file that is kept [bytes]."""
@@ -85,10 +85,10 @@ def is_intact(path: Path) -> bool:
 
 def _keep(path: Path, data: bytes) -> None:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic.make_folder(path.parent)
         atomic.write_bytes(path, data)
-    except OSError as error:
-        warn_once(f"{path.parent} cannot be written ({error.strerror})")
+    except atomic.WriteError as error:
+        warn_once(f"{path.parent} cannot be written ({error.reason})")
 
 
 def _cached(path: Path) -> bytes | None:
@@ -118,4 +118,4 @@ def _arrays(data: bytes, path: Path) -> dict[str, np.ndarray]:
         with np.load(io.BytesIO(data[: -len(sealed.TRAILER)]), allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (ValueError, NotImplementedError) as error:  # Its bytes are those that were written, by another numpy.
-        raise DamagedFileError(f"cannot be read as arrays ({error})", where=str(path)) from error
+        raise DamagedFileError(f"{misfit(error)}, and cannot be read as arrays", where=str(path)) from error

@@ -205,6 +205,15 @@ def one_line(error: BaseException) -> str:
     return printable(" ".join(f"{type(error).__name__}{place}: {error}".split()))
 
 
+def misfit(error: Exception) -> str:
+    """Return what is wrong with content that is intact and yet not what this version writes, without Python's words."""
+    if isinstance(error, UserError):
+        return str(error)
+    if isinstance(error, KeyError) and error.args:
+        return f"has no {printable(excerpt(str(error.args[0])))!r}"
+    return "has another form, as another version writes it"
+
+
 def nearest(name: str, names: Iterable[str]) -> list[str]:
     """Return all of ``names``, the most similar to ``name`` first (capitals do not count); ties in given order."""
     name_lower = name.lower()

@@ -60,6 +60,25 @@ class UnreadableFileError(UnfitFileError):
     """A regular file, perhaps, but the system does not let it be read."""
 
 
+_inputs: set[tuple[int, int]] | None = None
+"""Device and inode of every file that the running command has read; None outside of commands."""
+
+
+def begin_command() -> None:
+    """Remember from now on which files are read, for :func:`is_input`; what was read before is forgotten."""
+    global _inputs
+    _inputs = set()
+
+
+def is_input(path: str | os.PathLike[str]) -> bool:
+    """Whether the running command has read the file at a path, by whatever name: another spelling, a link, its case."""
+    try:
+        status = os.stat(path)
+    except (OSError, ValueError):
+        return False
+    return (status.st_dev, status.st_ino) in (_inputs or ())
+
+
 def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
     """Return what is at a path, without opening it: of a link itself, or with ``links`` of its target.
 
@@ -120,6 +139,8 @@ def open_file(
     except (OSError, ValueError, UnfitFileError) as error:
         file.close()
         raise error if isinstance(error, UnfitFileError) else _error_of(error, path, expected) from None
+    if _inputs is not None:
+        _inputs.add((status.st_dev, status.st_ino))
     return file
 
 

@@ -2,9 +2,9 @@
 
 A camera may have errors of its focal length, its principal point and its radial distortion. The distortion's error is
 given at the image's farthest corner. With ``r`` the corner's position without distortion in normalised coordinates (of
-a fisheye the angle from the boresight)::
+a fisheye the angle from the boresight), and q the denominator of a rational distortion there (else 1)::
 
-    dk1 = error_px / (f r^3)
+    dk1 = error_px q / (f r^3)
 
 A method treats its camera as exact, so that its covariance is that of the image. Where the calibration states standard
 deviations, each is an unknown with a prior, independent of the others and of every other head's. With ``n(c)`` the
@@ -32,7 +32,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Calibration, Fit, Observation
+from horizonval.geometry import brown
 from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.spec.camera import unified_radius
 
 
 def miscalibrated(
@@ -70,22 +72,29 @@ def k1_per_px(camera: CameraModel) -> float:
         raise UserError(
             "the projection equal_angle has no distortion",
             where="calibration: distortion_error_px, distortion_sigma_px",
-            expected="a pinhole or a fisheye",
+            expected="a pinhole, a fisheye or a unified lens",
         )
     u = max((-0.5, camera.width - 0.5), key=lambda place: abs(place - camera.cx))
     v = max((-0.5, camera.height - 0.5), key=lambda place: abs(place - camera.cy))
-    if camera.projection == "fisheye" and camera.image_circle_rad is not None:
-        radius = camera.image_circle_rad
+    if camera.wide and camera.image_circle_rad is not None:
+        angle = camera.image_circle_rad
     else:
         x, y, z = unproject(replace(camera, image_circle_rad=None), np.array([u, v]))
-        radius = math.atan2(math.hypot(x, y), z) if camera.projection == "fisheye" else math.hypot(x, y) / z
+        angle = math.atan2(math.hypot(x, y), z)
+    if camera.projection == "pinhole":
+        radius = math.hypot(x, y) / z
+    elif camera.projection == "unified":
+        radius = (1.0 + camera.shape[0]) * float(unified_radius(angle, camera.shape))
+    else:
+        radius = angle
     if not (math.isfinite(radius) and radius > 0.0):
         raise UserError(
             "the image's farthest corner has no direction",
             where="calibration: distortion_error_px, distortion_sigma_px",
             expected="a camera whose distortion is one to one over the image",
         )
-    return 1.0 / (math.sqrt(camera.fx * camera.fy) * radius**3)
+    denominator = 1.0 if camera.projection == "fisheye" else brown.denominator(camera.distortion, radius)
+    return denominator / (math.sqrt(camera.fx * camera.fy) * radius**3)
 
 
 Run = Callable[[Observation], Fit | Refusal]

@@ -136,6 +136,8 @@ def _ask(session: InferenceSession, observation: Observation) -> Fit | Refusal:
         )
     if observation.full_scale is None:
         return Refusal(Outcome.BAD_INPUT, "the model takes digital numbers over full scale, which the image has not")
+    if "camera" in asked and not observation.camera.classic:
+        return Refusal(Outcome.BAD_INPUT, "the model takes five coefficients, which cannot state this camera's lens")
     inputs = {"image": (observation.image / observation.full_scale).astype(np.float32)[None, None]}
     if "camera" in asked:
         inputs["camera"] = np.array([_camera_vector(observation)], dtype=np.float32)

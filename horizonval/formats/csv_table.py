@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,11 +39,14 @@ class CsvTable:
         return f"{self.path}: line {self.lines[row]}, column {column}"
 
 
-def read_csv(path: Path, *alternatives: tuple[str, ...], texts: tuple[str, ...] = ()) -> CsvTable:
+def read_csv(
+    path: Path, *alternatives: tuple[str, ...], texts: tuple[str, ...] = (), like: re.Pattern[str] | None = None
+) -> CsvTable:
     """Return the table in a file; UserError names file, line and column.
 
     ``alternatives`` are the sets of columns that it may have, in any order. The first that fits is read, without other
-    columns. ``texts`` are those of them that are not numbers.
+    columns. ``texts`` are those of them that are not numbers. Columns that are given twice, belong to another set, or
+    match ``like`` and belong to none are refused, since they may be meant as others.
     """
     expected = " or ".join(", ".join(names) for names in alternatives)
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected=f"a table of {expected}")
@@ -56,6 +60,18 @@ def read_csv(path: Path, *alternatives: tuple[str, ...], texts: tuple[str, ...] 
     if wanted is None:
         found = ", ".join(excerpt(name) for name in header) or "nothing"
         raise UserError(f"columns {found}", where=str(path), expected=expected)
+    twice = next((name for name in header if name in wanted and header.count(name) > 1), None)
+    if twice is not None:
+        raise UserError(f"column {twice} is given twice", where=str(path), expected=expected)
+    others = {name for names in alternatives for name in names} - set(wanted)
+    stray = next((n for n in header if n in others or (like and n not in wanted and like.match(n))), None)
+    if stray is not None:
+        raise UserError(
+            f"column {excerpt(stray)}, which does not go with {', '.join(wanted)}",
+            where=str(path),
+            expected=expected,
+            fix="correct its name, or leave it out",
+        )
     if len(rows) < 2:
         raise UserError("no rows", where=str(path), expected="a line of values for each row")
     lines = [line for line, _ in rows[1:]]

@@ -100,16 +100,11 @@ def write_radiance(path: Path, table: RayFile, radiance: dict[str, FloatArray]) 
     for name in added:
         if name in table.header:
             raise UserError(f"the table has a column {name} already", where=str(path), fix="rename that column")
-    try:
-        with atomic.replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*table.header, *added])
-            for i, row in enumerate(table.rows):
-                writer.writerow([*row, *(repr(float(values[i])) for values in added.values())])
-    except OSError as e:
-        raise UserError(
-            e.strerror or "cannot be written", where=str(path), expected="a file that can be written"
-        ) from e
+    with atomic.replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*table.header, *added])
+        for i, row in enumerate(table.rows):
+            writer.writerow([*row, *(repr(float(values[i])) for values in added.values())])
 
 
 def _vectors(path: Path, header: list[str], lines: list[tuple[int, list[str]]], names: tuple[str, ...]) -> FloatArray:

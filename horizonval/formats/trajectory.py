@@ -9,9 +9,6 @@ An interval in which the polynomial may be more than 100 m off is a gap, and pos
 the remainder of interpolation for a circular orbit: in low orbit the largest steps are 16 minutes with velocities and 8
 without, near the ends of a piece 14 and 6.
 
-* **Orbit ephemeris messages** (CCSDS 502.0-B), KVN and XML, are read by the library ``oem``. They are interpolated as
-  above, whatever method they name; states outside the usable span serve for that alone. Covariances are not read.
-* **Orbit mean-elements messages** (CCSDS 502.0-B), KVN and XML, hold the elements of SGP4 with all their digits.
 * **Tables of text.** An orbit has ``time_utc`` and ``x_gcrs_km``, ``y_gcrs_km``, ``z_gcrs_km``, or the same with
   ``itrs``; with ``vx_gcrs_km_s`` and so on the velocities. An attitude has ``time_utc`` and ``q_body_from_gcrs_x``,
   ``_y``, ``_z``, ``_w`` (the scalar), or the same with ``itrs``.
@@ -24,10 +21,10 @@ from __future__ import annotations
 
 import contextlib
 import math
-import warnings
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -35,36 +32,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import KroghInterpolator
-from sgp4 import omm
-from sgp4.api import SGP4_ERRORS, Satrec
+from scipy.spatial.transform import Rotation
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
-from horizonval.formats.attitude import AttitudeHistory, Axes, attitudes_of, axes_of, states_in_gcrs
-from horizonval.formats.ccsds import (
-    MAX_FILE_BYTES,
-    Coverage,
-    check_earth,
-    check_utc,
-    coverage_of,
-    is_xml,
-    lines_of,
-    needed,
-    outside,
-    seconds_after,
-    together,
-    utc_of,
-    xml_of,
-)
+from horizonval.core.errors import UserError, excerpt
+from horizonval.formats import contradiction
+from horizonval.formats.attitude import AttitudeHistory, Axes, attitudes_of, states_in_gcrs
+from horizonval.formats.coverage import Coverage, coverage_of, outside, together
 from horizonval.formats.csv_table import CsvTable, read_csv
-from horizonval.geometry.orbit import GM_M3_PER_S2
+from horizonval.geometry import clock
+from horizonval.geometry.orbit import EARTH_RATE_RAD_S, GM_M3_PER_S2
+from horizonval.geometry.rotation import itrs_from_gcrs
 
 WITH_VELOCITY, WITHOUT = 4, 8
 """Nearest states that a polynomial goes through."""
 FEWEST = 2
 LARGEST_OFF_M = 100.0
 """Three arc seconds of the way round the Earth, in low orbit."""
+LOWEST_KM, FARTHEST_KM = 6200.0, 2e6
+"""Distances from the Earth's centre that a state may have; beyond, its unit is another one."""
 
 
 @dataclass(frozen=True)
@@ -72,13 +59,14 @@ class TrajectoryPiece:
     """States without a manoeuvre between them.
 
     ``seconds`` after the trajectory's epoch, shape (m,), rising; ``r_gcrs`` [m] and ``v_gcrs`` [m/s], shape (m, 3).
-    ``coverage``: the times that may be asked for.
+    ``coverage``: the times that may be asked for. ``earth_fixed``: whether the states come from Earth-fixed axes.
     """
 
     seconds: FloatArray
     r_gcrs: FloatArray
     v_gcrs: FloatArray | None
     coverage: Coverage
+    earth_fixed: bool = False
 
 
 @dataclass(frozen=True)
@@ -115,6 +103,8 @@ class Trajectory:
             inside = np.isfinite(piece.coverage.around(t)[0])
             if inside.any():
                 r[inside], v[inside] = _between(piece, t[inside])
+                if piece.earth_fixed and (turns := _turns_at_leap_seconds(self.epoch_utc, t[inside])) is not None:
+                    r[inside], v[inside] = (turns.inv().apply(x[inside]) for x in (r, v))
         if np.isnan(r).any():
             first = float(t[int(np.flatnonzero(np.isnan(r[:, 0]))[0])])
             raise outside("state", self.epoch_utc, first, self.coverage, self.where)
@@ -122,32 +112,62 @@ class Trajectory:
 
 
 def piece_of(
+    axes: Axes,
+    epoch_utc: datetime,
     seconds: FloatArray,
-    r_gcrs: FloatArray,
-    v_gcrs: FloatArray | None,
+    r: FloatArray,
+    v: FloatArray | None,
     where: str,
     usable_s: tuple[float, float] | None = None,
+    place: Callable[[int], str] | None = None,
 ) -> TrajectoryPiece:
-    """Return a piece, or a :class:`UserError` where its states are no way round the Earth.
+    """Return a piece, or a :class:`UserError` where its states are no way round the Earth or contradict each other.
 
-    States outside ``usable_s`` are interpolated through, and not flown.
+    ``r`` [m] and ``v`` [m/s], shape (m, 3), are along ``axes``; Earth-fixed velocities are relative. States outside
+    ``usable_s`` are interpolated through, and not flown. ``place``: name of a state, by its index, for messages.
     """
+    named = place or (lambda k: f"{where}: state {k + 1}")
     if len(seconds) < FEWEST:
         raise UserError(f"{len(seconds)} states", where=where, expected=f"{FEWEST} and more")
+    check_rising(seconds, named)
+    distance_km = np.linalg.norm(r, axis=1) / 1e3
+    for k, wrong in ((int(np.argmin(distance_km)), "below"), (int(np.argmax(distance_km)), "above")):
+        if (distance_km[k] < LOWEST_KM) if wrong == "below" else (distance_km[k] > FARTHEST_KM):
+            raise UserError(
+                f"a state {distance_km[k]:.6g} km from the Earth's centre",
+                where=named(k),
+                expected=f"a position {LOWEST_KM:g} to {FARTHEST_KM:g} km from it; are these kilometres?",
+            )
+    r_gcrs, v_gcrs = states_in_gcrs(axes, epoch_utc, seconds, r, v)
+    if axes == "itrs" and (turns := _turns_at_leap_seconds(epoch_utc, seconds)) is not None:
+        r_gcrs, v_gcrs = turns.apply(r_gcrs), None if v_gcrs is None else turns.apply(v_gcrs)
+    contradiction.check_axes(axes, seconds, r_gcrs, where)
+    gaps = _gaps(seconds, r_gcrs, v is not None)
+    if v_gcrs is not None:
+        assert v is not None
+        contradiction.check(axes, (seconds, r, v), (r_gcrs, v_gcrs), gaps, named)
+    return TrajectoryPiece(seconds, r_gcrs, v_gcrs, coverage_of(seconds, gaps, usable_s), axes == "itrs")
+
+
+def check_rising(seconds: FloatArray, place: Callable[[int], str]) -> None:
+    """Refuse a time that is not after the one before it."""
     steps = np.diff(seconds)
     if (steps <= 0.0).any():
-        number = int(np.flatnonzero(steps <= 0.0)[0]) + 2
-        raise UserError(f"state {number} is not after the one before", where=where, expected="rising times")
-    distance_km = np.linalg.norm(r_gcrs, axis=1) / 1e3
-    if distance_km.min() < 6200.0:
-        number = int(np.argmin(distance_km)) + 1
-        raise UserError(
-            f"state {number} is {distance_km[number - 1]:.6g} km from the Earth's centre",
-            where=where,
-            expected="a place above the ground; are these kilometres?",
-        )
-    gaps = _gaps(seconds, r_gcrs, v_gcrs is not None)
-    return TrajectoryPiece(seconds, r_gcrs, v_gcrs, coverage_of(seconds, gaps, usable_s))
+        k = int(np.flatnonzero(steps <= 0.0)[0]) + 1
+        what = "the time of the row before" if steps[k - 1] == 0.0 else f"{-steps[k - 1]:g} s before the row before"
+        raise UserError(what, where=place(k), expected="rising times")
+
+
+def _turns_at_leap_seconds(epoch_utc: datetime, seconds: FloatArray) -> Rotation | None:
+    """Return the turns, in celestial axes, by which UT1, taken as UTC, steps at leap seconds since the epoch.
+
+    Earth-fixed states have no steps, but turned to celestial axes they would. None if there is no leap second.
+    """
+    steps = clock.leap_seconds(epoch_utc, seconds)
+    if not steps.any():
+        return None
+    pole = itrs_from_gcrs(epoch_utc, seconds)[:, 2]
+    return Rotation.from_rotvec(EARTH_RATE_RAD_S * steps[:, None] * pole)
 
 
 def _nodes(total: int, interval: NDArray[np.intp], with_velocity: bool) -> tuple[int, NDArray[np.intp]]:
@@ -194,151 +214,37 @@ def _between(piece: TrajectoryPiece, t: FloatArray) -> tuple[FloatArray, FloatAr
     return r, v
 
 
-OEM_EXPECTED = "an orbit ephemeris message, KVN or XML"
-
-
-def orbit_of_oem(path: Path) -> Trajectory:
-    """Return the orbit in a message; UserError names file and key, or that ``oem`` is not installed."""
-    try:
-        from oem import OrbitEphemerisMessage
-    except ImportError:
-        raise UserError("oem is not installed", where=str(path), fix='run `pip install "horizonval[ccsds]"`') from None
-    files.read_bytes(path, largest=MAX_FILE_BYTES, expected=OEM_EXPECTED)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            message = OrbitEphemerisMessage.open(str(path))
-            segments = list(message)
-            read = [(segment.metadata, *_states(segment)) for segment in segments]
-        except Exception as error:
-            text = " ".join(str(error).split())[:120] or type(error).__name__
-            raise UserError(f"cannot be read: {text}", where=str(path), expected=OEM_EXPECTED) from error
-    epoch = read[0][1][0]
-    pieces = tuple(_piece(path, number, epoch, *one) for number, one in enumerate(read, 1))
-    return Trajectory(epoch, pieces, str(path))
-
-
-def _states(segment: Any) -> tuple[list[datetime], np.ndarray, np.ndarray]:
-    """Return times, positions [m] and velocities [m/s] of all states."""
-    states = list(segment.states)
-    times = [state.epoch.utc.to_datetime(timezone=UTC) for state in states]
-    r_km, v_km_s = (np.array([getattr(state, name) for state in states]) for name in ("position", "velocity"))
-    return times, 1e3 * r_km, 1e3 * v_km_s
-
-
-def _piece(
-    path: Path, number: int, epoch: datetime, metadata: Any, times: list[datetime], r: np.ndarray, v: np.ndarray
-) -> TrajectoryPiece:
-    where = f"{path}: segment {number}"
-    check_earth({"CENTER_NAME": str(metadata["CENTER_NAME"])}, where)
-    axes = axes_of(str(metadata["REF_FRAME"]), f"{where}: REF_FRAME")
-    seconds = seconds_after(epoch, times)
-    usable = [
-        (time.utc.to_datetime(timezone=UTC) - epoch).total_seconds()
-        for time in (metadata.useable_start_time, metadata.useable_stop_time)
-    ]
-    return piece_of(seconds, *states_in_gcrs(axes, epoch, seconds, r, v), where, (usable[0], usable[1]))
-
-
-OMM_EXPECTED = "an orbit mean-elements message of SGP4, KVN or XML"
-NEEDED = ("EPOCH", "MEAN_MOTION", "ECCENTRICITY", "INCLINATION", "RA_OF_ASC_NODE", "ARG_OF_PERICENTER", "MEAN_ANOMALY")
-UNITS = {
-    "MEAN_MOTION": "rev/day",
-    "INCLINATION": "deg",
-    "RA_OF_ASC_NODE": "deg",
-    "ARG_OF_PERICENTER": "deg",
-    "MEAN_ANOMALY": "deg",
-}
-"""Those of the standard, which a message may leave out."""
-DEFAULTS = {
-    "CLASSIFICATION_TYPE": "U",
-    "OBJECT_ID": "0000-000A",
-    "EPHEMERIS_TYPE": "0",
-    "ELEMENT_SET_NO": "0",
-    "REV_AT_EPOCH": "0",
-    "NORAD_CAT_ID": "0",
-    "BSTAR": "0",
-    "MEAN_MOTION_DOT": "0",
-    "MEAN_MOTION_DDOT": "0",
-}
-"""What a message may leave out, and SGP4 needs no value of."""
-
-
-def satellite_of_omm(path: Path) -> Satrec:
-    """Return the satellite in a message, for SGP4; a mistake is a :class:`UserError` with file and key."""
-    where = str(path)
-    fields = _fields(path)
-    check_earth(fields, where)
-    check_utc(fields, where)
-    if (axes := needed(fields, "REF_FRAME", where, "TEME")).upper() != "TEME":
-        raise UserError(f"found {axes!r}", where=f"{where}: REF_FRAME", expected="TEME")
-    theory = needed(fields, "MEAN_ELEMENT_THEORY", where, "SGP4")
-    if theory.upper() not in ("SGP4", "SGP", "SGP/SGP4"):
-        raise UserError(f"found {theory!r}", where=f"{where}: MEAN_ELEMENT_THEORY", expected="SGP4")
-    for key in NEEDED:
-        needed(fields, key, where, "an element of SGP4")
-    epoch = utc_of(fields["EPOCH"], f"{where}: EPOCH")
-    fields = {**DEFAULTS, **fields, "EPOCH": epoch.strftime("%Y-%m-%dT%H:%M:%S.%f")}
-    satellite = Satrec()
-    try:
-        omm.initialize(satellite, fields)
-    except (ValueError, KeyError) as error:
-        raise UserError(f"elements that are no numbers: {error}", where=where, expected=OMM_EXPECTED) from error
-    if satellite.error:
-        raise UserError(SGP4_ERRORS[satellite.error], where=where, expected="elements of a satellite")
-    return satellite
-
-
-def _fields(path: Path) -> dict[str, str]:
-    with path.open("rb") as file:
-        head = file.read(256).decode("utf-8", errors="replace")
-    found: dict[str, str] = {}
-    if is_xml(head):
-        for element in xml_of(path, OMM_EXPECTED).iter():
-            if len(element) == 0 and element.text and element.tag not in found:
-                found[element.tag] = element.text.strip()
-                _check_unit(path, element.tag, element.get("units", ""))
-        return found
-    for _, line in lines_of(path, OMM_EXPECTED):
-        key, equals, value = line.partition("=")
-        if equals:
-            # Units stand behind the value, in brackets.
-            number, _, unit = value.partition("[")
-            found.setdefault(key.strip(), number.strip())
-            _check_unit(path, key.strip(), unit.rstrip(" ]"))
-    return found
-
-
-def _check_unit(path: Path, key: str, unit: str) -> None:
-    if unit and key in UNITS and unit.strip().lower() != UNITS[key]:
-        raise UserError(f"in {unit.strip()!r}", where=f"{path}: {key}", expected=UNITS[key])
-
-
 AXES: tuple[Axes, ...] = ("gcrs", "itrs")
+LIKE_STATES = re.compile(r"(v?[xyz](_|\d|$|km)|v[xyz]|r[xyz](_|$)|pos|vel|time|epoch|utc|date)", re.IGNORECASE)
+LIKE_ATTITUDES = re.compile(r"(q(_|\d|$|[wxyzs]|uat)|time|epoch|utc|date)", re.IGNORECASE)
+"""Names that look like columns of ours."""
 
 
 def orbit_of_csv(path: Path) -> Trajectory:
     """Return the orbit in a table; a mistake is a :class:`UserError` with line and column."""
     moving = [("time_utc", *_place(axes), *_velocity(axes)) for axes in AXES]
-    table = read_csv(path, *moving, *(("time_utc", *_place(axes)) for axes in AXES), texts=("time_utc",))
+    table = read_csv(
+        path, *moving, *(("time_utc", *_place(axes)) for axes in AXES), texts=("time_utc",), like=LIKE_STATES
+    )
     axes: Axes = "gcrs" if "x_gcrs_km" in table.numbers else "itrs"
-    times = _times(table)
-    seconds = seconds_after(times[0], times)
+    epoch, seconds = _times(table)
     r = 1e3 * table.together(*_place(axes))
     v = 1e3 * table.together(*_velocity(axes)) if f"vx_{axes}_km_s" in table.numbers else None
-    return Trajectory(
-        times[0], (piece_of(seconds, *states_in_gcrs(axes, times[0], seconds, r, v), str(path)),), str(path)
-    )
+    piece = piece_of(axes, epoch, seconds, r, v, str(path), place=lambda k: f"{path}: line {table.lines[k]}")
+    return Trajectory(epoch, (piece,), str(path))
 
 
 def attitude_of_csv(path: Path) -> AttitudeHistory:
     """Return the attitudes in a table; a mistake is a :class:`UserError` with line and column."""
-    table = read_csv(path, *(("time_utc", *_quaternion(axes)) for axes in AXES), texts=("time_utc",))
+    table = read_csv(
+        path, *(("time_utc", *_quaternion(axes)) for axes in AXES), texts=("time_utc",), like=LIKE_ATTITUDES
+    )
     axes: Axes = "gcrs" if "q_body_from_gcrs_x" in table.numbers else "itrs"
-    times = _times(table)
-    q = table.together(*_quaternion(axes))
-    piece = attitudes_of(seconds_after(times[0], times), q, str(path))
-    return AttitudeHistory(times[0], (piece,), axes, str(path))
+    epoch, seconds = _times(table)
+    lines = [f"{path}: line {line}" for line in table.lines]
+    check_rising(seconds, lines.__getitem__)
+    piece = attitudes_of(seconds, table.together(*_quaternion(axes)), str(path), place=lines.__getitem__)
+    return AttitudeHistory(epoch, (piece,), axes, str(path))
 
 
 def _place(axes: Axes) -> tuple[str, ...]:
@@ -353,8 +259,12 @@ def _quaternion(axes: Axes) -> tuple[str, ...]:
     return tuple(f"q_body_from_{axes}_{letter}" for letter in "xyzw")
 
 
-def _times(table: CsvTable) -> list[datetime]:
-    return [utc_of(text, table.place(row, "time_utc")) for row, text in enumerate(table.texts["time_utc"])]
+def _times(table: CsvTable) -> tuple[datetime, FloatArray]:
+    """Return the epoch of a table, its first time, and the seconds from it to all its rows."""
+    texts = enumerate(table.texts["time_utc"])
+    instants = [clock.instant_of(text, table.place(row, "time_utc")) for row, text in texts]
+    epoch = clock.epoch_at(instants[0])
+    return epoch, clock.seconds_after(epoch, instants)
 
 
 LARGEST_BYTES = 4 * 1024**3
@@ -380,20 +290,45 @@ class SpiceOrbit:
 
     def body_from_gcrs(self, epoch_utc: datetime, seconds: FloatArray) -> FloatArray:
         """Return matrices, shape (n, 3, 3), at times (n,) after an epoch."""
-        offset = (epoch_utc - self.epoch_utc).total_seconds()
+        offset = clock.elapsed_s(self.epoch_utc, epoch_utc)
         with _loaded(self.kernels) as spice:
             times = self._times(spice, np.asarray(seconds) + offset)
             return np.array([spice.pxform("J2000", self.body_axes, et) for et in times])
 
     def _times(self, spice: Any, seconds: FloatArray) -> list[float]:
-        at = [self.epoch_utc + timedelta(seconds=float(t)) for t in seconds]
-        return [
-            spice.str2et(time.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")) for time in at
-        ]
+        times = [spice.str2et(clock.stamp_after(self.epoch_utc, float(t))) for t in seconds]
+        for et, t in zip(times[:: max(len(times) - 1, 1)], seconds[:: max(len(times) - 1, 1)], strict=True):
+            tt = clock.julian_tt(self.epoch_utc, float(t))
+            # TDB is within 2 ms of TT.
+            late = et - ((tt[0] - 2451545.0) + tt[1]) * 86400.0
+            if abs(late) > 0.1:
+                raise UserError(
+                    f"{clock.stamp_after(self.epoch_utc, float(t))} is {late:+.0f} s off: leap seconds other than "
+                    "those of IERS",
+                    where=_names(self.kernels),
+                    expected="an up-to-date kernel of leap seconds (LSK)",
+                )
+        return times
+
+    def check(self, begin_s: float, end_s: float) -> None:
+        """Refuse velocities that contradict the positions, at five short spans between two times."""
+        h = min(30.0, (end_s - begin_s) / 4.0)
+        if h <= 0.0:
+            return
+        for start in np.linspace(begin_s, end_s - 4.0 * h, 5):
+            seconds = start + h * np.arange(5.0)
+            try:
+                r, v = self.states(seconds)
+            except UserError:
+                # A gap, or an error that the flight itself finds.
+                continue
+            stamps = [clock.stamp_after(self.epoch_utc, float(t)) for t in seconds]
+            places = [f"{_names(self.kernels)}: {self.spacecraft} at {stamp}" for stamp in stamps]
+            contradiction.check("gcrs", (seconds, r, v), (r, v), np.zeros(4, dtype=bool), places.__getitem__)
 
 
-def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[datetime, datetime]:
-    """Return first and last time of the spacecraft's states in the kernels, to whole microseconds within them."""
+def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[int, int]:
+    """Return first and last instant [ns, TAI] of the spacecraft's states in the kernels, a microsecond within them."""
     with _loaded(kernels) as spice:
         number = spice.bods2c(spacecraft)
         window: Any = None
@@ -405,9 +340,9 @@ def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[datetime, datetim
             raise UserError(f"no states of {spacecraft!r}", where=_names(kernels), expected="an SPK of the spacecraft")
         first, last = spice.wnfetd(window, 0)[0], spice.wnfetd(window, spice.wncard(window) - 1)[1]
         stamps = [spice.et2utc(et, "ISOC", 6) for et in (first, last)]
-    ends = [datetime.fromisoformat(stamp).replace(tzinfo=UTC) for stamp in stamps]
     # The last digit is rounded, and may lie outside.
-    return ends[0] + timedelta(microseconds=1), ends[1] - timedelta(microseconds=1)
+    begin, end = (clock.instant_of(stamp, _names(kernels)) for stamp in stamps)
+    return begin + 1000, end - 1000
 
 
 @contextlib.contextmanager
@@ -424,6 +359,8 @@ def _loaded(kernels: Sequence[Path]) -> Iterator[Any]:
     loaded: list[str] = []
     try:
         for path in kernels:
+            _refuse_named_elsewhere(spiceypy, path)
+        for path in kernels:
             spiceypy.furnsh(str(path))
             loaded.append(str(path))
         yield spiceypy
@@ -434,6 +371,32 @@ def _loaded(kernels: Sequence[Path]) -> Iterator[Any]:
     finally:
         for name in loaded:
             spiceypy.unload(name)
+
+
+def _refuse_named_elsewhere(spice: Any, path: Path) -> None:
+    """Refuse a meta-kernel that names anything but regular files of its own folder: the library would wait for a FIFO.
+
+    Names are relative to the current folder, as the library takes them.
+    """
+    if spice.getfat(str(path))[0] != "KPL":
+        return
+    spice.ldpool(str(path))
+    try:
+        pool = {}
+        for key in ("KERNELS_TO_LOAD", "PATH_SYMBOLS", "PATH_VALUES"):
+            try:
+                pool[key] = list(spice.gcpool(key, 0, 10_000))
+            except spice.utils.exceptions.NotFoundError:
+                pool[key] = []
+    finally:
+        spice.clpool()
+    for name in "\n".join(pool["KERNELS_TO_LOAD"]).replace("+\n", "").split("\n") if pool["KERNELS_TO_LOAD"] else ():
+        for symbol, value in zip(pool["PATH_SYMBOLS"], pool["PATH_VALUES"], strict=False):
+            name = name.replace(f"${symbol}", value)
+        expected = "a kernel in its own folder"
+        if not files.is_inside(Path(name), path.parent):
+            raise UserError(f"names {excerpt(name)!r}", where=str(path), expected=expected, fix="list it in `kernels`")
+        files.ensure_file(Path(name), expected=expected)
 
 
 def _names(kernels: Sequence[Path]) -> str:

@@ -7,7 +7,8 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.spec.camera import image_radius, image_radius_slope
 
-Coefficients = tuple[float, float, float, float]
+Coefficients = tuple[float, ...]
+"""Four."""
 
 _CELLS = 2048
 _MOST_STEPS = 60

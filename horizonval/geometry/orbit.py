@@ -18,25 +18,29 @@ needs a position that such a satellite could have and an exact truth for it.
 **Two-line elements** are propagated by SGP4 as published with its corrections (the ``sgp4`` package, gravity constants
 WGS72, with which the elements are fitted), in the frames of :mod:`horizonval.geometry.rotation`. Elements describe a
 real satellite to about a kilometre at their epoch and some kilometres a day after it. Here they define the orbit and
-are the truth.
+are the truth. Time from their epoch is counted in SI seconds; programs that subtract Julian dates of UTC (as the
+interface of ``sgp4`` does) are one second of flight, 7.6 km, behind after a leap second.
 """
 
 from __future__ import annotations
 
+import calendar
 import math
-import warnings
+import re
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 
 import erfa
 import numpy as np
 from numpy.typing import ArrayLike
-from sgp4.api import SGP4_ERRORS, Satrec
+from sgp4.api import SGP4_ERRORS, WGS72, Satrec
+from sgp4.conveniences import sat_epoch_datetime
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.geometry import clock
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme, julian_utc, turn
+from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme, turn
 
 GM_M3_PER_S2 = 3.986004418e14
 """WGS84."""
@@ -47,6 +51,7 @@ TROPICAL_YEAR_S = 365.2421897 * 86400.0
 """At J2000 (Simon et al. 1994)."""
 
 _KEPLER_STEPS = 30
+_JD_1970, _DAY_1970 = 2440587.5, datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True)
@@ -135,12 +140,12 @@ def tod_states(elements: Elements, seconds: ArrayLike) -> tuple[FloatArray, Floa
 
 def sidereal_time(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
     """Return Greenwich apparent sidereal time [rad], shape (...), some seconds after an epoch (UT1 taken as UTC)."""
-    utc1, utc2 = julian_utc(epoch_utc, seconds)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        tt = erfa.taitt(*erfa.utctai(utc1, utc2))
-        ut = erfa.utcut1(utc1, utc2, 0.0)
-        return np.asarray(erfa.gst06a(*ut, *tt), dtype=np.float64)
+    tt, ut1 = clock.julian_tt(epoch_utc, seconds), clock.julian_ut1(epoch_utc, seconds)
+    return np.asarray(erfa.gst06a(*ut1, *tt), dtype=np.float64)
+
+
+def _second_of_day(epoch_utc: datetime) -> float:
+    return 60.0 * (60 * epoch_utc.hour + epoch_utc.minute) + (epoch_utc.second + epoch_utc.microsecond * 1e-6)
 
 
 def raan_of_local_time(epoch_utc: datetime, local_time_h: float) -> float:
@@ -149,7 +154,8 @@ def raan_of_local_time(epoch_utc: datetime, local_time_h: float) -> float:
     The node's right ascension is its longitude and the sidereal time. The Sun's own hour differs from mean local time
     by the equation of time, up to 16.5 min.
     """
-    utc_h = float(julian_utc(epoch_utc)[1]) * 24.0
+    epoch = clock.in_range(epoch_utc)
+    utc_h = _second_of_day(epoch) / 86400.0 * 24.0
     longitude = math.radians(15.0 * (local_time_h - utc_h))
     return math.remainder(longitude + float(sidereal_time(epoch_utc)), math.tau)
 
@@ -188,9 +194,32 @@ EARTH_RATE_RAD_S = 7.292115146706979e-5
 """Rotation of the Earth, WGS84 (as in Vallado's ``teme2ecef``)."""
 
 
+_NUMBER, _POWER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII), re.compile(r"[+-]?\d{1,5}[+-]\d", re.ASCII)
+_FIELDS: tuple[tuple[str, int, int, int, re.Pattern[str], float, float], ...] = (
+    ("year of the epoch", 1, 19, 20, re.compile(r"\d+", re.ASCII), 0, 99),
+    ("day of the epoch", 1, 21, 32, _NUMBER, 1.0, 367.0),
+    ("derivative of the mean motion", 1, 34, 43, _NUMBER, -1.0, 1.0),
+    ("second derivative of the mean motion", 1, 45, 52, _POWER, 0, 0),
+    ("drag term", 1, 54, 61, _POWER, 0, 0),
+    ("inclination", 2, 9, 16, _NUMBER, 0.0, 180.0),
+    ("right ascension of the node", 2, 18, 25, _NUMBER, 0.0, 360.0),
+    ("eccentricity", 2, 27, 33, re.compile(r"\d+", re.ASCII), 0, 9_999_999),
+    ("argument of perigee", 2, 35, 42, _NUMBER, 0.0, 360.0),
+    ("mean anomaly", 2, 44, 51, _NUMBER, 0.0, 360.0),
+    ("mean motion", 2, 53, 63, _NUMBER, 1e-5, 20.0),
+)
+"""Fields of the two lines: name, line, first and last column, form, and range where it is a plain number."""
+_BLANKS = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
+"""Columns between the fields."""
+_CATALOGUE_NUMBER = re.compile(r"[A-HJ-NP-Z]\d{4}|\d{1,5}", re.ASCII)
+"""Five digits, or a letter in place of the first two (Alpha-5, without I and O)."""
+THEORIES = " 023"
+"""Ephemeris types of SGP4, with SDP4 for high orbits; distributed elements have 0."""
+
+
 @dataclass(frozen=True)
 class ElementSet:
-    """Two lines of 69 columns, as distributed; UserError where length, number, checksum, fields or satellite differ."""
+    """Two lines of 69 columns, as distributed; UserError names the line and the columns that are wrong."""
 
     line1: str
     line2: str
@@ -201,19 +230,27 @@ class ElementSet:
             what = f"line {number} of the element set"
             if len(line) != 69 or line[0] != str(number):
                 raise UserError(f"{what} has {len(line)} columns", expected=f"69 columns, the first of them {number}")
-            total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
+            total = sum(int(c) if c in "0123456789" else c == "-" for c in line[:68]) % 10
             if line[68] != str(total):
                 raise UserError(
                     f"{what} is not what was distributed",
                     expected=f"checksum {total} in the last column",
                     fix="check the copied digits",
                 )
-        if self.line1[2:7] != self.line2[2:7]:
+            if stray := [column for column in _BLANKS[number] if line[column - 1] != " "]:
+                raise UserError(f"{what}: column {stray[0]} is not blank", expected="the columns of the format")
+        if self.line1[2:7].strip().lstrip("0") != self.line2[2:7].strip().lstrip("0"):
             raise UserError(
                 f"element set of satellites {self.line1[2:7]} and {self.line2[2:7]}", expected="two lines of one"
             )
+        if not _CATALOGUE_NUMBER.fullmatch(self.line1[2:7].strip()):
+            raise UserError(
+                "line 1 of the element set: columns 3 to 7, the catalogue number",
+                expected="five digits, or a letter and four digits (Alpha-5)",
+            )
+        self._check_fields()
         try:
-            satellite = self._satellite()
+            satellite = self.satellite()
         except ValueError as e:
             raise UserError(
                 f"element set of satellite {self.line1[2:7]}", expected="numbers in the columns of the format"
@@ -221,7 +258,30 @@ class ElementSet:
         if satellite.error:
             raise UserError(f"element set of satellite {self.line1[2:7]}: {SGP4_ERRORS[satellite.error]}")
 
-    def _satellite(self) -> Satrec:
+    def _check_fields(self) -> None:
+        if self.line1[62] not in THEORIES:
+            theory = "SGP4-XP, another theory" if self.line1[62] == "4" else "another theory than SGP4"
+            raise UserError(
+                f"line 1 of the element set: column 63, ephemeris type {self.line1[62]!r}: elements of {theory}",
+                expected="type 0, elements of SGP4",
+            )
+        for name, line, first, last, form, least, most in _FIELDS:
+            text = (self.line1, self.line2)[line - 1][first - 1 : last]
+            where = f"line {line} of the element set: columns {first} to {last}, {name}"
+            if not form.fullmatch(text.strip()):
+                raise UserError(where, expected="a number in the form of the format")
+            if most > least and not least <= float(text) <= most:
+                raise UserError(f"{where}: {text.strip()}", expected=f"{least:g} to {most:g}")
+        year, day = int(self.line1[18:20]), float(self.line1[20:32])
+        year += 1900 if year > 56 else 2000
+        if day >= (last_day := 367 if calendar.isleap(year) else 366):
+            raise UserError(
+                f"line 1 of the element set: columns 21 to 32, day of the epoch: {day:g}",
+                expected=f"below {last_day}, the end of {year}",
+            )
+
+    def satellite(self) -> Satrec:
+        """Return the satellite as SGP4 reads it."""
         return Satrec.twoline2rv(self.line1, self.line2)
 
 
@@ -230,21 +290,77 @@ def teme_states(elements: ElementSet, epoch_utc: datetime, seconds: ArrayLike = 
 
     UserError: the satellite has decayed, or the epoch (UTC without a time zone) is out of range.
     """
-    return satellite_states(elements._satellite(), epoch_utc, seconds)
+    return satellite_states(elements.satellite(), epoch_utc, seconds)
+
+
+def epoch_of(satellite: Satrec) -> datetime:
+    """Return the epoch (UTC) of a satellite's elements."""
+    return sat_epoch_datetime(satellite).astimezone(UTC)
+
+
+FARTHEST_DAYS, DRAG_ERROR = 7.0, 0.2
+"""Days from the epoch of elements to a warning; relative error of the drag, whose source is the forecast density."""
+LARGEST_DRAG_ERROR_M = 10e3
+
+
+def far_from_epoch(satellite: Satrec, epoch_utc: datetime, seconds: FloatArray) -> str:
+    """Return a warning if instants are so far from the epoch of the elements that SGP4 is far off; else nothing.
+
+    Elements of low orbits are about 1 km off at their epoch and 1 to 3 km a day more (Vallado and Cefola, IAC-12;
+    Kelso, AAS 07-127). Drag is uncertain by :data:`DRAG_ERROR`: that share of what it has done to the position.
+    """
+    ages = (clock.elapsed_s(epoch_of(satellite), epoch_utc) + np.asarray(seconds, dtype=np.float64)) / 86400.0
+    farthest = int(np.argmax(np.abs(ages)))
+    days, t = float(ages[farthest]), float(np.ravel(seconds)[farthest])
+    drag_m = DRAG_ERROR * _drag_m(satellite, epoch_utc, t, 1440.0 * days)
+    if abs(days) <= FARTHEST_DAYS and drag_m <= LARGEST_DRAG_ERROR_M:
+        return ""
+    off_km = 1.0 + 2.0 * abs(days) + drag_m / 1e3
+    lost = off_km * 1e3 > 0.5 * EARTH_RADIUS_M
+    size = "anywhere on its orbit, or decayed" if lost else f"{off_km:.2g} km off"
+    when = "after" if days > 0.0 else "before"
+    epoch = epoch_of(satellite).replace(tzinfo=None).isoformat(timespec="seconds")
+    far = f"up to {abs(days):.3g} days {when} the epoch of the elements, {epoch}"
+    return f"{far}: the satellite is likely {size}; take elements of a nearer epoch"
+
+
+def _drag_m(satellite: Satrec, epoch_utc: datetime, t: float, minutes: float) -> float:
+    """Return how far drag has moved a satellite [m]: by the drag term, or by the derivative of its mean motion."""
+    bare = Satrec()
+    epoch = satellite.jdsatepoch - 2433281.5 + satellite.jdsatepochF
+    shape = (satellite.ecco, satellite.argpo, satellite.inclo, satellite.mo, satellite.no_kozai, satellite.nodeo)
+    bare.sgp4init(WGS72, "i", 0, epoch, 0.0, satellite.ndot, satellite.nddot, *shape)
+    axis_m = (GM_M3_PER_S2 / (satellite.no_kozai / 60.0) ** 2) ** (1.0 / 3.0)
+    along_m = axis_m * abs(satellite.ndot) * minutes**2
+    try:
+        moved = satellite_states(satellite, epoch_utc, t)[0] - satellite_states(bare, epoch_utc, t)[0]
+    except UserError:
+        return along_m
+    return max(along_m, float(np.linalg.norm(moved)))
+
+
+def _days_of_sgp4(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike) -> tuple[float, FloatArray]:
+    """Return instants as SGP4 counts them: days of 86400 s, in two parts, the difference to its epoch in SI seconds."""
+    epoch, own = clock.in_range(epoch_utc), epoch_of(satellite)
+    day = epoch.replace(hour=0, minute=0, second=0, microsecond=0)
+    leap_seconds = clock.elapsed_s(own, epoch) - (epoch - own).total_seconds()
+    fraction = (_second_of_day(epoch) + leap_seconds) / 86400.0
+    return _JD_1970 + (day - _DAY_1970).days, fraction + np.asarray(seconds, float) / 86400.0
 
 
 def satellite_states(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
     """Return what :func:`teme_states` does, of elements that SGP4 has read."""
-    day, fraction = np.broadcast_arrays(*julian_utc(epoch_utc, seconds))
+    day, fraction = np.broadcast_arrays(*_days_of_sgp4(satellite, epoch_utc, seconds))
     shape = fraction.shape
     codes, r_km, v_km_s = satellite.sgp4_array(
         np.ascontiguousarray(day, float).ravel(), np.ascontiguousarray(fraction, float).ravel()
     )
     if codes.any():
         first = int(np.flatnonzero(codes)[0])
+        # A number that SGP4 cannot hold is 0.
+        name = f"satellite {satellite.satnum_str}" if satellite.satnum else "the satellite"
         raise UserError(
-            f"satellite {satellite.satnum_str} at {epoch_utc.isoformat()} + {np.ravel(seconds)[first]} s: "
-            f"{SGP4_ERRORS[int(codes[first])]}",
+            f"{name} at {clock.stamp_after(epoch_utc, np.ravel(seconds)[first])}: {SGP4_ERRORS[int(codes[first])]}",
             expected="an instant nearer to the elements' epoch",
         )
     return 1e3 * r_km.reshape(*shape, 3), 1e3 * v_km_s.reshape(*shape, 3)

@@ -13,8 +13,7 @@ arcsec.
 from __future__ import annotations
 
 import math
-import warnings
-from datetime import UTC, datetime
+from datetime import datetime
 
 import erfa
 import numpy as np
@@ -22,50 +21,23 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
-
-
-def julian_utc(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> tuple[float, FloatArray]:
-    """Return instants as two-part Julian dates: the begin of the day, and the fraction of a day, shape (...).
-
-    The epoch is UTC where it has no time zone; a leap second between epoch and instant is not counted. UserError: a
-    year outside 1960 to 2099.
-    """
-    if epoch_utc.tzinfo is not None:
-        epoch_utc = epoch_utc.astimezone(UTC)
-    if not 1960 <= epoch_utc.year < 2100:
-        raise UserError(f"epoch {epoch_utc.isoformat()}", expected="a year between 1960 (first UTC) and 2099")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        second = epoch_utc.second + epoch_utc.microsecond * 1e-6
-        day, fraction = erfa.dtf2d(
-            "UTC", epoch_utc.year, epoch_utc.month, epoch_utc.day, epoch_utc.hour, epoch_utc.minute, second
-        )
-    return float(day), float(fraction) + np.asarray(seconds, float) / erfa.DAYSEC
+from horizonval.geometry import clock
 
 
 def itrs_from_gcrs(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
     """Return matrices, shape (..., 3, 3), that take celestial components to Earth-fixed ones."""
-    utc1, utc2 = julian_utc(epoch_utc, seconds)
-    with warnings.catch_warnings():
-        # Beyond the table of leap seconds the newest offset is kept, as for the Sun.
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        tt1, tt2 = erfa.taitt(*erfa.utctai(utc1, utc2))
-        ut1, ut2 = erfa.utcut1(utc1, utc2, 0.0)
-    return np.asarray(erfa.c2t06a(tt1, tt2, ut1, ut2, 0.0, 0.0), float)
+    tt, ut1 = clock.julian_tt(epoch_utc, seconds), clock.julian_ut1(epoch_utc, seconds)
+    return np.asarray(erfa.c2t06a(*tt, *ut1, 0.0, 0.0), float)
 
 
 def tod_from_gcrs(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
     """Return matrices, shape (..., 3, 3), that take celestial components to true equator and equinox of date."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        tt1, tt2 = erfa.taitt(*erfa.utctai(*julian_utc(epoch_utc, seconds)))
-    return np.asarray(erfa.pnm06a(tt1, tt2), float)
+    return np.asarray(erfa.pnm06a(*clock.julian_tt(epoch_utc, seconds)), float)
 
 
 def itrs_from_teme(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
     """Return matrices, shape (..., 3, 3), that take components in the frame of two-line elements to Earth-fixed."""
-    sidereal = np.asarray(erfa.gmst82(*julian_utc(epoch_utc, seconds)), float)
+    sidereal = np.asarray(erfa.gmst82(*clock.julian_ut1(epoch_utc, seconds)), float)
     cos, sin = np.cos(sidereal), np.sin(sidereal)
     zero, one = np.zeros_like(cos), np.ones_like(cos)
     rows = [np.stack(row, axis=-1) for row in ((cos, sin, zero), (-sin, cos, zero), (zero, zero, one))]

@@ -37,8 +37,7 @@ The Earth's shape is exact. Refraction and the atmosphere's shadow are not in it
 
 from __future__ import annotations
 
-import warnings
-from datetime import UTC, datetime
+from datetime import datetime
 
 import erfa
 import numpy as np
@@ -46,6 +45,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.geometry import clock
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
@@ -59,25 +59,11 @@ MOON_RADIUS_M = 1.7374e6
 
 
 def _tt_ut(epoch_utc: datetime) -> tuple[float, float, float, float]:
-    if epoch_utc.tzinfo is not None:
-        epoch_utc = epoch_utc.astimezone(UTC)
-    if not 1960 <= epoch_utc.year < 2100:
-        raise UserError(
-            f"epoch {epoch_utc.isoformat()}",
-            where="platform.epoch_utc",
-            expected="a year between 1960 (first UTC) and 2099 (end of the Sun's series)",
-        )
-    with warnings.catch_warnings():
-        # "Dubious year" beyond the table of leap seconds: the newest offset is kept, which the docstring's 0.9 s
-        # understates by a few seconds at the end of the century.
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        seconds = epoch_utc.second + epoch_utc.microsecond * 1e-6
-        utc = erfa.dtf2d(
-            "UTC", epoch_utc.year, epoch_utc.month, epoch_utc.day, epoch_utc.hour, epoch_utc.minute, seconds
-        )
-        tt = erfa.taitt(*erfa.utctai(*utc))
-        ut1 = erfa.utcut1(*utc, 0.0)
-    return float(tt[0]), float(tt[1]), float(ut1[0]), float(ut1[1])
+    try:
+        (tt1, tt2), (ut1, ut2) = clock.julian_tt(epoch_utc), clock.julian_ut1(epoch_utc)
+    except UserError as error:
+        raise error.at("platform.epoch_utc") from error
+    return float(tt1), float(tt2), float(ut1), float(ut2)
 
 
 def sun_gcrs(epoch_utc: datetime) -> tuple[FloatArray, float]:

@@ -119,7 +119,7 @@ Record = dict[str, Any]
 
 def keep(path: Path, identity: str, record: Mapping[str, Any], *, sort_keys: bool = True) -> None:
     """Write a record with its identity; ``sort_keys`` False preserves the order of keys."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    atomic.make_folder(path.parent)
     write_json(path, {**record, "identity": identity}, indent=None, sort_keys=sort_keys)
 
 
@@ -143,7 +143,7 @@ def take_over(source: Path, target: Path, rooms: Iterable[str], wanted: Callable
             if files.kind_at(path) != "a file" or not wanted(path) or files.kind_at(place):
                 continue
             if files.is_inside(path, source / room) and files.is_inside(place, target / room):
-                place.parent.mkdir(parents=True, exist_ok=True)
+                atomic.make_folder(place.parent)
                 atomic.copy_file(path, place)
 
 

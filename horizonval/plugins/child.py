@@ -4,6 +4,10 @@ Estimators of this package run here in sequence. Third-party code, one estimator
 forked for every image: changes of the process (modules, limits, folder, handlers) end with the estimate, so no answer
 depends on earlier images.
 
+**Contained** third-party code is also kept from its surroundings (:func:`contain`): hidden folders are empty, every
+file system is read-only but for a private temporary folder, there is no network, and other processes cannot be
+signalled. It is imported anew for each image, so that not even memory shared at the import outlives one.
+
 The worker writes a line of JSON for each image, with the observation in a shared open file; the answer replaces it
 there, and a line of JSON says how the process ended. Output of estimators goes to standard error, which the worker
 reads.
@@ -16,11 +20,14 @@ import ctypes
 import json
 import os
 import signal
+import struct
 import sys
+import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, Any
 
 import psutil
 
@@ -33,9 +40,13 @@ from horizonval.plugins.messages import pack_answer, read_observation
 from horizonval.plugins.program import program_estimator
 from horizonval.spec.suite import ProgramSpec
 
-_NEW_MOUNTS, _NEW_USER, _NEW_NETWORK = 0x00020000, 0x10000000, 0x40000000
-_PRIVATE_TREE = 0x4000 | 0x40000
-_DEATH_SIGNAL, _CHILD_SUBREAPER = 1, 36
+_NEW_MOUNTS, _NEW_IPC, _NEW_USER, _NEW_PROCESSES, _NEW_NETWORK = 0x20000, 0x8000000, 0x10000000, 0x20000000, 0x40000000
+_PRIVATE_TREE, _BIND = 0x4000 | 0x40000, 0x1000
+_DEATH_SIGNAL, _CHILD_SUBREAPER, _NO_NEW_PRIVILEGES, _DROP_CAPABILITY = 1, 36, 38, 24
+_MOUNT_SETATTR, _READ_ONLY, _HERE, _RECURSIVE = 442, 1, -100, 0x8000
+"""Numbers of Linux's unshare(2), mount(2), prctl(2) and mount_setattr(2); the last call is of Linux 5.12 (2021)."""
+_SHARED_MEMORY = "/dev/shm"
+_LONGEST_DESCRIPTION = 1 << 14
 
 
 def main(exchange: int) -> None:
@@ -49,21 +60,28 @@ def main(exchange: int) -> None:
     kept: set[int] = set()
     said: dict[str, Any] = {}
     foreign = setup["name"] is not None
-    if foreign and setup["hidden"] and not hide(setup["hidden"]):
+    contained = foreign and bool(setup["hidden"])
+    if contained and not contain(setup["hidden"]):
         _say(answers, {"hides": False})
         return
     _prctl(_DEATH_SIGNAL, signal.SIGKILL)
     limit_memory(setup["memory_mb"])
+    scratch = os.environ["TMPDIR"] if contained else None
     if foreign:
         _prctl(_CHILD_SUBREAPER, 1)
-        estimator, said = _loaded(setup, exchange)
+        if scratch is not None:
+            said = _described_apart(setup, exchange, scratch)
+        else:
+            estimator, said = _loaded(setup, exchange)
         kept = {child.pid for child in psutil.Process().children(recursive=True)}
     _say(answers, said)
     for line in requests:
         order = json.loads(line)
         status = 0
         if foreign:
-            status = _forked(estimator, exchange, order["length"], (requests, answers))
+            load = partial(_loaded, setup, exchange) if contained else None
+            job = partial(_be_asked, estimator, load, exchange, order["length"], (requests, answers))
+            status = _forked(job) if scratch is None else _forked(partial(_apart, job, scratch))
             _end_strays(kept)
         else:
             answer(_ours(order["name"]), exchange, order["length"])
@@ -115,25 +133,82 @@ def _loaded(setup: dict[str, Any], exchange: int) -> tuple[Estimator | None, dic
         return None, {"failed": True}
 
 
-def _forked(estimator: Estimator | None, exchange: int, length: int, pipes: Iterable[IO[bytes]]) -> int:
-    """Answer in a forked process; return its exit code, negative for a signal."""
-    asked = os.fork()
-    if asked == 0:
-        _be_asked(estimator, exchange, length, pipes)
-    return os.waitstatus_to_exitcode(os.waitpid(asked, 0)[1])
+def _forked(job: Callable[[], None]) -> int:
+    """Do a job in a forked process; return its exit code, negative for a signal."""
+    child = os.fork()
+    if child == 0:
+        with contextlib.suppress(BaseException):
+            _prctl(_DEATH_SIGNAL, signal.SIGKILL)
+            job()
+            os._exit(0)
+        os._exit(1)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def _be_asked(estimator: Estimator | None, exchange: int, length: int, pipes: Iterable[IO[bytes]]) -> NoReturn:
-    with contextlib.suppress(BaseException):
-        _prctl(_DEATH_SIGNAL, signal.SIGKILL)
-        # Signals to the estimate's process group must not reach the importing process.
-        os.setpgid(0, 0)
-        for pipe in pipes:
-            os.close(pipe.fileno())
-        assert estimator is not None
-        answer(estimator, exchange, length)
-        os._exit(0)
-    os._exit(1)
+def _be_asked(
+    estimator: Estimator | None,
+    load: Callable[[], tuple[Estimator | None, Any]] | None,
+    exchange: int,
+    length: int,
+    pipes: Iterable[IO[bytes]],
+) -> None:
+    # Signals to the estimate's process group must not reach the importing process.
+    os.setpgid(0, 0)
+    for pipe in pipes:
+        os.close(pipe.fileno())
+    if load is not None:
+        estimator, _ = load()
+        if estimator is None:
+            # The crash of the import is the answer.
+            return
+    assert estimator is not None
+    answer(estimator, exchange, length)
+
+
+def _described_apart(setup: dict[str, Any], exchange: int, scratch: str) -> dict[str, Any]:
+    """Return the description of contained code, which is imported in another process for it."""
+    ours, theirs = os.pipe()
+
+    def describe() -> None:
+        os.close(ours)
+        os.write(theirs, json.dumps(_loaded(setup, exchange)[1]).encode()[:_LONGEST_DESCRIPTION])
+
+    status = _forked(partial(_apart, describe, scratch))
+    os.close(theirs)
+    with os.fdopen(ours, "rb") as pipe:
+        said = pipe.read(_LONGEST_DESCRIPTION)
+    if not said:
+        os.ftruncate(exchange, 0)
+        os.pwrite(
+            exchange, pack_answer(crash(f"the estimator cannot be loaded: its process ended with {status}"), 0.0), 0
+        )
+        return {"failed": True}
+    found = json.loads(said)
+    return found if isinstance(found, dict) else {}
+
+
+def _apart(job: Callable[[], None], scratch: str) -> None:
+    """Do a job in namespaces that end with it, without privileges and with an empty ``scratch``."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.unshare(_NEW_MOUNTS | _NEW_PROCESSES) != 0:
+        raise OSError(ctypes.get_errno(), "no namespace of mounts and processes")
+    for folder in (scratch, _SHARED_MEMORY):
+        if os.path.isdir(folder) and libc.mount(b"none", os.fsencode(folder), b"tmpfs", 0, b"size=1g,mode=700") != 0:
+            raise OSError(ctypes.get_errno(), "no temporary folder")
+    tempfile.tempdir = scratch
+
+    def without_privileges() -> None:
+        _prctl(_NO_NEW_PRIVILEGES, 1)
+        for capability in range(64):
+            _prctl(_DROP_CAPABILITY, capability)
+        # Version 3 of the header, this process; no capability in any of the three sets.
+        if libc.capset(struct.pack("<Ii", 0x20080522, 0), bytes(24)) != 0:
+            raise OSError(ctypes.get_errno(), "privileges cannot be given up")
+        job()
+
+    status = _forked(without_privileges)
+    if status != 0:
+        os._exit(status if status > 0 else 128 - status)
 
 
 def _end_strays(kept: set[int]) -> None:
@@ -182,12 +257,14 @@ def limit_memory(memory_mb: int) -> None:
         return
 
 
-def hide(folders: Iterable[str | Path]) -> bool:
-    """Hide folders from this process and its descendants, and cut the network; return whether the system permitted it.
+def contain(hidden: Iterable[str | Path]) -> bool:
+    """Hide files and folders from this process and its descendants, make all file systems read-only, cut the network.
 
-    An empty file system in memory is mounted over each folder in user and mount namespaces, which needs no privileges.
-    The process then enters further namespaces, in which those mounts are locked (mount_namespaces(7)). Nor may it
-    inspect outside processes, including ``/proc/PID/root``: that takes privileges in their user namespace (ptrace(2)).
+    Returns whether the system permitted it. In user and mount namespaces, which need no privileges, an empty file
+    system in memory is mounted over each hidden folder, and the null device over each file. The process then enters
+    further namespaces, in which those mounts are locked (mount_namespaces(7)). Nor may it inspect outside processes,
+    including ``/proc/PID/root``: that takes privileges in their user namespace (ptrace(2)). ``/proc`` is read-only from
+    the second namespaces on, since their users are written there.
 
     The process must have a single thread.
     """
@@ -199,11 +276,26 @@ def hide(folders: Iterable[str | Path]) -> bool:
             _new_namespaces(libc, _NEW_MOUNTS)
             # Mounts must not propagate to the outer namespaces.
             and libc.mount(b"none", b"/", None, _PRIVATE_TREE, None) == 0
-            and all(libc.mount(b"none", os.fsencode(f), b"tmpfs", 0, b"size=4k,mode=555") == 0 for f in folders)
-            and _new_namespaces(libc, _NEW_MOUNTS | _NEW_NETWORK)
+            and all(_covered(libc, os.fsencode(path)) for path in hidden)
+            and _read_only(libc, b"/", True)
+            and _read_only(libc, b"/proc", False)
+            and _new_namespaces(libc, _NEW_MOUNTS | _NEW_NETWORK | _NEW_IPC)
+            and _read_only(libc, b"/proc", True)
         )
     except (OSError, AttributeError, TypeError):
         return False
+
+
+def _covered(libc: ctypes.CDLL, path: bytes) -> bool:
+    if os.path.isdir(path):
+        return bool(libc.mount(b"none", path, b"tmpfs", 0, b"size=4k,mode=555") == 0)
+    return bool(libc.mount(b"/dev/null", path, None, _BIND, None) == 0)
+
+
+def _read_only(libc: ctypes.CDLL, path: bytes, wanted: bool) -> bool:
+    """Make the mounts from a path on read-only, or the one at it writable."""
+    change = struct.pack("<4Q", _READ_ONLY if wanted else 0, 0 if wanted else _READ_ONLY, 0, 0)
+    return bool(libc.syscall(_MOUNT_SETATTR, _HERE, path, _RECURSIVE if wanted else 0, change, len(change)) == 0)
 
 
 def _new_namespaces(libc: ctypes.CDLL, kinds: int) -> bool:

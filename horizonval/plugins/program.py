@@ -24,10 +24,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core.errors import excerpt
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import FILE_KEYS, Prior
+from horizonval.geometry.camera import camera_table
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
 from horizonval.spec.suite import ProgramSpec
 
@@ -85,17 +87,8 @@ def camera_file(observation: Observation) -> str:
     """Return the camera file for the ``estimate`` command."""
     camera = observation.camera
     height, width = observation.image.shape
-    numbers = {"pinhole": 5, "fisheye": 4, "equal_angle": 0}[camera.projection]
-    lines = [
-        "[camera]",
-        f"width = {width}",
-        f"height = {height}",
-        f'projection = "{camera.projection}"',
-        *(f"{key} = {float(getattr(camera, key))!r}" for key in ("fx", "fy", "cx", "cy")),
-        f"distortion = {[float(k) for k in camera.distortion[:numbers]]!r}",
-    ]
-    if camera.image_circle_rad is not None:
-        lines.append(f"image_circle_deg = {math.degrees(2 * camera.image_circle_rad)!r}")
+    table = camera_table(camera) | {"width": width, "height": height}
+    lines = ["[camera]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
     prior = observation.prior
     if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
         lines += ["[platform]", f"altitude_km = {prior.altitude_m / 1e3!r}"]
@@ -144,7 +137,7 @@ def result_of(answer: bytes, observation: Observation) -> Fit | Refusal:
     except (ValueError, RecursionError):
         return crash(f"the program printed no JSON object but {answer[:40]!r}")
     if not isinstance(data, dict):
-        return crash(f"the program printed a {type(data).__name__}, where a JSON object was expected")
+        return crash(f"the program printed {excerpt(json.dumps(data))}, where a JSON object was expected")
     status = data.get("status")
     if status not in tuple(Outcome):
         return crash(f"the program's status {str(status)[:40]!r} is none of {', '.join(Outcome)}")

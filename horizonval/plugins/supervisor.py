@@ -25,7 +25,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -58,8 +58,9 @@ class Limits:
     """Limits of an estimate, and the programs that are estimators here.
 
     ``time_s``: processor time of one estimate, including child processes. ``memory_mb``: address space beyond the size
-    before the first estimate. ``folder``: base of the programs' paths. ``hidden``: folders that third-party estimators
-    and programs must not read; they then have no network either, and do not run if the system does not permit it.
+    before the first estimate. ``folder``: base of the programs' paths. ``hidden``: files and folders that third-party
+    estimators and programs must not read; they then are contained (:func:`horizonval.plugins.child.contain`), and do
+    not run if the system does not permit it.
     """
 
     time_s: float = 60.0
@@ -92,7 +93,7 @@ def _run(name: str, limits: Limits, observation: Observation) -> Fit | Refusal:
 def can_hide() -> bool:
     """Whether this system can hide folders from a process, tested with an empty one."""
     with tempfile.TemporaryDirectory() as folder:
-        code = "import sys; from horizonval.plugins.child import hide; sys.exit(not hide(sys.argv[1:]))"
+        code = "import sys; from horizonval.plugins.child import contain; sys.exit(not contain(sys.argv[1:]))"
         tried = subprocess.run([sys.executable, "-c", code, folder], capture_output=True, env=os.environ | _ONE_THREAD)
     return tried.returncode == 0
 
@@ -153,6 +154,8 @@ class _Process:
         self._printed = b""
         self._said: dict[str, Any] | Refusal | None = None
         self._exchange = _file_without_name()
+        self._import_s = 0.0
+        """Processor time of an import that every estimate repeats, which its limit does not count."""
 
     @property
     def is_open(self) -> bool:
@@ -240,9 +243,12 @@ class _Process:
         assert self._process is not None
         self._drain(_pipes(self._process)[2])
         self._printed = b""
+        if self._name is not None:
+            # Whatever it says that it needs, third-party code never receives the truth.
+            observation = replace(observation, oracle=None)
         length = write_observation(self._exchange, observation)
         self._send({"name": name, "length": length})
-        status = self._receive(limit_s).get("status")
+        status = self._receive(limit_s, self._import_s).get("status")
         if not isinstance(status, int):
             raise ValueError("sent no status")
         return status
@@ -252,13 +258,15 @@ class _Process:
         self.close()
         self._printed = b""
         self._scratch = tempfile.TemporaryDirectory(prefix="horizonval-", ignore_cleanup_errors=True)
+        # Contained code finds its usual caches read-only.
+        caches = dict.fromkeys(("XDG_CACHE_HOME", "NUMBA_CACHE_DIR"), self._scratch.name) if self._limits.hidden else {}
         self._process = subprocess.Popen(
             [sys.executable, "-m", "horizonval.plugins.child", str(self._exchange)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             # Temporary files of an ended estimate are deleted with the process.
-            env=os.environ | _ONE_THREAD | {"TMPDIR": self._scratch.name},
+            env=os.environ | _ONE_THREAD | {"TMPDIR": self._scratch.name} | caches,
             start_new_session=True,
             pass_fds=[self._exchange],
         )
@@ -276,6 +284,8 @@ class _Process:
         said = self._receive(max(self._limits.time_s, IMPORT_LIMIT_S))
         if said.get("hides") is False:
             raise EOFError("this system hides no folder from it")
+        if self._limits.hidden and self._name is not None:
+            self._import_s = processor_s(psutil.Process(self._process.pid))
         return said
 
     def _send(self, order: dict[str, Any]) -> None:
@@ -284,8 +294,8 @@ class _Process:
         stdin.write(json.dumps(order).encode() + b"\n")
         stdin.flush()
 
-    def _receive(self, limit_s: float) -> dict[str, Any]:
-        """Return the next line of the process.
+    def _receive(self, limit_s: float, import_s: float = 0.0) -> dict[str, Any]:
+        """Return the next line of the process; ``import_s`` of its processor time do not count.
 
         Raises ``TimeoutError``: processor time or wall clock exceeded, with the limit. Raises ``EOFError``: the process
         has ended. Raises ``ValueError``: the line is not a JSON object.
@@ -294,7 +304,7 @@ class _Process:
         _, stdout, stderr = _pipes(self._process)
         root = psutil.Process(self._process.pid)
         # A scan for descendants takes milliseconds; before an estimate there are at most helpers from the import.
-        before_s, clock_s = _own_s(root), max(CLOCK_FACTOR * limit_s, LEAST_CLOCK_S)
+        before_s, clock_s = _own_s(root), max(CLOCK_FACTOR * (limit_s + import_s), LEAST_CLOCK_S)
         now = time.monotonic()
         end, poll_at = now + clock_s, now + _poll_s(limit_s)
         line, pipes = bytearray(), [stdout, stderr]
@@ -309,7 +319,7 @@ class _Process:
                     raise EOFError
             now = time.monotonic()
             if now >= poll_at:
-                left_s = limit_s - (processor_s(root) - before_s)
+                left_s = limit_s + import_s - (processor_s(root) - before_s)
                 if left_s <= 0.0:
                     raise TimeoutError(f"{limit_s:g} s of processor time")
                 poll_at = now + _poll_s(left_s)
@@ -397,7 +407,8 @@ def _description(said: dict[str, Any]) -> dict[str, Any]:
         raise ValueError("no title that is text")
     known = {
         "estimates": ("geocentric", "geodetic"),
-        "needs": ("image", "pose", "heads"),
+        # Third-party code never receives the pose.
+        "needs": ("image", "heads"),
         "claim": ("cone", "likelihood"),
     }
     for key, words in known.items():

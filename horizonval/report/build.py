@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from horizonval.core import atomic
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.report import campaign, infrared, page, pictures, plots, rerun, viewer
@@ -35,6 +36,7 @@ from horizonval.report.words import (
     unit_of,
     verdict_of,
 )
+from horizonval.scoring.bound import known_bound
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.sensor.knowledge import drawn_prior
@@ -102,7 +104,7 @@ def write_report(run_dir: Path) -> list[Path]:
     shutil.rmtree(folder / campaign.FIGURES, ignore_errors=True)
     (folder / campaign.PAGE).unlink(missing_ok=True)
     for name, text in texts.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        atomic.make_folder((folder / name).parent)
         page.write(folder / name, text)
     return [folder / name for name in texts]
 
@@ -226,7 +228,9 @@ def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, Any]]:
 def _card(view: CaseView, run: ReportRun, unit: AngleUnit, *, numbered: bool) -> dict[str, Any]:
     """Return the content of a frame's card, and its data for the viewer."""
     image = view.image
-    expected = expected_outcome(image.truth, view.band) if image is not None else None
+    expected = None
+    if image is not None:
+        expected = expected_outcome(image.truth, view.band, bound=known_bound([image], image.truth, view.band))
     frame = viewer.one_frame(view, run.estimators, expected, numbered=numbered)
     card: dict[str, Any] = {
         "frame": frame,

@@ -23,6 +23,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
+from horizonval.geometry import clock
 from horizonval.report import plots
 from horizonval.report.load import ReportRun
 from horizonval.report.plots import FLOOR_ARCSEC, GREY, INK, LIMIT, MARKERS, RED, SMALL, Draw, line, mark, plain_ticks
@@ -168,7 +169,7 @@ def _drawings(
 def _minutes(rows: Sequence[Row]) -> dict[str, float]:
     times = {row.case: datetime.fromisoformat(row.epoch_utc) for row in rows if row.epoch_utc}
     start = min(times.values())
-    return {case: (time - start).total_seconds() / 60.0 for case, time in times.items()}
+    return {case: clock.elapsed_s(start, time) / 60.0 for case, time in times.items()}
 
 
 def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[tuple[str, float, float]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, misfit
 from horizonval.frame import DetectorImage
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, read_json
@@ -185,7 +185,9 @@ def _views_of(run_dir: Path, head: dict[str, Any], store: Store, case: str, show
             heads[name] = dict(_read(its, ()).get("images") or {}) if its.is_file() else {}
         return _views(record, store, run_dir, shown, heads)
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise DamagedFileError(f"not a case's results ({error!r})", where=str(path)) from error
+        raise DamagedFileError(
+            f"not a case's results: {misfit(error)}", where=str(path), fix="run the suite again"
+        ) from error
 
 
 def _views(

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError
 from horizonval.core.json_types import JsonObject
 from horizonval.report import page, plots
@@ -73,7 +74,7 @@ def write_page(run_dir: Path) -> Path:
         **seen,
     )
     path = run_dir / "report" / PAGE
-    path.parent.mkdir(exist_ok=True)
+    atomic.make_folder(path.parent)
     page.write(path, text)
     return path
 

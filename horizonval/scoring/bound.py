@@ -31,6 +31,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.rotation import tangent_basis
+from horizonval.scoring import limits
 from horizonval.scoring.information import UNKNOWNS, LimbInformation, carried
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.prior import PriorSpec
@@ -69,10 +70,10 @@ class Bound:
 NO_BOUND = Bound(None, None, None)
 
 
-def together(images: Iterable[DetectorImage]) -> LimbInformation | None:
-    """Return the information of the images of several heads of one body; None where none of them carries any."""
+def known_bound(images: Iterable[DetectorImage], truth: FrameTruth, band: str) -> Bound | None:
+    """Return the bound of the images of several heads of one body, or of one; None where none carries information."""
     known = [information for image in images if (information := carried(image)) is not None]
-    return reduce(add, known) if known else None
+    return bound_of(reduce(add, known), truth, band) if known else None
 
 
 def bound_of(information: LimbInformation | None, truth: FrameTruth, band: str) -> Bound:
@@ -102,6 +103,12 @@ def bound_of(information: LimbInformation | None, truth: FrameTruth, band: str) 
     noise, _ = _left(information.by_noise, pose, free, 0.0, 0.0, by_step)
     known, altitude = _left(information.by_knowledge, pose, free, height, shape, by_step)
     return Bound(noise, known, altitude)
+
+
+def accept_rad(truth: FrameTruth) -> float:
+    """Return the bound of the nadir up to which a frame must be answered, as the scene's prior says."""
+    said = _prior(truth).accept_deg
+    return limits.ACCEPT_RAD if said is None else math.radians(said)
 
 
 def _left(

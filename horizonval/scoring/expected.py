@@ -7,51 +7,48 @@ The exact horizon is sampled evenly around the Earth and projected into the imag
 * the Sun is high enough over it, and its signal exceeds the camera's noise, also under the Sun's veil,
 * it is not saturated (:mod:`horizonval.scoring.limb_signal`; thermal bands need no Sun).
 
-Samples are *enough* if their arc is long and bent enough, and if they determine the nadir: the standard deviation of a
-cone through them, from the scatter of single points and from all that makes the limb no circle
-(:mod:`horizonval.earth.limb_heights`), must be below a limit.
+Samples are *enough* if their arc is long enough. The tests are made in this order, and the first that leaves too few
+samples names the outcome: ``no_limb``, ``short_arc``, ``sun_glare`` (solar bands, the Sun's disc in view), ``dark``,
+``sun_glare`` (veil), ``saturated``.
 
-The tests are made in this order, and the first that leaves too few samples names the outcome: ``no_limb``,
-``short_arc``, ``sun_glare`` (solar bands, the Sun's disc in view), ``dark``, ``sun_glare`` (veil), ``saturated``; else
-``valid``.
+A frame that passes them is ``valid`` if its *information* determines the nadir: the frame's bound under the scene's
+``[prior]`` (:mod:`horizonval.scoring.bound`) must not exceed ``prior.accept_deg``, 0.2 deg by default. Otherwise the
+outcome is ``dark`` where most of the limb in view is unlit, else ``short_arc``. What a method makes of the information
+does not enter. Before there is an image, the bound is predicted from the usable samples
+(:func:`horizonval.scoring.information.edge_information`).
 
 **Borderline.** The tests are also made with stricter and with more lenient thresholds
 (:mod:`horizonval.scoring.limits`). A frame that is valid by one set and not by another is borderline: neither a claim
 nor a refusal counts against an estimator. So is a frame with the Sun in view whose limb would do otherwise. A false
 claim counts everywhere.
 
-**Heads** (``needs = "heads"``, :func:`expected_of_heads`). A head need not determine the nadir by itself. A camera must
-show an arc as long as a single camera's, straight or not. A linear array must be crossed by the limb with some pixels
-to spare at both ends, to know the levels of the step; in thermal bands by the infrared horizon of the truth, which in
-carbon dioxide lies 40 km above the ground. The Sun's disc in a thermal linear array looks like a step that saturates:
-``sun_glare``, and borderline where the limb would do otherwise.
+**Heads** (``needs = "heads"``, :func:`expected_of_heads`). A head need not determine the nadir by itself, all of them
+together must. A camera must show an arc as long as a single camera's. A linear array must be crossed by the limb with
+some pixels to spare at both ends, to know the levels of the step; in thermal bands by the infrared horizon of the
+truth, which in carbon dioxide lies 40 km above the ground. The Sun's disc in a thermal linear array looks like a step
+that saturates: ``sun_glare``, and borderline where the limb would do otherwise.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
-from horizonval.earth.limb_heights import (
-    CLOUD_RELIEF_SOLAR,
-    CLOUD_RELIEF_THERMAL,
-    SOLAR_RELIEF,
-    THERMAL_RELIEF,
-    Relief,
-    systematic_covariance,
-)
+from horizonval.earth.limb_heights import SOLAR_RELIEF, THERMAL_RELIEF
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.horizon import fit_cone, signed_limb_angle
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.horizon import signed_limb_angle
 from horizonval.scoring import limits
+from horizonval.scoring.bound import NO_BOUND, Bound, accept_rad, bound_of
 from horizonval.scoring.horizon_view import (
     HorizonView,
     extent,
@@ -62,6 +59,7 @@ from horizonval.scoring.horizon_view import (
     sun_in_frame,
     usable_margin_px,
 )
+from horizonval.scoring.information import edge_information
 from horizonval.scoring.limb_signal import LimbSignal, limb_signal
 from horizonval.scoring.limits import Thresholds
 from horizonval.spec.camera import Band, CameraSpec
@@ -81,8 +79,6 @@ class Expected:
         Share of the horizon's whole circle, by azimuth about the nadir, that falls into the image.
     horizon_arc_px : float
         Its length in the image.
-    horizon_sagitta_px : float
-        How far the arc in view deviates from a great circle (a straight line in an undistorted image).
     lit_fraction : float or None
         Share of that length that is sunlit (1 in thermal bands); None without horizon in view.
     sun_in_frame : bool
@@ -99,15 +95,15 @@ class Expected:
         Median signal-to-noise ratio of the limb in view, the Sun's veil included, at most 1e6; None without limb.
     veil_fraction : float
         Largest veil on the limb in view, as a share of full scale.
-    determined_deg : float or None
-        Standard deviation, in its worst direction, of the nadir that the usable limb determines; None if it does not.
+    bound_deg : float or None
+        Bound of the nadir that decided: of the image, or predicted from the usable limb; None if the nadir is not
+        determined, or if an earlier test decided.
     moon_in_frame : bool
     """
 
     outcome: Outcome
     horizon_fraction_in_view: float
     horizon_arc_px: float
-    horizon_sagitta_px: float
     lit_fraction: float | None
     sun_in_frame: bool
     sun_limb_distance_deg: float
@@ -116,7 +112,7 @@ class Expected:
     usable_arc_px: float = 0.0
     limb_snr: float | None = None
     veil_fraction: float = 0.0
-    determined_deg: float | None = None
+    bound_deg: float | None = None
     moon_in_frame: bool = False
 
 
@@ -131,14 +127,22 @@ class Examined:
 
 
 def expected_outcome(
-    truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose", "heads"] = "image"
+    truth: FrameTruth,
+    band: str | None = None,
+    *,
+    needs: Literal["image", "pose", "heads"] = "image",
+    bound: Bound | None = None,
 ) -> Expected:
     """Return what an estimator should report for one band of a frame; parameters and errors as :func:`examine`."""
-    return examine(truth, band, needs=needs).expected
+    return examine(truth, band, needs=needs, bound=bound).expected
 
 
 def examine(
-    truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose", "heads"] = "image"
+    truth: FrameTruth,
+    band: str | None = None,
+    *,
+    needs: Literal["image", "pose", "heads"] = "image",
+    bound: Bound | None = None,
 ) -> Examined:
     """Return the expected outcome of one band of a frame, with the horizon and its signal.
 
@@ -150,6 +154,8 @@ def examine(
     needs : {"image", "pose", "heads"}, optional
         ``Estimator.needs``: a method that is given the pose can always answer; a method of several heads needs an arc
         from each camera and a crossing from each linear array.
+    bound : Bound, optional
+        Of the image. Without it the bound is predicted.
 
     Raises
     ------
@@ -162,7 +168,7 @@ def examine(
     if needs == "heads" and _linear(camera) and chosen.name in truth.infrared_horizon:
         view = _infrared_view(truth, camera, chosen.name, view)
     signal = limb_signal(truth, spec, chosen, camera, view)
-    scene = _Scene(truth, camera, chosen.kind == "solar", view, signal, sun_in_frame(camera, truth), needs == "heads")
+    scene = _Scene(truth, camera, chosen, view, signal, sun_in_frame(camera, truth), needs == "heads", bound)
     outcome = _decide(scene, limits.NOMINAL)
     others = {_decide(scene, thresholds) is Outcome.VALID for thresholds in (limits.STRICT, limits.LENIENT)}
     borderline = others != {outcome is Outcome.VALID}
@@ -173,10 +179,7 @@ def examine(
 
     lit = _lit(scene, limits.NOMINAL)
     usable = _usable(scene, limits.NOMINAL)
-    rho = truth.angular_radius_rad
-    arc_px, sagitta_px = extent(camera, view.uv, view.in_view, rho)
-    lit_px, _ = extent(camera, view.uv, lit, rho)
-    determined = _determined_rad(scene, usable)
+    arc_px, lit_px = (extent(view.uv, member) for member in (view.in_view, lit))
     seen = view.in_view
     up_cam = -np.array(truth.nadir_geodetic_cam)
     ellipsoid = truth.ellipsoid
@@ -184,54 +187,74 @@ def examine(
         outcome=outcome,
         horizon_fraction_in_view=float(seen.mean()),
         horizon_arc_px=arc_px,
-        horizon_sagitta_px=sagitta_px,
         lit_fraction=lit_px / arc_px if arc_px > 0 else None,
         sun_in_frame=scene.sun,
         sun_limb_distance_deg=-math.degrees(float(signed_limb_angle(truth.sun_itrs, truth.r_itrs, ellipsoid))),
         sun_zenith_deg=math.degrees(math.acos(max(-1.0, min(1.0, float(up_cam @ np.array(truth.sun_cam)))))),
         borderline=borderline,
-        usable_arc_px=extent(camera, view.uv, usable, rho)[0],
-        limb_snr=min(float(np.median(signal.seen[seen])), 1e6) if seen.any() else None,
+        usable_arc_px=extent(view.uv, usable),
+        limb_snr=min(float(np.median(signal.seen[seen])), limits.LARGEST_SNR) if seen.any() else None,
         veil_fraction=float(signal.veil_filling[seen].max()) if seen.any() else 0.0,
-        determined_deg=math.degrees(determined) if math.isfinite(determined) else None,
+        bound_deg=None if scene.bound_rad is None else math.degrees(scene.bound_rad),
         moon_in_frame=moon_in_frame(camera, truth),
     )
     return Examined(camera, view, signal, expected)
 
 
-def expected_of_heads(heads: Sequence[Expected]) -> Expected:
+def expected_of_heads(heads: Sequence[Expected], truth: FrameTruth, bound: Bound | None = None) -> Expected:
     """Return the expected outcome of a method that uses several heads.
 
-    It is the outcome of the first head that lacks an arc or crossing. The frame is borderline if any head is and no
-    other head makes the outcome certain. Sun and Moon are in the frame of any head. Other figures are the first head's.
+    It is the outcome of the first head that lacks an arc or crossing, and ``short_arc`` where the bound of all of them
+    does not meet what the scene accepts. The frame is borderline if any head is and no other head makes the outcome
+    certain. Sun and Moon are in the frame of any head. Other figures are the first head's.
+
+    ``truth``: that of any head. ``bound``: of all heads' images together; without it heads are taken to determine the
+    nadir.
     """
     whole = replace(
         heads[0],
         sun_in_frame=any(head.sun_in_frame for head in heads),
         moon_in_frame=any(head.moon_in_frame for head in heads),
+        bound_deg=None if bound is None or bound.known_rad is None else math.degrees(bound.known_rad),
     )
     failed = [head for head in heads if head.outcome is not Outcome.VALID]
-    if not failed:
-        return replace(whole, borderline=any(head.borderline for head in heads))
-    certain = [head for head in failed if not head.borderline]
-    return replace(whole, outcome=(certain or failed)[0].outcome, borderline=not certain)
+    if failed:
+        certain = [head for head in failed if not head.borderline]
+        return replace(whole, outcome=(certain or failed)[0].outcome, borderline=not certain)
+    borderline = any(head.borderline for head in heads)
+    if bound is None:
+        return replace(whole, borderline=borderline)
+    met, strict, lenient = (
+        _accepted(bound.known_rad, truth, one) for one in (limits.NOMINAL, limits.STRICT, limits.LENIENT)
+    )
+    outcome = Outcome.VALID if met else Outcome.SHORT_ARC
+    return replace(whole, outcome=outcome, borderline=(borderline and lenient) or strict != lenient)
 
 
 @dataclass(frozen=True)
 class _Scene:
     truth: FrameTruth
     camera: CameraModel
-    solar: bool
+    band: Band
     view: HorizonView
     signal: LimbSignal
     sun: bool
     one_of_several: bool
-    determined_rad: dict[bytes, float] = field(default_factory=dict)
-    """Results by set of samples: most thresholds select the same ones."""
+    bound: Bound | None
+
+    @property
+    def solar(self) -> bool:
+        return self.band.kind == "solar"
 
     @property
     def crossing_only(self) -> bool:
         return self.one_of_several and _linear(self.camera)
+
+    @cached_property
+    def bound_rad(self) -> float | None:
+        """Bound of the nadir: of the image, else predicted."""
+        bound = _predicted(self) if self.bound is None else self.bound
+        return bound.known_rad
 
 
 def _decide(scene: _Scene, thresholds: Thresholds) -> Outcome:
@@ -248,14 +271,27 @@ def _decide(scene: _Scene, thresholds: Thresholds) -> Outcome:
     clear = lit & (scene.signal.seen >= thresholds.snr) & (scene.signal.veil_filling <= thresholds.veil)
     if not _enough(scene, clear, thresholds):
         return Outcome.SUN_GLARE
-    return Outcome.VALID if _enough(scene, _usable(scene, thresholds), thresholds) else Outcome.SATURATED
+    if not _enough(scene, _usable(scene, thresholds), thresholds):
+        return Outcome.SATURATED
+    if scene.one_of_several or _accepted(scene.bound_rad, scene.truth, thresholds):
+        return Outcome.VALID
+    return Outcome.DARK if lit.sum() < seen.sum() / 2 else Outcome.SHORT_ARC
+
+
+def _accepted(bound_rad: float | None, truth: FrameTruth, thresholds: Thresholds) -> bool:
+    """Whether a bound meets what the scene's prior accepts."""
+    return bound_rad is not None and bound_rad <= thresholds.accept_factor * accept_rad(truth)
 
 
 def _usable(scene: _Scene, thresholds: Thresholds) -> BoolArray:
+    return _in_reach(scene, thresholds) & _informative(scene, thresholds)
+
+
+def _informative(scene: _Scene, thresholds: Thresholds) -> BoolArray:
+    """Whether samples are lit, above the noise and not saturated, also in the image's rim."""
     signal = scene.signal
     return np.asarray(
-        _in_reach(scene, thresholds)
-        & _lit(scene, thresholds)
+        _lit(scene, thresholds)
         & (signal.seen >= thresholds.snr)
         & (signal.veil_filling <= thresholds.veil)
         & (signal.filling <= thresholds.filling)
@@ -292,64 +328,30 @@ def _lit(scene: _Scene, thresholds: Thresholds) -> BoolArray:
 def _enough(scene: _Scene, member: BoolArray, thresholds: Thresholds) -> bool:
     if scene.crossing_only:
         return bool(member.any())
-    arc_px, sagitta_px = extent(scene.camera, scene.view.uv, member, scene.truth.angular_radius_rad)
-    shortest = thresholds.arc_fraction * min(scene.camera.width, scene.camera.height)
-    if arc_px < shortest:
-        return False
-    if scene.one_of_several:
-        return True
-    if sagitta_px < limits.MIN_ARC_SAGITTA_PX:
-        return False
-    return _determined_rad(scene, member) <= thresholds.determined_rad
+    arc_px = extent(scene.view.uv, member)
+    return arc_px >= thresholds.arc_fraction * min(scene.camera.width, scene.camera.height)
 
 
-def _determined_rad(scene: _Scene, member: BoolArray) -> float:
-    """Return the standard deviation of the nadir, worst direction, that samples determine; infinite if they do not."""
-    key = member.tobytes()
-    if key not in scene.determined_rad:
-        scene.determined_rad[key] = _work_out_determined_rad(scene, member)
-    return scene.determined_rad[key]
-
-
-def _work_out_determined_rad(scene: _Scene, member: BoolArray) -> float:
-    los = scene.view.los_cam[member]
-    if len(los) < 8:
-        return math.inf
-    los = los[:: max(1, len(los) // limits.DETERMINED_SAMPLES)]
-    cone = fit_cone(los)
-    rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    arc_px, _ = extent(scene.camera, scene.view.uv, member, scene.truth.angular_radius_rad)
-    across = los @ tangent_basis(cone.axis_cam)
-    jacobian = np.column_stack([across / np.linalg.norm(across, axis=1)[:, None], np.ones(len(los))])
-    truth = scene.truth
-    try:
-        covariance = systematic_covariance(
-            los,
-            cone.axis_cam,
-            rho,
-            flattening=truth.ellipsoid.flattening,
-            reliefs=_reliefs(scene, rho),
-            earth_radius_m=truth.ellipsoid_a_m,
-        )
-        information = np.linalg.inv(jacobian.T @ jacobian)
-    except np.linalg.LinAlgError:
-        return math.inf
-    point = limits.POINT_SIGMA_PX / min(scene.camera.fx, scene.camera.fy)
-    covariance = covariance + point**2 * len(los) / max(arc_px, 1.0) * information
-    sigma = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
-    return sigma if math.isfinite(sigma) else math.inf
-
-
-def _reliefs(scene: _Scene, rho_rad: float) -> tuple[Relief, ...]:
-    # Also where the scene has no air: no sensor can know that.
-    reliefs: tuple[Relief, ...] = SOLAR_RELIEF if scene.solar else THERMAL_RELIEF
-    clouds = scene.truth.scene.get("clouds")
-    if clouds is not None and clouds.get("cover", "climate") != 0:
-        relief = CLOUD_RELIEF_SOLAR if scene.solar else CLOUD_RELIEF_THERMAL
-        to_limb_m = scene.truth.ellipsoid_a_m / math.tan(rho_rad)
-        texture_m = limits.CLOUD_TEXTURE_PX * to_limb_m / min(scene.camera.fx, scene.camera.fy)
-        reliefs = (*reliefs, relief, Relief(texture_m, relief.correlation_rad))
-    return reliefs
+def _predicted(scene: _Scene) -> Bound:
+    """Return the bound of the samples that carry information, each of which stands for a piece of the arc."""
+    usable = _informative(scene, limits.NOMINAL)
+    step = max(1, int(usable.sum()) // limits.BOUND_SAMPLES)
+    uv = scene.view.uv[usable][::step]
+    edge_px = np.hypot(limits.EDGE_SIGMA_PX / scene.signal.seen[usable][::step], limits.EDGE_FLOOR_PX)
+    truth, arc_px = scene.truth, extent(scene.view.uv, usable)
+    if not len(uv) or arc_px <= 0.0:
+        return NO_BOUND
+    information = edge_information(
+        scene.camera,
+        uv,
+        edge_px * math.sqrt(len(uv) / arc_px),
+        Rotation.from_quat(truth.q_cam_from_itrs).as_matrix(),
+        np.array(truth.r_itrs),
+        truth.ellipsoid,
+        SOLAR_RELIEF if scene.solar else THERMAL_RELIEF,
+        body_from_cam=Rotation.from_quat(truth.q_cam_from_body).inv().as_matrix(),
+    )
+    return bound_of(information, truth, scene.band.name)
 
 
 def _band(spec: CameraSpec, name: str | None) -> Band:

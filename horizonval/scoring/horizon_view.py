@@ -80,24 +80,11 @@ def inside_image(camera: CameraModel, uv: FloatArray, margin_px: float = 0.0) ->
     return inside
 
 
-def extent(camera: CameraModel, uv: FloatArray, member: BoolArray, angular_radius_rad: float) -> tuple[float, float]:
-    """Length [px] of the members of a closed curve, and the sagitta [px] of the circle's part that they span.
-
-    The great circle through two points of a circle of angular radius ``rho``, ``2 h`` of azimuth apart, passes the
-    middle at the polar angle ``atan(tan(rho) cos(h))``; the sagitta is the difference to ``rho``. The span is the
-    circle less its largest gap: two far ends determine a circle as well as the arc between them.
-    """
-    n = len(member)
-    if not member.any():
-        return 0.0, 0.0
+def extent(uv: FloatArray, member: BoolArray) -> float:
+    """Return the length of the members of a closed curve [px]."""
     pair = member & np.roll(member, -1)
     steps = np.linalg.norm(np.roll(uv, -1, axis=0) - uv, axis=-1)
-    where = np.flatnonzero(member)
-    gaps = np.diff(np.append(where, where[0] + n))
-    half = math.pi * (1 - float(gaps.max()) / n) if len(where) > 1 else 0.0
-    # From a half circle on the chord's middle crosses to the nadir and beyond: nothing straight about it.
-    polar = math.atan(math.tan(angular_radius_rad) * math.cos(min(half, math.pi / 2)))
-    return float(steps[pair].sum()), (angular_radius_rad - polar) * min(camera.fx, camera.fy)
+    return float(steps[pair].sum())
 
 
 def sun_in_frame(camera: CameraModel, truth: FrameTruth) -> bool:

@@ -222,6 +222,8 @@ STRETCH_SIGMA = 0.2
 """Of the logarithm of the thickness of the air's light: climates and haze change a scale height by a fifth."""
 PIECES = 256
 """Of azimuth, round the horizon: half the shortest correlation length of reliefs."""
+FEWEST_PIECES = 8
+"""Smallest number of pieces across the limb in view."""
 SLOPE = np.array([-1.0, -10.0, 0.0, 10.0, 1.0]) / 24.0
 """Derivative of a quintic B-spline at its knots."""
 BEND = np.array([1.0, 2.0, -6.0, 2.0, 1.0]) / 6.0
@@ -296,17 +298,63 @@ def limb_information(
     light = expected.mean[rows, columns] - float(np.min(expected.mean[rows, columns]))
     normal = motion.by_pixel / np.sqrt(size)
     bend = normal[0] ** 2 * bends[0] + normal[1] ** 2 * bends[1] + 2.0 * normal[0] * normal[1] * bends[2]
-    stretch = -motion.height_m * pose[6]
+    nuisances = np.array([np.ones_like(light), light, 0.5 * bend, -motion.height_m * pose[6]])
+    return _of_points(pose, nuisances, np.sqrt(variance), camera, uv, cam_from_itrs, r_itrs, ellipsoid, reliefs, height)
+
+
+def edge_information(
+    camera: CameraModel,
+    uv: FloatArray,
+    sigma_px: FloatArray,
+    cam_from_itrs: FloatArray,
+    r_itrs: FloatArray,
+    ellipsoid: Ellipsoid,
+    reliefs: Sequence[Relief] = (),
+    *,
+    body_from_cam: FloatArray,
+) -> LimbInformation | None:
+    """Return the information of edge points of the horizon, before there is an image; None where there is none.
+
+    ``uv``: points on the hard horizon, shape (n, 2). ``sigma_px``: standard deviation of each across the horizon, (n,).
+    Brightness, blur and thickness of the limb are taken as known: their errors are part of ``sigma_px``.
+    """
+    motion = limb_motion(camera, uv, cam_from_itrs, r_itrs, ellipsoid.axes_m)
+    size = np.hypot(*motion.by_pixel)
+    good = np.isfinite(motion.by_pose).all(axis=0) & (size > 0.0)
+    if not good.any():
+        return None
+    pose = motion.by_pose[:, good] / size[good]
+    pose[:3] = body_from_cam @ pose[:3]
+    none = np.zeros((_NUISANCES, pose.shape[1]))
+    return _of_points(pose, none, sigma_px[good], camera, uv[good], cam_from_itrs, r_itrs, ellipsoid, reliefs, 0.0)
+
+
+def _of_points(
+    pose: FloatArray,
+    nuisances: FloatArray,
+    sigma: FloatArray,
+    camera: CameraModel,
+    uv: FloatArray,
+    cam_from_itrs: FloatArray,
+    r_itrs: FloatArray,
+    ellipsoid: Ellipsoid,
+    reliefs: Sequence[Relief],
+    height_m: float,
+) -> LimbInformation:
+    """Return the information of n independent points, whose derivatives by pose (7, n) and nuisances (4, n) are given.
+
+    ``sigma``: of each point, in the unit of the derivatives' numerator.
+    """
     nadir_itrs = -r_itrs / np.linalg.norm(r_itrs)
-    across = tangent_basis(nadir_itrs).T @ (cam_from_itrs.T @ _rays(camera, uv))
+    across = tangent_basis(nadir_itrs).T @ (cam_from_itrs.T @ unproject(camera, uv).T)
     sin_rho = ellipsoid.mean_radius_m / float(np.linalg.norm(r_itrs))
     level = tangent_basis(nadir_itrs) @ (across / np.linalg.norm(across, axis=0))
     # From the Earth's centre a point of the limb lies 90 deg - rho from the place below the camera.
     to_limb = np.sqrt(1.0 - sin_rho**2) * level - sin_rho * nadir_itrs[:, None]
     shapes = pose[6] * np.einsum("in,kij,jn->kn", to_limb, SHAPES, to_limb)
-    jacobian = np.concatenate([pose, shapes, [np.ones_like(light), light, 0.5 * bend, stretch]]) / np.sqrt(variance)
+    jacobian = np.concatenate([pose, shapes, nuisances]) / sigma
     known = _eliminated(jacobian, np.arctan2(across[1], across[0]), reliefs)
-    return LimbInformation(_gram(jacobian[:UNKNOWNS]), known, height)
+    return LimbInformation(_gram(jacobian[:UNKNOWNS]), known, height_m)
 
 
 def _near(
@@ -336,10 +384,6 @@ def _near(
 
 def _taken(motion: LimbMotion, which: Any) -> LimbMotion:
     return LimbMotion(motion.value[which], motion.by_pixel[:, which], motion.by_pose[:, which])
-
-
-def _rays(camera: CameraModel, uv: FloatArray) -> FloatArray:
-    return unproject(camera, uv).T
 
 
 def _slopes(image: FloatArray, columns: Any, rows: Any) -> tuple[FloatArray, FloatArray]:
@@ -372,7 +416,10 @@ def _eliminated(jacobian: FloatArray, azimuth: FloatArray, reliefs: Sequence[Rel
     Along the limb relief and gain are unknowns of pieces of azimuth: their derivatives are those of the height and of
     the gain of the pixels of a piece, so that sums over pieces of products of all columns are all that is needed.
     """
-    piece = np.floor((azimuth + np.pi) / (2.0 * np.pi) * PIECES).astype(int) % PIECES
+    span = 2.0 * np.pi - float(np.diff(np.sort(azimuth), append=np.min(azimuth) + 2.0 * np.pi).max())
+    # A short piece of limb has finer pieces, or its relief could not bend within one.
+    pieces = PIECES * 2 ** int(np.clip(np.ceil(np.log2(FEWEST_PIECES * 2.0 * np.pi / PIECES / max(span, 1e-9))), 0, 8))
+    piece = np.floor((azimuth + np.pi) / (2.0 * np.pi) * pieces).astype(int) % pieces
     order = np.argsort(piece, kind="stable")
     seen, starts = np.unique(piece[order], return_index=True)
     parts = np.split(jacobian[:, order], starts[1:], axis=1)
@@ -381,7 +428,7 @@ def _eliminated(jacobian: FloatArray, azimuth: FloatArray, reliefs: Sequence[Rel
     count, gain = len(seen), UNKNOWNS + 1
     total = np.zeros((own + 2 * count, own + 2 * count))
     total[:own, :own] = grams.sum(axis=0)
-    centre = (seen + 0.5) * 2.0 * np.pi / PIECES - np.pi
+    centre = (seen + 0.5) * 2.0 * np.pi / pieces - np.pi
     for k, column in enumerate((POSE - 1, gain)):
         first = own + k * count
         place = slice(first, first + count)

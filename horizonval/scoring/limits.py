@@ -73,6 +73,11 @@ ROLL_DEFINED_MIN_COS_PITCH = math.sin(math.radians(1.0))
 """Within 1 deg of pitch = +-90 deg roll is not determined by the nadir, and its error is left empty."""
 
 
+ACCEPT_RAD = NADIR_ERROR_LIMIT_RAD / 2.5
+"""Largest bound of the nadir, root mean square, with which a frame must be answered: 0.2 deg. An honest sensor that is
+less sure than the limit of a false claim over 2.5 should not claim."""
+
+
 @dataclass(frozen=True)
 class Thresholds:
     """One set of thresholds of the expected outcome (:mod:`horizonval.scoring.expected`).
@@ -91,9 +96,8 @@ class Thresholds:
         Sun's veil at the limb over full scale. A veil of more than this takes the room that the limb's signal needs.
     filling : float
         Brightest thing at the limb with veil, over full scale. A clipped profile no longer shows where the limb is.
-    determined_rad : float
-        Standard deviation, worst direction, to which the usable limb must determine the nadir: the limit of a false
-        claim (:data:`NADIR_ERROR_LIMIT_RAD`) over 2.5. An honest sensor that is less sure should not claim.
+    accept_factor : float
+        Largest bound of the nadir over the accepted one (``prior.accept_deg``, else :data:`ACCEPT_RAD`).
     row_px : float
         Pixels that a linear array must have to either side of the limb that crosses it, to know both levels of the
         step. The infrared limb falls from a plateau to space over some eight.
@@ -104,7 +108,7 @@ class Thresholds:
     snr: float
     veil: float
     filling: float
-    determined_rad: float
+    accept_factor: float
     row_px: float
 
 
@@ -114,7 +118,7 @@ NOMINAL = Thresholds(
     snr=5.0,
     veil=0.6,
     filling=1.0,
-    determined_rad=math.radians(0.2),
+    accept_factor=1.0,
     row_px=6.0,
 )
 STRICT = Thresholds(
@@ -123,7 +127,7 @@ STRICT = Thresholds(
     snr=10.0,
     veil=0.3,
     filling=0.8,
-    determined_rad=math.radians(0.15),
+    accept_factor=0.75,
     row_px=12.0,
 )
 """What every sensor worth the name must answer. Radiances are known from a table to 30 % (by a factor of three in
@@ -134,7 +138,7 @@ LENIENT = Thresholds(
     snr=1.5,
     veil=1.0,
     filling=1.4,
-    determined_rad=math.radians(0.4),
+    accept_factor=2.0,
     row_px=3.0,
 )
 """What no sensor should answer: beyond even these a refusal is the only right outcome."""
@@ -147,23 +151,16 @@ images have narrower windows in proportion."""
 LINEAR_PX = 16
 """An image whose shorter side has no more pixels is a linear array: it shows a crossing, never an arc."""
 
-POINT_SIGMA_PX = 0.1
-"""Scatter of single limb points of a sub-pixel search at a signal-to-noise ratio of some ten."""
-DETERMINED_SAMPLES = 240
-
-CLOUD_TEXTURE_PX = 0.15
-"""What the pattern of clouds behind the limb moves a sub-pixel edge by, of the pixel on the axis, with the correlation
-of the clouds: 0.1 to 0.25 on twenty rendered limbs with pixels of 20 and 55 km, tops of 6 to 16 km."""
+EDGE_SIGMA_PX = math.sqrt(2.0 * math.sqrt(math.pi) * 0.7)
+"""Standard deviation of a step's position from one pixel of its length, times the signal-to-noise ratio of a pixel:
+``sqrt(2 sqrt(pi) b)`` of a Gaussian edge of b = 0.7 px, whose squared slope is summed across it."""
+EDGE_FLOOR_PX = 0.01
+"""Least standard deviation of the same: what blur and brightness of the limb, both unknown, leave of it."""
+LARGEST_SNR = 1e6
+"""Signal-to-noise ratio of a camera without noise, as it is reported."""
+BOUND_SAMPLES = 240
 
 ALBEDO_OF_THE_EARTH, ALBEDO_OF_SNOW, ALBEDO_OF_CLOUDS = 0.3, 0.8, 0.8
 ALBEDO_OF_ICE_SHEETS, ICE_SHEETS_FROM_DEG = 0.98, 60.0
 """Firn's in visible light, and the latitude poleward of which it lies (the southern tip of Greenland)."""
 COLDEST_LIMB_K = 220.0
-
-MIN_ARC_SAGITTA_PX = 0.5
-"""An arc in view must also deviate from a straight line by this much.
-
-Without measurable curvature the Earth's angular radius, and with it the nadir's distance from the arc, is anyone's
-guess for a method without altitude. Half a pixel stands well above the accuracy of single limb points (0.1 to 0.3
-pixel) and thereby far above that of the hundreds of points that share it.
-"""

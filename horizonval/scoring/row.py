@@ -213,14 +213,6 @@ class Conditions:
     veil_fraction: Annotated[
         float | None, Meaning("Largest veil of stray light on the limb in view, as a share of full scale.", "1")
     ] = None
-    determined_deg: Annotated[
-        float | None,
-        Meaning(
-            "Standard deviation, in its worst direction, of the nadir that the usable limb determines; empty where it "
-            "does not.",
-            "deg",
-        ),
-    ] = None
     moon_in_frame: Annotated[bool | None, Meaning("Whether any part of the Moon's disc is in the image.")] = None
     bound_noise_arcsec: Annotated[
         float | None,
@@ -334,9 +326,10 @@ class Row(Conditions, Score, _Question):
         return cls(**data)
 
 
-def conditions_of(truth: FrameTruth, expected: Expected, band: str, bound: Bound = NO_BOUND) -> Conditions:
+def conditions_of(truth: FrameTruth, expected: Expected, band: str, bound: Bound | None = None) -> Conditions:
     """Return the conditions of one band of a frame, and what its limb allows."""
     infrared_height_m = visible_height_m(truth, band)
+    bound = bound or NO_BOUND
     return Conditions(
         epoch_utc=truth.epoch_utc,
         altitude_km=truth.altitude_m / 1e3,
@@ -351,7 +344,6 @@ def conditions_of(truth: FrameTruth, expected: Expected, band: str, bound: Bound
         lit_fraction=expected.lit_fraction,
         limb_snr=expected.limb_snr,
         veil_fraction=expected.veil_fraction,
-        determined_deg=expected.determined_deg,
         moon_in_frame=expected.moon_in_frame,
         bound_noise_arcsec=bound.noise_arcsec,
         bound_arcsec=bound.known_arcsec,
@@ -390,7 +382,7 @@ def make_row(
     truth: FrameTruth,
     expected: Expected,
     score: Score,
-    bound: Bound = NO_BOUND,
+    bound: Bound | None = None,
     frame_address: str | None = None,
     image_address: str | None = None,
 ) -> Row:
@@ -401,7 +393,7 @@ def make_row(
     the processor, and rows promise bytes.
     """
     values = {**vars(score), **vars(conditions_of(truth, expected, band, bound))}
-    if score.nadir_error_arcsec is not None and bound.known_arcsec is not None:
+    if score.nadir_error_arcsec is not None and bound is not None and bound.known_arcsec is not None:
         values["error_over_bound"] = score.nadir_error_arcsec / bound.known_arcsec
     return Row(
         case=case,
@@ -447,6 +439,9 @@ SIGNIFICANT = 10
 """Digits of a row's numbers that are not in arcsec."""
 
 _IN_ARCSEC = {column.name for column in COLUMNS if column.unit == "arcsec"}
+
+RETIRED = ("determined_deg",)
+"""Columns of tables of earlier versions that are not read."""
 
 _REQUIRED = tuple(field.name for field in fields(Row) if field.default is MISSING)
 
@@ -528,7 +523,7 @@ def read_results(path: Path) -> list[Row]:
             raise _unreadable(error, path) from error
     # A table from before a column was kept has none of it; all others must be ours, in our order.
     known = [column.name for column in COLUMNS if column.name in names or not column.optional]
-    if names != known:
+    if [name for name in names if name not in RETIRED] != known:
         different = sorted(set(names) ^ set(known))
         raise UserError(
             f"columns differ: {different or 'order'}",
@@ -537,6 +532,9 @@ def read_results(path: Path) -> list[Row]:
             fix="make the run again",
         )
     try:
-        return [Row.from_dict(dict(zip(names, record, strict=True))) for record in records]
+        return [
+            Row.from_dict({name: value for name, value in zip(names, record, strict=True) if name not in RETIRED})
+            for record in records
+        ]
     except ValueError as error:
         raise DamagedFileError(f"not a row of results ({error})", where=str(path)) from error

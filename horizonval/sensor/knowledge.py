@@ -35,7 +35,7 @@ import hashlib
 import json
 import math
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,7 @@ from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.observation import Calibration
 from horizonval.estimation.prior import BY_LATITUDE_MONTH, FILE_KEYS, MEAN_RADIUS_M, Prior
 from horizonval.frame import FrameTruth
+from horizonval.geometry import clock
 from horizonval.geometry.camera import CameraModel, check_invertible
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
 from horizonval.geometry.frames import compose, inverse, rotate
@@ -287,7 +288,7 @@ def believed_prior(
             prior.attitude_sigma_rad**2 + np.square(sigmas.mounting_sigma_rad) + turning**2
         )
     if prior.epoch_utc is not None and stated.epoch_utc is None and late != 0.0:
-        changed["epoch_utc"] = prior.epoch_utc + timedelta(seconds=late)
+        changed["epoch_utc"] = clock.utc_after(prior.epoch_utc, late)
     return replace(prior, **changed) if changed else prior
 
 

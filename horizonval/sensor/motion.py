@@ -11,34 +11,47 @@ whose instant is the frame's.
 
 Neglected: that vignetting and stray light do not move with the scene; the motion along the orbit, which moves the
 ground (0.9 deg/s below a satellite at 500 km) but hardly the limb; radiance beyond the image's border, taken as that of
-the border; the Sun's motion against the local vertical frame, 0.06 deg/s.
+the border; the Sun's motion against the local vertical frame, 0.06 deg/s. :func:`check_turn` refuses longer motions
+than the parabola describes, and rates that a detector without a time constant would ignore.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.geometry.frames import rotate
+from horizonval.geometry.camera import CameraModel, camera_from_spec, pixel_grid, project, unproject
+from horizonval.geometry.frames import body_from_lvlh, rotate
 from horizonval.geometry.part import coverage
+from horizonval.geometry.pose import place_from_spec
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import Cmos
+from horizonval.spec.scene import SceneSpec
 
 GM_M3_PER_S2 = 3.986004418e14
 STILL_PX = 0.01
 """Motion below leaves the image unchanged [px]."""
+_NO_TURN_RAD = 1e-9
+"""Turn that no image shows [rad]; dividing by a still shorter one leaves no digits."""
 FARTHEST_RAD = 0.05
 """Largest turn at which the parabola is fitted [rad]."""
 LONG_PX = 4.0
 """Longer paths use evenly spaced instants, a pixel apart at most: bilinear tents at that step add up to an even line.
 Shorter ones use Gauss's points, two to a pixel."""
-MOST_POINTS = 512
+MOST_POINTS = 128
+"""Longest blur [px]: the time for an image grows with its length, and no horizon is left in a longer one."""
+IGNORED_PX_S = 1.0
+"""Fastest motion [px/s] that a thermal detector without a time constant may ignore: 0.01 px for one of 10 ms."""
 _GLANCE_PX = 16
 """Distance of the pixels that are checked first for motion; speeds vary slowly over an image."""
 
@@ -49,12 +62,73 @@ def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
     The scene's ``attitude.rate_deg_s``; with ``attitude.hold = "inertial"`` also the orbital rate that the local
     vertical frame turns by, ``sqrt(GM / r^3)`` about its -y axis.
     """
-    attitude = truth.scene.get("attitude", {})
-    rate = np.radians(np.asarray(attitude.get("rate_deg_s", (0.0, 0.0, 0.0)), dtype=np.float64))
-    if attitude.get("hold") == "inertial":
-        orbital = np.sqrt(GM_M3_PER_S2 / np.linalg.norm(truth.r_itrs) ** 3)
-        rate = rate + rotate(truth.q_body_from_lvlh, [0.0, orbital, 0.0])
+    attitude, q = truth.scene.get("attitude", {}), np.array(truth.q_body_from_lvlh)
+    rate = _body_rate_rad_s(attitude, np.array(truth.r_itrs), q)
     return rotate(truth.q_cam_from_body, rate)
+
+
+def _body_rate_rad_s(attitude: Mapping[str, Any], r_m: FloatArray, q_body_from_lvlh: FloatArray) -> FloatArray:
+    rate = np.array([math.radians(x) for x in attitude.get("rate_deg_s", (0.0, 0.0, 0.0))])
+    if attitude.get("hold") == "inertial":
+        orbital = math.sqrt(GM_M3_PER_S2 / float(np.linalg.norm(r_m)) ** 3)
+        rate = rate + rotate(q_body_from_lvlh, [0.0, orbital, 0.0])
+    return rate
+
+
+def check_scene_turn(scene: SceneSpec, camera: CameraSpec) -> None:
+    """Refuse, as :func:`check_turn`, a scene whose camera turns too fast; an automatic exposure is the shortest one."""
+    if any(scene.attitude.rate_deg_s) or scene.attitude.hold == "inertial":
+        attitude, r_m = scene.attitude.model_dump(), place_from_spec(scene)[1]
+        q = body_from_lvlh(*(math.radians(attitude[key]) for key in ("yaw_deg", "pitch_deg", "roll_deg")))
+        check_turn(_body_rate_rad_s(attitude, r_m, q), camera)
+
+
+def check_turn(rate_rad_s: FloatArray, camera: CameraSpec, exposure_s: float | None = None) -> None:
+    """Raise ``UserError`` for a rate that blurs an image beyond what is modelled, or that the detector would ignore.
+
+    Parameters
+    ----------
+    rate_rad_s : ndarray, shape (3,)
+        Angular velocity against the local vertical frame, in any axes [rad/s].
+    camera : CameraSpec
+        Without a detector every rate passes.
+    exposure_s : float, optional
+        Chosen by an automatic exposure; by default its shortest, or the camera's ``exposure_s``.
+    """
+    detector, rate = camera.detector, math.hypot(*rate_rad_s)
+    if detector is None or rate == 0.0:
+        return
+    geometry = camera_from_spec(camera.camera)
+    px_per_rad = max(geometry.fx, geometry.fy)
+    where, found = "attitude.rate_deg_s", f"the camera turns at {math.degrees(rate):.5g} deg/s"
+    if isinstance(detector, Cmos):
+        auto = detector.auto_exposure
+        key = "detector.exposure_s" if auto is None else "the automatic exposure"
+        seconds = exposure_s or (detector.exposure_s if auto is None else auto.min_s)
+        rows_s = (geometry.height - 1) * (detector.row_time_s or 0.0) if detector.shutter == "rolling" else 0.0
+        longest_s = 0.5 * (seconds + rows_s)
+        said = f"{key} = {seconds:.3g}" + (f", row_time_s = {detector.row_time_s:.3g}" if rows_s else "")
+    else:
+        longest_s = seconds = detector.time_constant_s
+        said = f"detector.time_constant_s = {seconds:.3g}"
+        if seconds == 0.0 and rate * px_per_rad > IGNORED_PX_S:
+            raise UserError(
+                f"{found}, which a detector without a time constant does not show",
+                where=where,
+                expected=f"at most {math.degrees(IGNORED_PX_S / px_per_rad):.3g} deg/s, one pixel in a second",
+                fix="give detector.time_constant_s",
+            )
+    if longest_s == 0.0:
+        return
+    largest = min(FARTHEST_RAD / longest_s, MOST_POINTS / px_per_rad / seconds)
+    if rate > largest:
+        turn_deg = math.degrees(rate * 2.0 * longest_s)
+        raise UserError(
+            f"{found}, {turn_deg:.3g} deg while an image is taken ({said})",
+            where=where,
+            expected=f"at most {math.degrees(largest):.3g} deg/s: the blur is modelled for turns of "
+            f"{2.0 * math.degrees(FARTHEST_RAD):.1f} deg and paths of {MOST_POINTS} px",
+        )
 
 
 def blur_by_motion(
@@ -71,7 +145,7 @@ def blur_by_motion(
     if length_px < LONG_PX:
         x, weight = np.polynomial.legendre.leggauss(max(2, math.ceil(2 * length_px)))
     else:
-        count = min(math.ceil(length_px), MOST_POINTS)
+        count = math.ceil(length_px)
         x, weight = (2 * np.arange(count) + 1) / count - 1, np.full(count, 2 / count)
     return path.mean(image, 0.5 * exposure_s * x, 0.5 * weight, row_time_s)
 
@@ -113,7 +187,7 @@ class _Path:
     def of(cls, camera: CameraModel, rate_cam_rad_s: FloatArray, longest_s: float) -> _Path | None:
         """Return the way of a turning camera up to a time before and after the frame; None if it is too short."""
         speed = float(np.linalg.norm(rate_cam_rad_s))
-        if longest_s * speed == 0.0:
+        if longest_s * speed < _NO_TURN_RAD:
             return None
         end = min(longest_s, FARTHEST_RAD / speed)
         place = pixel_grid(camera)

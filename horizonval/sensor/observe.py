@@ -122,7 +122,19 @@ def checked_radiance(frame: RadianceFrame, camera: CameraSpec, band: str) -> Flo
         )
     made_for = frame.truth.camera_model
     intrinsics = camera_from_spec(camera.camera)
-    for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection", "image_circle_rad"):
+    for key in (
+        "width",
+        "height",
+        "fx",
+        "fy",
+        "cx",
+        "cy",
+        "distortion",
+        "projection",
+        "image_circle_rad",
+        "skew",
+        "shape",
+    ):
         if getattr(intrinsics, key) != getattr(made_for, key):
             raise UserError(
                 f"the camera's {key} is {getattr(intrinsics, key)}, the frame was made for {getattr(made_for, key)}",

@@ -15,11 +15,10 @@ from horizonval.api.camera import Camera
 from horizonval.api.client import Client
 from horizonval.api.image import observe
 from horizonval.api.scene import Scene
-from horizonval.api.session import Session
+from horizonval.api.session import Session, exposed
 from horizonval.core.errors import UserError, one_of
 from horizonval.geometry.pose import scene_keys
 from horizonval.serve.protocol import ImageRequest, image_request
-from horizonval.spec.detector import Cmos
 from horizonval.spec.pose import TABLE_OF, TURNS
 from horizonval.wire import SCHEMA, array_to_map
 
@@ -114,11 +113,7 @@ def _camera(camera: Camera, request: ImageRequest) -> Camera:
     if request.band is not None and request.band not in camera.bands:
         expected = one_of(request.band, camera.bands)
         raise UserError(f"no band {request.band!r}", where="request: band", expected=expected)
-    if request.exposure_s is None:
-        return camera
-    if not isinstance(camera.spec.detector, Cmos):
-        raise UserError("set", where="request: exposure_s", expected="none: this camera's detector has no shutter")
-    return camera.changed(detector={"exposure_s": request.exposure_s})
+    return exposed(camera, request.exposure_s, "request: exposure_s")
 
 
 class LocalClient(Client):

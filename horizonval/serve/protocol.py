@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from horizonval.core.errors import UserError, one_of
-from horizonval.spec.base import Positive
+from horizonval.spec.detector import LONGEST_EXPOSURE_S
 from horizonval.spec.load import validate
 from horizonval.spec.pose import PoseKeys
 from horizonval.wire import SCHEMA
@@ -21,7 +21,7 @@ KINDS = ("image", "status")
 class ImageRequest(PoseKeys):
     """One image: its pose, how long it is exposed. What is left out is as in the scene that is served."""
 
-    exposure_s: Positive | None = None
+    exposure_s: Annotated[float, Field(gt=0, le=LONGEST_EXPOSURE_S)] | None = None
     """Exposure time."""
     seed: Seed = 0
     """Another one is another draw of all noise."""

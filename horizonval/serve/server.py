@@ -20,6 +20,9 @@ from horizonval.wire import SCHEMA, BrokenStreamError, pack, problem_message, re
 MOST_REQUEST_BYTES = 64 * 1024
 """Longest body of a request; a usual one takes some 500."""
 MOST_CLIENTS = 16
+"""Clients that are served, and strangers that have not sent the token yet, each."""
+STRANGER_S = 10.0
+"""Longest total time of a stranger's first message, which must have the token."""
 LAST_WORDS_S = 5.0
 """How long answers that are under way may take to go out when the server ends."""
 _WAKE_S = 0.5
@@ -170,7 +173,11 @@ class Server:
         conversation = _Conversation(stream, self)
         thread = threading.Thread(target=self._talk, args=(conversation,), daemon=True)
         with self._lock:
-            full = len(self._clients) >= MOST_CLIENTS
+            known = [one.is_known for one in self._clients]
+            full = sum(known) >= MOST_CLIENTS
+            if not full and known.count(False) >= MOST_CLIENTS:
+                # The stranger that has waited longest makes room.
+                next(one for one in self._clients if not one.is_known).drop()
             if not full:
                 self._clients[conversation] = thread
         if not full:
@@ -180,6 +187,13 @@ class Server:
         error = UserError(f"{MOST_CLIENTS} clients are here already", where="server", fix="try again later")
         with contextlib.suppress(OSError), contextlib.closing(stream):
             send_last(stream, pack(problem_message(error)), _WAKE_S)
+
+    def admit(self, conversation: _Conversation) -> None:
+        """Count a stranger that sent the token as a client; ``UserError`` if there are too many."""
+        with self._lock:
+            if sum(one.is_known for one in self._clients) >= MOST_CLIENTS:
+                raise UserError(f"{MOST_CLIENTS} clients are here already", where="server", fix="try again later")
+            conversation.is_known = True
 
     def _talk(self, conversation: _Conversation) -> None:
         try:
@@ -211,7 +225,8 @@ class _Conversation:
 
     def __init__(self, stream: socket.socket, server: Server) -> None:
         self._stream, self._server = stream, server
-        self._known = server.token is None
+        self.is_known = server.token is None
+        """Whether its place counts: it sent the token, or none is required."""
 
     def run(self) -> None:
         """Answer until the client goes."""
@@ -224,12 +239,18 @@ class _Conversation:
         with contextlib.suppress(OSError):
             self._stream.shutdown(socket.SHUT_RD)
 
+    def drop(self) -> None:
+        """End the conversation at once."""
+        with contextlib.suppress(OSError):
+            self._stream.shutdown(socket.SHUT_RDWR)
+
     def _one_turn(self) -> bool:
         """Answer one request; return whether another one can follow."""
         limit_s = self._server.time_limit_s
         try:
             # Strangers may not keep a place by saying nothing.
-            body = receive(self._stream, MOST_REQUEST_BYTES, limit_s, None if self._known else limit_s)
+            total_s = None if self.is_known else min(limit_s, STRANGER_S)
+            body = receive(self._stream, MOST_REQUEST_BYTES, limit_s, total_s)
         except BrokenStreamError as e:
             self._refuse(e, send_last)
             return False
@@ -241,8 +262,15 @@ class _Conversation:
             identity = identity_of(message)
             reply = self._reply(message)
         except UserError as e:
-            self._refuse(e, send, identity)
-            return True
+            self._refuse(e, send if self.is_known else send_last, identity)
+            return self.is_known
+        except OSError:
+            raise
+        except Exception as e:
+            # A defect: every request has an answer.
+            defect = UserError(one_line(e), where="server", fix="report this line as a defect")
+            self._refuse(defect, send if self.is_known else send_last, identity)
+            return self.is_known
         send(self._stream, pack(reply if identity is None else reply | {"id": identity}), limit_s)
         return True
 
@@ -267,7 +295,8 @@ class _Conversation:
                 where="request: token",
                 expected="the word in the server's --token-file",
             )
-        self._known = True
+        if not self.is_known:
+            self._server.admit(self)
 
     def _is_there(self) -> bool:
         """Return whether the client has not closed the connection; what it sent ahead counts as being there."""

@@ -9,6 +9,7 @@ import signal
 import socket
 import stat
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from horizonval.wire import Address, check_installed, make_private_folder, unix_
 
 WAITING = 16
 """Clients that may knock while others are let in."""
+LONGEST_LOCK_S = 2.0
+"""How long a server waits for others that look at the sockets of its folder, which takes milliseconds."""
 LEAST_TOKEN, MOST_TOKEN = 16, 256
 
 
@@ -95,12 +98,21 @@ def _unix(path: Path) -> socket.socket:
 
 @contextlib.contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Keep other servers from looking at the sockets of a folder meanwhile; nothing is left behind for it."""
+    """Keep other servers from looking at the sockets of a folder meanwhile; nothing is left behind for it.
+
+    Anybody who can read the folder can lock it, so that a server waits for the lock for a short time only.
+    """
     import fcntl
 
     handle = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
+        end = time.monotonic() + LONGEST_LOCK_S
+        while time.monotonic() < end:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(0.05)
         yield
     finally:
         os.close(handle)

@@ -6,13 +6,22 @@ and S. S. Brandt, IEEE Trans. Pattern Analysis and Machine Intelligence 28, 1335
     theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)     in focal lengths
 
 from the principal point. The curve is followed up to where it turns back, and never beyond half a turn.
+
+The unified projection holds the omnidirectional camera (C. Mei and P. Rives, ICRA 2007, with ``xi``), the double sphere
+(V. Usenko et al., 3DV 2018, with ``xi`` and ``alpha``) and the extended unified camera (B. Khomutenko et al., IEEE
+Robotics and Automation Letters 1, 137, 2016, with ``alpha`` and ``beta``). Of a unit vector ``(X, Y, Z)``::
+
+    W = xi + Z,   D = alpha sqrt(beta (X^2 + Y^2) + W^2) + (1 - alpha) W,   x = X / D,   y = Y / D
+
+followed by the pinhole's distortion. It is followed up to where the image's radius turns back, or D reaches 0.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from functools import lru_cache
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +32,11 @@ from horizonval.core.errors import UserError
 from horizonval.spec.base import Angle, Finite, Fraction, Model, PlainName, Positive, unit
 from horizonval.spec.detector import Cmos, Detector, ThermalDetector
 from horizonval.spec.optics import Optics
+
+LARGEST_SIDE_PX = 16384
+"""Largest number of columns and of rows of an image."""
+FARTHEST_TANGENT = 6.0
+"""Distance of a pinhole's image from its optical axis, in focal lengths: 80 deg off axis."""
 
 
 def image_radius(theta_rad: ArrayLike, k: Sequence[float]) -> FloatArray:
@@ -49,6 +63,49 @@ def turning_angle(k: Sequence[float]) -> float:
     return min(math.pi, math.sqrt(float(squares.min()))) if squares.size else math.pi
 
 
+Projection = Literal["pinhole", "fisheye", "unified", "equal_angle"]
+
+WIDE = ("fisheye", "unified")
+"""Projections of lenses that may see 90 deg off the boresight and more."""
+SHAPE = {"xi": 0.0, "alpha": 0.0, "beta": 1.0}
+"""Keys of the unified projection with their defaults, which make a pinhole of it."""
+_ANGLES = 4097
+
+
+def unified_radius(theta_rad: ArrayLike, shape: Sequence[float]) -> FloatArray:
+    """Return the distance from the principal point [focal lengths] of off-axis angles; shape: ``xi alpha beta``."""
+    xi, alpha, beta = shape
+    theta = np.asarray(theta_rad, float)
+    s, w = np.sin(theta), xi + np.cos(theta)
+    return np.asarray(s / (alpha * np.sqrt(beta * s * s + w * w) + (1.0 - alpha) * w))
+
+
+@lru_cache(maxsize=256)
+def unified_turning_angle(shape: tuple[float, float, float]) -> float:
+    """Return the angle [rad], at most pi, up to which the image's radius grows: smaller ones have their own image."""
+    xi, alpha, beta = shape
+
+    def grows(theta: FloatArray) -> Any:
+        s, c = np.sin(theta), np.cos(theta)
+        w = xi + c
+        root = np.sqrt(beta * s * s + w * w)
+        d = alpha * root + (1.0 - alpha) * w
+        slope = alpha * s * (beta * c - w) / np.maximum(root, 1e-300) - (1.0 - alpha) * s
+        return (d > 0.0) & (c * d - s * slope > 0.0)
+
+    theta = np.linspace(0.0, math.pi, _ANGLES)
+    bad = np.flatnonzero(~grows(theta))
+    if not bad.size:
+        return math.pi
+    if bad[0] == 0:
+        return 0.0
+    low, high = float(theta[bad[0] - 1]), float(theta[bad[0]])
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if grows(np.asarray(middle)) else (low, middle)
+    return low
+
+
 Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
 """Of a distortion; those of real lenses are some thousand at most, where a long lens has the image's edge near 0.01."""
 
@@ -60,34 +117,51 @@ class CameraGeometry(Model):
     it.
     """
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"focal_length_mm", "image_circle_deg"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"focal_length_mm", "image_circle_deg", "skew", *SHAPE})
 
     name: str = ""
     """Name of the camera; noise and fixed patterns are drawn from it."""
     source: str = ""
     """Where the figures come from, in words."""
-    width: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    width: Annotated[int, Field(ge=1, le=LARGEST_SIDE_PX), unit("px")]
     """Columns of the image."""
-    height: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    height: Annotated[int, Field(ge=1, le=LARGEST_SIDE_PX), unit("px")]
     """Rows of the image."""
     fov_deg: Annotated[float, Field(gt=0, lt=360)] | None = None
     """Horizontal full angle between the outer edges of the first and last column of a centred image: below 180 for a
     pinhole (its distortion left out), below 360 for the others.
     """
     fx: Annotated[Positive, unit("px")] | None = None
-    """Focal length along the rows, in pixels; per radian for `equal_angle`."""
+    """Focal length along the rows, in pixels; per radian for `equal_angle`. For `unified` as OpenCV and Kalibr write
+    it: 1 + `xi` times the pixels per radian on the axis.
+    """
     fy: Annotated[Positive, unit("px")] | None = None
     """Focal length along the columns; without the key as `fx`."""
     cx: Annotated[Finite, unit("px")] | None = None
-    """Column of the principal point, 0 at the centre of the first column; without the key `(width - 1) / 2`."""
+    """Column of the principal point, 0 at the centre of the first column; without the key `(width - 1) / 2`. It may
+    lie outside the image, as of a window or a strip.
+    """
     cy: Annotated[Finite, unit("px")] | None = None
     """Row of the principal point, 0 at the centre of the first row; without the key `(height - 1) / 2`."""
-    distortion: Annotated[list[Coefficient], Field(max_length=5), unit("1")] = []
-    """Coefficients: `k1 k2 p1 p2 k3` of a pinhole (OpenCV's Brown-Conrady), `k1 k2 k3 k4` of a fisheye (OpenCV's; none
-    of them is an f-theta lens).
+    skew: Annotated[float, Field(ge=-1, le=1), unit("1")] = 0.0
+    """Skew of the pixel axes: the column is `fx (x + skew y) + cx`. OpenCV's fisheye calls it alpha; it is the second
+    number of a camera matrix over the first.
     """
-    projection: Literal["pinhole", "fisheye", "equal_angle"] = "pinhole"
-    """How directions become pixels. `equal_angle` is the fixed grid of geostationary imagers."""
+    distortion: Annotated[list[Coefficient], Field(max_length=12), unit("1")] = []
+    """Coefficients: `k1 k2 p1 p2 k3` of a pinhole or unified lens (OpenCV's Brown-Conrady), which may continue with
+    `k4 k5 k6` (rational) and `s1 s2 s3 s4` (thin prism); `k1 k2 k3 k4` of a fisheye (OpenCV's; none of them is an
+    f-theta lens).
+    """
+    projection: Projection = "pinhole"
+    """How directions become pixels. `unified` is the omnidirectional, double-sphere and extended unified camera, by
+    `xi`, `alpha` and `beta`; `equal_angle` is the fixed grid of geostationary imagers.
+    """
+    xi: Annotated[float, Field(gt=-1, le=100), unit("1")] = 0.0
+    """Shift of the centre of a `unified` projection: the only one of its numbers for an omnidirectional camera."""
+    alpha: Fraction = 0.0
+    """Second number of a `unified` projection, for a double sphere."""
+    beta: Annotated[float, Field(gt=0, le=100), unit("1")] = 1.0
+    """Third number of a `unified` projection, with `alpha` for an extended unified camera."""
     image_circle_deg: Annotated[float, Field(gt=0, lt=360)] | None = None
     """Full angle of the field that the lens fills. Pixels whose centre lies beyond it see nothing; without the key
     every pixel must see something.
@@ -106,7 +180,12 @@ class CameraGeometry(Model):
     @model_validator(mode="after")
     def _fits_the_projection(self) -> CameraGeometry:
         if self.projection == "equal_angle" and any(self.distortion):
-            raise ValueError('distortion applies to projection = "pinhole" and "fisheye" only')
+            raise ValueError('distortion applies to projection = "pinhole", "fisheye" and "unified" only')
+        if self.projection == "equal_angle" and self.skew:
+            raise ValueError('skew does not apply to projection = "equal_angle"')
+        for key, default in SHAPE.items():
+            if self.projection != "unified" and getattr(self, key) != default:
+                raise ValueError(f'{key} applies to projection = "unified" only, found "{self.projection}"')
         if self.projection == "fisheye" and len(self.distortion) > 4:
             raise ValueError(
                 f'distortion has {len(self.distortion)} numbers, but projection = "fisheye" takes k1 k2 k3 k4'
@@ -121,26 +200,36 @@ class CameraGeometry(Model):
         return self
 
     @model_validator(mode="after")
-    def _the_fisheye_turns_back_outside_its_field(self) -> CameraGeometry:
-        if self.projection != "fisheye":
+    def _the_lens_turns_back_outside_its_field(self) -> CameraGeometry:
+        if self.projection == "fisheye":
+            limit_deg = 2.0 * math.degrees(turning_angle(self.fisheye_coefficients))
+            lens = f"distortion = {self.distortion}"
+        elif self.projection == "unified":
+            limit_deg = 2.0 * math.degrees(unified_turning_angle(self.shape))
+            lens = ", ".join(f"{key} = {value:g}" for key, value in zip(SHAPE, self.shape, strict=True))
+        else:
             return self
-        limit_deg = 2.0 * math.degrees(turning_angle(self.fisheye_coefficients))
         for key in ("fov_deg", "image_circle_deg"):
             value = getattr(self, key)
             if value is not None and value > limit_deg:
                 raise ValueError(
-                    f"{key} = {value:g}, but the lens with distortion = {self.distortion} folds back at a full angle "
+                    f"{key} = {value:g}, but the lens with {lens} folds back at a full angle "
                     f"of {limit_deg:.4g} deg; check the coefficients' order and sign"
                 )
         return self
 
     @model_validator(mode="after")
-    def _the_axis_is_near_the_image(self) -> CameraGeometry:
+    def _the_image_is_near_the_axis(self) -> CameraGeometry:
+        """An image may be a window or a strip far from the axis of its lens, but not where no lens has a field."""
+        focal_px = self.focal_px if self.fx is not None or self.fov_deg is not None else math.inf
+        by_angle = self.projection in ("fisheye", "equal_angle")
+        farthest_px = min(LARGEST_SIDE_PX, focal_px * (math.pi if by_angle else FARTHEST_TANGENT))
         for key, size, side in (("cx", "width", self.width), ("cy", "height", self.height)):
             value = getattr(self, key)
-            if value is not None and not -side <= value <= 2 * side:
+            if value is not None and not -farthest_px <= value <= side + farthest_px:
                 raise ValueError(
-                    f"{key} = {value:g} lies more than a whole image away from the image, which has {size} = {side}"
+                    f"{key} = {value:g} puts the optical axis more than {farthest_px:.0f} pixels outside the image, "
+                    f"which has {size} = {side}"
                 )
         return self
 
@@ -151,10 +240,15 @@ class CameraGeometry(Model):
         return k[0], k[1], k[2], k[3]
 
     @property
+    def shape(self) -> tuple[float, float, float]:
+        """``xi alpha beta`` of a unified projection."""
+        return self.xi, self.alpha, self.beta
+
+    @property
     def focal_px(self) -> float:
-        """Focal length in pixels (per radian on the axis): ``fx``, or what ``fov_deg`` makes it."""
+        """Focal length in pixels (per radian on the axis): from ``fx``, or what ``fov_deg`` makes it."""
         if self.fx is not None:
-            return self.fx
+            return self.fx / (1.0 + self.xi) if self.xi else self.fx
         if self.fov_deg is None:
             raise ValueError("neither fx nor fov_deg: the focal length in mm needs the detector's pixel pitch")
         half = math.radians(self.fov_deg) / 2
@@ -162,6 +256,8 @@ class CameraGeometry(Model):
             return self.width / 2 / math.tan(half)
         if self.projection == "fisheye":
             return self.width / 2 / float(image_radius(half, self.fisheye_coefficients))
+        if self.projection == "unified":
+            return self.width / 2 / float(unified_radius(half, self.shape)) / (1.0 + self.xi)
         return self.width / 2 / half
 
 
@@ -323,7 +419,7 @@ class CameraSpec(Model):
         from_lens = geometry.focal_length_mm * 1e3 / pitch_um
         if geometry.fx is None and geometry.fov_deg is None:
             # Frozen for everybody else: here the object is still being made.
-            object.__setattr__(self, "camera", geometry.model_copy(update={"fx": from_lens}))
+            object.__setattr__(self, "camera", geometry.model_copy(update={"fx": from_lens * (1.0 + geometry.xi)}))
             return self
         stated = geometry.focal_px
         if abs(from_lens - stated) > FOCAL_LENGTH_TOLERANCE * stated:

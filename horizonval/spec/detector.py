@@ -206,7 +206,7 @@ class ThermalDetector(Model):
     """Black body whose radiance is the lower end of the converter."""
     scene_max_k: Positive = 400.0
     """Black body whose radiance is the upper end of the converter."""
-    time_constant_s: NonNegative = 0.0
+    time_constant_s: Annotated[float, Field(ge=0, le=LONGEST_EXPOSURE_S)] = 0.0
     """How long a pixel takes to follow; with a turning camera it drags the image."""
     response_fwhm_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     """Full width of each pixel's own angular response beyond the lens's blur."""

@@ -31,7 +31,7 @@ from horizonval.spec.suite import DatasetSpec, FigureSpec, Keep, ProgramSpec, Re
 
 M = TypeVar("M", bound=Model)
 
-Fly = Callable[[OrbitSpec, JsonObject, int, str, str], list[JsonObject]]
+Fly = Callable[[OrbitSpec, JsonObject, int, str, str], tuple[list[JsonObject], str]]
 """From an orbit, the scene it is laid over, seed, name and place in the file to a partial scene for every sample."""
 
 CAMERA_TABLES = ("camera", "platform", "optics", "band", "detector")
@@ -50,7 +50,8 @@ class Case:
 
     ``head``: the head that takes the frame, where the scene makes one for every head; all heads see the same clouds.
     ``estimators``: those of the suite that run on it, None for all. ``table``, ``variant`` and ``sample``: the table
-    ``[[cases]]`` it comes from, its label there, and the number of the orbit's sample.
+    ``[[cases]]`` it comes from, its label there, and the number of the orbit's sample. ``doubt``: warning about the
+    orbit.
     """
 
     scene: SceneSpec
@@ -60,6 +61,7 @@ class Case:
     table: str | None = None
     variant: str = ""
     sample: str = ""
+    doubt: str = ""
 
     @property
     def name(self) -> str:
@@ -254,13 +256,13 @@ def _scenes(
             if fly is None:
                 raise ValueError("a suite with orbits is loaded with horizonval.suites.suite.load_suite")
             orbit = validate(OrbitSpec, variant.orbit, str(path), inside=f"{inside}.orbit")
-            samples = fly(orbit, whole, spec.suite.seed, table.name, f"{path}: {inside}")
+            samples, doubt = fly(orbit, whole, spec.suite.seed, table.name, f"{path}: {inside}")
             digits = max(3, len(str(len(samples) - 1)))
             for number, sample in enumerate(samples):
                 place = f"{number:0{digits}d}"
                 name = f"{variant.name}_{place}"
                 scene = deep_merge(deep_merge(whole, sample), {"scene": {"name": name}})
-                yield f"{inside}: {name}", scene, {**origin, "sample": place}
+                yield f"{inside}: {name}", scene, {**origin, "sample": place, "doubt": doubt}
 
 
 def _chosen_estimators(names: Any, known: Sequence[str], where: str) -> tuple[str, ...] | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from horizonval.spec.base import Angle, Epoch, Listed, Model, NonNegative, Positive, Vector, unit
 
@@ -13,6 +13,10 @@ Hour = Annotated[float, Field(ge=0, le=24)]
 
 MOST_SAMPLES = 100_000
 _SIZES = ("altitude_km", "semi_major_axis_km", "perigee_km")
+
+
+def _text_of_number(value: Any) -> Any:
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 class SlewSpec(Model):
@@ -113,12 +117,17 @@ class OrbitSpec(Model):
     true_anomaly_deg: Angle = 0.0
     """Angle from the perigee to the first sample."""
     tle: Annotated[list[str], Field(min_length=2, max_length=3)] | str | None = None
-    """Two-line elements: the two lines (a title before them is allowed), or the file next to the suite that holds them.
-    SGP4 then says where the satellite is.
+    """Two-line elements: the two lines (a title before them is allowed), or the file next to the suite that holds them
+    or mean elements in another form: an OMM of CCSDS, JSON or CSV. SGP4 gives the positions; far from the epoch of the
+    elements there is a warning.
+    """
+    satellite: Annotated[str, BeforeValidator(_text_of_number)] | None = None
+    """With `tle`, `ephemeris` or `attitude.file`: which satellite of a file of several, by its name, catalogue number
+    or international designator.
     """
     ephemeris: str | None = None
-    """File next to the suite with the satellite's positions: an orbit ephemeris or mean-elements message of CCSDS, KVN
-    or XML, or a table with `time_utc` and `x_gcrs_km` to `z_gcrs_km`, or the same with `itrs`.
+    """File next to the suite with the satellite's positions: an orbit ephemeris message of CCSDS, KVN or XML, mean
+    elements (see `tle`), or a table with `time_utc` and `x_gcrs_km` to `z_gcrs_km`, or the same with `itrs`.
     """
     kernels: Annotated[list[str], Field(min_length=1)] | None = None
     """SPICE kernels next to the suite: leap seconds, SPK, and what the attitude needs (CK, clock, frames)."""
@@ -146,8 +155,10 @@ class OrbitSpec(Model):
             raise ValueError("kernels and spacecraft go together")
         if self.attitude.body_axes is not None and self.kernels is None:
             raise ValueError("attitude.body_axes goes with kernels")
+        if self.satellite is not None and self.attitude.file is None and not {"tle", "ephemeris"} & set(sources):
+            raise ValueError("satellite goes with tle or ephemeris, or with attitude.file")
         if sources:
-            own = {"epoch_utc", sources[0], "spacecraft", "revolutions", "duration_s", "n", "attitude"}
+            own = {"epoch_utc", sources[0], "spacecraft", "satellite", "revolutions", "duration_s", "n", "attitude"}
             if more := self.model_fields_set - own:
                 raise ValueError(f"{sources[0]} says the whole orbit; leave out {', '.join(sorted(more))}")
             return self

@@ -28,6 +28,8 @@ class PriorSpec(Model):
     A value next to it is used as it is. What has neither is unknown, but for the planet's shape.
     """
 
+    later_keys = frozenset({"accept_deg"})
+
     shape: Literal["wgs84", "sphere"] | None = None
     """Shape of the planet. Without the key a scene's own; with a picture a sphere whose flattening counts as an error.
     """
@@ -60,6 +62,11 @@ class PriorSpec(Model):
     sun_sigma_deg: SigmaAngle | None = None
     """Standard deviation of the Sun sensor's reading in each of two directions across it. Without the key the sensor
     gives whole degrees.
+    """
+
+    accept_deg: SigmaAngle | None = None
+    """Accuracy of the nadir that is of use. A frame whose information allows it must be answered; 0.2 deg without the
+    key.
     """
 
     @field_validator("q_cam_from_itrs")

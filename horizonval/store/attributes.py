@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import uuid
-import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -24,7 +23,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
 from horizonval.frame import FrameTruth, Hit
 from horizonval.geometry.camera import CameraModel, camera_from_spec
-from horizonval.geometry.rotation import julian_utc
+from horizonval.geometry.clock import julian_tai
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos
 
@@ -116,7 +115,8 @@ def own_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None
     ``itrs_to_camera`` maps ITRS metres, as a row vector with a trailing 1, to our camera axes (x right, y down, z along
     the boresight). A direction ``X, Y, Z`` in them lies at column ``fx X'/Z' + cx`` and row ``fy Y'/Z' + cy``, where
     the primes say that a pinhole's ``distortion`` (k1 k2 p1 p2 k3) is applied and (0, 0) is the centre of the upper
-    left pixel; see :mod:`horizonval.geometry.camera` for the other projections.
+    left pixel; ``skew`` times Y' is added to X' where it is stated. ``unified_shape`` (xi, alpha, beta) belongs to a
+    unified lens, whose focal length is that on the axis; see :mod:`horizonval.geometry.camera` for other projections.
     """
     camera = camera_from_spec(spec.camera)
     quaternion = {f"q_cam_from_itrs_{axis}": _double(q) for axis, q in zip("xyzw", truth.q_cam_from_itrs, strict=True)}
@@ -132,6 +132,10 @@ def own_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None
         "principal_point_px": np.array([camera.cx, camera.cy]),
         "distortion": [float(k) for k in camera.distortion],
     }
+    if camera.skew:
+        attributes["skew"] = _double(camera.skew)
+    if camera.projection == "unified":
+        attributes["unified_shape"] = [float(v) for v in camera.shape]
     if camera.image_circle_rad is not None:
         attributes["image_circle_deg"] = _double(2 * math.degrees(camera.image_circle_rad))
     if spec.band:
@@ -177,10 +181,7 @@ def _epoch(truth: FrameTruth) -> datetime:
 
 
 def _tai_mjd(truth: FrameTruth) -> float:
-    with warnings.catch_warnings():
-        # Beyond the table of leap seconds the newest offset is kept.
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        day, fraction = erfa.utctai(*julian_utc(_epoch(truth)))
+    day, fraction = julian_tai(_epoch(truth))
     return float(day - 2400000.5) + float(fraction)
 
 
@@ -216,6 +217,8 @@ def _camera_to_ndc(camera: CameraModel) -> FloatArray:
     matrix = np.zeros((4, 4))
     matrix[0, 0] = camera.fx / camera.width
     matrix[1, 1] = -camera.fy / camera.height
+    if camera.skew:
+        matrix[1, 0] = -camera.skew * camera.fx / camera.width
     matrix[2] = [(camera.cx + 0.5) / camera.width, (camera.cy + 0.5) / camera.height, 1.0, 1.0]
     return matrix
 

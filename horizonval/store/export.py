@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from horizonval.core import atomic
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, misfit
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, Hit, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.attributes import camera_of, earth_mask, sunlit_mask
@@ -128,10 +128,10 @@ def export_file(path: Path, out: Path, formats: Collection[Format] = (), *, zipp
         written.append(target)
     try:
         for file, data in _files(source, name, address, formats):
-            _write(out / file, data)
+            atomic.write_bytes(out / file, data)
             written.append(out / file)
     except (ValueError, TypeError, LookupError, AttributeError) as error:
-        what = f"its header says what no writer of ours writes ({type(error).__name__})"
+        what = f"its header {misfit(error)}"
         raise DamagedFileError(what, where=str(path)) from error
     return written
 
@@ -145,7 +145,7 @@ def write_masks(path: Path, frames: Iterable[Path]) -> None:
             read.append((name_of(frame, one, one.stem if is_address(one.stem) else ""), frame))
     if not read:
         raise UserError("no frame among the files", where="--coco", expected="frames, which have the truth's maps")
-    _write(path, coco_text(read).encode())
+    atomic.write_text(path, coco_text(read))
 
 
 def _files(
@@ -243,13 +243,6 @@ def _json(source: RadianceFrame | DetectorImage, pixels: NDArray[np.uint16], abo
     # Tuples of the truth become lists on the way; the digest is of what is read back.
     content = json.loads(text_of(about))
     return (json.dumps(sealed({"png": pixels}, content), indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
-
-
-def _write(path: Path, data: bytes) -> None:
-    try:
-        atomic.write_bytes(path, data)
-    except OSError as error:
-        raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
 
 
 def dataset_of(source: RadianceFrame | DetectorImage) -> xarray.Dataset:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core import files
-from horizonval.core.errors import DamagedFileError
+from horizonval.core.errors import DamagedFileError, misfit
 from horizonval.frame import MAP_UNITS, PART_MAP, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.store.exr import content_digest, with_thermal
 
@@ -113,7 +113,7 @@ def _made(make: Callable[[], T], where: str) -> T:
         source = make()
         size = source.truth.camera_model.height, source.truth.camera_model.width
     except (KeyError, TypeError, AttributeError, ValueError, IndexError) as error:
-        raise DamagedFileError(f"what it says cannot be read: {error!r}"[:200], where=where) from None
+        raise DamagedFileError(f"what it says {misfit(error)}", where=where) from None
     shape = (source.dn if isinstance(source, DetectorImage) else next(iter(source.radiance.values()))).shape
     if shape != size:
         raise DamagedFileError(f"pixels of shape {shape}, but the camera has {size}", where=where)

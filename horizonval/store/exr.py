@@ -32,16 +32,11 @@ Writing is atomic. Equal content gives equal bytes.
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import hashlib
-import io
 import json
 import os
 import re
-import sys
-import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -49,8 +44,8 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from horizonval.core import atomic, memory
-from horizonval.core.errors import DamagedFileError, UserError, excerpt
+from horizonval.core import atomic, files, memory
+from horizonval.core.errors import DamagedFileError, UserError, excerpt, misfit
 from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import MAP_UNITS, PART_MAP, PART_MAP_UNIT, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.camera import Band, CameraSpec
@@ -63,6 +58,7 @@ from horizonval.store.attributes import (
     standard_attributes,
     sunlit_mask,
 )
+from horizonval.store.quiet import silenced
 
 FILE_SCHEMA = 5
 """Version of the files' layout. 1 to 3 followed the truth's schema (:data:`horizonval.frame.FRAME_SCHEMA`). 4: masks,
@@ -90,7 +86,6 @@ _COMPRESSION = {"zip": OpenEXR.ZIP_COMPRESSION, "htj2k256": OpenEXR.HTJ2K256_COM
 _FLOAT16_INTEGERS = 2048
 """Up to here float16 holds every integer."""
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
-_quiet_lock = threading.Lock()
 
 Channels = dict[str, NDArray[Any]]
 
@@ -248,32 +243,6 @@ def kind(path: str | os.PathLike[str]) -> Kind:
     return _own_kind(header, path)
 
 
-def read_foreign_grey(path: str | os.PathLike[str]) -> NDArray[np.float64]:
-    """Read one grey image from any EXR file, shape (H, W), float64.
-
-    Channel ``Y`` if there is one, else the Rec. 709 luminance of ``R G B``, else the only channel except ``A``. NaN and
-    infinities stay, and estimators must refuse them.
-    """
-    path = Path(path)
-    _refuse_too_large(exr_header.read_header(path), path)
-    window, channels = _decode_pixels(path)
-    if window is not None:
-        raise UserError(f"its pixels are a crop ({window})", where=str(path), expected="the whole image")
-    if "Y" in channels:
-        grey = channels["Y"].astype(np.float64)
-    elif {"R", "G", "B"} <= set(channels):
-        red, green, blue = (channels[name].astype(np.float64) for name in "RGB")
-        grey = 0.2126 * red + 0.7152 * green + 0.0722 * blue
-    else:
-        names = sorted(set(channels) - {"A"})
-        if len(names) != 1:
-            raise UserError(f"channels {names}", where=str(path), expected="Y, or R G B, or a single channel")
-        grey = channels[names[0]].astype(np.float64)
-    if grey.ndim != 2:
-        raise UserError(f"pixels of shape {grey.shape}", where=str(path), expected="a flat image")
-    return grey
-
-
 def content_digest(channels: Channels, own: dict[str, Any]) -> str:
     """Return the sha256 of every channel's name, type, shape and bytes, and of every text and integer of ours."""
     digest = hashlib.sha256()
@@ -339,15 +308,10 @@ def _write_sealed(
         if isinstance(value, int) and not -(2**31) <= value < 2**31:
             raise ValueError(f"{key} = {value} does not fit the format's 32-bit integers")
     header |= {"compression": _COMPRESSION[codec], "type": OpenEXR.scanlineimage}
-    try:
-        with atomic.replacing(path) as temporary:
-            with _quiet():
-                OpenEXR.File(header, dict(channels)).write(str(temporary))
-            exr_header.seal_file(temporary)
-    except FileNotFoundError:
-        raise UserError(f"no folder {path.parent}", where=str(path), fix="create it first") from None
-    except OSError as error:
-        raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
+    with atomic.replacing(path) as temporary:
+        with silenced():
+            OpenEXR.File(header, dict(channels)).write(str(temporary))
+        exr_header.seal_file(temporary)
 
 
 def _own_kind(header: exr_header.Header, path: Path) -> Literal["frame", "image"]:
@@ -411,7 +375,7 @@ def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any]
     content = _decode(header, kind, path)
     exr_header.check_body(data, header, path)
     _refuse_too_large(header, path)
-    _, channels = _decode_pixels(path)
+    channels = _decode_pixels(path)
     own = {
         name.removeprefix(_PREFIX): attribute.integer() if attribute.type == "int" else attribute.text()
         for name, attribute in header.attributes.items()
@@ -425,10 +389,8 @@ def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any]
 def _truth(header: dict[str, Any], path: Path) -> FrameTruth:
     try:
         return FrameTruth.from_dict(header["truth"])
-    except KeyError as error:
-        raise DamagedFileError(f"the truth has no {error.args[0]!r}", where=str(path)) from None
-    except (TypeError, AttributeError, ValueError) as error:
-        raise DamagedFileError(f"the truth cannot be read: {error}", where=str(path)) from None
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise DamagedFileError(f"the truth {misfit(error)}", where=str(path)) from None
 
 
 def _refuse_too_large(header: exr_header.Header, path: Path) -> None:
@@ -442,36 +404,16 @@ def _refuse_too_large(header: exr_header.Header, path: Path) -> None:
     memory.refuse_beyond(8.0 * width * height * count, what, where=str(path))
 
 
-def _decode_pixels(path: Path) -> tuple[str | None, Channels]:
-    """Return the data window, if it differs from the display window, and the separate channels of the first part."""
+def _decode_pixels(path: Path) -> Channels:
+    """Return the separate channels of the first part."""
     try:
-        with _quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
-            header = file.header()
-            channels = {name: np.ascontiguousarray(channel.pixels) for name, channel in file.channels().items()}
-            data, display = header["dataWindow"], header["displayWindow"]
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise files.UnreadableFileError(
+            "cannot be read by OpenEXR: its path is not UTF-8", where=str(path), fix="give the folder another name"
+        ) from None
+    try:
+        with silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
+            return {name: np.ascontiguousarray(channel.pixels) for name, channel in file.channels().items()}
     except Exception as error:
         raise DamagedFileError(f"its pixels cannot be read: {error}", where=str(path)) from None
-    same = all(np.array_equal(a, b) for a, b in zip(data, display, strict=True))
-    return (None if same else f"data window {[*data[0], *data[1]]}"), channels
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Discard what the library prints, through Python and C++ streams; C buffers are flushed before and after."""
-    with _quiet_lock, open(os.devnull, "wb") as sink, contextlib.redirect_stdout(io.StringIO()):
-        _flush_c_streams()
-        kept = [(number, os.dup(number)) for number in (1, 2)]
-        try:
-            for number, _ in kept:
-                os.dup2(sink.fileno(), number)
-            yield
-        finally:
-            _flush_c_streams()
-            for number, copy in kept:
-                os.dup2(copy, number)
-                os.close(copy)
-
-
-def _flush_c_streams() -> None:
-    if sys.platform != "win32":
-        ctypes.CDLL(None).fflush(None)

@@ -25,18 +25,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizonval.core import files
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
-from horizonval.geometry.rotation import itrs_from_gcrs, julian_utc
+from horizonval.geometry.clock import julian_utc
+from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.detector import Cmos
 from horizonval.store.attributes import camera_of, earth_mask, saturated_mask, sunlit_mask
 from horizonval.store.exported import of_fits, sealed, text_of
+from horizonval.store.fits_heads import refuse_impossible_sizes
+from horizonval.store.readers.part import native
 
 Cards = dict[str, tuple[Any, str]]
 
@@ -86,80 +88,41 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
     return buffer.getvalue()
 
 
-def read_fits(path: Path) -> tuple[NDArray[Any], float | None, RadianceFrame | DetectorImage | None]:
-    """Read an image from any FITS file, and the whole content of one that :func:`fits_bytes` made.
-
-    Result: pixels (H, W) of the first unit with pixels, upper row first; full scale, from ``SATURATE`` or an integer
-    type; the content of one of our files, else None. Raises ``UserError``: no FITS file with a two-dimensional image,
-    changed after its export, or no astropy.
-    """
-    with _opened(path) as units:
-        try:
-            arrays = {unit.name: _native(unit.data) for unit in units if unit.is_image and unit.data is not None}
-            content = _content_read(units)
-            first = next(unit for unit in units if unit.is_image and unit.data is not None)
-            header, pixels = first.header, _native(first.data)
-        except StopIteration:
-            raise UserError("holds no image", where=str(path), expected="a FITS file with one") from None
-        except Exception as error:
-            raise _damaged(error, path) from None
-    if pixels.ndim != 2:
-        raise UserError(f"pixels of shape {pixels.shape}", where=str(path), expected="a flat image")
-    if content is not None:
-        return pixels, None, of_fits(arrays, content, str(path))
-    if str(header.get("ROWORDER", "")).strip().upper() != "TOP-DOWN":
-        # As every viewer of FITS draws it.
-        pixels = np.ascontiguousarray(pixels[::-1])
-    saturate = header.get("SATURATE")
-    if isinstance(saturate, int | float) and saturate > 0:
-        return pixels, float(saturate), None
-    return pixels, float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None, None
+def is_own(units: Any) -> bool:
+    """Return whether an opened FITS file is one that :func:`fits_bytes` made."""
+    return "JSON" in units and "format" in units["JSON"].columns.names
 
 
-def size_of(path: Path) -> tuple[int, int]:
-    """Return width and height of the first image in a FITS file [px], from the headers; errors as :func:`read_fits`."""
-    with _opened(path) as units:
-        try:
-            shapes = [unit.shape for unit in units if unit.is_image and len(unit.shape) >= 2]
-        except Exception as error:
-            raise _damaged(error, path) from None
-    if not shapes:
-        raise UserError("holds no image", where=str(path), expected="a FITS file with one")
-    return int(shapes[0][-1]), int(shapes[0][-2])
+def bands_of(units: Any) -> list[str]:
+    """Return the bands that an opened FITS file of ours holds."""
+    return [str(band) for band in json.loads(str(units["JSON"].data["bands"][0]))]
+
+
+def read_own(path: Path) -> RadianceFrame | DetectorImage:
+    """Return the whole content of a FITS file of ours; ``UserError``: no FITS file, or changed after its export."""
+    with opened(path) as units:
+        table = units["JSON"]
+        content = {name: json.loads(str(table.data[name][0])) for name in table.columns.names}
+        arrays = {unit.name: native(unit.data) for unit in units if unit.is_image and unit.data is not None}
+    return of_fits(arrays, content, str(path))
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def opened(path: Path) -> Iterator[Any]:
+    """Open a FITS file whose heads have been checked; what goes wrong inside is a ``DamagedFileError``."""
     fits = _astropy(str(path))
     with warnings.catch_warnings(), files.open_file(path, expected="a FITS file") as file:
         # It warns of what it mends by itself; what it cannot mend raises.
         warnings.simplefilter("ignore")
+        refuse_impossible_sizes(file, path)
         try:
-            units = fits.open(file, memmap=False, lazy_load_hdus=False, disable_image_compression=True)
-        except Exception as error:
-            raise _damaged(error, path) from None
-        with units:
-            yield units
-
-
-def _damaged(error: Exception, path: Path) -> DamagedFileError:
-    """Return what went wrong in the library, which has no class for it, as one line of ours."""
-    text = " ".join(str(error).split())[:120]
-    return DamagedFileError(f"not a FITS file that can be read: {text or type(error).__name__}", where=str(path))
-
-
-def _content_read(units: Any) -> dict[str, Any] | None:
-    """Return what the JSON table of ours says; None where there is none."""
-    if "JSON" not in units or "format" not in units["JSON"].columns.names:
-        return None
-    table = units["JSON"]
-    return {name: json.loads(str(table.data[name][0])) for name in table.columns.names}
-
-
-def _native(values: Any) -> NDArray[Any]:
-    """Return an array in the machine's order of bytes."""
-    array = np.asarray(values)
-    return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
+            with fits.open(file, memmap=False, lazy_load_hdus=False) as units:
+                yield units
+        except UserError:
+            raise
+        except Exception:
+            # A damaged file comes out of the library as whatever went wrong inside.
+            raise DamagedFileError("not an image that can be read: a damaged FITS file", where=str(path)) from None
 
 
 def _content(source: RadianceFrame | DetectorImage) -> dict[str, Any]:
@@ -255,7 +218,7 @@ def _band(spec: CameraSpec, name: str) -> Cards:
 
 def _coordinates(truth: FrameTruth, camera: CameraModel) -> Cards:
     """Return the celestial coordinate system, or nothing where none is good to a tenth of a pixel."""
-    if camera.projection == "equal_angle":
+    if camera.projection == "equal_angle" or camera.skew:
         return {}
     sip, error_px = _distortion(camera)
     if error_px > LARGEST_SIP_ERROR_PX:
@@ -290,7 +253,7 @@ def _coordinates(truth: FrameTruth, camera: CameraModel) -> Cards:
 
 def _distortion(camera: CameraModel) -> tuple[Cards, float]:
     """Return SIP polynomials from the image to that of the undistorted lens, and their largest error in pixels."""
-    if not any(camera.distortion):
+    if camera.projection != "unified" and not any(camera.distortion):
         return {}, 0.0
     side = [np.linspace(-0.5, size - 0.5, SIP_GRID) for size in (camera.width, camera.height)]
     uv = np.stack(np.meshgrid(*side), axis=-1).reshape(-1, 2)

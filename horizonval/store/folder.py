@@ -86,12 +86,7 @@ class RunFolder:
         self.refuse_links()
         extra = (self.stability,) if stability else ()
         for folder in (self.root, self.archive, self.cases, self.state, *extra):
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-            except OSError as e:
-                raise UserError(
-                    e.strerror or "cannot be created", where=str(folder), expected="a folder that can be written"
-                ) from e
+            atomic.make_folder(folder)
 
     def refuse_links(self) -> None:
         """Raise ``UserError`` where a link stands for one of the folders that a run writes into and cleans."""

@@ -126,8 +126,8 @@ class Index:
         content = {"entries": [asdict(rows[address]) for address in sorted(rows)]}
         try:
             atomic.write_bytes(self.path, sealed.json_bytes(content, indent=None, name=NAME))
-        except OSError as error:
-            return error.strerror or "no reason is given"
+        except atomic.WriteError as error:
+            return error.reason
         return ""
 
 

@@ -123,11 +123,19 @@ def _addresses(record: dict[str, Any], everywhere: bool) -> Iterator[str]:
 def garbage(folder: RunFolder) -> Garbage:
     """Return the files of a run's archive that no result names. The caller holds the folder's lock.
 
-    Raises ``UserError`` if a result cannot be read, or the archive is a link, which other runs may use.
+    Raises ``UserError`` if a result cannot be read or is missing, or the archive is a link, which other runs may use.
     """
     root = folder.archive
     if root.is_symlink():
         raise UserError("is a link: other runs may use it", where=str(root), expected="an archive of one run")
+    manifest = read_json(folder.root / "manifest.json") or {}
+    for name in manifest.get("files", ()):
+        if name.startswith(("cases/", "state/")) and files.kind_at(folder.root / name) != "a file":
+            raise UserError(
+                "is missing, though the manifest names it, so that nobody knows which entries it names",
+                where=str(folder.root / name),
+                fix="make the run again",
+            )
     named = named_addresses(folder, strict=True)
     entries = places(root)
     unnamed = [path for path in entries if path.stem not in named]

@@ -38,10 +38,7 @@ class Store:
         return self._add(lambda path: exr.write_image(path, image))
 
     def _add(self, write: Callable[[Path], None]) -> str:
-        try:
-            self.root.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UserError(f"cannot be made: {error.strerror}", where=str(self.root)) from None
+        atomic.make_folder(self.root)
         with atomic.temporary_in(self.root) as temporary:
             write(temporary)
             address = files.sha256_of(temporary, links=False)

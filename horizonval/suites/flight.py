@@ -5,45 +5,42 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from sgp4.api import Satrec
-from sgp4.conveniences import sat_epoch_datetime
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
-from horizonval.formats.attitude import attitude_of_aem
-from horizonval.formats.ccsds import kind_of
-from horizonval.formats.trajectory import (
-    SpiceOrbit,
-    attitude_of_csv,
-    orbit_of_csv,
-    orbit_of_oem,
-    satellite_of_omm,
-    span_of,
-)
-from horizonval.geometry import attitude_profile, orbit
+from horizonval.formats.aem import attitude_of_aem
+from horizonval.formats.attitude import AttitudeHistory, other_readings
+from horizonval.formats.ndm import KINDS, kinds_of
+from horizonval.formats.oem import orbit_of_oem
+from horizonval.formats.omm import satellite_of_omm
+from horizonval.formats.trajectory import SpiceOrbit, attitude_of_csv, orbit_of_csv, span_of
+from horizonval.formats.two_lines import elements_of
+from horizonval.geometry import attitude_profile, clock, orbit
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme
 from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.spec.expand import seed_of
 from horizonval.spec.orbit import OrbitAttitude, OrbitSpec
 
-MAX_FILE_BYTES = 64 * 1024
-"""Maximum size of a file with one set of elements, bytes."""
+MAX_FILE_BYTES = 64 * 1024**2
+"""Maximum size of a file of two-line elements, bytes; a catalogue of all satellites has 5 MB."""
 
 _ANGLE_DIGITS, _RATE_DIGITS, _KM_DIGITS = 7, 9, 6
 """Decimals in scenes, about 1 cm on the ground and 0.001 arcsec: machine-dependent last bits stay out of identities."""
 
 
-def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[JsonObject]:
-    """Return a partial scene for every sample: ``platform`` and ``attitude``.
+def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> tuple[list[JsonObject], str]:
+    """Return a partial scene for every sample: ``platform`` and ``attitude``; and a warning, or nothing.
 
     ``ellipsoid``: reference of latitude and altitude. ``seed`` (of the suite) and ``name``: source of the pointing
     error. ``beside``: base folder of the orbit's files. Raises ``UserError``: invalid elements, or those that SGP4
@@ -70,10 +67,10 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
     km = np.round(height / 1e3, _KM_DIGITS)
     turned = np.round(np.degrees(angles), _ANGLE_DIGITS) + 0.0
     turning = np.round(np.degrees(rates), _RATE_DIGITS) + 0.0
-    return [
+    samples = [
         {
             "platform": {
-                "epoch_utc": epoch + timedelta(seconds=float(t)),
+                "epoch_utc": clock.utc_after(epoch, float(t)),
                 "latitude_deg": float(degrees[0][i]),
                 "longitude_deg": float(degrees[1][i]),
                 "altitude_km": float(km[i]),
@@ -83,6 +80,7 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
         }
         for i, t in enumerate(seconds)
     ]
+    return samples, "" if track.doubt is None else track.doubt(seconds)
 
 
 def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> JsonObject:
@@ -93,13 +91,17 @@ def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> JsonObject:
     return found
 
 
+Doubt = Callable[[FloatArray], str]
+"""From times [s] to a warning about them, or nothing."""
+
+
 @dataclass(frozen=True)
 class _Track:
     """Position of a satellite, and its attitude if a file gives it.
 
     ``states``: in celestial axes. ``itrs``, ``body_from_axes``: matrices from these to Earth-fixed and body axes, shape
     (n, 3, 3). ``period_s``: of a revolution, None without elements; ``end_s``: of the file. ``around``: begin and end
-    of the files' coverage around times, None if unlimited.
+    of the files' coverage around times, None if unlimited. ``doubt``: returns a warning about times, or nothing.
     """
 
     epoch_utc: datetime
@@ -109,6 +111,7 @@ class _Track:
     end_s: float | None = None
     body_from_axes: Callable[[FloatArray], FloatArray] | None = None
     around: attitude_profile.Spans | None = None
+    doubt: Doubt | None = None
 
 
 def _duration_s(spec: OrbitSpec, track: _Track) -> float:
@@ -142,7 +145,10 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
     if spec.attitude.file is None:
         return found
     path = beside / Path(spec.attitude.file).expanduser()
-    history = attitude_of_aem(path) if kind_of(path) == "aem" else attitude_of_csv(path)
+    kind = _kind_of(path, ("aem",), "an attitude: AEM, or a table of quaternions")
+    if kind != "aem" and spec.satellite is not None and spec.tle is None and spec.ephemeris is None:
+        raise UserError("a table of attitudes names no satellite", where="satellite", expected="it to be left out")
+    history = attitude_of_aem(path, spec.satellite) if kind == "aem" else attitude_of_csv(path)
 
     def body_from_axes(seconds: FloatArray) -> FloatArray:
         # The file refers to celestial axes, the states may be in others.
@@ -156,7 +162,60 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
         first, last = found.around(seconds)
         return np.fmax(begin, first), np.fmin(end, last)
 
-    return replace(found, body_from_axes=body_from_axes, around=around)
+    turned = replace(found, body_from_axes=body_from_axes, around=around)
+    doubts = (found.doubt, lambda _: history.doubt, lambda _: _steady_otherwise(turned, history))
+    return replace(turned, doubt=partial(_joined, doubts))
+
+
+SHORTEST_ARC, LARGEST_SWAY, STEADIER = math.radians(20.0), math.radians(3.0), 0.1
+"""Arc of the orbit on which readings of quaternions are compared, largest turn against the local vertical of a reading
+that holds still, and how large it may be, relative to the stated reading's."""
+MOST_COMPARED = 50
+
+
+def _steady_otherwise(track: _Track, history: AttitudeHistory) -> str:
+    """Return a warning if a body that tumbles holds still against the local vertical in another reading of its file.
+
+    Quaternions with the scalar at the wrong end, or of the inverse turn, are as smooth as the right ones.
+    """
+    seconds = np.concatenate([piece.seconds for piece in history.pieces])
+    q = np.concatenate([piece.q_body_from_axes for piece in history.pieces])
+    t = seconds + clock.elapsed_s(track.epoch_utc, history.epoch_utc)
+    assert track.around is not None
+    known = np.flatnonzero(np.isfinite(track.around(t)[0]))
+    if len(known) < 3:
+        return ""
+    use = known[np.unique(np.linspace(0, len(known) - 1, MOST_COMPARED).astype(int))]
+    up = track.states(t[use])[0]
+    up = up / np.linalg.norm(up, axis=1, keepdims=True)
+    stated = _body_from_lvlh(track, t[use])
+    axes_from_lvlh = np.swapaxes(Rotation.from_quat(q[use]).as_matrix(), -1, -2) @ stated
+
+    def sway(body_from_lvlh: FloatArray) -> float:
+        turns = Rotation.from_matrix(body_from_lvlh)
+        return float((turns * turns[0].inv()).magnitude().max())
+
+    if float(np.min(up @ up[0])) > math.cos(SHORTEST_ARC) or sway(stated) < LARGEST_SWAY / STEADIER:
+        return ""
+    for text, other in other_readings(q[use]):
+        if sway(Rotation.from_quat(other).as_matrix() @ axes_from_lvlh) < min(LARGEST_SWAY, STEADIER * sway(stated)):
+            return f"{history.where}: the body tumbles, and would hold still against the local vertical if {text}"
+    return ""
+
+
+def _joined(doubts: Sequence[Doubt | None], seconds: FloatArray) -> str:
+    """Return several warnings about times as one."""
+    return "; ".join(text for doubt in doubts if doubt is not None and (text := doubt(seconds)))
+
+
+def _kind_of(path: Path, known: Sequence[str], expected: str) -> str:
+    """Return the kind of message in a file, empty for a table; UserError for a kind that is read elsewhere or not."""
+    found = kinds_of(path, expected)
+    fit = [kind for kind in found if kind in known]
+    if found and len(fit) != 1:
+        held = " and ".join(KINDS[kind] for kind in fit or found)
+        raise UserError(f"holds {held}", where=str(path), expected=expected)
+    return fit[0] if fit else ""
 
 
 def _track_of_elements(spec: OrbitSpec) -> _Track:
@@ -179,14 +238,17 @@ def _track_of_elements(spec: OrbitSpec) -> _Track:
 
 def _track_of_lines(spec: OrbitSpec, beside: Path) -> _Track:
     try:
-        found = orbit.ElementSet(*_lines(spec.tle, beside))
-        return _track_of_satellite(spec, Satrec.twoline2rv(found.line1, found.line2))
+        lines = _lines(spec.tle or "", beside)
+        path = beside / Path(spec.tle).expanduser() if isinstance(spec.tle, str) else None
+        if path is None or set(kinds_of(path)) <= {"tle"}:
+            return _track_of_satellite(spec, elements_of(lines, spec.satellite).satellite())
     except UserError as e:
         raise e.at("tle") from e
+    return _track_of_file(spec, path, ("omm",), "elements: two lines, an OMM, JSON or CSV")
 
 
-def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
-    epoch = spec.epoch_utc or sat_epoch_datetime(satellite).astimezone(UTC)
+def _track_of_satellite(spec: OrbitSpec, satellite: Satrec, doubt: str = "") -> _Track:
+    epoch = spec.epoch_utc or orbit.epoch_of(satellite)
 
     def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
         return orbit.satellite_states(satellite, epoch, seconds)
@@ -195,17 +257,32 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
         return itrs_from_teme(epoch, seconds)
 
     # From node to node, as for elements; the satellite's mean motion counts from perigee to perigee.
-    return _Track(epoch, states, itrs, 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot))
+    period_s = 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot)
+    doubts = (lambda _: doubt, partial(orbit.far_from_epoch, satellite, epoch))
+    return _Track(epoch, states, itrs, period_s, doubt=partial(_joined, doubts))
 
 
-def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
-    kind = kind_of(path)
+ORBIT = "an orbit: OEM, mean elements as OMM, JSON, CSV or two lines, or a table of states"
+
+
+def _track_of_file(
+    spec: OrbitSpec, path: Path, known: Sequence[str] = ("oem", "omm", "tle"), expected: str = ORBIT
+) -> _Track:
+    kind = _kind_of(path, known, expected)
     if kind == "omm":
-        return _track_of_satellite(spec, satellite_of_omm(path))
-    trajectory = orbit_of_oem(path) if kind == "oem" else orbit_of_csv(path)
+        return _track_of_satellite(spec, *satellite_of_omm(path, spec.satellite))
+    if kind == "tle":
+        try:
+            found = elements_of(_lines(str(path), Path()), spec.satellite)
+            return _track_of_satellite(spec, found.satellite())
+        except UserError as e:
+            raise e.at(str(path)) from e
+    if kind != "oem" and spec.satellite is not None:
+        raise UserError("a table of states names no satellite", where="satellite", expected="it to be left out")
+    trajectory = orbit_of_oem(path, spec.satellite) if kind == "oem" else orbit_of_csv(path)
     first, last = trajectory.span_s
-    epoch = spec.epoch_utc or trajectory.epoch_utc + timedelta(seconds=first)
-    offset = (epoch - trajectory.epoch_utc).total_seconds()
+    epoch = spec.epoch_utc or clock.utc_after(trajectory.epoch_utc, first)
+    offset = clock.elapsed_s(trajectory.epoch_utc, epoch)
 
     def around(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
         begin, end = trajectory.coverage.around(seconds + offset)
@@ -225,9 +302,10 @@ def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
     assert spec.spacecraft is not None
     paths = tuple(beside / Path(name).expanduser() for name in spec.kernels)
     first, last = span_of(paths, spec.spacecraft)
-    epoch = spec.epoch_utc or first
+    epoch = spec.epoch_utc or clock.utc_at(first)
     found = SpiceOrbit(paths, spec.spacecraft, epoch, spec.attitude.body_axes)
-    begin_s, end_s = (first - epoch).total_seconds(), (last - epoch).total_seconds()
+    begin_s, end_s = clock.seconds_after(epoch, (first, last)).tolist()
+    found.check(begin_s, end_s)
     return _Track(
         epoch,
         found.states,
@@ -238,19 +316,16 @@ def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
     )
 
 
-def _lines(given: Sequence[str] | str | None, beside: Path) -> tuple[str, str]:
-    """Return the two lines, without the optional name before them."""
-    if isinstance(given, str):
-        path = beside / Path(given).expanduser()
-        expected = "a text file with two lines of 69 columns"
-        try:
-            given = files.read_text(path, largest=MAX_FILE_BYTES, expected=expected, encoding="ascii").splitlines()
-        except UserError as e:
-            raise UserError(f"{path}: {e.what}", expected=expected) from e
-    lines = [line.rstrip() for line in given or [] if line.strip()]
-    if len(lines) not in (2, 3):
-        raise UserError(f"found {len(lines)} lines", expected="two lines of 69 columns, or three with a name")
-    return lines[-2], lines[-1]
+def _lines(given: Sequence[str] | str, beside: Path) -> Sequence[str]:
+    """Return the lines of an element set, or of the file that holds them."""
+    if not isinstance(given, str):
+        return given
+    path = beside / Path(given).expanduser()
+    expected = "a text file with two lines of 69 columns"
+    try:
+        return files.read_text(path, largest=MAX_FILE_BYTES, expected=expected).splitlines()
+    except UserError as e:
+        raise UserError(f"{path}: {e.what}", expected=expected) from e
 
 
 def _elements(spec: OrbitSpec, epoch: datetime) -> orbit.Elements:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from horizonval.core import files
@@ -48,14 +48,16 @@ def suite_identity(suite: Suite) -> str:
     return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
 
 
-def rescored_identity(addresses: Iterable[str], estimators: Iterable[str], climates: Iterable[Path] = ()) -> str:
-    """Return the digest of the inputs of rescored images: bytes, estimators, code.
+def rescored_identity(
+    addresses: Iterable[str], estimators: Sequence[str], plan: CasePlan, climates: Iterable[Path] = ()
+) -> str:
+    """Return the digest of the inputs of rescored images: bytes, estimators, the files of programs, code.
 
     Climate files of the priors count too: an image holds only their paths.
     """
     names = [*estimators]
     air = [files.sha256_of(path, expected="a climate's file") if path.exists() else "" for path in sorted(climates)]
-    return _digest(json.dumps([*addresses]), json.dumps(names), json.dumps(air), code_digest(*code_of(names)))
+    return _digest(json.dumps([*addresses]), plan.content(names), json.dumps(air), code_digest(*code_of(names)))
 
 
 def _scene_content(case: Case) -> str:

@@ -10,9 +10,9 @@ from typing import Any
 from horizonval.core.errors import MistakeCollector, UserError
 from horizonval.earth.spectral.bands import limits_um
 from horizonval.estimation.likelihood.templates import is_of_band, templates_of
+from horizonval.geometry import clock
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
-from horizonval.geometry.rotation import julian_utc
 from horizonval.renderer.frame_cost import refuse_too_large
 from horizonval.sensor.knowledge import drawn_errors, refuse_unknown_climate
 from horizonval.spec.camera import CameraSpec
@@ -153,6 +153,7 @@ def _without_numbers(value: Any, numbers: list[float]) -> Any:
 
 
 def _check_case(case: Case, cameras: set[int]) -> None:
+    from horizonval.sensor.motion import check_scene_turn
     from horizonval.sensor.observe import check_camera
 
     camera = id(case.camera)
@@ -167,12 +168,13 @@ def _check_case(case: Case, cameras: set[int]) -> None:
         check_invertible(camera_from_spec(case.camera.camera))
         cameras.add(camera)
     place_from_spec(case.scene)
+    check_scene_turn(case.scene, case.camera)
     if case.scene.calibration is not None:
         errors = drawn_errors(case.scene.calibration, case.scene.model_dump(mode="json"), case.scene.camera.head)
         errors.camera(camera_from_spec(case.camera.camera))
     if case.scene.prior is not None:
         _check_prior(case.scene.prior, case.camera)
     try:
-        julian_utc(case.scene.platform.epoch_utc)
+        clock.in_range(case.scene.platform.epoch_utc)
     except UserError as e:
         raise e.at("platform.epoch_utc") from e

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from horizonval.core import atomic
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress, Silent
@@ -61,7 +62,8 @@ class RescoreWork(Recorded[Item]):
 
     def identity(self, item: Item) -> str:
         """Return the digest of images, frames, climate files of the priors, estimators and code."""
-        return rescored_identity(item.addresses, item.estimators(self.plan), climates_of(item, Store(self.archive)))
+        names = item.estimators(self.plan)
+        return rescored_identity(item.addresses, names, self.plan, climates_of(item, Store(self.archive)))
 
     def record(self, item: Item, watch: Stopwatch) -> Record:
         return archived_record(item, self.plan, Store(self.archive), watch)
@@ -128,10 +130,7 @@ def _claim(
         raise UserError("holds a run", where=str(folder.root), fix="choose another --out")
     folder.refuse_links()
     for path in (folder.root, folder.cases):
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as e:
-            raise UserError(e.strerror or "cannot be created", where=str(path)) from e
+        atomic.make_folder(path)
     names = [item.name for item in items]
     withdraw_manifest(folder.root)
     for path in folder.cases.glob("*.json"):

@@ -43,8 +43,8 @@ def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> 
     raise UserError(f"found {keep!r}", where="--keep", expected=" or ".join(get_args(Keep)))
 
 
-def fly_scene(spec: OrbitSpec, scene: JsonObject, seed: int, name: str, where: str) -> list[JsonObject]:
-    """Return the samples of an orbit over a scene's Earth; ``where`` is file and key for errors.
+def fly_scene(spec: OrbitSpec, scene: JsonObject, seed: int, name: str, where: str) -> tuple[list[JsonObject], str]:
+    """Return the samples of an orbit over a scene's Earth, and a warning or nothing; ``where``: file and key.
 
     Raises ``UserError``: as :func:`horizonval.suites.flight.fly`.
     """

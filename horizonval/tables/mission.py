@@ -101,12 +101,7 @@ def write_table(made: MissionTable, path: Path) -> None:
     if path.suffix != ".h":
         raise UserError(f"ends in {path.suffix!r}", where=str(path), expected="a name that ends in .npz or .h")
     comment = f"Band {made.band.name}: {made.text}. From {made.whole.made_by}."
-    try:
-        atomic.write_text(path, header_text(made.cut.table, comment))
-    except OSError as e:
-        raise UserError(
-            e.strerror or "cannot be written", where=str(path), expected="a file that can be written"
-        ) from e
+    atomic.write_text(path, header_text(made.cut.table, comment))
 
 
 def places_of(cases: Sequence[Case], band: Band) -> LimbPlaces:

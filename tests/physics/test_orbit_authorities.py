@@ -13,7 +13,6 @@ from astropy.coordinates import GCRS, ITRS, TEME, CartesianDifferential, Cartesi
 from astropy.time import Time
 from astropy.utils import iers
 
-from horizonval.core.errors import UserError
 from horizonval.geometry.orbit import ElementSet, gcrs_states, itrs_states, teme_states
 
 ENVISAT = ElementSet(
@@ -85,16 +84,3 @@ def test_celestial_velocity_is_the_derivative_of_the_position() -> None:
     assert np.abs(r[2] - r[0] - v[1]).max() < 0.01
     r, v = itrs_states(ENVISAT, START, np.array([-0.5, 0.0, 0.5]))
     assert np.abs(r[2] - r[0] - v[1]).max() < 0.01
-
-
-@pytest.mark.parametrize(
-    ("line1", "line2", "message"),
-    [
-        (ENVISAT.line1[:-1] + "5", ENVISAT.line2, "checksum 4"),
-        (ENVISAT.line1[:-3], ENVISAT.line2, "69 columns"),
-        (ENVISAT.line2, ENVISAT.line1, "69 columns"),
-    ],
-)
-def test_wrong_lines_are_refused(line1: str, line2: str, message: str) -> None:
-    with pytest.raises(UserError, match=message):
-        ElementSet(line1, line2)

@@ -69,6 +69,8 @@ WRONG = {
     "list camera": ["'camera'", "one of cameras"],
     "render one.toml -o no/where.exr": ["no: no such folder"],
     "render one.toml -o .": ["is a folder"],
+    "render one.toml -o one.toml": ["one.toml: is read by this command"],
+    "render one.toml -o mini-camera.toml": ["mini-camera.toml: is read by this command"],
     "render one.toml -o r.exr --reference --spp 0": ["--spp", "2"],
     "render one.toml -o r.exr --spp 9": ["--spp", "without --reference"],
     "render one.toml -o r.exr --reference-size 24x20": ["--reference-size", "without --reference"],
@@ -79,7 +81,7 @@ WRONG = {
     "mitsuba one.toml -o no/where": ["no: no such folder"],
     "mitsuba one.toml -o one.toml": ["is a file", "empty folder"],
     "mitsuba one.toml -o .": ["is not empty"],
-    "observe f.exr -o f.exr": ["the same file"],
+    "observe f.exr -o f.exr": ["is read by this command"],
     "observe f.exr -o i.exr --band visible": ["no band 'visible'", "vis"],
     "observe f.exr -o i.exr --camera wode.toml": ["no camera named"],
     "observe f.exr -o i.exr --camera wide.toml": ["camera's fx", "render"],
@@ -179,7 +181,7 @@ def test_observe_many_images_of_one_frame(horizonval, frame_path, tmp_path):
     done = horizonval("sheet", *files, "-o", "sheet.png", "--columns", "2")
     assert done.stdout == "sheet.png: 4 images\n", done.stderr
     assert cv2.imread(str(tmp_path / "sheet.png")) is not None
-    assert_one_line(horizonval("sheet", "one.exr", "-o", "one.exr"), "the same file")
+    assert_one_line(horizonval("sheet", "one.exr", "-o", "one.exr"), "is read by this command")
 
 
 def test_observe_with_another_camera(horizonval, scene, frame_path, tmp_path):

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
+from astropy.io import fits
 from mutated_files import COMMANDS, Judged, faults, judge, mutant, write_sound_files
 
 from horizonval.store.export import export_file
@@ -32,6 +33,10 @@ def sound(tmp_path, make_frame, make_image) -> Path:
     for suffix in ("png", "tiff", "jpg"):
         assert cv2.imwrite(str(folder / f"image.{suffix}"), grey)
     OpenEXR.File({}, {"Y": grey.astype(np.float32)}).write(str(folder / "foreign.exr"))
+    fits.CompImageHDU(grey[::-1].astype(np.int32)).writeto(folder / "packed.fits")
+    np.save(folder / "image.npy", grey)
+    np.savez_compressed(folder / "image.npz", grey)
+    np.savetxt(folder / "image.csv", grey, fmt="%d", delimiter=",")
     write_image(folder / "image.exr", make_image())
     write_frame(folder / "frame.exr", make_frame())
     for path in export_file(folder / "image.exr", tmp_path, ["fits", "png"]):

@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 from browser import Browser, chromium_path
 
+from horizonval.spec.suite import RegressionSpec
 from horizonval.studies.regression.baseline import read_baseline
-from horizonval.studies.regression.gates import GateInputs, changed, judge, measure, pairs_of
+from horizonval.studies.regression.fresh import judge_fresh
+from horizonval.studies.regression.gates import judge_rows
 from horizonval.studies.regression.page import of_baseline, write_page
-from horizonval.suites.suite import load_suite
+from horizonval.studies.regression.partners import cameras_of, changed, pairs_of
 
 pytestmark = [
     pytest.mark.slow,
@@ -22,15 +24,15 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
-    """A night whose errors are ten percent larger, after 40 others, of which the last ten stand a step higher."""
-    suite = load_suite(ROOT / "scenes" / "suites" / "nightly.toml")
+    """A night whose errors are a fifth larger, after 40 others, of which the last ten stand a step higher."""
     base = read_baseline(ROOT / "results" / "baseline" / "nightly.json", "nightly")
     now = [
-        row if row.nadir_error_arcsec is None else replace(row, nadir_error_arcsec=1.1 * row.nadir_error_arcsec)
+        row if row.nadir_error_arcsec is None else replace(row, nadir_error_arcsec=1.2 * row.nadir_error_arcsec)
         for row in base.results.rows
     ]
-    results = GateInputs(now, {}, base.results.fresh, "tonight")
-    moved = changed(pairs_of(now, base.results.rows))
+    pairs, cameras = pairs_of(now, base.results.rows), cameras_of(base.scenes, base.together)
+    moved = changed(pairs)
+    fresh = [row for row in base.results.fresh if row.case < "0/day_020" or row.table != "day"]
     level = {"fixed method: median nadir error": {"value": 700.0, "unit": "arcsec", "n": 384}}
     nights = [
         {
@@ -46,12 +48,14 @@ def page(tmp_path_factory):
         "lanes": ["replay", "rerender", "fresh"],
         "verdict": "FAIL",
         "problems": ["one scene could not be rendered"],
+        "notes": ["new, and not compared until a baseline with it is accepted: method new-method"],
         "environment": dict(base.head["environment"]),
         "comparisons": [
             {
                 "name": "accepted",
                 "baseline": base.label,
                 "reason": base.head["reason"],
+                "covers": ["FAIL: limb-profile in day (vis-cmos-512-60deg, vis): mean roll error moved by 30 arcsec"],
                 "same_as_accepted": False,
                 "replayed": len(now),
                 "n_changed": len(moved),
@@ -61,7 +65,8 @@ def page(tmp_path_factory):
                 "images_changed": [],
             }
         ],
-        "gates": judge([("accepted", measure(gate, results, base.results)) for gate in suite.regression.gate]),
+        "gates": judge_rows(RegressionSpec(), "replay", pairs, cameras)
+        + judge_fresh(RegressionSpec(), fresh, base.results.fresh, cameras),
         "published": [
             {
                 "system": system,

@@ -60,7 +60,7 @@ def long_run(tmp_path_factory):
     server = view_server._server(view_server.viewable(run), 0)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()
-    yield page, f"http://127.0.0.1:{server.server_address[1]}/report/index.html"
+    yield page, f"http://127.0.0.1:{server.server_address[1]}/report/index.html?token={server.secret}"
     server.shutdown()
     thread.join(10)
     server.server_close()

@@ -128,7 +128,8 @@ def position_m(observation: hv.Observation, points: np.ndarray, mend: Mend = Men
 def _as_pinhole(observation: hv.Observation, points: np.ndarray) -> np.ndarray:
     """Return where points would be without distortion and with a principal point in the image's middle."""
     camera = observation.camera
-    if not any(camera.distortion) and camera.cx == (camera.width - 1) / 2 and camera.cy == (camera.height - 1) / 2:
+    plain = camera.projection == "pinhole" and not any(camera.distortion) and not camera.skew
+    if plain and camera.cx == (camera.width - 1) / 2 and camera.cy == (camera.height - 1) / 2:
         return points
     rays = lines_of_sight(observation, points)
     plane = rays[:, :2] / rays[:, 2:] * [camera.fx, camera.fy]

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 import horizonval as hv
+from horizonval.geometry.camera import unproject
 from horizonval_peers.picture import grey_8bit
 
 FEWEST = 50
@@ -27,6 +28,8 @@ def edges(observation: hv.Observation) -> np.ndarray:
 def lines_of_sight(observation: hv.Observation, points: np.ndarray) -> np.ndarray:
     """Return the unit lines of sight to pixels, shape (n, 3); pixel (0, 0) is a centre here as in OpenCV."""
     camera = observation.camera
+    if camera.projection != "pinhole" or camera.skew:
+        return unproject(camera, points)
     matrix = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
     plane = cv2.undistortPoints(points.reshape(-1, 1, 2), matrix, np.array(camera.distortion)).reshape(-1, 2)
     rays = np.column_stack([plane, np.ones(len(plane))])

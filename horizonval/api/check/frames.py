@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -9,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from horizonval.api.check.cost import RECORD_BYTES, Cost, FrameCost, column_key, frame_cost, json_of_bands
-from horizonval.api.check.findings import Finding, Kind, Report, cannot_run
+from horizonval.api.check.findings import Finding, Kind, Level, Report, cannot_run
 from horizonval.api.check.limb import LimbView, Needs, group_line, limb_views
 from horizonval.api.check.rules import findings_of
 from horizonval.core.errors import UserError
@@ -17,11 +18,13 @@ from horizonval.earth.optical import node_counts, optical_model
 from horizonval.jobs.engine import ExpectedTime
 from horizonval.renderer.frame_cost import refuse_too_large, shared_view
 from horizonval.scoring import limits
+from horizonval.sensor.motion import check_scene_turn
 from horizonval.sensor.observe import check_camera
 from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.suite import Keep
+from horizonval.studies.regression.unseen import unseen
 from horizonval.studies.trade.design import Study
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import CasePlan, of_heads, plan_of
@@ -74,6 +77,7 @@ def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:
         refuse_too_large(scene, camera)
         if camera.detector is not None:
             check_camera(camera)
+            check_scene_turn(scene, camera)
     except UserError as e:
         findings.append(cannot_run(e))
     groups = _groups_of_heads(scene, camera)
@@ -139,15 +143,35 @@ def _check_groups(target: Suite | Study, most: int, *, infrared: bool, before_ru
     for group, count in zip(groups, sample_sizes(counts, most), strict=True):
         look = look_at(group, count, None if before_run else spectral, infrared=infrared)
         looks.append(look)
-        findings += look.errors[:1]
+        findings += look.errors[:1] + _doubts(group)
         for band, views in look.views.items():
             subject = f"{group.subject}, {band}" if len(look.views) > 1 else group.subject
             findings += findings_of(views, subject, total=len(group.cases))
             facts[subject] = group_line(views, len(group.cases))
+    if not before_run:
+        facts |= unseen(suite)
     examined = sum(look.examined for look in looks)
     cost = None if before_run else total_cost(groups, looks, suite.keep, suite.draws)
     name, frames = suite.name, len(suite.cases)
     return Report(_kind_of(target), name, tuple(findings), facts, examined, frames, cost, suite.source)
+
+
+def _doubts(group: Group) -> list[Finding]:
+    """Return a warning for every doubtful orbit of a group."""
+    counts = Counter(case.doubt for case in group.cases if case.doubt)
+    total = len(group.cases)
+    return [
+        Finding(
+            level=Level.WARNING,
+            code="doubtful-orbit",
+            text=text,
+            subject=group.subject,
+            frames=count,
+            of=total,
+            total=total,
+        )
+        for text, count in counts.items()
+    ]
 
 
 def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:

@@ -31,6 +31,7 @@ from horizonval.earth.spectral.planck import brightness_temperature_k
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.scoring import limits
+from horizonval.scoring.bound import accept_rad
 from horizonval.scoring.expected import Examined, Expected, examine
 from horizonval.scoring.limb_signal import ground_and_air, limb_signal
 from horizonval.sensor.detector.thermal import blackbody_radiance
@@ -48,8 +49,8 @@ class LimbView:
     ----------
     expected : Expected
         The outcome that an estimator should report, with its reasons.
-    shortest_px : float
-        Shortest arc that an estimator needs.
+    shortest_px, accept_deg : float
+        Shortest arc that an estimator needs, and the bound of the nadir that it needs.
     level, highest : float or None
         Over full scale along the limb in view: median without clouds and snow, and maximum with those that the scene
         can have. None without a limb, a detector or an infrared horizon.
@@ -72,6 +73,7 @@ class LimbView:
     band: Band
     expected: Expected
     shortest_px: float
+    accept_deg: float
     sun_outside_deg: float | None
     sun_visible_fraction: float
     exposure_s: float | None
@@ -155,6 +157,7 @@ def _limb_view(truth: FrameTruth, camera: CameraSpec, band: Band, needs: Needs) 
         band=band,
         expected=found.expected,
         shortest_px=limits.NOMINAL.arc_fraction * min(model.width, model.height),
+        accept_deg=math.degrees(accept_rad(truth)),
         sun_outside_deg=None if found.expected.sun_in_frame else sun_outside_deg(model, truth),
         sun_visible_fraction=truth.sun_visible_fraction,
         exposure_s=detector.exposure_s if isinstance(detector, Cmos) and fixed else None,

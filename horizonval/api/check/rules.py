@@ -8,7 +8,6 @@ orbit lies in the Earth's shadow: there the share of frames decides between a wa
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -138,9 +137,7 @@ def _short_arc(view: LimbView) -> Problem | None:
         return None
     if view.arc_px < view.shortest_px:
         return view.arc_px, view.shortest_px, "px"
-    if view.expected.horizon_sagitta_px < limits.MIN_ARC_SAGITTA_PX:
-        return view.expected.horizon_sagitta_px, limits.MIN_ARC_SAGITTA_PX, "px of sagitta"
-    return view.expected.determined_deg, _determined_limit_deg(), "deg"
+    return view.expected.bound_deg, view.accept_deg, "deg"
 
 
 def _sun_in_frame(view: LimbView) -> Problem | None:
@@ -169,10 +166,6 @@ def _coarse_rays(view: LimbView) -> Problem | None:
     thermal = view.band.kind == "thermal" and view.outcome is not Outcome.NO_LIMB
     coarse = thermal and view.ray_spacing_m > LARGEST_SPACING_M
     return (view.ray_spacing_m / 1e3, LARGEST_SPACING_M / 1e3, "km") if coarse else None
-
-
-def _determined_limit_deg() -> float:
-    return math.degrees(limits.NOMINAL.determined_rad)
 
 
 def _level_text(views: Views) -> str:
@@ -206,15 +199,13 @@ def _duration(seconds: float) -> str:
 
 
 def _short_arc_text(views: Views) -> str:
-    view, bend, determined = views[0], views[0].expected.horizon_sagitta_px, views[0].expected.determined_deg
+    view, bound = views[0], views[0].expected.bound_deg
     arc = f"{view.arc_deg:.0f} deg, {view.arc_px:.0f} px of horizon in view"
     if view.arc_px < view.shortest_px:
         return f"{arc}, at least {view.shortest_px:.0f} px are needed"
-    if bend < limits.MIN_ARC_SAGITTA_PX:
-        return f"{arc} bend by {bend:.2f} px only, at least {limits.MIN_ARC_SAGITTA_PX:g} px are needed"
-    if determined is None:
+    if bound is None:
         return f"{arc} do not determine the nadir"
-    return f"{arc} determine the nadir to {determined:.2g} deg only, {_determined_limit_deg():g} deg are needed"
+    return f"{arc} determine the nadir to {bound:.2g} deg, {view.accept_deg:g} deg are needed"
 
 
 def _snr_text(views: Views) -> str:
@@ -224,7 +215,11 @@ def _snr_text(views: Views) -> str:
 RULES: tuple[Rule, ...] = (
     Rule("no-limb", SOME, _no_limb, "no horizon in view", "turn the camera's mount towards it"),
     Rule(
-        "short-arc", SOME, _short_arc, _short_arc_text, "a wider field, or a mount that lays the limb across the image"
+        "short-arc",
+        SOME,
+        _short_arc,
+        _short_arc_text,
+        "a wider field, a mount that lays the limb across the image, or a [prior] with what is known of the position",
     ),
     Rule("saturated", SOME, _saturated, lambda v: f"{_level_text(v)}: saturated", _exposure_fix),
     Rule(
@@ -300,5 +295,5 @@ RULES: tuple[Rule, ...] = (
 )
 """All rules, in the order of findings of the same level."""
 
-CODES = (*(rule.code for rule in RULES), "cannot-run")
+CODES = (*(rule.code for rule in RULES), "doubtful-orbit", "cannot-run")
 """All codes of findings."""

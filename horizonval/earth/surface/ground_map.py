@@ -9,34 +9,12 @@ in a cell of one degree, for temperatures only: the ground itself lies on the el
 **Materials.** A kind of ground is a mixture of green vegetation, soil and bright sand; the rest is shade. Each mixture
 reproduces the published broadband albedo of its IGBP class.
 
-<<<<<<< HEAD
-A chequered globe: two kinds of ground in squares between parallels and meridians, by turns.
-
-The globe is cut into belts of latitude of equal height, and each belt into an even number of equal pieces of longitude,
-as near to a square in its middle as whole numbers allow. Belts are counted from the south pole, pieces from 180 deg
-eastwards; where the sum is even the ground is of the first kind.
-
-What the ground at a place is made of in a month: shares of materials.
-
-A kind of ground is a mixture of green vegetation, soil and bright sand; what lacks in its sum is shade. The mixtures
-are chosen so that the albedo of each kind over all sunlight is the published one of its IGBP class
-(``tests/unit/earth/test_earth_ground_map.py`` has both), not measured at one place.
-
-**Snow** covers land poleward of a line that moves with the month (:func:`snow_share`). Over trees it is seen between
-and on them only in part: A. K. Betts and J. H. Ball, J. Geophys. Res. 102, 28901 (1997), measured an albedo of 0.75 for
-snow-covered grass, 0.21 for aspen and 0.13 for conifers; satellites find somewhat more (E. G. Moody et al., Remote
-Sens. Environ. 111, 337 (2007)). Ice sheets are firn everywhere and at all times. The line moves so that the area beyond
-it is the mean snow cover of the northern hemisphere (Rutgers Global Snow Lab, monthly means: 47 million km2 in January,
-2.9 in August); snow on mountains off that line and on the land of the southern hemisphere is left out, and so are the
-seasons of leaves and crops.
-=======
 **Snow** covers land poleward of a line that moves with the month (:func:`snow_share`). Trees hide part of it: A. K.
 Betts and J. H. Ball, J. Geophys. Res. 102, 28901 (1997), measured an albedo of 0.75 for snow-covered grass, 0.21 for
 aspen and 0.13 for conifers; satellites find somewhat more (E. G. Moody et al., Remote Sens. Environ. 111, 337 (2007)).
 Ice sheets are always firn. The area beyond the line is the mean snow cover of the northern hemisphere (Rutgers Global
 Snow Lab: 47 million km2 in January, 2.9 in August). Neglected: snow on mountains off that line and in the southern
 hemisphere, and the seasons of leaves and crops.
->>>>>>> main
 
 **The sea** is water with foam, and white where it is frozen.
 

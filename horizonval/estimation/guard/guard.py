@@ -145,7 +145,7 @@ def _trusted(picture: Picture, found: LimbPoints, observation: Observation, esti
     lost = 1.0 - len(trusted) / len(los)
     los = trusted
     if len(los) < limits.FEWEST_POINTS:
-        return Refusal(worst, f"{lost:.0%} of the limb points are not to be trusted", project(camera, los)[0])
+        return Refusal(worst, _too_few(lost, axis, found.los_cam, observation), project(camera, los)[0])
     cause = worst if lost > limits.MUCH_LOST else None
     if sun is None:
         return _determined(_GuardPoints(los, los, None, bright_inside), observation, estimates, cause)
@@ -220,6 +220,17 @@ def _best_reach(
             best = result
     assert best is not None
     return best
+
+
+def _too_few(lost: float, axis: FloatArray, los: FloatArray, observation: Observation) -> str:
+    """Return why too few points are left, with the width of a pixel at the limb where it is what prevents them."""
+    text = f"{lost:.0%} of the limb points fail the guard's tests"
+    rho = float(off_axis_angle(los, axis).mean())
+    focal_px = max(observation.camera.fx, observation.camera.fy)
+    pixel_km = 1e-3 * observation.prior.sphere_radius_m / max(np.tan(rho), 1e-9) / focal_px
+    if pixel_km < limits.COARSE_PIXEL_KM:
+        return text
+    return f"{text}: a pixel spans {pixel_km:.0f} km at the limb; limb-profile, with a position, can use such pixels"
 
 
 def _is_better(one: TrustedLimb, other: TrustedLimb | Refusal) -> bool:

@@ -19,6 +19,9 @@ from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 FEWEST_POINTS = 12
 
+COARSE_PIXEL_KM = 60.0
+"""Width of a pixel at the limb from which points rarely pass: the limb of the air, some 60 km high, is within one."""
+
 MUCH_LOST = 0.3
 """Share of the points beyond which what took them is named as the reason of a refusal."""
 

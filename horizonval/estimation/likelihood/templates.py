@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, misfit
 
 
 def slopes(axis: FloatArray, level: tuple[bool, bool]) -> FloatArray:
@@ -223,13 +223,8 @@ class LimbTemplates:
         ):
             scale, whole = quantised(values, kind)
             arrays[f"{name}_scale"], arrays[f"{name}_whole"] = scale.astype(np.float32), whole
-        try:
-            with atomic.replacing(path) as temporary, temporary.open("wb") as file:
-                np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # names are not keywords of its own
-        except OSError as e:
-            raise UserError(
-                e.strerror or "cannot be written", where=str(path), expected="a file that can be written"
-            ) from e
+        with atomic.replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # names are not keywords of its own
 
     def _problem(self) -> str:
         """Return what is wrong with the shapes and numbers; empty for nothing."""
@@ -302,7 +297,7 @@ def load_templates(path: Path) -> LimbTemplates:
     except UserError as e:
         raise UserError(str(e), where=str(path), expected=expected) from e
     except (KeyError, ValueError, TypeError) as e:
-        raise UserError(f"not a table of profiles ({e})", where=str(path), expected=expected) from e
+        raise UserError(f"not a table of profiles: {misfit(e)}", where=str(path), expected=expected) from e
 
 
 def templates_of(path: Path) -> LimbTemplates:

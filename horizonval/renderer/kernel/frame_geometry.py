@@ -7,7 +7,7 @@ centre of the upper left pixel.
 Brown-Conrady is inverted by Newton's method from the distorted point. Where a lens is so strong that this misses
 the answer or ends beyond a fold, the answer is followed from the axis outwards instead. A fisheye's polynomial is
 inverted by bisection, then Newton, between the axis and the angle where it turns back. Pixels beyond that angle get
-rays at it; they lie outside the image circle.
+rays at it; they lie outside the image circle. A unified lens is inverted in closed form after its distortion.
 
 **Ray coordinates**: two numbers for every ray from one camera, in which a table of what rays meet is smooth. In the
 stretched space (see :mod:`horizonval.renderer.planet`) the ellipsoid is a sphere of radius a. A ray has an azimuth
@@ -58,10 +58,11 @@ _FISHEYE_STEPS = 4
 class RayCamera:
     """A camera and its attitude as kernel data: size-1 arrays, so that frames share one compiled kernel.
 
-    ``values``: fx, fy, cx, cy and the distortion (k1 k2 p1 p2 k3, or k1 k2 k3 k4 0 of a fisheye); ``rows``: the nine
-    entries of the rotation from camera axes to Earth-fixed axes. ``distorted``: a pinhole with distortion; ``stages``:
-    see :func:`_stages`. ``widest``: off-axis angle up to which a fisheye's polynomial grows. ``circle``: size of the
-    image circle, see :meth:`sees`; None where it fills the image.
+    ``values``: fx, fy, cx, cy and the distortion (k1 k2 p1 p2 k3 and perhaps k4 k5 k6 s1 s2 s3 s4, or k1 k2 k3 k4 0 of
+    a fisheye); ``rows``: the nine entries of the rotation from camera axes to Earth-fixed axes. ``distorted``: a
+    pinhole or unified lens with distortion; ``stages``: see :func:`_stages`. ``widest``: off-axis angle up to which a
+    fisheye's polynomial grows. ``circle``: size of the image circle, see :meth:`sees`; None where it fills the image.
+    ``skew``: of the pixel axes over fx, None for 0; ``shape``: xi, alpha and beta of a unified lens, else None.
     """
 
     values: Values
@@ -71,12 +72,15 @@ class RayCamera:
     stages: int = 1
     widest: mi.Float64 | None = None
     circle: mi.Float64 | None = None
+    skew: mi.Float64 | None = None
+    shape: Values | None = None
 
     @classmethod
     def of(cls, camera: CameraModel, itrs_from_cam: NDArray[np.float64]) -> RayCamera:
         """Build from intrinsics and a rotation matrix, shape (3, 3)."""
         numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion]
-        distorted = camera.projection == "pinhole" and any(camera.distortion)
+        distorted = camera.projection in ("pinhole", "unified") and any(camera.distortion)
+        shape = camera.shape if camera.projection == "unified" else None
         circle = _circle(camera)
         return cls(
             [dr.opaque(mi.Float64, float(v), 1) for v in numbers],
@@ -86,6 +90,8 @@ class RayCamera:
             _stages(camera) if distorted else 1,
             dr.opaque(mi.Float64, _widest(camera.distortion), 1) if camera.projection == "fisheye" else None,
             None if circle is None else dr.opaque(mi.Float64, circle, 1),
+            dr.opaque(mi.Float64, camera.skew, 1) if camera.skew else None,
+            None if shape is None else [dr.opaque(mi.Float64, float(v), 1) for v in shape],
         )
 
     def direction(self, u: mi.Float64, v: mi.Float64) -> Vec:
@@ -106,7 +112,8 @@ class RayCamera:
 
     def _normalised(self, u: mi.Float64, v: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
         fx, fy, cx, cy = self.values[:4]
-        return (u - cx) / fx, (v - cy) / fy
+        x, y = (u - cx) / fx, (v - cy) / fy
+        return (x if self.skew is None else x - self.skew * y), y
 
     def _in_camera_axes(self, u: mi.Float64, v: mi.Float64) -> Vec:
         x, y = self._normalised(u, v)
@@ -121,6 +128,8 @@ class RayCamera:
             return x * scale, y * scale, cos_t
         if self.distorted:
             x, y = self._undistort(x, y)
+        if self.shape is not None:
+            return _from_sphere(self.shape, x, y)
         s = inverse_root(dr.fma(x, x, dr.fma(y, y, 1.0)))
         return x * s, y * s, s
 
@@ -162,6 +171,22 @@ class RayCamera:
             m[3] * x + m[4] * y + m[5] * z,
             m[6] * x + m[7] * y + m[8] * z,
         )
+
+
+def _from_sphere(shape: Values, x: mi.Float64, y: mi.Float64) -> Vec:
+    """Return the unit direction of a unified lens at coordinates without distortion, of slope 1 on the axis.
+
+    ``(x, y, w)`` points from the shifted centre to the unit sphere, which it leaves at ``t`` times its length.
+    """
+    xi, alpha, beta = shape
+    x, y = x / (1.0 + xi), y / (1.0 + xi)
+    q = dr.fma(x, x, y * y)
+    root = dr.sqrt(dr.maximum(1.0 - beta * q * (2.0 * alpha - 1.0), 0.0))
+    w = (1.0 - beta * q * alpha * alpha) / dr.maximum(alpha * root + (1.0 - alpha), 1e-300)
+    t = (xi * w + dr.sqrt(dr.maximum(w * w + q * (1.0 - xi * xi), 0.0))) / (q + w * w)
+    z = t * w - xi
+    s = inverse_root(t * t * q + z * z)
+    return t * x * s, t * y * s, z * s
 
 
 def _fisheye(k: Sequence[Number] | Sequence[float], t: Number) -> Number:
@@ -207,23 +232,34 @@ def _invert(k: Sequence[Number] | Sequence[float], xd: Number, yd: Number, stage
 def _newton(
     k: Sequence[Number] | Sequence[float], x: Number, y: Number, xd: Number, yd: Number
 ) -> tuple[Number, Number]:
-    k1, k2, p1, p2, k3 = k
+    k1, k2, p1, p2, k3, *more = k
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
+    if more:
+        k4, k5, k6, s1, s2, s3, s4 = more
+        over = 1.0 / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        radial = radial * over
+        slope = (slope - 2.0 * radial * (k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6))) * over
     fx = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) - xd
     fy = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y - yd
     jxx = radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
     jxy = x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
     jyy = radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
-    det = jxx * jyy - jxy * jxy
-    return x - (jyy * fx - jxy * fy) / det, y - (jxx * fy - jxy * fx) / det
+    jyx = jxy
+    if more:
+        fx, fy = fx + r2 * (s1 + r2 * s2), fy + r2 * (s3 + r2 * s4)
+        a, b = 2.0 * s1 + 4.0 * r2 * s2, 2.0 * s3 + 4.0 * r2 * s4
+        jxx, jxy, jyx, jyy = jxx + a * x, jxy + a * y, jyx + b * x, jyy + b * y
+    det = jxx * jyy - jxy * jyx
+    return x - (jyy * fx - jxy * fy) / det, y - (jxx * fy - jyx * fx) / det
 
 
 def _stages(camera: CameraModel) -> int:
     """Return in how many stages :func:`_invert` must go: 1 if that ends where many do, all over the image."""
     u, v = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, 33), np.linspace(-0.5, camera.height - 0.5, 33))
     xd, yd = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    xd = xd - camera.skew * yd if camera.skew else xd
     with np.errstate(all="ignore"):
         few, many = (_invert(camera.distortion, xd, yd, stages) for stages in (1, _STAGES))
         apart = np.hypot(few[0] - many[0], few[1] - many[1])

@@ -75,8 +75,8 @@ def resized(camera: CameraSpec, width: int, height: int, where: str) -> CameraSp
     data["camera"] |= {
         "width": width,
         "height": height,
-        "fx": old.fx * x,
-        "fy": old.fy * y,
+        "fx": old.fx * (1.0 + old.shape[0]) * x,
+        "fy": old.fy * (1.0 + old.shape[0]) * y,
         # the image's outer edge, not the first pixel's centre, stays where it is
         "cx": (old.cx + 0.5) * x - 0.5,
         "cy": (old.cy + 0.5) * y - 0.5,
@@ -353,7 +353,7 @@ def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Pat
     described = describe(scene, camera)
     from horizonval.renderer.plugins import camera_properties
 
-    folder.mkdir(exist_ok=True)
+    atomic.make_folder(folder)
     bands = ", ".join(described.model.bands)
     needs = "needs horizonval and the data files of the scene"
     about = f'{SCENE} ({needs}): python -c "{LOAD}" gives radiance [W m-2 sr-1] of band {bands}.'

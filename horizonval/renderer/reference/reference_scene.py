@@ -143,7 +143,8 @@ def reference_scene(
 
 def is_stock(camera: CameraModel) -> bool:
     """Return whether ``perspective`` projects like this camera: pinhole, square pixels, no distortion."""
-    return camera.projection == "pinhole" and camera.fx == camera.fy and not any(camera.distortion)
+    square = camera.fx == camera.fy and not camera.skew
+    return camera.projection == "pinhole" and square and not any(camera.distortion)
 
 
 def perspective(camera: CameraModel, place: Placement) -> PluginDict:

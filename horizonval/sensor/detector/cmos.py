@@ -126,6 +126,7 @@ def expected_charge(
         rate = _electrons(power_w, colours, detector, 1.0) + dark_rate
         seconds = exposure.exposure_s(rate, detector.full_well_e, detector.auto_exposure)
     turn = motion.rate_cam_rad_s(truth)
+    motion.check_turn(turn, camera, seconds)
     row_time_s = detector.row_time_s if detector.shutter == "rolling" and detector.row_time_s is not None else 0.0
 
     def moved(power: FloatArray, one: Band) -> FloatArray:

@@ -130,6 +130,7 @@ def expected_signal(
     pitch_m = detector.pixel_pitch_um * 1e-6
     signal = image_plane.radiance_on_axis(radiance, geometry, camera.optics, pitch_m, band, sun_of(truth))
     turn = motion.rate_cam_rad_s(truth)
+    motion.check_turn(turn, camera)
     if behind is None or not turn.any():
         signal = lag_by_time_constant(signal, geometry, turn, detector.time_constant_s)
     else:

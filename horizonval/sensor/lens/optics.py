@@ -58,7 +58,7 @@ def pupil_share(camera: CameraModel, lens: Optics, off_axis_rad: FloatArray) -> 
 
 def _pupil(camera: CameraModel, lens: Optics) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
     """Return what a pupil's share depends on: its kind, and the table of the vignetting."""
-    kind = lens.pupil or ("constant" if camera.projection == "fisheye" else "flat")
+    kind = lens.pupil or ("constant" if camera.wide else "flat")
     return kind, tuple(lens.vignetting_deg), tuple(lens.vignetting)
 
 

@@ -1,4 +1,4 @@
-"""Score sheet of the benchmark, version 1: one number for each method, and its parts.
+"""Score sheet of the benchmark, version 2: one number for each method, and its parts.
 
 The sheet is arithmetic on six numbers of each frame. It has separate limits for false claims and imports nothing from
 the code that makes the rows, so it does not change with that code. ``docs/howto/bench.md`` explains the rules.
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-SHEET_VERSION = 1
+SHEET_VERSION = 2
 FALSE_ARCSEC = 1800.0
 """Nadir error above which every claim is false."""
 FREE_ARCSEC = 360.0
@@ -30,7 +30,7 @@ RESAMPLES = 2000
 class Answer:
     """Answer of one method on one frame.
 
-    ``due``: the frame determines the nadir, by truth alone, and is not borderline. ``claimed``: the method gave an
+    ``due``: the frame's bound meets what its prior accepts, and it is not borderline. ``claimed``: the method gave an
     attitude. ``error_arcsec``: nadir error; ``sigma_arcsec``: claimed total standard deviation; ``bound_arcsec``: what
     the limb allows; ``nees``: normalised error squared, with mean 2 for an honest claim.
     """

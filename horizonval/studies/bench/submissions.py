@@ -6,24 +6,26 @@ the sheets and the ranking. A submission runs in a separate process and sees ima
 
 from __future__ import annotations
 
+import os
 import statistics
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.digests import content_digest
 from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress
 from horizonval.jobs.pool import Execution
-from horizonval.plugins import supervisor
+from horizonval.plugins import registry, supervisor
 from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.store import Store
-from horizonval.studies.bench.frames import CELLS, Group, bench_suite, cell_of, commitment
+from horizonval.studies.bench.frames import CELLS, Group, bench_suite, cell_of, commitment, sealed_seed
 from horizonval.studies.bench.sheet import Answer, cells_png, ranking, sheet_of
 from horizonval.suites.rescore import rescore
 from horizonval.suites.run import run_suite
@@ -31,14 +33,24 @@ from horizonval.suites.run import run_suite
 TITLES: dict[Group, str] = {"frames": "Methods of one image", "heads": "Methods of several heads at once"}
 TIMES = "timings.json"
 """Wall-clock seconds of every image and submission, measured by the caller; they differ between runs."""
+PASSPHRASE = "passphrase.json"
+"""Where `bench make` found the passphrase of sealed frames, never the passphrase itself."""
+LONGEST_PASSPHRASE = 4096
+"""Maximum size of its file, bytes."""
 
 
 def make_frames(
-    out: Path, seed: int | None, frames_per_cell: int, workers: int | None, progress: Progress
+    out: Path,
+    seed: int | None,
+    frames_per_cell: int,
+    workers: int | None,
+    progress: Progress,
+    passphrase_file: Path | None = None,
 ) -> dict[str, Any]:
     """Render the frames of a suite, or resume; return the content of ``bench.json``.
 
-    Raises ``UserError``: frames that failed, or as :func:`horizonval.suites.run.run_suite`.
+    ``passphrase_file``: where the seed's passphrase was read. Raises ``UserError``: frames that failed, or as
+    :func:`horizonval.suites.run.run_suite`.
     """
     made: dict[str, dict[str, Any]] = {}
     for group in CELLS:
@@ -63,6 +75,8 @@ def make_frames(
         **made,
     }
     write_json(out / "bench.json", head)
+    if passphrase_file is not None:
+        write_json(out / PASSPHRASE, {"file": str(passphrase_file.resolve())})
     return head
 
 
@@ -71,16 +85,24 @@ def run_submissions(
 ) -> dict[str, dict[str, str]]:
     """Run submissions on every frame, or resume; return the failed frames of each, with reasons.
 
-    ``contained``: plug-ins and programs see neither the folder nor the network. Raises ``UserError``: no frames, an
-    unknown estimator, or one that receives the pose.
+    ``contained``: plug-ins and programs see neither the folder nor the network, and write nowhere. Raises
+    ``UserError``: no frames, an unknown estimator, one that receives the pose, two of one name, or a passphrase of the
+    frames that submissions could read.
     """
-    _head(out)
-    limits = replace(limits, hidden=(out.resolve(),) if contained else ())
+    head = _head(out)
+    programs = [program.name for program in limits.programs]
+    if taken := [name for name in programs if name in registry.names() or names.count(name) > 1]:
+        raise UserError(
+            f"the name {taken[0]!r} is another method's", where="bench run: --program", fix="choose another name"
+        )
+    if contained:
+        refuse_readable_passphrase(out, head, limits.folder)
+    limits = replace(limits, hidden=hidden_of(out) if contained else ())
     for name in names:
         # Estimators that receive the pose answer every frame, so they cannot be ranked.
         if supervisor.get(name, limits).needs == "pose":
             raise UserError(
-                f"{name} is told the pose", where="bench run", expected="a method of one image, or of several heads"
+                f"{name} receives the pose", where="bench run", expected="a method of one image, or of several heads"
             )
     failed = {}
     for name in names:
@@ -92,6 +114,48 @@ def run_submissions(
         now = {image: stages[f"estimate {name}"] for image, stages in done.seconds.items()}
         write_json(out / TIMES, {**seconds, name: {**seconds.get(name, {}), **now}})
     return failed
+
+
+def hidden_of(out: Path) -> tuple[Path, ...]:
+    """Return what hides a benchmark: its folder, and whatever links in it lead to.
+
+    Raises ``UserError``: a link to a folder that programs need.
+    """
+    found: dict[Path, None] = {}
+    folders = [out.resolve()]
+    while folders:
+        folder = folders.pop()
+        if folder in found:
+            continue
+        if any(needed.is_relative_to(folder) for needed in (Path(sys.prefix).resolve(), Path(__file__).resolve())):
+            raise UserError(f"leads to {folder}, which cannot be hidden", where=str(out), expected="links to frames")
+        found[folder] = None
+        for place, names, files_ in os.walk(folder):
+            folders += [path.resolve() for name in (*names, *files_) if (path := Path(place, name)).is_symlink()]
+    return tuple(path for path in found if path.exists())
+
+
+def refuse_readable_passphrase(out: Path, head: Mapping[str, Any], folder: Path) -> None:
+    """Raise ``UserError`` if the passphrase of sealed frames lies where the docs put it: submissions could read it.
+
+    Looked at are short files in the calling ``folder``, next to the benchmark, and where `bench make` found it.
+    """
+    if not head["sealed"]:
+        return
+    made_from = (read_json(out / PASSPHRASE) or {}).get("file")
+    places = [path for place in {folder.resolve(), out.resolve().parent} for path in sorted(place.iterdir())]
+    for path in [*([Path(made_from)] if made_from else []), *places]:
+        try:
+            text = files.read_text(path, largest=LONGEST_PASSPHRASE, expected="a passphrase")
+            if commitment(sealed_seed(text)) != head["commitment"]:
+                continue
+        except UserError:
+            continue
+        raise UserError(
+            "holds the passphrase of these frames, and submissions could read it",
+            where=str(path),
+            fix="take it to another machine, or out of this one's file system, before `bench run`",
+        )
 
 
 def score_submissions(out: Path) -> dict[str, Any]:

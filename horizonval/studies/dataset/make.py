@@ -43,11 +43,8 @@ def make_dataset(seeds: SeedList, out: Path, execution: Execution, progress: Pro
     a mistake in the suite, another data set in the folder, a missing library, or failed frames.
     """
     refuse_missing_library(seeds.format)
-    try:
-        for folder in (out, out / "state", out / "suite"):
-            folder.mkdir(parents=True, exist_ok=True)
-    except OSError as e:
-        raise UserError(e.strerror or "cannot be made", where=str(out), expected="a folder that can be written") from e
+    for folder in (out, out / "state", out / "suite"):
+        atomic.make_folder(folder)
     with RunFolder(out).locked(execution.shard):
         _claim(seeds, out)
         suite = suite_from(seeds, out / "suite")

@@ -20,6 +20,7 @@ from horizonval.core import atomic, files
 from horizonval.core.code import code_digest
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.pose import turned
 from horizonval.renderer.frame_cost import shared_view
 from horizonval.spec.expand import seed_of, variants
@@ -70,6 +71,13 @@ def scenes_of(suite: Suite, spec: DatasetSpec, frames: int, seed: int) -> list[L
             where=suite.source,
             expected="images of one size and number of bands",
         )
+    for case in cases:
+        if not camera_from_spec(case.camera.camera).classic:
+            raise UserError(
+                "a data set states a lens by four intrinsics and five coefficients, which cannot state this one",
+                where=f"{suite.source}: {case.name}: camera",
+                expected="a pinhole or fisheye without rational, thin prism and skew terms",
+            )
     groups: dict[str, Split] = {}
     keys = [shared_view(case.scene, case.camera) for case in cases]
     for place, key in enumerate(dict.fromkeys(keys)):
@@ -266,7 +274,7 @@ def suite_from(seeds: SeedList, folder: Path) -> Suite:
         if inside.is_absolute() or ".." in inside.parts or not inside.parts:
             raise UserError(f"holds the path {name!r}", where=LIST_NAME, expected="paths beside the suite")
         path = folder / inside
-        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic.make_folder(path.parent)
         atomic.write_text(path, text)
     suite = load_suite(folder / f"{seeds.suite}.toml", seeds.scenes, seeds.seed)
     if suite_identity(suite) != seeds.suite_sha256:

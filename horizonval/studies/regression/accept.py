@@ -12,74 +12,147 @@ import numpy as np
 from horizonval.core import atomic, files
 from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.core.json_types import JsonObject
+from horizonval.core.outcome import Outcome
+from horizonval.spec.suite import RegressionSpec
 from horizonval.store.folder import read_json
 from horizonval.studies.regression.baseline import (
     Baseline,
     FrozenFrame,
     FrozenImage,
     Pack,
+    accepting,
     copy_as_release,
+    finish_acceptance,
     pack_path,
     read_baseline,
+    read_pack,
+    release_path,
     write_baseline,
 )
-from horizonval.studies.regression.gates import GateInputs, figure, pairs_of
-from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, PUBLISHED, WORK
+from horizonval.studies.regression.gates import GateInputs, group_of, judge_rows
+from horizonval.studies.regression.night import LANES, PUBLISHED, WORK, read_night
+from horizonval.studies.regression.partners import Group, cameras_of, pairs_of
 from horizonval.studies.regression.row import ReplicateRow, summary_of
+from horizonval.studies.regression.statistics import Verdict
 from horizonval.studies.regression.units import arrays_of
+from horizonval.studies.regression.words import by_subject, figure, subject, subject_sentence
 
 SHORTEST_REASON = 10
+NEARLY_ALL = 0.9
+"""Share of false claims or crashes from which a method can hardly get worse."""
 MOST_REASONS = 50
 
 
-def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> list[Path]:
+def accept(run: Path, baseline: Path, reason: str, *, release: bool = False, yes: bool = False) -> list[Path]:
     """Make the results of a night the accepted baseline, and with ``release`` the last release's; return the written
     files.
 
     ``run``: folder of the night. ``baseline``: JSON file, with images and table of differences in the same folder.
-    ``reason``: stored with the baseline. Raises ``UserError``: no proper reason; missing lanes or failed units.
+    ``reason``: stored with the baseline. ``yes``: accept methods that claim falsely or crash in nearly every image.
+    Raises ``UserError``: no proper reason; missing lanes or failed units; such a method.
     """
     if len(reason.split()) < 2 or len(reason.strip()) < SHORTEST_REASON:
         raise UserError(f"found {reason!r}", where="--reason", expected="a sentence that a reviewer can judge")
-    night = read_json(run / "night.json")
-    if night is None or night.get("schema") != NIGHT_SCHEMA:
-        raise UserError("no night.json of this version", where=str(run), expected="the folder of `horizonval regress`")
-    missing = [lane for lane in LANES if lane not in ("replay", PUBLISHED) and lane not in night["lanes"]]
-    if missing:
-        raise UserError(f"lane {missing[0]} was left out", where=str(run), fix="run the night with all lanes")
+    night = read_night(run)
+    missing_lanes = [lane for lane in LANES if lane not in ("replay", PUBLISHED) and lane not in night["lanes"]]
+    if missing_lanes:
+        raise UserError(f"lane {missing_lanes[0]} was left out", where=str(run), fix="run the night with all lanes")
     if night["failed"]:
         name, error = next(iter(night["failed"].items()))
         raise UserError(f"{len(night['failed'])} units failed; {name}: {error}", where=str(run))
+    finish_acceptance(baseline)
     before = read_baseline(baseline, night["suite"]) if baseline.is_file() else None
-    rows, fresh = ([ReplicateRow.from_dict(row) for row in night[key]] for key in ("rows", "fresh"))
-    results = GateInputs(rows=rows, fresh=fresh, fresh_night=night["night"])
-    now = datetime.now(UTC).isoformat(timespec="seconds")
+    older = release_path(baseline)
+    of_release = read_baseline(older, night["suite"]) if before is not None and older.is_file() else None
+    results = GateInputs(rows=night["rows"], fresh=night["fresh"], fresh_night=night["night"])
+    scenes = {
+        name: {"table": record["table"], "camera": record["camera"], "bands": record["bands"]}
+        for name, record in night["scenes"].items()
+    }
+    useless = useless_methods(results.rows, cameras_of(scenes, night["together"]))
+    if useless and not yes:
+        raise UserError(
+            "; ".join(useless),
+            where=str(run),
+            expected="a baseline with which a method can get worse",
+            fix="--yes accepts it all the same",
+        )
     past = [] if before is None else [_line(before.head), *before.head["past"]][:MOST_REASONS]
+    spec = RegressionSpec(replicates=night["replicates"], gate=night["gates"])
     head = {
         "suite": night["suite"],
         "night": night["night"],
         "version": night["environment"]["version"],
         "environment": night["environment"],
-        "accepted_utc": now,
+        "accepted_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "reason": " ".join(reason.split()),
         "replicates": night["replicates"],
         "gates": night["gates"],
+        "covers": [
+            *useless,
+            *covered(spec, before, results),
+            *covered(spec, of_release, results, "release"),
+            *_covered_images(run),
+        ],
         "past": past,
     }
-    scenes = {
-        name: {"table": record["table"], "camera": record["camera"], "bands": record["bands"]}
-        for name, record in night["scenes"].items()
-    }
     pack = _pack(run, night)
-    table = difference_table(before, results, scenes, head)
-    write_baseline(baseline, head, results, scenes, pack, night["together"])
-    page = baseline.with_suffix(".md")
-    atomic.write_text(page, table)
-    written = [baseline, pack_path(baseline), page]
-    if release:
-        made = copy_as_release(baseline)
-        written += [made, pack_path(made)]
+    with accepting(baseline) as folder:
+        staged = folder / baseline.name
+        write_baseline(staged, head, results, scenes, pack, night["together"])
+        read_pack(pack_path(staged))
+        atomic.write_text(staged.with_suffix(".md"), difference_table(before, results, scenes, head))
+        written = [baseline, pack_path(baseline), baseline.with_suffix(".md")]
+        if release:
+            made = copy_as_release(staged)
+            written += [baseline.with_name(path.name) for path in (made, pack_path(made))]
     return written
+
+
+def useless_methods(rows: Sequence[ReplicateRow], cameras: Mapping[str, str]) -> list[str]:
+    """Return sentences about methods, by table, camera and band, that claim falsely or crash in nearly every image."""
+    groups: dict[Group, list[ReplicateRow]] = {}
+    for row in rows:
+        groups.setdefault(group_of(row, cameras), []).append(row)
+    found = []
+    for group, own in sorted(groups.items()):
+        for what, bad in (
+            ("claims falsely", sum(row.false_valid for row in own)),
+            ("crashes", sum(row.status == Outcome.CRASHED for row in own)),
+        ):
+            if bad >= NEARLY_ALL * len(own):
+                found.append(f"{subject(group._asdict())} {what} in {bad} of {len(own)} images")
+    return found
+
+
+def covered(spec: RegressionSpec, before: Baseline | None, now: GateInputs, against: str = "accepted") -> list[str]:
+    """Return sentences about the changes beyond their margins that an acceptance covers."""
+    if before is None:
+        return []
+    cameras = cameras_of(before.scenes, before.together)
+    known = {row.key for row in now.rows}
+    gone: dict[str, int] = {}
+    for row in before.results.rows if against == "accepted" else ():
+        if row.key not in known:
+            name = subject(group_of(row, cameras)._asdict())
+            gone[name] = gone.get(name, 0) + 1
+    gates = judge_rows(spec, "replay", pairs_of(now.rows, before.results.rows), cameras, against)
+    found = [
+        f"{verdict}: {subject_sentence(first, deciding, lane=False)}"
+        for first, verdict, deciding in by_subject(gates)
+        if verdict in (Verdict.FAIL, Verdict.IMPROVED)
+    ]
+    return [f"no longer compared: {name}, {count} answers" for name, count in gone.items()] + found
+
+
+def _covered_images(run: Path) -> list[str]:
+    """Return the sentences of a night's verdict about images that changed beyond their margins."""
+    gates = [gate for gate in (read_json(run / "verdict.json") or {"gates": []})["gates"] if not gate["estimator"]]
+    return [
+        f"{verdict}: {subject_sentence(first, deciding, lane=False)}"
+        for first, verdict, deciding in by_subject(gates)
+        if verdict == Verdict.FAIL
+    ]
 
 
 def difference_table(
@@ -93,6 +166,12 @@ def difference_table(
         "",
         f"Reason: {head['reason']}",
         "",
+        "What the acceptance covers, beyond the margins:"
+        if head["covers"]
+        else "Nothing that was compared changed beyond its margin.",
+        "",
+        *(f"- {one}" for one in head["covers"]),
+        *([""] if head["covers"] else []),
     ]
     if before is None:
         lines += ["There was no baseline before.", ""]

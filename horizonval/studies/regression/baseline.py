@@ -8,32 +8,47 @@ The images are a NumPy archive with LZMA instead of deflate. High and low bytes 
 because noise fills the low ones only. Frames are stored as the square root of their radiance in 12 bits, 0.05 % of the
 brightest pixel and finer below: enough to locate a difference, which their digests detect exactly. Equal content gives
 equal bytes.
+
+The files of an acceptance are written to a folder of their own and move from there together: an acceptance that was
+killed either never happened, or whoever reads the baseline next finishes it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
+import math
+import shutil
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, ValidationError
 
-from horizonval.core import atomic, files
+from horizonval.core import atomic, files, sealed
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.store.folder import read_json, write_json
+from horizonval.spec.base import Model, Positive
+from horizonval.spec.explain import explain
+from horizonval.store.folder import LARGEST_RECORD, read_json, write_json
 from horizonval.studies.regression.gates import GateInputs
-from horizonval.studies.regression.row import from_columns, to_columns
+from horizonval.studies.regression.row import LARGEST_ARCSEC, ReplicateRow, from_columns, to_columns
 
 BASELINE_SCHEMA = 1
 PACK_SCHEMA = 2
 CODES = 4095
+FROM_GIT = "take it from version control again"
+MOST_UNPACKED_BYTES = 64 * 1024**2
+MOST_EXPANSION = 50
+"""Most bytes of a pack's arrays, and how many times its size comes on top: images of noise compress to a sixth."""
+LARGEST_RADIANCE = 1e12
+"""Of a frozen frame [W m-2 sr-1]; the Sun has 2e7 in all its bands."""
 
 
 @dataclass(frozen=True)
@@ -124,37 +139,74 @@ def write_pack(path: Path, pack: Pack) -> None:
             file.writestr(info, buffer.getvalue())
 
 
-@lru_cache(maxsize=4)
 def read_pack(path: Path) -> Pack:
     """Read a pack and check every image against its digest.
 
-    Raises ``UserError``: no such file. Raises ``DamagedFileError``: the content was changed.
+    Raises ``UserError``: no such file. Raises ``DamagedFileError``: the content was changed, or unpacks to more than
+    such a file can hold.
     """
     if not path.is_file():
         raise UserError("no such file", where=str(path), expected="the frozen images of a baseline")
+    return _read_pack(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _read_pack(path: Path, _changed_ns: int) -> Pack:
     try:
-        with files.open_file(path) as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = _arrays_of(path)
         head = json.loads(arrays["head"].tobytes())
         if head["schema"] != PACK_SCHEMA:
             raise DamagedFileError(f"schema {head['schema']}", where=str(path), expected=f"schema {PACK_SCHEMA}")
-        images = []
+        images: dict[tuple[str, str, int], FrozenImage] = {}
         for scene, band, replicate, full_scale, sha, name, k, radiance_per_dn in head["images"]:
-            dn = _from_planes(arrays[f"{name}_high"][k], arrays[f"{name}_low"][k])
+            dn = _from_planes(_member(arrays, f"{name}_high", k), _member(arrays, f"{name}_low", k))
             image = FrozenImage(scene, band, replicate, full_scale, dn, radiance_per_dn)
             if image.sha256 != sha:
                 raise DamagedFileError(f"the image {scene} {band} {replicate} is not what was frozen", where=str(path))
-            images.append(image)
-        frames = []
+            if (scene, band, replicate) in images:
+                raise DamagedFileError(f"two images of {scene} {band} {replicate}", where=str(path))
+            images[scene, band, replicate] = image
+        frames: dict[tuple[str, str], FrozenFrame] = {}
         for scene, band, sha, name, k, scale in head["frames"]:
-            differences = _from_planes(arrays[f"{name}_high"][k], arrays[f"{name}_low"][k])
+            differences = _from_planes(_member(arrays, f"{name}_high", k), _member(arrays, f"{name}_low", k))
             codes = np.cumsum(differences, axis=1, dtype=np.uint16)
-            frames.append(FrozenFrame(scene, band, sha, _decode(codes, scale), arrays[f"{name}_regions"][k]))
+            regions = _member(arrays, f"{name}_regions", k)
+            if (scene, band) in frames or not 0.0 <= scale < LARGEST_RADIANCE:
+                raise DamagedFileError(f"two frames of {scene} {band}, or none", where=str(path))
+            frames[scene, band] = FrozenFrame(scene, band, sha, _decode(codes, scale), regions)
+        truths = dict(head["truths"])
     except UserError:
         raise
     except Exception as error:
-        raise DamagedFileError(f"cannot be read ({type(error).__name__})", where=str(path)) from error
-    return Pack(tuple(images), tuple(frames), head["truths"])
+        raise DamagedFileError("cannot be read as frozen images", where=str(path)) from error
+    return Pack(tuple(images.values()), tuple(frames.values()), truths)
+
+
+def _arrays_of(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a pack, bounded by what their heads say before any is read."""
+    arrays: dict[str, NDArray[Any]] = {}
+    with files.open_file(path) as stream, zipfile.ZipFile(stream) as archive:
+        left = MOST_UNPACKED_BYTES + MOST_EXPANSION * path.stat().st_size
+        for member in archive.namelist():
+            with archive.open(member) as file:
+                version = np.lib.format.read_magic(file)
+                read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+                shape, _, dtype = read[version](file)
+            left -= math.prod(shape) * dtype.itemsize
+            if dtype != np.uint8 or left < 0 or member.removesuffix(".npy") in arrays:
+                raise DamagedFileError("unpacks to more than frozen images, or to other numbers", where=str(path))
+            with archive.open(member) as file:
+                arrays[member.removesuffix(".npy")] = np.lib.format.read_array(file, allow_pickle=False)
+    return arrays
+
+
+def _member(arrays: Mapping[str, NDArray[Any]], name: str, k: int) -> NDArray[np.uint8]:
+    """Return an image of a stack. Raises ``IndexError``: no such number."""
+    stack = arrays[name]
+    if type(k) is not int or not 0 <= k < len(stack):
+        raise IndexError(k)
+    member: NDArray[np.uint8] = stack[k]
+    return member
 
 
 def _by_shape(arrays: Sequence[NDArray[Any]]) -> list[tuple[str, list[int]]]:
@@ -218,32 +270,143 @@ def release_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}.release.json")
 
 
+class _Answerable(Model):
+    expected: str
+    borderline: bool | None
+    bound_arcsec: Annotated[float, Field(gt=0, le=LARGEST_ARCSEC)] | None
+    images: list[str]
+
+
+class _Band(_Answerable):
+    radiance_sha256: str
+    full_scale: int
+    radiance_per_dn: list[Positive | None]
+    noise_dn: Annotated[float, Field(ge=0, le=2**31)] | None
+
+
+class _Scene(Model):
+    table: str
+    camera: str
+    bands: dict[str, _Band]
+
+
+class _Together(Model):
+    table: str
+    heads: Annotated[list[tuple[str, str]], Field(min_length=1)]
+    bands: dict[str, _Answerable]
+
+
+class _Past(Model):
+    night: str
+    version: str
+    accepted_utc: str
+    reason: str
+
+
+class _File(_Past):
+    """The file of a baseline; rows are columns of values."""
+
+    schema_number: Annotated[int, Field(alias="schema")]
+    suite: str
+    environment: dict[str, Any]
+    replicates: int
+    gates: list[Any]
+    covers: list[str] = []
+    past: list[_Past]
+    scenes: dict[str, _Scene]
+    together: dict[str, _Together]
+    rows: dict[str, Any]
+    fresh: dict[str, Any]
+    fresh_night: str
+    pack_sha256: str
+
+
 def read_baseline(path: Path, suite: str) -> Baseline:
     """Read a baseline and check that its images are the ones that were accepted with it.
 
-    Raises ``UserError``: no such file, or one of another suite. Raises ``DamagedFileError``: it is not what ``baseline
-    accept`` wrote.
+    An acceptance that was killed while its files moved is finished first. Raises ``UserError``: no such file, or one of
+    another suite. Raises ``DamagedFileError``: it is not what ``baseline accept`` wrote.
     """
+    finish_acceptance(path)
     if not path.is_file():
         raise UserError("no accepted baseline", where=str(path), fix="see `horizonval baseline accept --help`")
-    data = read_json(path, bound=False, fix="take it from version control again")
-    if data is None or data.get("schema") != BASELINE_SCHEMA:
+    data = _sealed(path)
+    if data.get("schema") != BASELINE_SCHEMA:
         raise DamagedFileError("not a baseline of this version", where=str(path))
+    try:
+        _File.model_validate(data)
+    except ValidationError as error:
+        mistake = explain(error, _File, str(path))
+        raise DamagedFileError(mistake.what, where=mistake.where, fix=FROM_GIT) from None
     if data["suite"] != suite:
         raise UserError(f"is the baseline of suite {data['suite']!r}", where=str(path), expected=f"that of {suite!r}")
     pack = pack_path(path)
     if not pack.is_file():
         raise UserError("no such file", where=str(pack), expected=f"the frozen images that belong to {path.name}")
     if files.sha256_of(pack) != data["pack_sha256"]:
-        raise DamagedFileError("its bytes are not those that were accepted", where=str(pack))
+        raise DamagedFileError("its bytes are not those that were accepted", where=str(pack), fix=FROM_GIT)
     try:
         results = GateInputs(
             rows=from_columns(data["rows"]), fresh=from_columns(data["fresh"]), fresh_night=data["fresh_night"]
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise DamagedFileError(f"its rows cannot be read ({error!r})", where=str(path)) from error
+        _check_scenes(data, results.rows)
+    except ValueError as error:
+        raise DamagedFileError(f"its rows cannot be used: {error}", where=str(path), fix=FROM_GIT) from None
     head = {key: value for key, value in data.items() if key not in ("rows", "fresh", "scenes", "together")}
     return Baseline(path, head, results, data["scenes"], pack, data["together"])
+
+
+def _sealed(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file, which must hold its seal; it may be renamed."""
+    data = files.read_bytes(path, largest=LARGEST_RECORD, expected="a baseline")
+    try:
+        sealed.check(data, path)
+        return sealed.json_object(data, path)
+    except DamagedFileError as error:
+        raise DamagedFileError(error.what, where=error.where, fix=FROM_GIT) from None
+
+
+def _check_scenes(data: Mapping[str, Any], rows: Sequence[ReplicateRow]) -> None:
+    """Raise ``ValueError`` if rows are of scenes, bands or replicates that the baseline does not have."""
+    for row in rows:
+        about = data["together"].get(row.case) or data["scenes"].get(row.case) or {"bands": {}}
+        images = about["bands"].get(row.band, {"images": []})["images"]
+        if row.replicate >= len(images) or images[row.replicate] != row.image_address:
+            raise ValueError(f"no image of {row.case}, {row.band}, replicate {row.replicate}")
+    for scene, about in data["together"].items():
+        if unknown := [case for _, case in about["heads"] if case not in data["scenes"]]:
+            raise ValueError(f"no scene {unknown[0]}, a head of {scene}")
+
+
+@contextlib.contextmanager
+def accepting(path: Path) -> Iterator[Path]:
+    """Give a folder for the new files of a baseline; they get to ``path`` and beside it when the block ends."""
+    finish_acceptance(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = path.with_name(f".{path.stem}.accepting")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    try:
+        yield folder
+        # From here on the acceptance holds, whatever happens.
+        folder.rename(_moving(path))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    finish_acceptance(path)
+
+
+def finish_acceptance(path: Path) -> None:
+    """Move the files of an acceptance to their places, all that are not there yet."""
+    folder = _moving(path)
+    if folder.is_symlink() or not folder.is_dir():
+        return
+    for file in sorted(folder.iterdir()):
+        atomic.move(file, path.with_name(file.name))
+    folder.rmdir()
+
+
+def _moving(path: Path) -> Path:
+    return path.with_name(f".{path.stem}.accepted")
 
 
 def write_baseline(
@@ -254,8 +417,7 @@ def write_baseline(
     pack: Pack,
     together: Mapping[str, Any],
 ) -> None:
-    """Write a baseline's two files, the JSON last, because it names the other."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write a baseline's two files to a folder of :func:`accepting`."""
     images = pack_path(path)
     write_pack(images, pack)
     content = {

@@ -1,32 +1,37 @@
-"""From two sets of results to the estimate of each gate, and the scenes it comes from.
+"""Facts of a night: what changed on the same images, counted for every method, camera and band, against its margin.
 
-A set of results holds rows (one for each image and estimator), what images of each scene are like, and fresh rows. The
-present night is compared with the accepted baseline and with the last release in the same way.
+Images, scenes and noise seeds are the baseline's, so an answer differs only because the code does. The frozen set is
+the whole population: a change is a number without an interval, and one beyond its margin is a regression.
+
+A mean is compared by the change of each answer, which hides neither behind the errors' scatter nor behind another axis.
+Scatter, total and median may grow by a tenth of the baseline's value, so that equally good answers may differ. Lost and
+gained answers do not cancel, nor do answers that became false and others that no longer are.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import attrgetter
 from typing import Any
 
-from horizonval.spec.suite import IMAGE_METRICS, TWO_SIDED, GateSpec
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.spec.suite import IMAGE_METRICS, STANDING, Lane, Metric, RegressionSpec
+from horizonval.studies.regression.partners import MOST_NAMED, Group, Pair
 from horizonval.studies.regression.row import ERRORS, ReplicateRow
-from horizonval.studies.regression.statistics import (
-    Estimate,
-    decide,
-    independent_difference,
-    independent_loss,
-    paired_difference,
-    paired_loss,
-)
+from horizonval.studies.regression.statistics import Verdict
 
 PERCENT = 100.0
-ANGLE_LIMIT_ARCSEC = 1e-6 * 3600
-"""Angles that differ by less than 1e-6 deg count as equal: ten times the rounding of stored ones."""
-MOST_NAMED = 12
-"""Scenes of a gate that are named; ``n_scenes`` counts all changed ones."""
+ROUNDING = 1e-9
+"""Relative excess over a margin that is rounding."""
+SMALL_NEES = 0.1, 1e-6
+"""Squared errors over claims below the first do not count in ratios of single frames, below the second in ratios of
+means: an error may be zero by chance."""
+NONE_IS = 0.5
+"""Number of claims in place of none, in a ratio."""
 
 
 @dataclass(frozen=True)
@@ -47,209 +52,257 @@ class GateInputs:
 
 @dataclass(frozen=True)
 class Measured:
-    """A gate's estimate in its unit, None with too few data; and the scenes with the largest weight."""
-
-    gate: GateSpec
-    estimate: Estimate | None
-    scenes: tuple[str, ...]
-    paired: bool
-
-
-def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
-    """Return a gate's estimate of the difference between two sets of results."""
-    if gate.metric in IMAGE_METRICS:
-        return _images(gate, now)
-    if gate.lane == "fresh":
-        mine, theirs = _chosen(gate, now.fresh), _chosen(gate, base.fresh)
-        if now.fresh_night != base.fresh_night or not now.fresh_night:
-            # A method in only one of them would look like a change of all.
-            both = {row.estimator for row in mine} & {row.estimator for row in theirs}
-            mine, theirs = ([row for row in rows if row.estimator in both] for rows in (mine, theirs))
-            return Measured(gate, _independent(gate, mine, theirs), (), paired=False)
-    else:
-        mine, theirs = _chosen(gate, now.rows), _chosen(gate, base.rows)
-    return _paired(gate, pairs_of(mine, theirs))
-
-
-def pairs_of(now: Iterable[ReplicateRow], base: Iterable[ReplicateRow]) -> list[tuple[ReplicateRow, ReplicateRow]]:
-    """Return (now, base) of every common scene, band, replicate and estimator."""
-    before = {row.key: row for row in base}
-    return [(row, before[row.key]) for row in now if row.key in before]
-
-
-def changed(pairs: Iterable[tuple[ReplicateRow, ReplicateRow]]) -> list[dict[str, Any]]:
-    """Return all pairs with another status or an angle beyond :data:`ANGLE_LIMIT_ARCSEC`.
-
-    Changed statuses come first, then the largest changes of the nadir error.
+    """A metric before and now, its changes for the worse and for the better in the margin's unit, in ``n`` answers, and
+    the weights of the scenes.
     """
-    found: list[tuple[tuple[bool, float], dict[str, Any]]] = []
+
+    before: float
+    now: float
+    worse: float
+    better: float
+    n: int
+    weights: Sequence[tuple[float, str]] = ()
+
+
+def margin_of(
+    spec: RegressionSpec, lane: Lane, metric: Metric, group: Group, before: float
+) -> tuple[float | None, str | None]:
+    """Return the margin of a metric and the reason of the suite's gate that sets it, if one does."""
+    own = [
+        gate
+        for gate in spec.gate
+        if (gate.lane, gate.metric) == (lane, metric)
+        and (not gate.estimators or not group.estimator or group.estimator in gate.estimators)
+        and (not gate.cases or group.cases in gate.cases)
+    ]
+    if own:
+        gate = min(own, key=lambda gate: gate.margin)
+        return gate.margin, gate.reason
+    standing = STANDING[metric]
+    if lane == "fresh":
+        return None if standing.fresh is None else max(standing.fresh[0], standing.fresh[1] * before), None
+    return None if standing.margin is None else max(standing.margin, standing.of_base * before), None
+
+
+def judge_rows(
+    spec: RegressionSpec, lane: Lane, pairs: Iterable[Pair], cameras: Mapping[str, str], against: str = "accepted"
+) -> list[dict[str, Any]]:
+    """Return every metric of every method, camera and band with its verdict, as plain data."""
+    groups: dict[Group, list[Pair]] = {}
     for now, base in pairs:
-        what = []
-        if now.status != base.status:
-            what.append(f"{base.status} -> {now.status}")
-        if now.false_valid != base.false_valid:
-            what.append("became false" if now.false_valid else "no longer false")
-        for key in ERRORS:
-            before, after = getattr(base, key), getattr(now, key)
-            if before is not None and after is not None and abs(after - before) > ANGLE_LIMIT_ARCSEC:
-                what.append(f"{key.removesuffix('_error_arcsec')} error {before:.4g} -> {after:.4g} arcsec")
-        if what:
-            names = dict(zip(("scene", "band", "replicate", "estimator"), now.key, strict=True))
-            moved = abs((now.nadir_error_arcsec or 0.0) - (base.nadir_error_arcsec or 0.0))
-            same = now.status == base.status and now.false_valid == base.false_valid
-            found.append(((same, -moved), {**names, "what": "; ".join(what)}))
-    return [one for _, one in sorted(found, key=lambda item: item[0])]
+        groups.setdefault(group_of(base, cameras), []).append((now, base))
+    found = []
+    for group, own in sorted(groups.items()):
+        measured = {metric: one for metric, measure in ROW_METRICS.items() if (one := measure(own)) is not None}
+        judged = {metric: _judged(spec, lane, metric, group, one, against) for metric, one in measured.items()}
+        _settle_means(judged)
+        found += [one for one in judged.values() if one is not None]
+    return found
 
 
-def _chosen(gate: GateSpec, rows: Iterable[ReplicateRow]) -> list[ReplicateRow]:
-    return [
-        row
-        for row in rows
-        if (not gate.estimators or row.estimator in gate.estimators) and (not gate.cases or row.table in gate.cases)
-    ]
+def judge_images(
+    spec: RegressionSpec,
+    images: Mapping[tuple[str, str], Mapping[str, Any]],
+    cameras: Mapping[str, str],
+    against: str = "accepted",
+) -> list[dict[str, Any]]:
+    """Return every metric of the rendered images of a table, camera and band: the scene that differs most decides."""
+    values: dict[tuple[Group, Metric], list[tuple[float, str]]] = {}
+    for (scene, band), image in images.items():
+        for metric in IMAGE_METRICS:
+            if image.get(metric) is not None:
+                group = Group("", image["table"], cameras.get(scene, ""), band)
+                values.setdefault((group, metric), []).append((float(image[metric]), scene))
+    found = []
+    for (group, metric), own in sorted(values.items()):
+        most = max((value for value, _ in own), key=abs)
+        one = Measured(0.0, most, abs(most), 0.0, len(own), [(abs(value), scene) for value, scene in own])
+        judged = _judged(spec, "rerender", metric, group, one, against)
+        found += [judged] if judged is not None else []
+    return found
 
 
-ERROR_OF: dict[str, Callable[[ReplicateRow], float | None]] = {
-    "nadir_error": attrgetter("nadir_error_arcsec"),
-    "error_over_bound": attrgetter("error_over_bound"),
+def group_of(row: ReplicateRow, cameras: Mapping[str, str]) -> Group:
+    """Return the method, table, camera and band of a row; a fresh scene has the camera of the fixed one."""
+    return Group(row.estimator, row.table, cameras.get(row.case.rpartition("/")[2], ""), row.band)
+
+
+def _judged(
+    spec: RegressionSpec, lane: Lane, metric: Metric, group: Group, one: Measured, against: str
+) -> dict[str, Any] | None:
+    margin, reason = margin_of(spec, lane, metric, group, one.before)
+    if margin is None:
+        return None
+    limit = margin * (1 + ROUNDING)
+    verdict = Verdict.FAIL if one.worse > limit else Verdict.IMPROVED if one.better > limit else Verdict.PASS
+    scenes = weightiest(one.weights)
+    return {
+        "against": against,
+        "lane": lane,
+        "metric": metric,
+        **group._asdict(),
+        "verdict": str(verdict),
+        "before": one.before,
+        "now": one.now,
+        "change": one.worse if one.worse >= one.better else -one.better,
+        "margin": margin,
+        "unit": STANDING[metric].unit,
+        "reason": reason,
+        "n": one.n,
+        "estimate": None,
+        "scenes": list(scenes[:MOST_NAMED]),
+        "n_scenes": len(scenes),
+    }
+
+
+def _settle_means(judged: Mapping[Metric, dict[str, Any] | None]) -> None:
+    """Count a mean that came nearer to zero as better, if the total error fell beyond its margin, too."""
+    total = judged.get("nadir_error")
+    for metric in ("roll_mean", "pitch_mean"):
+        one = judged.get(metric)
+        if one is None or total is None or one["verdict"] != Verdict.FAIL or total["verdict"] != Verdict.IMPROVED:
+            continue
+        if abs(one["now"]) < abs(one["before"]):
+            one["verdict"] = str(Verdict.IMPROVED)
+
+
+def _crashes(pairs: Sequence[Pair]) -> Measured:
+    crashed = [(n.status == Outcome.CRASHED, b.status == Outcome.CRASHED, n.case) for n, b in pairs]
+    return _counted(crashed, len(pairs), 1.0)
+
+
+def _is_missed(now: ReplicateRow, base: ReplicateRow) -> bool:
+    """Whether a claim is gone, or an angle of it."""
+    return not now.is_claim or any(getattr(base, e) is not None and getattr(now, e) is None for e in ERRORS)
+
+
+def _availability(pairs: Sequence[Pair]) -> Measured | None:
+    """Loss among right answers, and answers of images that must be answered; gains among all images."""
+    answered = [(n, b) for n, b in pairs if b.is_claim and (b.is_due or not b.false_valid)]
+    gained = [n for n, b in pairs if n.is_right and not b.is_claim]
+    if not answered and not gained:
+        return None
+    lost = [n for n, b in answered if _is_missed(n, b) and not n.false_valid]
+    return Measured(
+        len(answered),
+        len(answered) - len(lost),
+        PERCENT * len(lost) / max(len(answered), 1),
+        PERCENT * len(gained) / len(pairs),
+        len(answered),
+        [(1.0, row.case) for row in lost],
+    )
+
+
+def _false_valid(pairs: Sequence[Pair]) -> Measured:
+    return _counted([(n.false_valid, b.false_valid, n.case) for n, b in pairs], len(pairs), PERCENT / len(pairs))
+
+
+def _counted(flags: Sequence[tuple[bool, bool, str]], n: int, scale: float) -> Measured:
+    """Return the measure of something bad that is true or false of a frame (now, before, scene)."""
+    became = [scene for now, before, scene in flags if now and not before]
+    ended = sum(before and not now for now, before, _ in flags)
+    before = sum(before for _, before, _ in flags)
+    count = before + len(became) - ended
+    return Measured(before, count, scale * len(became), scale * ended, n, [(1.0, scene) for scene in became])
+
+
+def _errors(pairs: Sequence[Pair], name: str) -> tuple[FloatArray, FloatArray, list[str]]:
+    """Return a number of all pairs that have it, now and before, and their scenes."""
+    own = [(getattr(n, name), getattr(b, name), n.case) for n, b in pairs]
+    known = [one for one in own if one[0] is not None and one[1] is not None]
+    now, before = (np.array([one[k] for one in known], dtype=np.float64) for k in (0, 1))
+    return now, before, [scene for _, _, scene in known]
+
+
+def _mean(name: str) -> Callable[[Sequence[Pair]], Measured | None]:
+    """Return the measure of a mean's change, of which neither sign is better."""
+
+    def measure(pairs: Sequence[Pair]) -> Measured | None:
+        now, before, scenes = _errors(pairs, name)
+        if not len(now):
+            return None
+        moved = now - before
+        change = float(np.mean(moved))
+        weights = zip((moved * math.copysign(1.0, change)).tolist(), scenes, strict=True)
+        return Measured(float(np.mean(before)), float(np.mean(now)), abs(change), 0.0, len(now), list(weights))
+
+    return measure
+
+
+def _grown(
+    name: str, size: Callable[[FloatArray], Any], weight: Callable[[FloatArray, FloatArray], FloatArray]
+) -> Callable[[Sequence[Pair]], Measured | None]:
+    """Return the measure of the change of a size, of which less is better."""
+
+    def measure(pairs: Sequence[Pair]) -> Measured | None:
+        now, before, scenes = _errors(pairs, name)
+        if not len(now):
+            return None
+        was, is_now = float(size(before)), float(size(now))
+        weights = list(zip(weight(now, before).tolist(), scenes, strict=True))
+        return Measured(was, is_now, is_now - was, was - is_now, len(now), weights)
+
+    return measure
+
+
+def _squares(now: FloatArray, before: FloatArray) -> FloatArray:
+    return now**2 - before**2
+
+
+def _difference(now: FloatArray, before: FloatArray) -> FloatArray:
+    return now - before
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _honesty(pairs: Sequence[Pair]) -> Measured | None:
+    """Factor of the mean, or of single frames in the geometric mean: there a few large squares hide nothing."""
+    now, before, scenes = _errors(pairs, "nees_nadir_total")
+    if not len(now):
+        return None
+    small, tiny = SMALL_NEES
+    of_means = math.log((float(np.mean(now)) + tiny) / (float(np.mean(before)) + tiny))
+    single = np.log((now + small) / (before + small))
+    factor = math.exp(max(abs(of_means), abs(float(np.mean(single)))))
+    weights = list(zip(np.abs(single).tolist(), scenes, strict=True))
+    return Measured(float(np.mean(before)), float(np.mean(now)), factor, 0.0, len(now), weights)
+
+
+def _without_sigma(pairs: Sequence[Pair]) -> Measured | None:
+    own = [(n, b) for n, b in pairs if n.is_claim and b.is_claim and b.states_claim]
+    if not own:
+        return None
+    now, before = sum(n.without_sigma for n, _ in own), sum(b.without_sigma for _, b in own)
+    factor = max(now, before) / max(min(now, before), NONE_IS) if now or before else 1.0
+    weights = [(1.0, n.case) for n, b in own if n.without_sigma != b.without_sigma]
+    return Measured(before, now, factor, 0.0, len(own), weights)
+
+
+def _over_bound(pairs: Sequence[Pair]) -> Measured | None:
+    return _grown("error_over_bound", np.mean, _difference)(pairs)
+
+
+ROW_METRICS: Mapping[Metric, Callable[[Sequence[Pair]], Measured | None]] = {
+    "crashes": _crashes,
+    "availability": _availability,
+    "false_valid": _false_valid,
+    "roll_mean": _mean("roll_error_arcsec"),
+    "pitch_mean": _mean("pitch_error_arcsec"),
+    "roll_scatter": _grown("roll_error_arcsec", np.std, _squares),
+    "pitch_scatter": _grown("pitch_error_arcsec", np.std, _squares),
+    "nadir_error": _grown("nadir_error_arcsec", _rms, _squares),
+    "nadir_error_median": _grown("nadir_error_arcsec", np.median, _difference),
+    "error_over_bound": _over_bound,
+    "honesty": _honesty,
+    "without_sigma": _without_sigma,
 }
-"""Metrics whose mean over claims is compared; the others are shares."""
-_is_claim: Callable[[ReplicateRow], bool] = attrgetter("is_claim")
 
 
-def _is_sound(row: ReplicateRow) -> bool:
-    return not row.false_valid
-
-
-def _paired(gate: GateSpec, pairs: Sequence[tuple[ReplicateRow, ReplicateRow]]) -> Measured:
-    if gate.metric in ERROR_OF:
-        values = [(ERROR_OF[gate.metric](n), ERROR_OF[gate.metric](b), n.case) for n, b in pairs]
-        both = [(now - before, scene) for now, before, scene in values if now is not None and before is not None]
-        estimate = paired_difference([d for d, _ in both], [scene for _, scene in both])
-        return Measured(gate, estimate, _weightiest(both), paired=True)
-    good: Callable[[ReplicateRow], bool] = _is_sound
-    if gate.metric == "availability":
-        good, pairs = _is_claim, [(n, b) for n, b in pairs if b.is_due]
-    estimate = paired_loss([good(b) for _, b in pairs], [good(n) for n, _ in pairs], [n.case for n, _ in pairs])
-    moved = [(PERCENT * (int(good(b)) - int(good(n))), n.case) for n, b in pairs]
-    return Measured(gate, _scaled(estimate), _weightiest(moved), paired=True)
-
-
-def _independent(gate: GateSpec, now: Sequence[ReplicateRow], base: Sequence[ReplicateRow]) -> Estimate | None:
-    if gate.metric in ERROR_OF:
-        mine, theirs = (
-            [(error, r.case) for r in rows if (error := ERROR_OF[gate.metric](r)) is not None] for rows in (now, base)
-        )
-        return independent_difference(
-            [error for error, _ in mine],
-            [scene for _, scene in mine],
-            [error for error, _ in theirs],
-            [scene for _, scene in theirs],
-        )
-    good: Callable[[ReplicateRow], bool] = _is_sound
-    if gate.metric == "availability":
-        good = _is_claim
-        now, base = [r for r in now if r.is_due], [r for r in base if r.is_due]
-    # Several estimators on one frame are not several frames: a frame is good if all of them are.
-    mine_by, theirs_by = _all_good(now, good), _all_good(base, good)
-    return _scaled(independent_loss(sum(theirs_by), len(theirs_by), sum(mine_by), len(mine_by)))
-
-
-def _all_good(rows: Iterable[ReplicateRow], good: Callable[[ReplicateRow], bool]) -> list[bool]:
-    frames: dict[tuple[str, str, int], bool] = {}
-    for row in rows:
-        key = (row.case, row.band, row.replicate)
-        frames[key] = frames.get(key, True) and good(row)
-    return list(frames.values())
-
-
-def _images(gate: GateSpec, now: GateInputs) -> Measured:
-    found = [
-        (float(image[gate.metric]), scene)
-        for (scene, _), image in now.images.items()
-        if image.get(gate.metric) is not None and (not gate.cases or image["table"] in gate.cases)
-    ]
-    estimate = paired_difference([value for value, _ in found], [scene for _, scene in found])
-    return Measured(gate, estimate, _weightiest(found), paired=True)
-
-
-def _weightiest(values: Sequence[tuple[float, str]]) -> tuple[str, ...]:
-    """Return the scenes with the largest changes, worse first, without unchanged ones."""
+def weightiest(values: Sequence[tuple[float, str]]) -> tuple[str, ...]:
+    """Return the scenes with positive weights in sum, the largest first."""
     sums: dict[str, float] = {}
     for value, scene in values:
         sums[scene] = sums.get(scene, 0.0) + value
-    return tuple(
-        scene for scene, value in sorted(sums.items(), key=lambda item: (-item[1], item[0])) if value > 0
-    ) + tuple(scene for scene, value in sorted(sums.items(), key=lambda item: (item[1], item[0])) if value < 0)
-
-
-def _scaled(estimate: Estimate | None) -> Estimate | None:
-    """Return a share in percentage points."""
-    if estimate is None:
-        return None
-    e, p = estimate, PERCENT
-    bounds = (e.lower95 * p, e.upper95 * p, e.lower99 * p, e.upper99 * p)
-    return Estimate(e.value * p, *bounds, e.p_worse, e.p_better, e.n, e.clusters)
-
-
-def judge(measured: Sequence[tuple[str, Measured]], looks: int = 1) -> list[dict[str, Any]]:
-    """Return every gate with its verdict as plain data; p-values are adjusted over all gates together.
-
-    ``measured``: base (``accepted``, ``release``) and estimates. ``looks``: as for
-    :func:`horizonval.studies.regression.statistics.decide`.
-    """
-    decided = decide(
-        [one.estimate for _, one in measured],
-        [one.gate.margin for _, one in measured],
-        [one.gate.metric in TWO_SIDED for _, one in measured],
-        looks,
-    )
-    return [
-        {
-            "against": name,
-            "name": one.gate.name,
-            "lane": one.gate.lane,
-            "metric": one.gate.metric,
-            "margin": one.gate.margin,
-            "unit": one.gate.unit,
-            "reason": one.gate.reason,
-            "two_sided": one.gate.metric in TWO_SIDED,
-            "paired": one.paired,
-            "verdict": str(verdict),
-            "p_adjusted": p,
-            "estimate": None if one.estimate is None else one.estimate.to_dict(),
-            "scenes": list(one.scenes[:MOST_NAMED]),
-            "n_scenes": len(one.scenes),
-        }
-        for (name, one), (verdict, p) in zip(measured, decided, strict=True)
-    ]
-
-
-def figure(value: float | None, digits: int = 3) -> str:
-    """Return a number with the given digits; an en dash for None."""
-    if value is None:
-        return "–"
-    return f"{value:.{digits}g}" if abs(value) < 999.5 else f"{value:.0f}"
-
-
-def gate_sentence(gate: Mapping[str, Any]) -> str:
-    """Return a gate's estimate and margin in words."""
-    estimate, unit = gate["estimate"], gate["unit"]
-    if estimate is None:
-        return f"too few scenes to say anything about {gate['metric']} (margin {figure(gate['margin'])} {unit})"
-    sign = "+" if estimate["value"] > 0 else ""
-    text = (
-        f"{gate['metric']} {sign}{figure(estimate['value'])} {unit} "
-        f"(95 % bounds {figure(estimate['lower95'])} to {figure(estimate['upper95'])}), "
-        f"margin {figure(gate['margin'])} {unit}, {'paired' if gate['paired'] else 'other scenes'}, "
-        f"n = {estimate['n']} in {estimate['clusters']} scenes, p = {figure(gate['p_adjusted'])}"
-    )
-    if gate["verdict"] in ("FAIL", "IMPROVED") and gate["scenes"]:
-        text += f"; scenes: {scenes(gate)}"
-    return text
-
-
-def scenes(gate: Mapping[str, Any]) -> str:
-    """Return the scenes with the largest weight, and the number of others."""
-    more = gate["n_scenes"] - len(gate["scenes"])
-    return ", ".join(gate["scenes"]) + (f" and {more} more" if more > 0 else "")
+    return tuple(scene for scene, value in sorted(sums.items(), key=lambda item: (-item[1], item[0])) if value > 0)

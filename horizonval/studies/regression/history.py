@@ -43,11 +43,6 @@ def append(path: Path, verdict: Mapping[str, Any]) -> None:
         "commit": verdict["environment"]["commit"],
         "verdict": verdict["verdict"],
         "complete": verdict["complete"],
-        "gates": {
-            g["name"]: {"verdict": g["verdict"], "unit": g["unit"], "margin": g["margin"], **(g["estimate"] or {})}
-            for g in verdict["gates"]
-            if g["against"] == "accepted"
-        },
         "levels": verdict["levels"],
     }
     lines = [one for one in read(path, most=None) if one["night"] != line["night"]] + [line]
@@ -67,10 +62,25 @@ def read(path: Path, most: int | None = NIGHTS) -> list[JsonObject]:
             line = json.loads(text)
         except (ValueError, RecursionError):
             continue
-        if isinstance(line, dict) and isinstance(line.get("night"), str) and "levels" in line:
+        if _is_night(line):
             found.append(line)
     found.sort(key=lambda line: line["night"])
     return found if most is None else found[-most:]
+
+
+def _is_night(line: object) -> bool:
+    """Whether a line is one that :func:`append` writes."""
+    if not isinstance(line, dict) or not all(isinstance(line.get(key), str) for key in ("night", "verdict")):
+        return False
+    levels = line.get("levels")
+    return isinstance(levels, dict) and all(
+        isinstance(one, dict)
+        and isinstance(one.get("value"), int | float)
+        and math.isfinite(one["value"])
+        and isinstance(one.get("unit"), str)
+        and isinstance(one.get("n"), int)
+        for one in levels.values()
+    )
 
 
 def series(nights: Sequence[Mapping[str, Any]]) -> dict[str, JsonObject]:

@@ -26,7 +26,7 @@ from typing import Any, Literal
 import horizonval
 from horizonval.core import atomic
 from horizonval.core.code import code_version
-from horizonval.core.errors import UserError
+from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.memory import peak_mebibytes
 from horizonval.core.outcome import Outcome
@@ -39,16 +39,28 @@ from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.verify import withdraw_manifest, write_manifest
 from horizonval.studies.regression import history
 from horizonval.studies.regression.baseline import Baseline, read_baseline, release_path
-from horizonval.studies.regression.gates import GateInputs, Measured, changed, judge, measure, pairs_of
+from horizonval.studies.regression.fresh import judge_fresh
+from horizonval.studies.regression.gates import GateInputs, judge_images, judge_rows
 from horizonval.studies.regression.images import compare_images
+from horizonval.studies.regression.partners import (
+    Group,
+    Pair,
+    cameras_of,
+    changed,
+    missing,
+    new,
+    pairs_of,
+    promise_of,
+)
 from horizonval.studies.regression.row import ReplicateRow, summary_of
-from horizonval.studies.regression.statistics import Verdict, night_verdict
+from horizonval.studies.regression.statistics import Verdict
 from horizonval.studies.regression.units import NightWork, Shown, Task, arrays_of, frozen_heads, shown, sweep
+from horizonval.studies.regression.words import worst
 from horizonval.suites.mistakes import check_heads
 from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.suite import load_suite
 
-NIGHT_SCHEMA = 2
+NIGHT_SCHEMA = 3
 NightLane = Lane | Literal["published"]
 LANES: tuple[NightLane, ...] = ("replay", "rerender", "fresh", "published")
 WORK = ".work"
@@ -56,8 +68,7 @@ PUBLISHED = "published"
 """The lane without gates, and its folder in the work folder."""
 Published = Callable[[Path, Progress], Sequence[JsonObject]]
 """Computes the key figures of published systems in a folder: ``{system, name, unit, accepted, measured, verdict}``."""
-EXIT = {Verdict.PASS: 0, Verdict.IMPROVED: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}
-INCOMPLETE = 2
+EXIT = {Verdict.PASS: 0, Verdict.IMPROVED: 0, Verdict.FAIL: 1, Verdict.INCOMPLETE: 2, Verdict.INCONCLUSIVE: 3}
 MOST_CHANGES = 200
 """Changed scenes listed in the verdict; the count includes all."""
 PACKAGES = (
@@ -104,11 +115,23 @@ def checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
     return suite.regression, plan
 
 
+def read_night(folder: Path) -> JsonObject:
+    """Return the content of a night's ``night.json``. Raises ``UserError``: there is none, or it is damaged."""
+    path = folder / "night.json"
+    data = read_json(path)
+    if data is None or data.get("schema") != NIGHT_SCHEMA:
+        raise UserError(
+            "no night.json of this version", where=str(folder), expected="the folder of `horizonval regress`"
+        )
+    try:
+        return dict(data) | {key: [ReplicateRow.from_dict(row) for row in data[key]] for key in ("rows", "fresh")}
+    except (KeyError, TypeError, ValueError) as error:
+        raise DamagedFileError(f"its rows cannot be used: {error}", where=str(path)) from None
+
+
 def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
     """Return the fresh rows of another version's night."""
-    data = read_json(folder / "night.json")
-    if data is None:
-        raise UserError("no night.json", where=str(folder), expected="the folder of another version's night")
+    data = read_night(folder)
     if (data["suite"], data["night"]) != (suite, night):
         raise UserError(
             f"is night {data['night']!r} of suite {data['suite']!r}",
@@ -116,7 +139,7 @@ def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
             expected=f"night {night!r} of {suite!r}",
             fix="give both runs the same --night",
         )
-    return GateInputs(fresh=[ReplicateRow.from_dict(row) for row in data["fresh"]], fresh_night=data["night"])
+    return GateInputs(fresh=data["fresh"], fresh_night=data["night"])
 
 
 def check_folder(out: Path) -> None:
@@ -166,7 +189,7 @@ class Night:
             return
         folder = self.wanted.out / WORK / PUBLISHED
         try:
-            folder.mkdir(exist_ok=True)
+            atomic.make_folder(folder)
             self.published = list(compute(folder, self._progress))
         except (UserError, RuntimeError) as error:
             self.failed[PUBLISHED] = str(error)
@@ -318,9 +341,8 @@ def compare(
 ) -> tuple[list[JsonObject], list[JsonObject]]:
     """Return the comparison of a night with each of its baselines, and the verdict of every gate."""
     comparisons: list[JsonObject] = []
-    measured: list[tuple[str, Measured]] = []
-    bases = [("accepted", night.accepted), ("release", release)]
-    for name, base in bases:
+    gates: list[JsonObject] = []
+    for name, base in (("accepted", night.accepted), ("release", release)):
         if base is None:
             continue
         if name == "release" and night.accepted is not None and _is_same(base, night.accepted):
@@ -328,32 +350,46 @@ def compare(
             continue
         about, found = _against(night, name, base, reference if name == "accepted" else None)
         comparisons.append(about)
-        measured += [(name, one) for one in found]
-    gates = judge(measured, looks=night.spec.most_batches)
+        gates += found
     return comparisons, gates
 
 
 def _against(
     night: Night, name: str, base: Baseline, reference: GateInputs | None
-) -> tuple[JsonObject, list[Measured]]:
+) -> tuple[JsonObject, list[JsonObject]]:
+    lanes, spec = night.wanted.lanes, night.spec
+    cameras = cameras_of(base.scenes, base.together)
     images = _images(night, base)
-    now = GateInputs(night.replayed, images, night.fresh, night.wanted.night)
-    whole = replace(now, rows=night.all_rows())
-    theirs = (
-        base.results
-        if reference is None
-        else replace(base.results, fresh=reference.fresh, fresh_night=reference.fresh_night)
-    )
-    found = []
-    for gate in night.spec.gate:
-        if gate.lane not in night.wanted.lanes:
-            continue
-        # The release's detector images are not stored: the comparison covers the whole chain.
-        whole_chain = gate.lane == "rerender" or name == "release"
-        mine = whole if whole_chain and (gate.lane != "replay" or "rerender" in night.wanted.lanes) else now
-        found.append(measure(gate, mine, theirs))
-    replay_pairs = pairs_of(night.replayed if name == "accepted" else (), base.results.rows)
-    moved = changed(replay_pairs)
+    moved: list[JsonObject] = []
+    replay_pairs: list[Pair] = []
+    gates: list[JsonObject] = []
+    if name == "accepted" and "replay" in lanes:
+        replay_pairs = pairs_of(night.replayed, base.results.rows)
+        moved = changed(replay_pairs)
+        gates += judge_rows(spec, "replay", replay_pairs, cameras)
+    if "rerender" in lanes:
+        gates += judge_images(spec, images, cameras, name)
+        pairs = pairs_of(night.all_rows(), base.results.rows)
+        if replay_pairs:
+            # Answers to the images that are the same are in the replay.
+            pairs = [(now, before) for now, before in pairs if now.image_address != before.image_address]
+        gates += judge_rows(spec, "rerender", pairs, cameras, name)
+    elif name == "release":
+        gates += judge_rows(spec, "replay", pairs_of(night.replayed, base.results.rows), cameras, name)
+    if name == "release" and night.accepted is not None:
+        _leave_accepted(
+            gates, judge_rows(spec, "rerender", pairs_of(night.accepted.results.rows, base.results.rows), cameras)
+        )
+    if "fresh" in lanes and name == "accepted":
+        theirs = base.results if reference is None else reference
+        if theirs.fresh_night == night.wanted.night:
+            # The same scenes by another version: facts, with the margins of facts.
+            gates += [
+                gate | {"lane": "fresh"}
+                for gate in judge_rows(spec, "rerender", pairs_of(night.fresh, theirs.fresh), cameras)
+            ]
+        else:
+            gates += judge_fresh(spec, night.fresh, theirs.fresh, cameras)
     other = [
         {"scene": scene, "band": band, **{key: value for key, value in image.items() if key != "table"}}
         for (scene, band), image in images.items()
@@ -363,6 +399,7 @@ def _against(
         "name": name,
         "baseline": base.label,
         "reason": base.head["reason"],
+        "covers": base.head.get("covers", []),
         "environment": base.head["environment"],
         "same_as_accepted": False,
         "replayed": len(replay_pairs),
@@ -371,9 +408,21 @@ def _against(
         "rendered": len(images),
         "n_images_changed": len(other),
         "images_changed": other[:MOST_CHANGES],
-        "missing_scenes": sorted(set(base.scenes) - set(night.scenes)) if "rerender" in night.wanted.lanes else [],
     }
-    return about, found
+    return about, gates
+
+
+def _leave_accepted(gates: list[JsonObject], accepted: Sequence[JsonObject]) -> None:
+    """Pass what changed since the last release and was accepted with a reason."""
+    failed = {_about(gate) for gate in accepted if gate["verdict"] == Verdict.FAIL}
+    for gate in gates:
+        if gate["verdict"] == Verdict.FAIL and _about(gate) in failed:
+            gate["verdict"] = str(Verdict.PASS)
+            gate["reason"] = "accepted with a reason since the last release"
+
+
+def _about(gate: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(gate[key] for key in ("metric", *Group._fields))
 
 
 def _images(night: Night, base: Baseline) -> dict[tuple[str, str], JsonObject]:
@@ -411,22 +460,18 @@ def verdict_of(night: Night, release: Baseline | None, reference: GateInputs | N
 
 
 def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObject]) -> JsonObject:
-    problems = [f"{name}: {error}" for name, error in night.failed.items()]
-    if night.accepted is None:
-        problems.append(f"no accepted baseline at {night.wanted.baseline}: nothing to compare with")
-    for about in comparisons:
-        if about.get("missing_scenes"):
-            count = len(about["missing_scenes"])
-            problems.append(f"{count} scenes of the baseline ({about['name']}) are not in the suite any more")
-    verdicts = [Verdict(one["verdict"]) for one in [*gates, *night.published]]
-    if night.accepted is None:
-        verdicts.append(Verdict.FAIL)
-    verdict = night_verdict(verdicts)
-    proven = any(Verdict(item["verdict"]) is Verdict.FAIL for item in [*gates, *night.published])
-    status = EXIT[verdict] if proven or not problems else INCOMPLETE
-    if problems and not proven and verdict in (Verdict.PASS, Verdict.IMPROVED):
-        # Incomplete comparisons have not passed.
-        verdict = Verdict.INCONCLUSIVE
+    """Return the verdict: a regression, else incomplete, else that of the facts; without any, that of other scenes."""
+    problems, notes = _partners(night)
+    facts = [Verdict(one["verdict"]) for one in [*gates, *night.published] if one.get("lane") != "fresh"]
+    fresh = [Verdict(one["verdict"]) for one in gates if one["lane"] == "fresh"]
+    if night.accepted is not None and not facts and not fresh:
+        problems.append("nothing was compared")
+    verdict = worst(facts or fresh)
+    if Verdict.FAIL in fresh:
+        verdict = Verdict.FAIL
+    if problems and verdict is not Verdict.FAIL:
+        verdict = Verdict.INCOMPLETE
+    status = EXIT[verdict]
     return {
         "schema": NIGHT_SCHEMA,
         "suite": night.suite.name,
@@ -436,6 +481,7 @@ def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObjec
         "exit_status": status,
         "complete": not problems,
         "problems": problems,
+        "notes": notes,
         "environment": environment(),
         "comparisons": comparisons,
         "gates": gates,
@@ -444,9 +490,31 @@ def _conclude(night: Night, comparisons: list[JsonObject], gates: list[JsonObjec
             "night": night.wanted.night,
             "batches": night.batches,
             "scenes": len({row.case for row in night.fresh}),
+            "verdict": str(worst(fresh)) if fresh else None,
         },
         "levels": levels_of(night.all_rows() or night.replayed, night.fresh) | _cost(night),
     }
+
+
+def _partners(night: Night) -> tuple[list[str], list[str]]:
+    """Return what leaves a night incomplete, and what else it did not compare."""
+    problems = [f"{name}: {error}" for name, error in night.failed.items()]
+    base = night.accepted
+    if base is None:
+        return [*problems, f"no accepted baseline at {night.wanted.baseline}: nothing to compare with"], []
+    promise = promise_of(night.suite, night.plan, night.spec.replicates)
+    answered = {row.key for row in night.replayed} if "replay" in night.wanted.lanes and not night.failed else None
+    problems += missing(promise, base.results.rows, cameras_of(base.scenes, base.together), answered)
+    notes = new(promise, base.results.rows, base.scenes)
+    silent = sum(row.is_claim and not row.states_claim for row in base.results.rows)
+    if silent:
+        notes.append(
+            f"the baseline does not hold the claimed uncertainty of its {silent} claims: honesty is compared once a "
+            "new one is accepted"
+        )
+    if "fresh" in night.wanted.lanes and not night.fresh and not night.failed:
+        notes.append("no scene was drawn anew: the suite has no Sobol table")
+    return problems, notes
 
 
 def _cost(night: Night) -> JsonObject:
@@ -540,7 +608,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
     if probe().chosen is None:
         raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
     check_folder(wanted.out)
-    (wanted.out / WORK).mkdir(parents=True, exist_ok=True)
+    atomic.make_folder(wanted.out / WORK)
     folder = RunFolder(wanted.out / WORK)
     with folder.locked():
         withdraw_manifest(wanted.out)

@@ -3,8 +3,8 @@
 For every scene and band the page shows the image of the seed with the worst outcome. A night stores roll and pitch of
 claims but no limb points: the claimed limb is drawn as a circle about the claimed nadir.
 
-In JUnit XML every gate and published figure is a test case, and so is completeness. FAIL is a failure; INCONCLUSIVE is
-``skipped`` with its reason.
+In JUnit XML every method on a table, camera and band is a test case, every published figure, and completeness. FAIL is
+a failure; INCONCLUSIVE is ``skipped`` with its reason.
 """
 
 from __future__ import annotations
@@ -27,26 +27,36 @@ from horizonval.report import page, plots, viewer
 from horizonval.report.load import CaseView
 from horizonval.report.plots import Draw
 from horizonval.report.words import VERDICTS, Record, opening, verdict_of
+from horizonval.scoring.bound import ARCSEC, Bound
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
 from horizonval.studies.regression import history
 from horizonval.studies.regression.baseline import Baseline, FrozenImage
-from horizonval.studies.regression.gates import figure, gate_sentence, scenes
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics import Verdict
 from horizonval.studies.regression.units import arrays_of, frozen_image
+from horizonval.studies.regression.words import (
+    LANE_WORDS,
+    by_subject,
+    figure,
+    gate_sentence,
+    scenes,
+    subject,
+    subject_sentence,
+)
 
-GLYPHS = {"PASS": "●", "FAIL": "✖", "IMPROVED": "▲", "INCONCLUSIVE": "○"}
-KINDS = {"PASS": "valid", "FAIL": "false", "IMPROVED": "valid", "INCONCLUSIVE": "missed"}
+GLYPHS = {"PASS": "●", "FAIL": "✖", "IMPROVED": "▲", "INCONCLUSIVE": "○", "INCOMPLETE": "◐"}
+KINDS = {"PASS": "valid", "FAIL": "false", "IMPROVED": "valid", "INCONCLUSIVE": "missed", "INCOMPLETE": "missed"}
 MOST_LISTED = 40
+MOST_HEADLINES = 6
 LOOKS = {
     "PASS": ("#0072b2", "o", "full"),
     "FAIL": ("#b34700", "X", "full"),
     "IMPROVED": ("#009e73", "^", "full"),
     "INCONCLUSIVE": ("#8a6100", "o", "none"),
+    "INCOMPLETE": ("#8a6100", "s", "none"),
 }
 """Colour and mark of each verdict; the marks distinguish them without colour."""
-CLIP = 3.0
 MOST_LABELS = 12
 Key = tuple[str, str, int]
 """Scene, band, replicate."""
@@ -67,7 +77,7 @@ def write_page(
         version=verdict["environment"]["version"],
         about=[f"suite {verdict['suite']}", f"night {verdict['night']}"],
         folder=Path(__file__).parent,
-        filters={"figure": figure, "scenes": scenes, "short": _short},
+        filters={"figure": figure, "scenes": scenes, "sentence": gate_sentence, "capitalize_first": _capital},
         v=verdict,
         glyphs=GLYPHS,
         kinds=KINDS,
@@ -82,48 +92,53 @@ def write_page(
     page.write(path, text)
 
 
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
 def headline(verdict: Mapping[str, Any]) -> str:
-    """Return the night in one sentence: failures, else inconclusive gates, else the number of gates that hold."""
-    failed = [f"{g['name']} (against the {g['against']} baseline)" for g in verdict["gates"] if g["verdict"] == "FAIL"]
+    """Return the night in one sentence: failures, else what is incomplete, else how many methods hold."""
+    subjects = by_subject(verdict["gates"])
+    of = {word: [first for first, one, _ in subjects if one == word] for word in Verdict}
+    failed = [f"{subject(g)}{' since the last release' * (g['against'] == 'release')}" for g in of[Verdict.FAIL]]
     failed += [f"system {one['system']}, {one['name']}" for one in verdict["published"] if one["verdict"] == "FAIL"]
     if failed:
-        return "Regression: " + ", ".join(failed) + "."
+        names = list(dict.fromkeys(failed))
+        more = len(names) - MOST_HEADLINES
+        return "Regression: " + "; ".join(names[:MOST_HEADLINES]) + (f"; and {more} more." if more > 0 else ".")
     if verdict["problems"]:
         return "Incomplete: " + verdict["problems"][0] + "."
-    open_gates = [g["name"] for g in verdict["gates"] if g["verdict"] == "INCONCLUSIVE"]
-    if open_gates:
-        return "Not enough was seen to decide: " + ", ".join(open_gates) + "."
-    better = [g["name"] for g in verdict["gates"] if g["verdict"] == "IMPROVED"]
+    better = [subject(first) for first in of[Verdict.IMPROVED]]
     if better:
-        return "Better than the baseline: " + ", ".join(better) + ". Accept a new one to hold what was won."
-    hold = f"All {len(verdict['gates'])} comparisons hold"
+        return "Better than the baseline: " + "; ".join(dict.fromkeys(better)) + ". Accept a new one to hold it."
+    facts = [first for first, _, _ in subjects if first["lane"] != "fresh"]
+    if not facts and of[Verdict.INCONCLUSIVE]:
+        return "Too few scenes to decide: " + "; ".join(subject(first) for first in of[Verdict.INCONCLUSIVE]) + "."
+    hold = f"Nothing is worse: {len(facts) or len(subjects)} methods and image sets are within their margins"
     count = len(verdict["published"])
     return f"{hold}, and {count} figures of the published systems are as accepted." if count else f"{hold}."
 
 
-def _short(unit: str) -> str:
-    return "pp" if unit == "percentage points" else unit
-
-
 def _groups(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return every comparison with its lanes, each a list of subjects with their verdict and sentence."""
     groups = []
     for about in verdict["comparisons"]:
-        gates = [g for g in verdict["gates"] if g["against"] == about["name"]]
-        picture = (
-            plots.figure(
-                f"Changes over their margins, against the {about['name']} baseline",
-                "Estimate and 95 % bounds. The shaded strip passes; FAIL also needs certainty at 1 %, adjusted over "
-                "all gates (Holm); pp are percentage points.",
-                gates_in_margins(gates),
-                8.6,
-                1.5 + 0.34 * len(gates),
-                wide=True,
-            )
-            if gates
-            else None
-        )
-        groups.append({"about": about, "gates": gates, "picture": picture})
+        subjects = by_subject(gate for gate in verdict["gates"] if gate["against"] == about["name"])
+        own = {
+            lane: [
+                {"subject": subject(first), "verdict": str(one), "deciding": deciding, "gates": _gates(verdict, first)}
+                for first, one, deciding in subjects
+                if first["lane"] == lane
+            ]
+            for lane in LANE_WORDS
+        }
+        groups.append({"about": about, "lanes": {lane: found for lane, found in own.items() if found}})
     return groups
+
+
+def _gates(verdict: Mapping[str, Any], first: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    keys = ("against", "lane", "estimator", "cases", "camera", "band")
+    return [gate for gate in verdict["gates"] if all(gate[key] == first[key] for key in keys)]
 
 
 def _systems(published: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -146,40 +161,6 @@ def _trends(nights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         title = f"{name} [{unit}]" if unit else name
         found.append(plots.figure(title, text, trend(name, one, verdicts), 5.6, 3.2))
     return found
-
-
-def gates_in_margins(gates: Sequence[Mapping[str, Any]]) -> Draw:
-    """Every gate's estimate with its 95 % bounds, in units of its margin: right of 1 it does not pass."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.axvspan(-1, 1, color="#0072b2", alpha=0.07, linewidth=0)
-        axes.axvline(0, color="#555b63", linewidth=0.8)
-        axes.axvline(1, color="#b34700", linewidth=1.0, linestyle="--")
-        if any(gate["two_sided"] for gate in gates):
-            axes.axvline(-1, color="#b34700", linewidth=0.8, linestyle=":")
-        seen = set()
-        for y, gate in enumerate(gates):
-            estimate, (colour, mark, fill) = gate["estimate"], LOOKS[gate["verdict"]]
-            if estimate is None:
-                axes.text(0.05, y, "too few scenes", va="center", color=colour)
-                continue
-            value, low, high = (
-                float(np.clip(estimate[key] / gate["margin"] if estimate[key] is not None else CLIP, -CLIP, CLIP))
-                for key in ("value", "lower95", "upper95")
-            )
-            label = gate["verdict"] if gate["verdict"] not in seen else None
-            seen.add(gate["verdict"])
-            axes.plot([low, high], [y, y], color=colour, linewidth=2)
-            axes.plot(value, y, mark, color=colour, fillstyle=fill, markersize=8, label=label, linestyle="none")
-        axes.set_yticks(range(len(gates)), [gate["name"] for gate in gates])
-        axes.set_ylim(len(gates) - 0.4, -0.6)
-        axes.set_xlim(-CLIP - 0.1, CLIP + 0.1)
-        axes.set_xlabel("change for the worse, over the margin (1 is the margin; beyond 3 drawn at 3)")
-        if seen:
-            figure.legend(loc="outside upper right", ncols=len(seen))
-
-    return draw
 
 
 def trend(name: str, one: Mapping[str, Any], verdicts: Mapping[str, str]) -> Draw:
@@ -258,9 +239,12 @@ def shown_of(
     """
     estimators = tuple(dict.fromkeys(row.estimator for row in rows))
     known = {scene: FrameTruth.from_dict(dict(truths[scene])) for scene in {row.case for row in rows} & set(truths)}
+    bounds = {(row.case, row.band): row.bound_arcsec for row in rows if row.case in known}
     expected = {
-        place: expected_outcome(known[place[0]], place[1])
-        for place in dict.fromkeys((row.case, row.band) for row in rows if row.case in known)
+        (case, band): expected_outcome(
+            known[case], band, bound=None if arcsec is None else Bound(None, arcsec * ARCSEC, None)
+        )
+        for (case, band), arcsec in bounds.items()
     }
     by_image: dict[Key, dict[str, Row]] = {}
     for row in (row for row in rows if row.case in known):
@@ -336,8 +320,9 @@ def write_junit(path: Path, verdict: Mapping[str, Any]) -> None:
         ("commit", verdict["environment"]["commit"] or ""),
     ):
         ElementTree.SubElement(properties, "property", name=key, value=str(value))
-    for gate in verdict["gates"]:
-        _case(suite, f"{name}.{gate['against']}", gate["name"], gate["verdict"], gate_sentence(gate))
+    for first, one, deciding in by_subject(verdict["gates"]):
+        title = f"{first['lane']}: {subject(first)}"
+        _case(suite, f"{name}.{first['against']}", title, one, subject_sentence(first, deciding))
     for one in verdict["published"]:
         title = f"{one['system']}: {one['name']}"
         _case(suite, f"{name}.published", title, one["verdict"], published_sentence(one))

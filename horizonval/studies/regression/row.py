@@ -14,11 +14,16 @@ from horizonval.scoring.row import Row
 DIGITS = 4
 """Decimals of stored errors: 1e-4 arcsec, 3e-8 deg."""
 ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec")
+CLAIMED = ("nees_nadir_total", "without_sigma")
+"""Columns about the claimed covariance, which baselines of earlier versions do not have."""
 COLUMNS = (
-    "scene", "band", "replicate", "estimator", "image", "status", "reason", "false_valid", *ERRORS,
+    "scene", "band", "replicate", "estimator", "image", "status", "reason", "false_valid", *ERRORS, *CLAIMED,
     "table", "due", "bound_arcsec",
 )  # fmt: skip
 """Stored columns; ``scene`` is the case, ``image`` the image's address, ``due`` whether it must be answered."""
+LARGEST_ARCSEC = 180 * 3600.0
+LARGEST_NEES = 1e32
+"""Squared error of 180 deg over the smallest variance that counts as one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,17 +43,42 @@ class ReplicateRow(Row):
         errors = {name: getattr(row, name) for name in ERRORS}
         rounded = {name: None if value is None else round(float(value), DIGITS) for name, value in errors.items()}
         about = {"scene": row.case, "band": row.band, "replicate": replicate, "estimator": row.estimator}
-        found = {"status": row.status, "reason": row.reason, "false_valid": row.false_valid}
+        found: dict[str, Any] = {"status": row.status, "reason": row.reason, "false_valid": row.false_valid}
+        nees = row.nees_nadir_total
+        found |= {"nees_nadir_total": nees and float(f"{nees:.6g}"), "without_sigma": row.without_sigma}
         where = {"image": image, "table": table, "due": row.is_due, "bound_arcsec": row.bound_arcsec}
         return cls.from_dict({**about, **found, **rounded, **where})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Return the row of :meth:`to_dict`. Raises ``KeyError, TypeError``: a missing or unknown column."""
+        """Return the row of :meth:`to_dict`. Raises ``ValueError``: a missing or unknown column, or no such value."""
         rest = dict(data)
+        wrong = sorted({*COLUMNS} - {*CLAIMED} - {*rest} | {*rest} - {*COLUMNS})
+        if wrong:
+            raise ValueError(f"column {wrong[0]!r} is {'unknown' if wrong[0] in rest else 'missing'}")
         case, image, due = (rest.pop(name) for name in ("scene", "image", "due"))
+        if not isinstance(due, bool):
+            raise ValueError(f"due = {due!r} is not true or false")
         made = cls(case=case, camera="", image_address=image, expected=str(Outcome.VALID), borderline=not due, **rest)
         return made.against(made.bound_arcsec)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.status not in set(Outcome):
+            raise ValueError(f"status = {self.status!r} is no outcome")
+        if type(self.replicate) is not int or self.replicate < 0:
+            raise ValueError(f"replicate = {self.replicate!r} is not a whole number")
+        if not isinstance(self.table, str):
+            raise ValueError(f"table = {self.table!r} is not text")
+        limits = {**dict.fromkeys((*ERRORS, "bound_arcsec"), LARGEST_ARCSEC), "nees_nadir_total": LARGEST_NEES}
+        for name, limit in limits.items():
+            if abs(getattr(self, name) or 0.0) > limit * (1 + 1e-9):
+                raise ValueError(f"{name} = {getattr(self, name):g} is beyond {limit:g}")
+
+    @property
+    def states_claim(self) -> bool:
+        """Whether the claimed covariance is known, or known to be missing; not in baselines of earlier versions."""
+        return self.nees_nadir_total is not None or self.without_sigma
 
     def to_dict(self) -> dict[str, Any]:
         """Return the stored columns as plain data."""
@@ -100,13 +130,28 @@ def to_columns(rows: Iterable[ReplicateRow]) -> dict[str, list[Any]]:
 
 
 def from_columns(columns: Mapping[str, Any]) -> list[ReplicateRow]:
-    """Return the rows of :func:`to_columns`."""
+    """Return the rows of :func:`to_columns`. Raises ``ValueError``: no such columns, or two rows of one answer."""
     plain: dict[str, Sequence[Any]] = {}
-    for name in COLUMNS:
-        column = columns[name]
-        if isinstance(column, dict):
-            column = [None if i is None else column["words"][i] for i in column["at"]]
+    for name, stored in columns.items():
+        column = stored
+        if isinstance(stored, dict):
+            words, at = stored.get("words"), stored.get("at")
+            if not isinstance(words, list) or not isinstance(at, list):
+                raise ValueError(f"column {name!r} has no words")
+            if any(i is not None and (type(i) is not int or not 0 <= i < len(words)) for i in at):
+                raise ValueError(f"column {name!r} has an index without a word")
+            column = [None if i is None else words[i] for i in at]
+        if not isinstance(column, list):
+            raise ValueError(f"column {name!r} is no list")
         plain[name] = column
-    return [
-        ReplicateRow.from_dict(dict(zip(COLUMNS, values, strict=True))) for values in zip(*plain.values(), strict=True)
+    if len({len(column) for column in plain.values()}) > 1:
+        raise ValueError("the columns differ in length")
+    rows = [
+        ReplicateRow.from_dict(dict(zip(plain, values, strict=True))) for values in zip(*plain.values(), strict=True)
     ]
+    seen = set()
+    for row in rows:
+        if row.key in seen:
+            raise ValueError(f"two rows of {', '.join(map(str, row.key))}")
+        seen.add(row.key)
+    return rows

@@ -141,11 +141,11 @@ def _of_one_frame(images: Iterable[DetectorImage]) -> list[Observed]:
 
 def _about(observed: Observed, band: str, needs: Any) -> dict[str, Any]:
     """Return the expected outcomes of a band, and the bound of its limb."""
-    expected, bound = observed.expected_of(band, needs), observed.bound(band).known_arcsec
+    expected, bound = observed.expected_of(band, needs), observed.bound(band)
     return {
         "expected": str(expected.outcome),
         "borderline": expected.borderline,
-        "bound_arcsec": rounded("bound_arcsec", bound),
+        "bound_arcsec": None if bound is None else rounded("bound_arcsec", bound.known_arcsec),
     }
 
 

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core import atomic
 from horizonval.core.code import code_digest
 from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome
@@ -76,7 +77,7 @@ class InformationWork(Recorded[Case]):
                 "noise_arcsec": bound.noise_arcsec,
                 "bound_arcsec": bound.known_arcsec,
                 "altitude_m": bound.altitude_m,
-                "expected": str(expected_outcome(frame.truth, name).outcome),
+                "expected": str(expected_outcome(frame.truth, name, bound=bound).outcome),
             }
         return {"case": item.name, "bands": bands}
 
@@ -103,7 +104,7 @@ def run_information(
         estimator ``{rms_deg, within, n}`` of a finished study in the folder.
     """
     study = study_in(path_or_name, frames)
-    out_dir.mkdir(parents=True, exist_ok=True)
+    atomic.make_folder(out_dir)
     with RunFolder(out_dir).locked():
         work = InformationWork(out_dir / "information")
         done = do(work, study.suite.cases, execution or Execution(), progress or Silent(), unit="frames")

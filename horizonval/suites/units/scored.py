@@ -12,10 +12,9 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.jobs.progress import Stopwatch
 from horizonval.plugins.supervisor import supervisor_of
-from horizonval.scoring.bound import Bound, bound_of, together
+from horizonval.scoring.bound import Bound, known_bound
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
-from horizonval.scoring.information import carried
 from horizonval.scoring.row import Row, make_row
 from horizonval.scoring.summary import mean_noise_nees
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
@@ -42,7 +41,7 @@ class Observed:
     rows: list[Row] = field(default_factory=list)
     details: dict[str, Any] = field(default_factory=dict)
     expected: dict[tuple[str, str], Expected] = field(default_factory=dict)
-    bounds: dict[str, Bound] = field(default_factory=dict)
+    bounds: dict[str, Bound | None] = field(default_factory=dict)
 
     @property
     def truth(self) -> FrameTruth:
@@ -52,14 +51,15 @@ class Observed:
     def expected_of(self, band: str, needs: Literal["image", "pose", "heads"]) -> Expected:
         """Return the expected outcome, cached for all estimators with the same needs."""
         if (band, needs) not in self.expected:
-            self.expected[band, needs] = expected_outcome(self.images[band].truth, band, needs=needs)
+            truth, bound = self.images[band].truth, self.bound(band)
+            self.expected[band, needs] = expected_outcome(truth, band, needs=needs, bound=bound)
         return self.expected[band, needs]
 
-    def bound(self, band: str) -> Bound:
-        """Return the bound of a band, cached for all estimators."""
+    def bound(self, band: str) -> Bound | None:
+        """Return the bound of a band, cached for all estimators; None where the image carries no information."""
         if band not in self.bounds:
             image = self.images[band]
-            self.bounds[band] = bound_of(carried(image), image.truth, band)
+            self.bounds[band] = known_bound([image], image.truth, band)
         return self.bounds[band]
 
 
@@ -87,8 +87,10 @@ def score_together(
             continue
         draws = [{head: one.images[band] for head, one in heads.items()}]
         draws += [{head: one.redrawn[band][k] for head, one in heads.items()} for k in range(plan.draws - 1)]
-        scene.expected[band, "heads"] = expected_of_heads([one.expected_of(band, "heads") for one in heads.values()])
-        scene.bounds[band] = bound_of(together(one.images[band] for one in heads.values()), scene.truth, band)
+        scene.bounds[band] = known_bound([one.images[band] for one in heads.values()], scene.truth, band)
+        scene.expected[band, "heads"] = expected_of_heads(
+            [one.expected_of(band, "heads") for one in heads.values()], scene.truth, scene.bounds[band]
+        )
         for estimator in names:
             observations = (observation_of_heads(images, plan.estimator(estimator)) for images in draws)
             _score(scene, name, band, number, estimator, observations, plan, watch)

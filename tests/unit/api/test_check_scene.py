@@ -125,13 +125,11 @@ def test_everywhere_deep_behind_the_earth_is_eclipse(zenith_deg):
 def test_eclipse_no_limb_and_short_arc():
     assert codes(check("night")) == ["eclipse"]
     assert codes(check_scene(*changed(mount={"mount_roll_deg": 10.0}))) == ["no-limb"]
-    # clear air is brighter than hazy: saturated
-    assert (
-        "do not determine the nadir"
-        in one(check_scene(*changed("day-limb", air={"aerosol": "none"})), "short-arc").text
-    )
-    bands = [finding for finding in check("ir-limb-tropical").warnings if finding.code == "short-arc"]
+    scene, camera = load_scene("ir-limb-tropical")
+    strict = type(scene).model_validate(scene.model_dump(exclude_unset=True) | {"prior": {"accept_deg": 0.05}})
+    bands = [finding for finding in check_scene(strict, camera).warnings if finding.code == "short-arc"]
     assert [finding.subject for finding in bands] == ["co2", "co2-narrow", "lwir", "window"]
+    assert all("deg, 0.05 deg are needed" in finding.text for finding in bands)
     assert all(finding.value > finding.limit for finding in bands)
 
 

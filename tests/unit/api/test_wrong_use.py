@@ -7,6 +7,7 @@ import pytest
 
 import horizonval as hv
 from horizonval import cli
+from horizonval.report.rerun import toml
 
 CAMERA = "vis-cmos-512-60deg"
 
@@ -156,3 +157,32 @@ def test_a_shipped_scene_survives_plain_data(name):
         again = hv.Scene.from_dict(scene.to_dict(), camera=hv.Camera.from_dict(scene.camera.to_dict()))
         assert again.camera.spec.model_dump() == scene.camera.spec.model_dump()
         assert again.spec.model_dump() == scene.spec.model_dump()
+
+
+@pytest.mark.parametrize(
+    ("camera", "detector", "attitude", "most_deg_s"),
+    [
+        # 0.1 rad while an image is taken, 128 px (1452 px per radian), or a pixel in a second where nothing lags.
+        (CAMERA, {"exposure_s": 1e-3}, {"rate_deg_s": [0, 6e3, 0]}, np.degrees(0.1) / 1e-3),
+        (CAMERA, {"exposure_s": 1.0}, {"hold": "inertial", "rate_deg_s": [0, 0, 1e308]}, np.degrees(0.1)),
+        (CAMERA, {"shutter": "rolling", "row_time_s": 1.0}, {"rate_deg_s": [0, 1, 0]}, np.degrees(0.1) / 511),
+        (CAMERA, {"auto_exposure": {"min_s": 0.1, "max_s": 1.0}}, {"rate_deg_s": [99, 0, 0]}, np.degrees(0.1) / 0.1),
+        ("vis-cmos-512-20deg", {"exposure_s": 1e-2}, {"rate_deg_s": [999, 0, 0]}, np.degrees(128 / 1452) / 1e-2),
+        ("ir-bolometer-160-57deg-full", {}, {"rate_deg_s": [0, 1e6, 0]}, np.degrees(0.05) / 0.012),
+        ("ir-bolometer-160-57deg", {}, {"rate_deg_s": [0, 1, 0]}, 57.0 / 160),
+    ],
+)
+def test_a_rate_that_no_image_shows_is_refused_wherever_it_is_given(tmp_path, camera, detector, attitude, most_deg_s):
+    use = {"file": camera, "mount_roll_deg": 65.0, "detector": detector}
+    tables = {"camera": use, "platform": {"altitude_km": 550.0}, "attitude": attitude}
+    scene = hv.Scene.from_dict(tables)
+    line = line_of(lambda: hv.render(scene, progress=False))
+    assert line.startswith("attitude.rate_deg_s: the camera turns at ")
+    assert float(line.split("expected at most ")[1].split()[0]) == pytest.approx(most_deg_s, rel=0.1)
+    session = hv.Session(scene.camera, altitude_km=550, mount_roll_deg=65)
+    assert line_of(lambda: session.image(attitude)) == line
+    assert line in str(hv.check(scene))
+    cases = {"name": "a", "grid": {"platform": {"latitude_deg": [0.0]}}}
+    suite = {"suite": {"name": "s", "estimators": ["altitude-free"]}, "defaults": tables, "cases": [cases]}
+    (tmp_path / "s.toml").write_text(toml(suite))
+    assert line in line_of(lambda: hv.run(tmp_path / "s.toml", out=tmp_path / "o", progress=False))

@@ -30,6 +30,7 @@ from horizonval.bridges.mcap import write_mcap  # noqa: E402 - after the package
 CAMERAS: dict[str, dict[str, Any]] = {
     "plumb_bob": {"fx": 70.0, "fy": 90.0, "cx": 30.25, "cy": 41.5, "distortion": [-0.2, 0.05, 1e-3, -2e-3, 0.01]},
     "equidistant": {"fov_deg": 120.0, "projection": "fisheye", "distortion": [0.01, -0.002, 0.001, 0.0]},
+    "rational_polynomial": {"fx": 70.0, "distortion": [0.9, 0.1, 1e-4, 2e-4, 3e-3, 1.3, 0.35, 0.02]},
     "": {"fov_deg": 18.0, "projection": "equal_angle"},
 }
 
@@ -83,7 +84,7 @@ def test_another_library_reads_what_was_written(tmp_path, model):
     assert json.loads(found[f"{topic}/truth"][2].data)["scene_id"] == image.truth.scene_id
 
 
-@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant", "rational_polynomial"])
 def test_the_pose_and_camera_of_the_messages_put_points_where_our_camera_sees_them(tmp_path, model):
     """Points on the ground through the message's pose, matrix and coefficients, by OpenCV's projections."""
     image = image_of(CAMERAS[model])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -14,6 +17,7 @@ from horizonval.cli.output import interruptible, resumable
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Execution, parse_shard
 from horizonval.spec.explain import with_option
+from horizonval.spec.files import shipped_path
 from horizonval.spec.suite import Requirement, SobolSpec, SuiteHead
 from horizonval.suites.suite import load_suite
 
@@ -141,3 +145,51 @@ def test_an_execution_has_a_bounded_number_of_processes():
         with pytest.raises(UserError, match="--workers"):
             Execution(workers)
     assert parse_shard("2/1000000") == (2, 1_000_000)
+
+
+ROS = "image_width: 64\nimage_height: 48\ndistortion_model: plumb_bob\n"
+ROS += "".join(
+    f"{key}: {{rows: 1, cols: {len(data)}, data: {data}}}\n"
+    for key, data in (("camera_matrix", [60, 0, 31.5, 0, 60, 23.5, 0, 0, 1]), ("distortion_coefficients", [0] * 5))
+)
+
+
+@pytest.mark.parametrize("out", ["c.yaml", "../d/c.yaml", "symbolic", "hard", "base.toml"])
+def test_an_output_never_replaces_what_the_command_reads(out, tmp_path, monkeypatch, capsys):
+    (tmp_path / "d").mkdir()
+    monkeypatch.chdir(tmp_path / "d")
+    Path("c.yaml").write_text(ROS)
+    Path("base.toml").write_bytes(shipped_path("camera", "vis-cmos-512-60deg").read_bytes())
+    Path("symbolic").symlink_to("c.yaml")
+    Path("hard").hardlink_to("c.yaml")
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    assert cli.run_command_line(["camera", "c.yaml", "--base", "./base.toml", "-o", out]) == 2
+    said = f"horizonval: error: {out}: is read by this command, which would replace it; name another file\n"
+    assert capsys.readouterr().err == said
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
+    assert cli.run_command_line(["camera", "c.yaml", "-o", "new.toml"]) == 0
+    assert cli.run_command_line(["camera", "c.yaml", "-o", "new.toml"]) == 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no pipes with names")
+def test_an_output_goes_into_a_pipe_or_device_and_through_a_link_to_a_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("c.yaml").write_text(ROS)
+    os.mkfifo("pipe")
+    Path("null").symlink_to(os.devnull)
+    Path("link").symlink_to("target")
+    Path("target").touch()
+    assert cli.run_command_line(["camera", "c.yaml"]) == 0
+    text = capsys.readouterr().out
+    with ThreadPoolExecutor() as pool:
+        read = pool.submit(Path("pipe").read_text)
+        assert [cli.run_command_line(["camera", "c.yaml", "-o", out]) for out in ("pipe", "null", "link")] == [0, 0, 0]
+        assert read.result(timeout=20) == text
+    assert Path("target").read_text() == text
+    assert Path("pipe").is_fifo()
+    assert Path(os.devnull).is_char_device()
+    assert sorted(os.listdir()) == ["c.yaml", "link", "null", "pipe", "target"]
+    with socket.socket(socket.AF_UNIX) as bound:
+        bound.bind("socket")
+        assert cli.run_command_line(["camera", "c.yaml", "-o", "socket"]) == 2
+    assert "socket: is a socket; expected the path of a file" in capsys.readouterr().err

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import pickle
 import re
 from pathlib import Path
 
+import duckdb
 import numpy as np
 import pytest
 
@@ -60,8 +63,38 @@ def test_what_a_killed_writer_left_is_known_and_a_missing_folder_is_an_error(tmp
         (tmp_path / name).touch()
     assert [path.name for path in atomic.leftovers(tmp_path)] == [".a.json.12.tmp", ".b.tmp"]
     assert [path.name for path in atomic.leftovers(tmp_path, below=False)] == [".a.json.12.tmp"]
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(atomic.WriteError, match="none: no such folder; create it first"):
         atomic.write_text(tmp_path / "none" / "a", "text")
+
+
+@pytest.mark.parametrize(
+    "raised",
+    [
+        OSError(errno.ENOSPC, "No space left on device"),
+        RuntimeError('Failed to write pixel data to image file ".a.tmp". No space left on device.'),
+        duckdb.IOException("IO Error: Could not write all bytes: No space left on device"),
+        OSError(errno.EROFS, "Read-only file system"),
+        PermissionError(errno.EACCES, "Permission denied"),
+        OSError(errno.EMFILE, "Too many open files"),
+    ],
+)
+def test_what_the_system_refuses_a_writer_names_the_path_in_one_line(tmp_path: Path, raised: Exception) -> None:
+    (tmp_path / "a").write_text("before")
+    reason = next(x for x in ("No space", "Read-only", "Permission", "Too many open") if x in str(raised))
+    # Also where a temporary file is itself written like that, as entries of an archive are.
+    for name, named in (("a", tmp_path / "a"), (".a.0.tmp", tmp_path)):
+        with pytest.raises(atomic.WriteError) as refused, atomic.replacing(tmp_path / name):
+            raise raised
+        copy = pickle.loads(pickle.dumps(refused.value))
+        assert copy.line() == refused.value.line() == f"{named}: cannot be written: {copy.reason}"
+        assert copy.reason.startswith(reason)
+    with pytest.raises(atomic.WriteError, match=f"{tmp_path}/a/b: cannot be written: Not a directory"):
+        atomic.make_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a").read_text() == "before"
+    with pytest.raises(FileNotFoundError, match="other"), atomic.replacing(tmp_path / "a"):
+        (tmp_path / "other").read_bytes()
+    with pytest.raises(ZeroDivisionError), atomic.replacing(tmp_path / "a"):
+        raise ZeroDivisionError
 
 
 def test_nothing_else_in_the_package_writes_and_renames() -> None:

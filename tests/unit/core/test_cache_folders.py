@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from horizonval.core import environment
+from horizonval.core.atomic import WriteError
 from horizonval.core.cache import cached_json, keep_json
 from horizonval.core.environment import cache_folder, configured_folder, is_usable
 
@@ -105,7 +106,7 @@ def test_a_folder_that_can_be_made_is_used(tmp_path, monkeypatch):
 
 def test_a_full_disk_is_told_once(tmp_path, monkeypatch, caplog):
     def full(path, data):
-        raise OSError(28, "No space left on device")
+        raise WriteError.of(OSError(28, "No space left on device"), path)
 
     monkeypatch.setattr("horizonval.core.atomic.write_bytes", full)
     monkeypatch.setattr(environment, "_warned", set())

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.lens_error import with_lens_error
+from horizonval.estimation.lens_error import miscalibrated, with_lens_error
 from horizonval.estimation.observation import Calibration, Fit, Observation
-from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.camera import CameraModel, project, unproject
 
 CAMERA = CameraModel(width=64, height=48, fx=200.0, fy=200.0, cx=31.5, cy=23.5)
 IMAGE = np.zeros((48, 64))
@@ -55,6 +55,26 @@ def test_focal_length_turns_what_is_off_the_axis_by_half_the_sine_of_twice_its_a
     assert np.sqrt(np.trace(found.systematic_nadir_cam)) == pytest.approx(expected, rel=5e-3)
     assert np.abs(found.systematic_nadir_cam @ found.nadir_cam).max() < 1e-18
     assert found.sigma_altitude_m == pytest.approx(np.hypot(300.0, 400.0))
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        replace(
+            CAMERA, fx=90.0, fy=92.0, distortion=(0.9, 0.1, 1e-4, 2e-4, 3e-3, 1.3, 0.35, 0.02, 0, 0, 0, 0), skew=0.01
+        ),
+        replace(
+            CAMERA, fx=60.0, fy=62.0, projection="unified", shape=(1.2, 0.0, 1.0), distortion=(-0.02, 0.01, 0, 0, 0)
+        ),
+    ],
+    ids=["rational", "unified"],
+)
+def test_a_pixel_of_distortion_moves_the_corner_by_a_pixel(camera: CameraModel) -> None:
+    """To 2 %: fx and fy differ by that much, and the column moves with the skew."""
+    corner = np.array([-0.5, -0.5])
+    moved = project(miscalibrated(camera, distortion_px=1e-3), unproject(camera, corner))[0] - corner
+    assert np.linalg.norm(moved) == pytest.approx(1e-3, rel=2e-2)
+    assert moved @ corner > 0.0
 
 
 def test_a_camera_that_is_exact_changes_nothing() -> None:

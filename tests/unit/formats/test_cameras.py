@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from horizonval.api.calibrate import camera_text
 from horizonval.core.errors import UserError
 from horizonval.formats.lens import read_camera
-from horizonval.geometry.camera import camera_from_spec, project
+from horizonval.geometry.camera import camera_from_spec, project, unproject
 from horizonval.sensor.lens.optics import relative_illumination
 from horizonval.spec.load import load_camera
 
@@ -95,7 +96,7 @@ def written(tmp_path: Path, name: str, text: str) -> Path:
     return path
 
 
-def pixels_of(path: Path, tmp_path: Path, **options: str) -> np.ndarray:
+def pixels_of(path: Path, tmp_path: Path, **options: Any) -> np.ndarray:
     """Return where our camera, by its own file, puts the directions."""
     ours = written(tmp_path, "ours.toml", camera_text(path, **options))
     uv, seen = project(camera_from_spec(load_camera(ours).camera), DIRECTIONS)
@@ -118,8 +119,37 @@ def test_opencv_puts_points_where_its_own_file_says(tmp_path: Path, name: str) -
     assert np.abs(pixels_of(tmp_path / name, tmp_path) - FISHEYE_PIXELS).max() < 1e-9
 
 
-def test_ros_and_kalibr_mean_the_same_lenses(tmp_path: Path) -> None:
+def keys(names: str, numbers: list[float]) -> str:
+    return "{" + ", ".join(f'"{n}": {v!r}' for n, v in zip(names.split(), numbers, strict=True)) + "}"
+
+
+def test_programs_mean_the_same_lenses(tmp_path: Path) -> None:
+    numbers = [812.5, 808.75, 322.25, 236.5]
+    size = "image_width: 640\nimage_height: 480\n"
+    euroc = (
+        "sensor_type: camera\nT_BS:\n  cols: 4\nrate_hz: 20\nresolution: [640, 480]\ncamera_model: pinhole\n"
+        f"intrinsics: {numbers}\ndistortion_model: radial-tangential\ndistortion_coefficients: {RADTAN[:4]}\n"
+    )
+    camodocal = (
+        f"%YAML:1.0\n---\nmodel_type: PINHOLE\ncamera_name: a\n{size}"
+        f"distortion_parameters: {keys('k1 k2 p1 p2', RADTAN[:4])}\n"
+        f"projection_parameters: {keys('fx fy cx cy', numbers)}\n"
+    )
+    wide = (
+        f"%YAML:1.0\n---\nmodel_type: KANNALA_BRANDT\ncamera_name: a\n{size}"
+        f"projection_parameters: {keys('k2 k3 k4 k5 mu mv u0 v0', EQUI + numbers)}\n"
+    )
+    kb4 = keys("k1 k2 k3 k4 fx fy cx cy", EQUI + numbers)
+    basalt = (
+        f'{{"value0": {{"intrinsics": [{{"camera_type": "kb4", "intrinsics": {kb4}}}], "resolution": [[640, 480]]}}}}'
+    )
+    plain = f"{size}mtx: {MATRIX.tolist()}\ndist: [{RADTAN}]\n"
     for text, expected in (
+        (euroc, RADTAN_PIXELS),
+        (camodocal, RADTAN_PIXELS),
+        (wide, FISHEYE_PIXELS),
+        (basalt, FISHEYE_PIXELS),
+        (plain, BROWN_PIXELS),
         (ros("plumb_bob", RADTAN), BROWN_PIXELS),
         (ros("rational_polynomial", [*RADTAN, 0.0, 0.0, 0.0]), BROWN_PIXELS),
         (ros("equidistant", EQUI), FISHEYE_PIXELS),
@@ -139,27 +169,233 @@ def test_matlab_counts_from_one_and_transposes(tmp_path: Path) -> None:
         path = written(tmp_path, "theirs.json", text)
         assert np.abs(pixels_of(path, tmp_path) - BROWN_PIXELS).max() < 1e-9
         assert (read_camera(path)[0].width, read_camera(path)[0].height) == (640, 480)
+    skew = [[fx, 0, 0], [9, fy, 0], [1, 1, 1]]
+    skewed = matlab(RadialDistortion=None, TangentialDistortion=None, IntrinsicMatrix=skew)
+    x, y, z = DIRECTIONS.T
+    expected = np.stack([fx * x / z + 9.0 * y / z, fy * y / z], axis=1)
+    assert np.abs(pixels_of(written(tmp_path, "theirs.json", skewed), tmp_path) - expected).max() < 1e-9
+
+
+XI, OMNI = 1.2, [-0.1, 0.05, 1e-3, -2e-3]
+
+
+def omni_pixels(d: np.ndarray, fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
+    """Return pixels by Mei and Rives."""
+    x, y, z = (d / np.linalg.norm(d, axis=1, keepdims=True)).T
+    x, y = x / (z + XI), y / (z + XI)
+    k1, k2, p1, p2 = OMNI
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2 * r2
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
+    return np.stack([fx * u + cx, fy * v + cy], axis=1)
+
+
+def test_rational_omnidirectional_and_skewed_lenses_are_read(tmp_path: Path) -> None:
+    """OpenCV's coefficients in every order; Mei's camera of OpenCV, Kalibr, camodocal; a fisheye's skew in its matrix.
+
+    1e-9 px of OpenCV's projection, or of the paper's formula.
+    """
+    numbers = 812.5, 808.75, 322.25, 236.5
+    rational = [*RADTAN, 0.1, 0.02, -0.004]
+    prism = [*rational, 3e-3, -1e-3, 2e-3, 5e-4, 0.0, 0.0]
+    mei = kalibr("radtan", OMNI, "omni").replace("intrinsics: [", "intrinsics: [1.2, ")
+    keys = dict(zip(("gamma1", "gamma2", "u0", "v0"), numbers, strict=True))
+    distortion = dict(zip(("k1", "k2", "p1", "p2"), OMNI, strict=True))
+    camodocal = (
+        "%YAML:1.0\n---\nmodel_type: MEI\ncamera_name: c\nimage_width: 640\nimage_height: 480\n"
+        f"mirror_parameters:\n   xi: 1.2\ndistortion_parameters: {distortion}\n"
+        f"projection_parameters: {keys}\n"
+    ).replace("'", "")
+    opencv(tmp_path / "omni.yml", OMNI, xi=1.2, flags=0)
+    skewed = ros("equidistant", EQUI).replace("[812.5, 0.0,", "[812.5, 16.25,")
+
+    def by_opencv(k: list[float]) -> np.ndarray:
+        return cv2.projectPoints(DIRECTIONS, np.zeros(3), np.zeros(3), MATRIX, np.array(k))[0][:, 0]
+
+    fisheye = cv2.fisheye.projectPoints(
+        DIRECTIONS[:, None], np.zeros(3), np.zeros(3), MATRIX, np.array(EQUI), alpha=0.02
+    )
+    for text, expected in (
+        (ros("rational_polynomial", rational), by_opencv(rational)),
+        (ros("rational_polynomial", prism), by_opencv(prism)),
+        (mei, omni_pixels(DIRECTIONS, *numbers)),
+        (camodocal, omni_pixels(DIRECTIONS, *numbers)),
+        ((tmp_path / "omni.yml").read_text(), omni_pixels(DIRECTIONS, *numbers)),
+        (skewed, fisheye[0][:, 0]),
+    ):
+        assert np.abs(pixels_of(written(tmp_path, "theirs.yaml", text), tmp_path) - expected).max() < 1e-9
+
+
+def test_double_spheres_of_kalibr_and_basalt(tmp_path: Path) -> None:
+    """1e-9 px of the formula of Usenko et al. for both, and of Khomutenko et al. for EUCM."""
+    x, y, z = (DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)).T
+    fx, fy, cx, cy = 400.0, 404.0, 322.25, 236.5
+    xi, alpha, beta = -0.2, 0.6, 1.1
+    d2 = np.sqrt(x * x + y * y + (xi + z) ** 2)
+    ds = alpha * d2 + (1 - alpha) * (xi + z)
+    eucm = alpha * np.sqrt(beta * (x * x + y * y) + z * z) + (1 - alpha) * z
+
+    def chain(kind: str, first: list[float]) -> str:
+        text = kalibr("none", [], kind)
+        return text.replace(
+            text[text.index("intrinsics") :].split("\n")[0], f"intrinsics: {flow([*first, fx, fy, cx, cy])}"
+        )
+
+    keys = {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "xi": xi, "alpha": alpha}
+    one = {"camera_type": "ds", "intrinsics": keys}
+    basalt = json.dumps({"value0": {"T_imu_cam": [], "intrinsics": [one], "resolution": [[640, 480]]}})
+    for text, below in (
+        (chain("ds", [xi, alpha]), ds),
+        (chain("eucm", [alpha, beta]), eucm),
+        (basalt, ds),
+    ):
+        expected = np.stack([fx * x / below + cx, fy * y / below + cy], axis=1)
+        assert np.abs(pixels_of(written(tmp_path, "theirs.yaml", text), tmp_path) - expected).max() < 1e-9
+
+
+MESSAGE = """height: {height}
+width: {width}
+distortion_model: plumb_bob
+D: [0.015, -0.043, -0.0012, -0.0015, 0.0089]
+K: [800.0, 0.0, 631.0, 0.0, 804.0, 375.5, 0.0, 0.0, 1.0]
+R: [1, 0, 0, 0, 1, 0, 0, 0, 1]
+P: [403.9, 0, 311.0, 0, 0, 403.9, 175.7, 0, 0, 0, 1, 0]
+binning_x: {bx}
+binning_y: {by}
+roi: {{x_offset: {x}, y_offset: {y}, height: {h}, width: {w}, do_rectify: false}}
+"""
 
 
 @pytest.mark.parametrize(
-    ("text", "name", "line"),
+    ("width", "height", "x", "y", "w", "h", "bx", "by", "size"),
     [
-        (ros("rational_polynomial", [*RADTAN, 0.1, 0.0, 0.0]), "a.yaml", "distortion_coefficients: 8 coefficients"),
-        (ros("thin_prism", RADTAN), "a.yaml", "distortion_model: found 'thin_prism'"),
-        (ros("plumb_bob", RADTAN).replace("image_width: 640\n", ""), "a.yaml", "image_width: found nothing"),
-        (ros("plumb_bob", [float("nan")] * 5).replace("nan", ".nan"), "a.yaml", "found no list of numbers"),
-        (kalibr("radtan", RADTAN[:4], "omni"), "a.yaml", "cam0: camera_model: found 'omni'"),
-        (kalibr("radtan", RADTAN[:4]) + kalibr("equi", EQUI).replace("cam0", "cam1"), "a.yaml", "2 cameras"),
-        (matlab(IntrinsicMatrix=[[800, 0, 0], [3.0, 800, 0], [320, 240, 1]]), "a.json", "a skew of 3"),
-        (matlab(MappingCoefficients=[1, 2, 3, 4]), "a.json", "a fisheye of MATLAB's own"),
-        (matlab(ImageSize=None), "a.json", "ImageSize: found nothing"),
-        ("width: 640\n", "a.yaml", "a camera of no program that is known"),
-        ("a: [1\n", "a.yaml", "not valid YAML (line"),
-        ("%YAML:1.0\n---\nM: !!opencv-matrix\n", "a.yaml", "expected"),
+        (1280, 800, 0, 0, 0, 0, 0, 0, (1280, 800)),
+        (1280, 800, 320, 200, 640, 400, 1, 1, (640, 400)),
+        (640, 400, 320, 200, 640, 400, 1, 1, (640, 400)),
+        (1280, 800, 0, 0, 0, 0, 2, 4, (640, 200)),
+        (1280, 800, 101, 50, 601, 300, 2, 2, (300, 150)),
+        (1280, 800, 0, 790, 1280, 2, 1, 1, (1280, 2)),
     ],
 )
-def test_what_ours_cannot_be_is_one_line(tmp_path: Path, text: str, name: str, line: str) -> None:
-    path = written(tmp_path, name, text)
+def test_region_and_binning_are_what_cutting_and_adding_pixels_makes(
+    tmp_path: Path, width: int, height: int, x: int, y: int, w: int, h: int, bx: int, by: int, size: tuple[int, int]
+) -> None:
+    """A binned pixel's centre is the mean of its pixels' centres; the strip of two rows is 400 rows from the axis."""
+    text = MESSAGE.format(width=width, height=height, x=x, y=y, w=w, h=h, bx=bx, by=by)
+    ours = camera_from_spec(
+        load_camera(written(tmp_path, "o.toml", camera_text(written(tmp_path, "m.yaml", text)))).camera
+    )
+    assert (ours.width, ours.height) == size
+    whole = MESSAGE.format(width=1280, height=800, x=0, y=0, w=0, h=0, bx=0, by=0)
+    full = camera_from_spec(
+        load_camera(written(tmp_path, "f.toml", camera_text(written(tmp_path, "m.yaml", whole)))).camera
+    )
+    bx, by = max(bx, 1), max(by, 1)
+    for column, row in ((0, 0), (size[0] - 1, size[1] - 1)):
+        part = np.array([x + bx * column + (bx - 1) / 2, y + by * row + (by - 1) / 2])
+        d = unproject(full, part)
+        assert project(ours, d)[0] == pytest.approx([column, row], abs=1e-9)
+
+
+ECHO = ros("plumb_bob", RADTAN) + "---\n"
+
+
+def test_documents_of_one_camera_are_one(tmp_path: Path) -> None:
+    """`ros2 topic echo` ends with ---, and repeats the message; numbers are read with any program's digits."""
+    again = ros("plumb_bob", RADTAN).replace("812.5", "8.125e2").replace("[1, 0, 0,", "[1., .0, +0,")
+    for text in (ECHO, "---\n" + ECHO, ECHO + ECHO, ECHO + again, "\ufeff" + ECHO):
+        assert np.abs(pixels_of(written(tmp_path, "a.yaml", text), tmp_path) - BROWN_PIXELS).max() < 1e-9
+
+
+FOUR = ros("plumb_bob", EQUI).replace("distortion_model: plumb_bob\n", "")
+
+
+def test_four_coefficients_without_a_model_ask_for_it(tmp_path: Path) -> None:
+    path = written(tmp_path, "a.yaml", FOUR)
+    assert np.abs(pixels_of(path, tmp_path, model="fisheye") - FISHEYE_PIXELS).max() < 1e-9
+    expected = cv2.projectPoints(DIRECTIONS, np.zeros(3), np.zeros(3), MATRIX, np.array(EQUI))[0][:, 0]
+    assert np.abs(pixels_of(path, tmp_path, model="pinhole") - expected).max() < 1e-9
+
+
+STEREO = "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\n" + "".join(
+    f"M{n}: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [{n}., 0., 1., 0., {n}., 1., 0., 0., 1.]\n"
+    f"D{n}: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [0., 0., 0., 0., 0.]\n"
+    for n in (1, 2)
+)
+
+
+def test_a_stereo_file_has_two_cameras(tmp_path: Path) -> None:
+    path = written(tmp_path, "intrinsics.yml", STEREO)
+    assert [read_camera(path, name)[0].fx for name in ("1", "2")] == [1.0, 2.0]
+
+
+def bomb() -> str:
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 20)]
+    return "\n".join(lines) + "\nK: *a19\n"
+
+
+KALIBR, ROI = kalibr("radtan", RADTAN[:4]), MESSAGE.format(width=1280, height=800, x=700, y=0, w=640, h=400, bx=1, by=1)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (FOUR, "4 coefficients without a model"),
+        (FOUR.replace(flow(EQUI), "[0, 0, 0, 0]"), "4 coefficients without a model"),
+        (ros("plumb_bob", [*RADTAN, 0.1, 0.0, 0.0]), "8 coefficients that are not 0; expected k1 k2 p1 p2 k3"),
+        (ros("rational_polynomial", [*RADTAN, *[0.0] * 8, 0.1]), "tauX and tauY of a tilted sensor"),
+        (ros("thin_prism", RADTAN), "distortion_model: found 'thin_prism'"),
+        (ros("plumb_bob", RADTAN) + "fisheye_model: 1\n", "distortion_model means pinhole and fisheye_model means"),
+        (ros("plumb_bob", RADTAN) + "xi: 1.2\n", "distortion_model means pinhole and xi means unified"),
+        (ros("plumb_bob", RADTAN) + "gain: 2\n", "gain: a key that is not known of files of ROS and OpenCV"),
+        (ros("plumb_bob", RADTAN) + "image_width: 320\n", "image_width (line"),
+        (ros("plumb_bob", RADTAN) + f"K: {flow(MATRIX)}\n", "K: the same as camera_matrix"),
+        (ros("plumb_bob", RADTAN).replace("cols: 5", "cols: 4"), "found 5 numbers; expected 1 x 4"),
+        (ros("plumb_bob", RADTAN).replace("image_width: 640\n", ""), "image_width: found nothing"),
+        (ros("plumb_bob", RADTAN).replace(flow(RADTAN), "[-0.1 0.2 0 0 0]"), "5 numbers without commas between them"),
+        (ros("plumb_bob", RADTAN).replace(flow(RADTAN), "-0.1 0.2 0 0 0"), "5 numbers without commas between them"),
+        (ros("plumb_bob", [float("nan")] * 5), "found 'nan'; expected"),
+        (ros("plumb_bob", [0.0] * 5).replace(flow(MATRIX), flow([0] * 9)), "a camera that is not calibrated"),
+        (ECHO + ECHO.replace("812.5", "900"), "2 documents, of which 1 and 2 state different cameras"),
+        (ROI, "640 x 400 px from column 700, row 0; expected a region of the image of 1280 x 800 px"),
+        (ROI.replace("do_rectify", "rotation"), "roi: rotation: a key that is not known"),
+        (KALIBR.replace("radtan", "fov"), "cam0: distortion_model: found 'fov'"),
+        (KALIBR.replace("pinhole", "mirror"), "cam0: camera_model: found 'mirror'"),
+        (
+            KALIBR.replace("pinhole", "ds").replace("intrinsics: [", "intrinsics: [0, 0, "),
+            "cam0: distortion_model: found 'radtan'; expected none",
+        ),
+        (KALIBR.replace("pinhole", "ds"), "cam0: intrinsics: found 4 numbers; expected 6 finite numbers"),
+        (KALIBR.replace("radtan", "none"), "coefficients that are not 0; expected none"),
+        (KALIBR.replace("  distortion_model: radtan\n", ""), "distortion_model: missing"),
+        (KALIBR + "  shutter: rolling\n", "cam0: shutter: a key that is not known of files of Kalibr"),
+        (KALIBR + KALIBR.replace("cam0", "cam1"), "2 cameras: cam0, cam1"),
+        (STEREO, "2 cameras: 1, 2"),
+        (matlab(MappingCoefficients=[1, 2, 3, 4]), "a fisheye of MATLAB's own"),
+        (matlab(StretchMatrix=[[1, 0], [0, 1]]), "StretchMatrix: a fisheye of MATLAB's own"),
+        (matlab(ImageSize=None), "ImageSize: found nothing"),
+        (matlab(Zoom=2), "Zoom: a key that is not known of files of MATLAB"),
+        (matlab(K=[[800, 0, 1], [0, 800, 1], [0, 0, 1]]), "one value by all keys"),
+        (matlab().replace("{", '{"ImageSize": [1, 1], ', 1), "ImageSize: found twice"),
+        ("width: 640\n", "a camera of no program that is known, with the keys width"),
+        ("a: [1\n", "not valid YAML (line"),
+        ("K: &x [*x]\n", "not valid YAML (line 1)"),
+        (bomb(), "more than 50000 values, aliases included"),
+        ("K: " + "[" * 3000 + "]" * 3000, "not valid YAML"),
+        ("K: " + "[" * 60 + "]" * 60, "nested too deeply"),
+        ("", "holds no keys"),
+        ("- 1\n", "holds no keys"),
+        ("<?xml version='1.0'?>\n<opencv_storage>\n<K>", "not valid XML (line 3)"),
+        ("<opencv_storage><K>1</K><K>2</K></opencv_storage>", "K: found twice"),
+        ("<opencv_storage>" + "<a>" * 60 + "</a>" * 60 + "</opencv_storage>", "nested too deeply"),
+        ("<!DOCTYPE a [<!ENTITY b 'c'>]><opencv_storage/>", "entities"),
+        ("%YAML:1.0\n---\nM: !!opencv-matrix\n", "expected"),
+    ],
+)
+def test_what_changes_the_meaning_or_cannot_be_read_is_one_line(tmp_path: Path, text: str, line: str) -> None:
+    path = written(tmp_path, "a.yaml", text)
     with pytest.raises(UserError) as found:
         camera_text(path)
     assert line in str(found.value)
@@ -194,7 +430,7 @@ def test_the_rest_is_of_another_camera_and_the_measured_lens_falls_off_as_measur
 
 def test_a_fall_off_against_the_radius_is_that_against_the_angle(tmp_path: Path) -> None:
     """OpenCV says at which radius a distorting lens shows an angle."""
-    opencv(tmp_path / "lens.yaml", [*RADTAN[:2], 0.0, 0.0])
+    opencv(tmp_path / "lens.yaml", [*RADTAN[:2], 0.0, 0.0, 0.0])
     angle = np.array([0.0, 6.0, 12.0, 18.0])
     rays = np.stack([np.tan(np.radians(angle)), 0.0 * angle, 1.0 + 0.0 * angle], axis=1)
     radius = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), MATRIX, np.array([*RADTAN[:2], 0, 0]))[0][:, 0, 0]

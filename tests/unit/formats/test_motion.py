@@ -13,19 +13,12 @@ from astropy import units
 from astropy.coordinates import GCRS, ITRS, TETE, CartesianRepresentation
 from astropy.time import Time
 from scipy.spatial.transform import Rotation
-from sgp4.api import Satrec
 
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import aem_text, attitude_of_aem
-from horizonval.formats.ccsds import utc_of
-from horizonval.formats.trajectory import (
-    Trajectory,
-    attitude_of_csv,
-    orbit_of_csv,
-    orbit_of_oem,
-    piece_of,
-    satellite_of_omm,
-)
+from horizonval.formats.aem import aem_text, attitude_of_aem
+from horizonval.formats.oem import orbit_of_oem
+from horizonval.formats.trajectory import Trajectory, attitude_of_csv, orbit_of_csv, piece_of
+from horizonval.geometry.clock import instant_of, utc_at
 
 EPOCH = datetime(2026, 3, 20, 12, 0, 0, tzinfo=UTC)
 RADIUS_KM, RATE = 6928.0, math.sqrt(398600.4418 / 6928.0**3)
@@ -129,39 +122,6 @@ def test_states_of_date_are_turned_as_astropy_turns_them(tmp_path: Path) -> None
     assert off_v < 1e-3
 
 
-def test_mean_elements_are_those_of_the_lines(tmp_path: Path) -> None:
-    lines = (
-        "1 25544U 98067A   26079.50000000  .00012000  00000-0  22000-3 0  9999",
-        "2 25544  51.6400 208.9163 0006703 130.5360 325.0288 15.49560000 00010",
-    )
-    satellite = Satrec.twoline2rv(*lines)
-    fields = {
-        "OBJECT_NAME": "ISS (ZARYA)", "OBJECT_ID": "1998-067A", "CENTER_NAME": "EARTH", "REF_FRAME": "TEME",
-        "TIME_SYSTEM": "UTC", "MEAN_ELEMENT_THEORY": "SGP4", "EPOCH": "2026-03-20T12:00:00.000000",
-        "MEAN_MOTION": "15.49560000", "ECCENTRICITY": ".0006703", "INCLINATION": "51.6400",
-        "RA_OF_ASC_NODE": "208.9163", "ARG_OF_PERICENTER": "130.5360", "MEAN_ANOMALY": "325.0288",
-        "EPHEMERIS_TYPE": "0", "CLASSIFICATION_TYPE": "U", "NORAD_CAT_ID": "25544", "ELEMENT_SET_NO": "999",
-        "REV_AT_EPOCH": "1", "BSTAR": ".22E-3", "MEAN_MOTION_DOT": ".12E-3", "MEAN_MOTION_DDOT": "0",
-    }  # fmt: skip
-    kvn = "CCSDS_OMM_VERS = 2.0\n" + "".join(f"{key} = {value}\n" for key, value in fields.items())
-    tags = {key: f"<{key}>{value}</{key}>" for key, value in fields.items()}
-    xml = "<?xml version='1.0'?><omm id='CCSDS_OMM_VERS' version='2.0'><body><segment>" + "".join(tags.values())
-    for name, text in (("a.omm", kvn), ("a.xml", xml + "</segment></body></omm>")):
-        found = satellite_of_omm(written(tmp_path, name, text))
-        for day in (0.0, 1.0):
-            _, r, v = satellite.sgp4(satellite.jdsatepoch + day, satellite.jdsatepochF)
-            _, r2, v2 = found.sgp4(satellite.jdsatepoch + day, satellite.jdsatepochF)
-            assert np.abs(np.subtract(r, r2)).max() < 1e-6
-            assert np.abs(np.subtract(v, v2)).max() < 1e-9
-    stated = kvn.replace("15.49560000", "15.49560000 [rev/day]").replace("51.6400", "51.6400 [deg]")
-    assert satellite_of_omm(written(tmp_path, "c.omm", stated)).inclo == satellite.inclo
-    for wrong in (stated.replace("[deg]", "[rad]"), xml.replace("<INCLINATION>", "<INCLINATION units='rad'>")):
-        with pytest.raises(UserError, match="INCLINATION: in 'rad'; expected deg"):
-            satellite_of_omm(written(tmp_path, "d.omm", wrong + ("</segment></body></omm>" if wrong[0] == "<" else "")))
-    with pytest.raises(UserError, match="ECCENTRICITY: is missing"):
-        satellite_of_omm(written(tmp_path, "b.omm", kvn.replace("ECCENTRICITY", "ECC")))
-
-
 def matrix_of_the_standard(q: np.ndarray) -> np.ndarray:
     """Return the matrix that takes components in A to those in B: CCSDS 504.0-B-1, of ``q1 q2 q3 qc``."""
     q1, q2, q3, qc = q
@@ -258,7 +218,7 @@ def test_what_is_written_is_read_by_another_library_and_by_us(tmp_path: Path) ->
         q = state.quaternion_state.quaternion
         components = np.array([float(getattr(q, key)) for key in ("q1", "q2", "q3", "qc")])
         assert np.abs(matrix_of_the_standard(components) - matrix).max() < 1e-10
-        assert utc_of(state.quaternion_state.epoch, "") == time
+        assert utc_at(instant_of(state.quaternion_state.epoch, "")) == time
 
 
 def test_tables_say_axes_units_and_direction_in_their_columns(tmp_path: Path) -> None:
@@ -283,18 +243,13 @@ def test_tables_say_axes_units_and_direction_in_their_columns(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("reader", "text", "line"),
     [
-        (orbit_of_oem, oem_of(TIMES, centre="MARS"), "CENTER_NAME: found 'MARS'"),
         (orbit_of_oem, oem_of(TIMES, "RTN"), "REF_FRAME: axes 'RTN'"),
-        (orbit_of_oem, oem_of(TIMES)[:300], "cannot be read"),
+        (orbit_of_oem, oem_of(TIMES)[:300], 'found "INTERPOLATIO"'),
         (orbit_of_oem, oem_of(TIMES, states=lambda t: tuple(x / 1e3 for x in circle(t))), "are these kilometres?"),
-        (attitude_of_aem, aem_of(rows_of(Q), ATTITUDE_TYPE="EULER_ANGLE"), "ATTITUDE_TYPE: found 'EULER_ANGLE'"),
-        (attitude_of_aem, aem_of(rows_of(Q), TIME_SYSTEM="GPS"), "TIME_SYSTEM: found 'GPS'"),
-        (attitude_of_aem, aem_of(rows_of(Q), REF_FRAME_A="LVLH"), "axes 'LVLH'"),
         (attitude_of_aem, aem_of(rows_of(Q), REF_FRAME_B="ICRF"), "EME2000 and ICRF"),
-        (attitude_of_aem, aem_of(rows_of(Q)[::-1]), "is not after the one before"),
-        (attitude_of_aem, aem_of(rows_of(2.0 * Q)), "has the length 2"),
-        (attitude_of_aem, aem_of([f"{stamp(0)} 0 0 one 1"]), "four numbers"),
-        (attitude_of_aem, aem_of(rows_of(Q), "3.0"), "CCSDS_AEM_VERS: found '3.0'"),
+        (attitude_of_aem, aem_of(rows_of(Q)[::-1]), "is not after the row before"),
+        (attitude_of_aem, aem_of([f"{stamp(0)} 0 0 one 1"]), 'Q3: found "one"'),
+        (attitude_of_aem, aem_of(rows_of(Q), "3.0"), 'CCSDS_AEM_VERS: found "3.0"'),
         (orbit_of_csv, "time_utc,x,y,z\n", "columns time_utc, x, y, z"),
         (orbit_of_csv, "time_utc,x_itrs_km,y_itrs_km,z_itrs_km\nnoon,7000,0,0\n", "line 2, column time_utc"),
         (orbit_of_csv, "time_utc,x_itrs_km,y_itrs_km,z_itrs_km\n2026-03-20T12:00:00,7000,0,0\n", "1 states"),
@@ -327,7 +282,7 @@ def test_what_is_no_gap_is_right_to_what_is_said(velocities: bool, step: float) 
     """The remainder's estimate, against the circle itself: some intervals are given up, the others hold 100 m."""
     times = step * np.arange(13.0)
     r, v = (1e3 * x for x in circle(times))
-    piece = piece_of(times, r, v if velocities else None, "")
+    piece = piece_of("gcrs", EPOCH, times, r, v if velocities else None, "")
     found = Trajectory(EPOCH, (piece,), "")
     t = np.linspace(0.0, times[-1], 500)
     known = np.isfinite(found.coverage.around(t)[0])
@@ -370,8 +325,3 @@ def test_attitudes_are_not_known_across_gaps_and_segments(tmp_path: Path) -> Non
     # Held still, a long interval is none.
     still = attitude_of_aem(written(tmp_path, "sat.aem", aem_of(slow_turn(np.array([0.0, 1.0, 2.0, 900.0]), 0.0))))
     assert np.allclose(still.body_from_gcrs(EPOCH, np.array([450.0])), np.eye(3))
-
-
-@pytest.mark.parametrize("text", ["2026-03-20T12:00:00.25", "2026-079T12:00:00.250000Z", "2026-03-20 12:00:00.25"])
-def test_times_in_both_calendars(text: str) -> None:
-    assert utc_of(text, "") == EPOCH + timedelta(seconds=0.25)

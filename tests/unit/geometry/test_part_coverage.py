@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import math
+import os
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +20,8 @@ AHEAD = (0.0, 0.0, 0.0, 1.0)
 PINHOLE = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
 BROWN = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5, (-0.2, 0.05, 0.001, 0.002, 0.0))
 FISHEYE = CameraModel(64, 64, 22.0, 22.0, 31.5, 31.5, (0.01, 0.0, 0.0, 0.0, 0.0), "fisheye", math.radians(95.0))
+UNIFIED = CameraModel(64, 64, 30.0, 31.0, 31.5, 31.5, projection="unified", skew=0.02, shape=(1.1, 0.2, 0.9))
+RATIONAL = CameraModel(64, 48, 40.0, 40.0, 31.5, 23.5, (0.9, 0.1, 1e-4, 2e-4, 3e-3, 1.3, 0.35, 0.02, 2e-3, 0, 1e-3, 0))
 GRID = CameraModel(64, 48, 80.0, 80.0, 31.5, 23.5, projection="equal_angle")
 PARTS = [
     Part(shape="boom", frame="cam", radius_m=0.1, from_m=(-1.0, -1.0, -1.0), to_m=(0.5, 0.6, 2.0)),
@@ -60,7 +66,7 @@ def test_a_boom_sideways_is_as_wide_as_its_tangents() -> None:
     np.testing.assert_allclose(share.sum(axis=0), 2.0 * 300.0 * math.tan(math.asin(0.2)), atol=0.01)
 
 
-@pytest.mark.parametrize("camera", [PINHOLE, BROWN, FISHEYE, GRID], ids=["pinhole", "brown", "fisheye", "grid"])
+@pytest.mark.parametrize("camera", [PINHOLE, BROWN, FISHEYE, UNIFIED, RATIONAL, GRID])
 def test_shares_are_those_of_rays(camera: CameraModel) -> None:
     """20 x 20 rays a pixel, met or not by the triangles themselves: neither the outline nor its edges are used."""
     outline = _outline(PARTS, camera)
@@ -141,6 +147,58 @@ def test_meshes_that_cannot_be(tmp_path, name: str, text: str | None, said: str)
     with pytest.raises(UserError, match=f"(?i){said}") as caught:
         triangles_cam(Part(shape="mesh", file=str(path)), AHEAD, "part[1]")
     assert "\n" not in caught.value.line()
+
+
+TRIANGLE = "v 0 0 2\nv 1 0 2\nv 0 1 2\n"
+FLAT = base64.b64encode(np.array([[0, 0, 2], [1, 0, 2], [0, 1, 2]], "<f4").tobytes()).decode()
+
+
+def _gltf(
+    uri: str = f"data:application/octet-stream;base64,{FLAT}", count: int = 3, nodes: int = 1, **more: Any
+) -> str:
+    buffers = [{"uri": uri, "byteLength": 36}]
+    accessors = [{"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"}]
+    mesh = {"primitives": [{"attributes": {"POSITION": 0}}]}
+    tree = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(nodes))}], "meshes": [mesh]}
+    tree |= {"nodes": [{"mesh": 0}] * nodes, "buffers": buffers, "accessors": accessors}
+    return json.dumps(tree | {"bufferViews": [{"buffer": 0, "byteLength": 36}]} | more)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no FIFO")
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.obj", f"mtllib fifo\nusemtl a\n{TRIANGLE}vt 0 0\nf 1/1 2/1 3/1\n", ""),
+        ("a.gltf", _gltf(images=[{"uri": "fifo"}], textures=[{"source": 0}], materials=[{}]), ""),
+        ("a.ply", "ply\nformat ascii 1.0\ncomment TextureFile fifo\nelement vertex 3\nproperty float x\n"
+         "property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+         "0 0 2\n1 0 2\n0 1 2\n3 0 1 2\n", ""),
+        ("b.gltf", _gltf("fifo"), "fifo: is a FIFO"),
+        ("b.gltf", _gltf("link"), "link: is a link"),
+        ("b.gltf", _gltf("../b.bin"), "names '../b.bin'; expected a file in its own folder"),
+        ("b.gltf", _gltf("/etc/passwd"), "names '/etc/passwd'"),
+        ("b.gltf", _gltf(count=10**12), "an accessor of 1000000000000 elements"),
+        ("b.gltf", _gltf(nodes=200_001), "has 200001 triangles"),
+        ("b.gltf", "[" * 100_000, "nested too deeply"),
+        ("b.gltf", "1" * 10_000, "a number of thousands of digits"),
+        ("b.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
+         "says that it has 99999999999 elements"),
+        ("b.obj", TRIANGLE.replace("1", "1e300") + "f 1 2 3\n", "not finite, or very far"),
+        ("b.obj", TRIANGLE.replace("1", "1e9") + "f 1 2 3\n", "lies too far from the camera"),
+        ("b.obj", TRIANGLE + "f 1 2 99999999999999999999\n", "cannot be read"),
+    ],
+)  # fmt: skip
+def test_a_mesh_waits_for_nothing_and_takes_no_memory_that_it_does_not_fill(tmp_path, name, text, said) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "link").symlink_to("fifo")
+    (tmp_path / name).write_text(text)
+    part = Part(shape="mesh", file=str(tmp_path / name), frame="cam")
+    if not said:
+        assert triangles_cam(part, AHEAD, "part[1]").shape == (1, 3, 3)
+        return
+    with pytest.raises(UserError) as refused:
+        triangles_cam(part, AHEAD, "part[1]")
+    assert said in refused.value.line()
 
 
 def test_a_mesh_file_is_what_its_triangles_are(tmp_path) -> None:

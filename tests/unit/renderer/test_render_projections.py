@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import horizonval as hv
 from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import (
     CameraModel,
@@ -23,7 +24,7 @@ from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_columns, signed_limb_angle
 from horizonval.renderer.frame import render_frame
 from horizonval.renderer.kernel.frame_geometry import RayCamera
-from horizonval.spec.camera import CameraSpec
+from horizonval.spec.camera import CameraGeometry, CameraSpec
 from horizonval.spec.scene import SceneSpec
 
 THERMAL = {"name": "lwir", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
@@ -58,6 +59,12 @@ def limb_angle(frame: RadianceFrame, camera: CameraModel) -> Any:
     return angle
 
 
+RATIONAL = (0.5, -2.7, 2e-4, -3e-4, 1.6, 0.38, -2.5, 1.5, 0.0, 0.0, 0.0, 0.0)
+PRISM = (0.9, 0.1, 1e-4, 2e-4, 3e-3, 1.3, 0.35, 0.02, 2e-3, 0.0, 1e-3, 0.0)
+OMNI: dict[str, Any] = {
+    **{"fx": 680.0, "fy": 688.0, "projection": "unified", "xi": 1.2, "skew": 0.01},
+    "distortion": [-0.1, 0.05, 1e-3, -2e-3],
+}
 CAMERAS = {
     "pinhole": CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0),
     "distorted": CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01)),
@@ -67,6 +74,14 @@ CAMERAS = {
     "fisheye beside its fold": CameraModel(640, 480, 466.0, 466.0, 319.5, 239.5, (-0.2, 0.0, 0.0, 0.0, 0.0), "fisheye"),
     "barrel": CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0, (-0.45, 0.25, 1e-3, -5e-4, -0.05)),
     "pincushion": CameraModel(640, 480, 250.0, 250.0, 319.5, 239.5, (0.17, 0.05, 2e-3, -5e-4, 0.02)),
+    "rational": CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0, RATIONAL),
+    "thin prism": CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0, PRISM),
+    "skewed f-theta": CameraModel(640, 480, 200.0, 201.0, 320.4, 241.0, projection="fisheye", skew=0.05),
+    "omnidirectional": camera_from_spec(CameraGeometry(width=640, height=480, **OMNI)),
+    "double sphere": CameraModel(640, 480, 300.0, 310.0, 320.4, 241.0, projection="unified", shape=(-0.2, 0.6, 1.0)),
+    "extended unified": CameraModel(
+        640, 480, 300.0, 310.0, 320.4, 241.0, projection="unified", shape=(0.0, 0.62, 1.13)
+    ),
     "moustache": CameraModel(640, 480, 400.0, 400.0, 319.5, 239.5, (0.63, 5e-3, -1e-2, -1e-2, -0.4)),
 }
 SIMPLE = ("pinhole", "distorted", "equal angle")
@@ -85,7 +100,7 @@ def test_rays_equal_the_analytic_camera(mi: Any, name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("projection", ["fisheye", "pinhole", "equal_angle"])
+@pytest.mark.parametrize("projection", ["fisheye", "pinhole", "equal_angle", "unified"])
 def test_both_sides_see_the_same_image_circle(mi: Any, projection: Any) -> None:
     camera = CameraModel(64, 48, 30.0, 30.0, 31.0, 24.2, (0.01, 0.0, 0.0, 0.0, 0.0), projection, math.radians(41.0))
     grid = pixel_grid(camera).reshape(-1, 2)
@@ -111,6 +126,31 @@ def test_a_fisheye_frame_shows_the_exact_horizon(mi: Any) -> None:
     behind = unproject(camera, pixel_grid(camera))[..., 2] < 0.0
     assert (hit[behind] == Hit.SURFACE).any()
     assert (hit[behind & inside] != Hit.SURFACE).any()
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        OMNI | {"fx": 170.0, "fy": 172.0},
+        {"fx": 70.0, "projection": "unified", "xi": -0.2, "alpha": 0.6, "skew": 0.01},
+        {"fx": 80.0, "distortion": [0.9, 0.1, 1e-4, 2e-4, 0.003, 1.3, 0.35, 0.02, 2e-3, 0.0, 1e-3, 0.0]},
+    ],
+    ids=["omnidirectional", "double sphere", "rational"],
+)
+def test_nadir_and_horizon_through_lenses_of_other_programs(mi: Any, lens: dict[str, Any]) -> None:
+    """Hits are exact to 1e-6 rad. The sensor without error reads the nadir, and a fit finds it to 0.1 px of 9 mrad."""
+    scene: dict[str, Any] = {
+        "camera": {"file": "t", "mount_roll_deg": 62.0},
+        "prior": {"position_sigma_km": 0.1, "attitude_sigma_deg": [2.0, 2.0, 2.0]},
+    }
+    frame, camera = frame_of({"width": 160, "height": 120, "cx": 70.0, "cy": 65.0, **lens}, THERMAL, **scene)
+    angle = limb_angle(frame, camera)
+    clear = np.abs(angle) > 1e-6
+    assert np.array_equal((frame.maps["hit"] == Hit.SURFACE)[clear], (angle > 0.0)[clear])
+    for method, error in (("ideal", 1e-9), ("limb-ellipsoid", 9e-4)):
+        fit = hv.estimate(frame, method)
+        assert isinstance(fit, hv.Fit)
+        assert np.linalg.norm(fit.nadir_cam - frame.truth.nadir_geocentric_cam) < error
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import http.client
 import json
 import os
 import signal
+import socket
 import threading
+import time
 import zlib
 from urllib.parse import urlsplit
 
@@ -40,15 +43,20 @@ def port(out):
     server = view_server._server(viewable(out), 0)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()
+    SECRETS[server.server_address[1]] = server.secret
     yield server.server_address[1]
     server.shutdown()
     thread.join(10)
     server.server_close()
 
 
-def ask(port, address, **headers):
+SECRETS = {}
+
+
+def ask(port, address, method="GET", cookie=True, **headers):
     link = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
-    link.request("GET", address, headers=headers)
+    known = {"Cookie": f"other=1; horizonval-{port}={SECRETS[port]}"} if cookie else {}
+    link.request(method, address, headers=known | headers)
     answer = link.getresponse()
     body = answer.read()
     link.close()
@@ -57,7 +65,7 @@ def ask(port, address, **headers):
 
 def test_it_listens_on_the_loopback_alone_and_leads_to_the_page(out, port):
     answer, _ = ask(port, "/")
-    assert (answer.status, answer.headers["Location"]) == (302, "/report/index.html")
+    assert (answer.status, answer.headers["Location"]) == (302, f"/report/index.html?token={SECRETS[port]}")
     answer, body = ask(port, "/report/index.html")
     assert answer.status == 200
     assert b'<html lang="en" data-served>' in body
@@ -107,6 +115,52 @@ def test_every_frame_comes_with_the_numbers_of_the_archive(out, port):
         assert found["full"] == image.full_scale
         assert found["rows"] == frame["rows"]
         assert (found["light"], found["sun_deg"]) == (frame["light"], frame["sun_deg"]) == ("day", frame["sun_deg"])
+
+
+def test_only_who_knows_the_secret_gets_an_answer(out, port):
+    for address in (
+        "/",
+        "/run.json",
+        "/report/index.html",
+        "/run.json?token=",
+        "/run.json?token=a",
+        view_server.FRAMES,
+    ):
+        answer, body = ask(port, address, cookie=False)
+        assert answer.status == 403
+        assert answer.headers.get("Set-Cookie") is None
+        assert SECRETS[port].encode() not in body
+    assert ask(port, f"/run.json?token={SECRETS[port]}", cookie=False)[0].status == 200
+    answer, _ = ask(port, f"/report/index.html?token={SECRETS[port]}", cookie=False)
+    cookie = answer.headers["Set-Cookie"]
+    assert cookie.endswith("; Path=/; HttpOnly; SameSite=Strict")
+    assert ask(port, "/run.json", cookie=False, Cookie=cookie.split(";")[0])[0].status == 200
+
+
+def test_a_large_file_costs_no_memory_and_head_has_its_size(out, port):
+    path = out / "big.bin"
+    with path.open("wb") as file:
+        file.truncate(4 * 10**9)
+    try:
+        answer, body = ask(port, "/big.bin", "HEAD")
+    finally:
+        path.unlink()
+    assert (answer.status, answer.headers["Content-Length"], body) == (200, str(4 * 10**9), b"")
+    answer, body = ask(port, "/report/index.html", "HEAD")
+    assert (int(answer.headers["Content-Length"]), body) == (len(ask(port, "/report/index.html")[1]), b"")
+
+
+def test_connections_and_their_time_are_bounded(port, monkeypatch):
+    monkeypatch.setattr(view_server, "LONGEST_HEAD_S", 0.5)
+    silent = [socket.create_connection(("127.0.0.1", port)) for _ in range(view_server.MOST_CONNECTIONS + 3)]
+    start = time.monotonic()
+    for one in silent:
+        one.settimeout(10)
+        with contextlib.suppress(ConnectionError):
+            assert one.recv(1) == b""
+        one.close()
+    assert time.monotonic() - start < 5
+    assert ask(port, "/run.json")[0].status == 200
 
 
 @pytest.mark.parametrize("query", ["?case=none", "?case=../run", "?case=day-arc&band=blue", ""])

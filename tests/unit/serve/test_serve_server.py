@@ -5,6 +5,7 @@ The renderer is replaced by a function that answers at once with the request's s
 
 from __future__ import annotations
 
+import os
 import socket
 import stat
 import threading
@@ -184,6 +185,44 @@ def test_a_token_is_asked_of_every_request(run):
         stranger.status()
     with running.raw() as silent:
         assert b"no message within 0.4 s" in (receive(silent, 1 << 20, 5.0) or b"")
+
+
+def test_strangers_keep_nobody_out_and_are_dropped_after_one_wrong_token(run):
+    running = run(token="correct-horse-battery", address=Address(None, "127.0.0.1", 0))
+    silent = [running.raw() for _ in range(MOST_CLIENTS + 4)]
+    with running.client(token="correct-horse-battery") as friend:
+        assert friend.status()["clients"] <= MOST_CLIENTS + 1
+        for stranger in silent[:2]:
+            # Those that have waited longest have made room.
+            stranger.settimeout(5)
+            while stranger.recv(4096):
+                pass
+        send(silent[-1], pack({"schema": SCHEMA, "kind": "status", "token": "wrong"}), 5.0)
+        assert b"not the server" in (receive(silent[-1], 1 << 20, 5.0) or b"")
+        assert receive(silent[-1], 1 << 20, 5.0) is None
+        assert friend.image(seed=4).seed == 4
+    for stranger in silent:
+        stranger.close()
+
+
+def test_a_defect_is_an_answer_and_the_conversation_goes_on(run, monkeypatch):
+    running = run()
+    with running.client() as client:
+        with monkeypatch.context() as broken:
+            broken.setattr("horizonval.serve.server.image_request", lambda message: 1 / 0)
+            with pytest.raises(hv.UserError, match="report this line as a defect"):
+                client.image()
+        assert client.image(seed=4).seed == 4
+
+
+def test_a_lock_of_somebody_else_on_the_folder_does_not_stop_a_server(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+    monkeypatch.setattr("horizonval.serve.service.LONGEST_LOCK_S", 0.2)
+    handle = os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    with listening(Address(tmp_path / "s.sock")):
+        assert (tmp_path / "s.sock").is_socket()
+    os.close(handle)
 
 
 def test_it_stops_after_as_many_images_as_it_was_told(run):

@@ -59,6 +59,24 @@ def test_keys_that_are_not_used_leave_no_trace() -> None:
     assert spec(fov_deg=60.0, image_circle_deg=50.0).model_dump()["camera"]["image_circle_deg"] == 50.0
 
 
+@pytest.mark.parametrize(
+    "window",
+    [
+        {"width": 1280, "height": 16, "fx": 1000.0, "cy": -472.0},
+        {"width": 64, "height": 64, "fx": 2000.0, "cx": -1500.0, "cy": 900.0},
+        {"width": 64, "height": 64, "fx": 100.0, "cx": -250.0, "projection": "fisheye"},
+    ],
+)
+def test_the_axis_of_a_strip_or_a_window_may_lie_far_outside(window: dict[str, Any]) -> None:
+    """Its directions are those of the same pixels of the whole image."""
+    camera = camera_from_spec(spec(None, **window).camera)
+    by = [600.0 - camera.cx, 500.0 - camera.cy]
+    whole = spec(None, **window | {"width": 1200, "height": 1000, "cx": 600.0, "cy": 500.0})
+    corner = [0.0, camera.height - 1.0]
+    d = unproject(camera_from_spec(whole.camera), [corner[0] + by[0], corner[1] + by[1]])
+    assert unproject(camera, corner) == pytest.approx(d, abs=1e-15)
+
+
 SCATTER = {"b0": 0.1, "l_rad": 0.01, "s": -2.0}
 
 

@@ -40,16 +40,19 @@ def test_what_is_read_back_is_the_whole_image(image_path, exported, suffix):
     assert (source.band, source.full_scale, source.observation) == (image.band, image.full_scale, image.observation)
 
 
-def test_a_frame_is_read_back(tmp_path, make_frame):
+def test_a_frame_is_read_back(tmp_path, make_frame, caplog):
     """From FITS every bit; from PNG one band to 16 bits."""
     frame = make_frame({"vis": np.linspace(0, 37.5, 1200).reshape(30, 40), "Red": 1.0})
     exr.write_frame(tmp_path / "a.exr", frame)
     export_file(tmp_path / "a.exr", tmp_path, ["fits", "png"])
-    source = read_picture(tmp_path / "a.fits").source
-    assert list(source.radiance) == ["vis", "Red"]
-    assert (source.truth, source.render) == (frame.truth, frame.render)
-    for name, values in (frame.radiance | frame.maps).items():
-        assert (source.radiance | source.maps)[name].tobytes() == values.tobytes(), name
+    for name in ("a.fits", "a.exr"):
+        sources = [read_picture(tmp_path / name, part=part).source for part in (None, "Red")]
+        assert [list(source.radiance) for source in sources] == [["vis"], ["Red"]]
+        assert "of the bands vis, Red the first is used; --part takes another" in caplog.messages.pop()
+        assert all((source.truth, source.render) == (frame.truth, frame.render) for source in sources)
+        read = sources[0].radiance | sources[1].radiance | sources[0].maps
+        for map_name, values in (frame.radiance | frame.maps).items():
+            assert read[map_name].tobytes() == values.tobytes(), map_name
     rough = read_picture(tmp_path / "a-vis.png").source
     assert rough.truth == frame.truth
     np.testing.assert_allclose(rough.radiance["vis"], frame.radiance["vis"], atol=37.5 / 65535)

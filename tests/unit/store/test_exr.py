@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +12,10 @@ import OpenEXR
 import pytest
 
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.files import UnreadableFileError
 from horizonval.frame import FRAME_SCHEMA, FrameTruth, RadianceFrame
 from horizonval.store import exr
-from horizonval.store.fits import fits_bytes, read_fits
+from horizonval.store.fits import fits_bytes, read_own
 
 
 @pytest.fixture
@@ -324,39 +326,6 @@ def test_frames_that_are_none_are_not_written(tmp_path, make_frame):
         assert not path.exists()
 
 
-@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.uint32])
-def test_foreign_grey_images(tmp_path, dtype):
-    values = np.arange(20).reshape(4, 5).astype(dtype)
-    path = str(tmp_path / "a.exr")
-    OpenEXR.File({"compression": OpenEXR.PIZ_COMPRESSION}, {"depth": values, "A": values * 0}).write(path)
-    np.testing.assert_array_equal(exr.read_foreign_grey(path), values)
-    OpenEXR.File({}, {"R": values, "G": 2 * values, "B": 3 * values}).write(path)
-    np.testing.assert_allclose(
-        exr.read_foreign_grey(path), (0.2126 + 2 * 0.7152 + 3 * 0.0722) * values.astype(float), rtol=1e-6
-    )
-    OpenEXR.File({}, {"u": values, "v": values}).write(path)
-    with pytest.raises(UserError, match="expected Y, or R G B"):
-        exr.read_foreign_grey(path)
-
-
-def test_damaged_foreign_files_are_refused_quietly(tmp_path, capfd):
-    path = tmp_path / "a.exr"
-    values = np.random.default_rng(2).normal(size=(64, 64)).astype(np.float32)
-    OpenEXR.File({}, {"Y": values}).write(str(path))
-    good = path.read_bytes()
-    for size in (20, 200, 2000, len(good) - 9):
-        path.write_bytes(good[:size])
-        with pytest.raises(DamagedFileError) as caught:
-            exr.read_foreign_grey(path)
-        assert "\n" not in str(caught.value)
-        assert capfd.readouterr() == ("", "")
-    cropped = {"dataWindow": ([2, 2], [65, 65]), "displayWindow": ([0, 0], [99, 99])}
-    window = {k: tuple(np.array(v, np.int32) for v in box) for k, box in cropped.items()}
-    OpenEXR.File(window, {"Y": values}).write(str(path))
-    with pytest.raises(UserError, match="crop"):
-        exr.read_foreign_grey(path)
-
-
 TWO_KINDS = {
     "camera": {"name": "both", "width": 12, "height": 8, "fov_deg": 60.0},
     "band": [
@@ -401,6 +370,16 @@ def test_a_frame_without_it_still_reads_and_fits_keeps_it(tmp_path, both_kinds):
     assert list(read.energy_radiance) == ["lwir"]
     assert list(read.radiance) == ["vis", "lwir"]
     (tmp_path / "a.fits").write_bytes(fits_bytes(both_kinds, ""))
-    source = read_fits(tmp_path / "a.fits")[2]
+    source = read_own(tmp_path / "a.fits")
     assert isinstance(source, RadianceFrame)
     assert_same_energy(source, both_kinds)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
+def test_a_path_that_is_not_utf8_is_named_as_the_cause(tmp_path, make_frame):
+    exr.write_frame(tmp_path / "a.exr", make_frame())
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/n\xff"))
+    folder.mkdir()
+    (tmp_path / "a.exr").rename(folder / "a.exr")
+    with pytest.raises(UnreadableFileError, match="its path is not UTF-8"):
+        exr.read_frame(folder / "a.exr")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from pydantic import TypeAdapter
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import aem_text
+from horizonval.formats.aem import aem_text
+from horizonval.formats.trajectory import span_of
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic
 from horizonval.geometry.orbit import ElementSet, gcrs_states, lvlh_matrices
 from horizonval.geometry.sun_and_moon import sun_itrs
@@ -31,7 +33,7 @@ def orbit(**keys: Any) -> list[dict[str, Any]]:
         values["altitude_km"] = 700.0
     if "sun_synchronous" not in values and "inclination_deg" not in values:
         values["inclination_deg"] = 60.0
-    return fly(TypeAdapter(OrbitSpec).validate_python(values), WGS84, 1, "o", Path())
+    return fly(TypeAdapter(OrbitSpec).validate_python(values), WGS84, 1, "o", Path())[0]
 
 
 def places(samples: list[dict[str, Any]]) -> np.ndarray:
@@ -172,7 +174,7 @@ def test_two_lines_fly_as_sgp4_says(tmp_path: Path) -> None:
 
     lines = [checked(line) for line in LINES]
     spec = TypeAdapter(OrbitSpec).validate_python({"tle": lines, "n": 12})
-    samples = fly(spec, WGS84, 1, "o", Path())
+    samples, _ = fly(spec, WGS84, 1, "o", Path())
     satellite = Satrec.twoline2rv(*lines)
     start = samples[0]["platform"]["epoch_utc"]
     assert abs(start - datetime(2026, 3, 20, 12, tzinfo=UTC)) < timedelta(milliseconds=1)
@@ -185,10 +187,10 @@ def test_two_lines_fly_as_sgp4_says(tmp_path: Path) -> None:
     assert 12 * t[1] == pytest.approx(86400 / 15.5, rel=2e-3)
     (tmp_path / "iss.txt").write_text("ISS\n" + "\n".join(lines) + "\n\n")
     from_file = TypeAdapter(OrbitSpec).validate_python({"tle": "iss.txt", "n": 12})
-    assert fly(from_file, WGS84, 1, "o", tmp_path) == samples
-    for wrong in (lines[:1], [*lines, *lines]):
+    assert fly(from_file, WGS84, 1, "o", tmp_path)[0] == samples
+    for wrong, message in ((lines[:1], "found 1 lines"), ([*lines, *lines], "2 element sets of 25544")):
         (tmp_path / "iss.txt").write_text("\n".join(wrong))
-        with pytest.raises(UserError, match="lines"):
+        with pytest.raises(UserError, match=message):
             fly(from_file, WGS84, 1, "o", tmp_path)
 
 
@@ -204,7 +206,7 @@ ANGLES_DEG = (20.0, -5.0, 3.0)
 
 def flown(beside: Path = Path(), **keys: object) -> list[dict]:
     spec = OrbitSpec.model_validate({"duration_s": SPAN_S, "n": N, **keys})
-    return fly(spec, WGS84, 1, "orbit", beside)
+    return fly(spec, WGS84, 1, "orbit", beside)[0]
 
 
 def states(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -359,6 +361,26 @@ def test_kernels_fly_as_the_elements_that_they_were_made_of(kernels: Path) -> No
     same(found[1:], expected[1:])
 
 
+def test_kernels_with_old_leap_seconds_or_wrong_velocities_are_refused(kernels: Path) -> None:
+    spice = pytest.importorskip("spiceypy")
+    leap = (kernels / "leap.tls").read_text().replace("37, @2017-JAN-1", "36, @2015-JUL-1")
+    (kernels / "old.tls").write_text(leap)
+    with pytest.raises(UserError, match=r"old.tls, .* is -1 s off: leap seconds.*expected an up-to-date kernel"):
+        flown(kernels, kernels=["old.tls", "orbit.bsp"], spacecraft="-999", duration_s=100.0)
+    t = np.arange(0.0, SPAN_S + 1.0, 10.0)
+    r, _ = states(t)
+    spice.furnsh(str(kernels / "leap.tls"))
+    try:
+        et = np.array([spice.str2et(text_of(x)) for x in t])
+        handle = spice.spkopn(str(kernels / "zero.bsp"), "orbit", 0)
+        spice.spkw09(handle, -999, 399, "J2000", et[0], et[-1], "orbit", 7, len(t), np.hstack([r, 0.0 * r]) / 1e3, et)
+        spice.spkcls(handle)
+    finally:
+        spice.unload(str(kernels / "leap.tls"))
+    with pytest.raises(UserError, match=r"zero.bsp: -999 at 2026.*the velocity is 7.* it is zero"):
+        flown(kernels, kernels=["leap.tls", "zero.bsp"], spacecraft="-999", duration_s=100.0)
+
+
 def test_what_kernels_do_not_hold_is_one_line(kernels: Path) -> None:
     for keys, line in (
         ({"kernels": ["leap.tls", "orbit.bsp"], "spacecraft": "-998"}, "no states of '-998'"),
@@ -370,3 +392,24 @@ def test_what_kernels_do_not_hold_is_one_line(kernels: Path) -> None:
         with pytest.raises(UserError) as found:
             flown(kernels, duration_s=100.0, **keys)
         assert line in str(found.value)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no FIFO")
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ("'fifo'", "fifo: is a FIFO; expected a kernel in its own folder"),
+        ("'$A/fi+', 'fo'", "fifo: is a FIFO"),
+        ("'../fifo'", "names '../fifo'; expected a kernel in its own folder; list it in `kernels`"),
+        ("'/etc/passwd'", "names '/etc/passwd'"),
+    ],
+)
+def test_a_meta_kernel_names_regular_files_of_its_own_folder(tmp_path, monkeypatch, names, said):
+    pytest.importorskip("spiceypy")
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("fifo")
+    head = "KPL/MK\n\\begindata\nPATH_VALUES = ( '.' )\nPATH_SYMBOLS = ( 'A' )\n"
+    (tmp_path / "meta.tm").write_text(f"{head}KERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
+    with pytest.raises(UserError) as refused:
+        span_of([Path("meta.tm")], "-1")
+    assert said in refused.value.line()

@@ -20,6 +20,7 @@ from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.store.named import garbage, named_addresses, remove, run_folder_of
 from horizonval.store.store import Store
+from horizonval.store.verify import write_manifest
 from horizonval.suites import identity
 from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.run import run_suite
@@ -243,6 +244,12 @@ def test_a_result_that_cannot_be_read_protects_everything(folder):
     with pytest.raises(DamagedFileError, match="nobody knows which entries it names"):
         garbage(folder)
     assert len(named_addresses(folder)) == 2
+    case.unlink()
+    write_manifest(folder.root, [*folder.cases.iterdir()])
+    assert garbage(folder).files
+    next(folder.cases.iterdir()).unlink()
+    with pytest.raises(UserError, match="is missing, though the manifest names it"):
+        garbage(folder)
 
 
 def test_an_archive_that_others_may_use_is_left_alone(folder, tmp_path):

@@ -22,7 +22,7 @@ from horizonval.store.entry import StoreEntry
 from horizonval.store.store import Store
 from horizonval.suites.identity import rescored_identity, suite_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads, oracle_pose
-from horizonval.suites.plan import plan_of
+from horizonval.suites.plan import CasePlan, plan_of
 from horizonval.suites.record import (
     camera_name,
     failed_record,
@@ -275,7 +275,7 @@ def test_the_air_that_a_prior_names_counts_by_its_content(tmp_path, make_image):
 
     def identity(name: str) -> str:
         item = Item(name, {"": {"vis": addresses[name]}}, {})
-        return rescored_identity(item.addresses, ["ideal"], climates_of(item, store))
+        return rescored_identity(item.addresses, ["ideal"], CasePlan(("ideal",)), climates_of(item, store))
 
     before = {name: identity(name) for name in addresses}
     table.write_bytes(b"another air")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import optimize, stats
 
 from horizonval.geometry.camera import project
 from horizonval.spec.camera import CameraSpec
@@ -30,6 +31,7 @@ from horizonval.systems.b.pair.sun import (
     difference,
     drawn_skies,
     height_table,
+    score_interval,
     sun_claim,
     sun_rows,
     sun_table,
@@ -188,3 +190,40 @@ def in_frame(camera: CameraSpec, head: str, sky: DrawnView) -> bool:
     truth = truth_of(SceneSpec.model_validate(scene("sun", air=True, **tables)), camera, infrared=False)
     uv, ahead = project(truth.camera_model, np.array(truth.sun_cam))
     return bool(ahead and (uv >= 0.0).all() and (uv < 1023.0).all())
+
+
+@pytest.mark.parametrize(
+    ("lost", "gained", "n", "confidence", "low", "high", "digits"),
+    [
+        # Airway reactivity before and after stem cell transplantation (Bentur 2009), in Fagerland, Lydersen and Laake,
+        # Statistics in Medicine 33, 2850 (2014), table VI: asymptotic score.
+        (1, 7, 21, 0.95, -0.517, -0.026, 3),
+        # PropCIs::scoreci.mp in R, 48 and 41 of 549, 90 %.
+        (48, 41, 549, 0.90, -0.0157, 0.0414, 4),
+    ],
+)
+def test_score_interval_as_published(lost, gained, n, confidence, low, high, digits):
+    assert score_interval(lost, gained, n, confidence) == pytest.approx((low, high), abs=0.5 * 10**-digits)
+
+
+@pytest.mark.parametrize(("lost", "gained", "n"), [(12, 2, 50), (3, 0, 400), (0, 0, 480), (9, 11, 90), (40, 0, 40)])
+def test_score_interval_by_its_definition(lost, gained, n):
+    """At its ends the score statistic, with the variance maximised over the likelihood numerically, is z."""
+    z = float(stats.norm.ppf(0.975))
+
+    def statistic(delta):
+        def minus_log_likelihood(q):
+            cells = ((lost, q + delta), (gained, q), (n - lost - gained, 1 - 2 * q - delta))
+            return -sum(count * math.log(max(p, 1e-300)) for count, p in cells if count)
+
+        lowest, highest = max(0.0, -delta), (1 - delta) / 2
+        q = optimize.minimize_scalar(
+            minus_log_likelihood, bounds=(lowest, highest), method="bounded", options={"xatol": 1e-13}
+        ).x
+        return (lost - gained - n * delta) / math.sqrt(n * (2 * q + delta - delta**2))
+
+    low, high = score_interval(lost, gained, n, 0.95)
+    if low > -1 + 1e-9:
+        assert statistic(low) == pytest.approx(z, rel=2e-4)
+    if high < 1 - 1e-9:
+        assert statistic(high) == pytest.approx(-z, rel=2e-4)

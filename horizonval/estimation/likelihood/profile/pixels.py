@@ -179,7 +179,7 @@ def profile_pixels(
     borders = sectors.azimuth[np.minimum(starts, len(order) - 1)]
     spans = np.maximum(np.diff(borders), 1e-12)
     light = np.abs(np.einsum("ij,ij->j", near.los_cam, np.array(cross(near.by_column, near.by_row))))
-    if camera.projection != "fisheye":
+    if not camera.wide:
         light = light * np.maximum(near.los_cam[2], 0.0)
     some = np.flatnonzero(on_limb)
     some = some[:: max(1, len(some) // BEND_PLACES)]

@@ -25,11 +25,11 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize, stats
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.estimation.prior import MEAN_RADIUS_M
-from horizonval.studies.regression.statistics import score_interval
 from horizonval.systems.b.pair.applicability import LIMIT_DEG, PUBLISHED
 from horizonval.systems.b.pair.frames import ALTITUDE_KM, glare_optics, pair, scene, views
 from horizonval.systems.published import page_text
@@ -276,3 +276,35 @@ def height_table(found: SunOutcome) -> Table:
 def _counts(one: Paired, searched: bool, lit: bool) -> str:
     right, refused = int(one.right(lit, searched).sum()), int(one.refused(lit, searched).sum())
     return f"{right}, {len(one.lit) - right - refused}, {refused}"
+
+
+def score_interval(lost: float, gained: float, n: float, confidence: float) -> tuple[float, float]:
+    """Return the score interval of ``(lost - gained) / n``; counts over a design effect may be fractional."""
+    z = float(stats.norm.ppf(0.5 + confidence / 2))
+    estimate = (lost - gained) / n
+
+    def excess(delta: float, sign: float) -> float:
+        return sign * _score(lost, gained, n, delta) - z
+
+    edge = 1.0 - 1e-12
+    low = high = estimate
+    if estimate > -edge:
+        low = -1.0 if excess(-edge, 1.0) < 0 else optimize.brentq(excess, -edge, estimate, args=(1.0,), xtol=1e-12)
+    if estimate < edge:
+        high = 1.0 if excess(edge, -1.0) < 0 else optimize.brentq(excess, estimate, edge, args=(-1.0,), xtol=1e-12)
+    return float(low), float(high)
+
+
+def _score(lost: float, gained: float, n: float, delta: float) -> float:
+    """Return Tango's statistic for a true difference ``delta``: positive where more is lost than that.
+
+    ``q`` is the likeliest share of gained frames under that difference, the root of a quadratic.
+    """
+    b = -lost - gained + (2.0 * n - lost + gained) * delta
+    c = -gained * delta * (1.0 - delta)
+    q = (math.sqrt(max(b * b - 8.0 * n * c, 0.0)) - b) / (4.0 * n)
+    variance = n * (2.0 * q + delta * (1.0 - delta))
+    deviation = lost - gained - n * delta
+    if variance <= 0.0:
+        return 0.0 if deviation == 0.0 else math.copysign(math.inf, deviation)
+    return deviation / math.sqrt(variance)

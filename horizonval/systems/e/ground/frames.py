@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,7 @@ from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.gases import rayleigh
 from horizonval.earth.optical import OpticalModel, optical_model
 from horizonval.earth.spectral import bands
+from horizonval.geometry import clock
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project, unproject
 from horizonval.geometry.orbit import ElementSet, itrs_states
 from horizonval.geometry.sun_and_moon import sun_angular_radius, sun_itrs, sun_visible_fraction
@@ -189,7 +190,7 @@ class Pass:
         """
         t = np.asarray(seconds, float)
         r, _ = itrs_states(self.elements, self.epoch_utc, t)
-        middle = self.epoch_utc + timedelta(seconds=float(np.mean(t)))
+        middle = clock.utc_after(self.epoch_utc, float(np.mean(t)))
         sun, distance = sun_itrs(middle)
         to_observer = self.station.r_itrs - r
         across = np.linalg.norm(np.cross(to_observer, sun), axis=-1)

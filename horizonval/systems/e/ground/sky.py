@@ -33,7 +33,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any
 
 import erfa
@@ -43,6 +43,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
+from horizonval.geometry import clock
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.frames import rotate
 from horizonval.renderer.frame import render_frame
@@ -108,7 +109,7 @@ def sky_scene(station: Station, epoch_utc: datetime, second: float) -> SceneSpec
             "scene": {"name": f"sky-{station.name}"},
             "camera": {"file": "sky"},
             "platform": {
-                "epoch_utc": epoch_utc + timedelta(seconds=second),
+                "epoch_utc": clock.utc_after(epoch_utc, second),
                 "latitude_deg": float(np.degrees(station.latitude_rad)),
                 "longitude_deg": float(np.degrees(station.longitude_rad)),
                 "altitude_km": station.height_m * 1e-3,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
+from horizonval.geometry import clock
 from horizonval.geometry.orbit import ElementSet
 from horizonval.geometry.sun_and_moon import sun_itrs
 from horizonval.systems.e.ground.frames import ARCSEC, azimuth_elevation, detector_of
@@ -66,7 +67,7 @@ def sky_magnitude(one: StationPass, elevation_rad: float = np.pi / 2, azimuth_ra
 
 def sun_elevation(one: StationPass) -> float:
     """Return the Sun's elevation in mid-pass [rad], without refraction."""
-    sun, _ = sun_itrs(one.frames.path.epoch_utc + timedelta(seconds=float(np.mean(one.seconds))))
+    sun, _ = sun_itrs(clock.utc_after(one.frames.path.epoch_utc, float(np.mean(one.seconds))))
     return float(azimuth_elevation(sun @ one.station.itrs_from_enu)[1])
 
 

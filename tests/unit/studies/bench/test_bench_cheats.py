@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import sys
+import sysconfig
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +13,17 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.core.progress import Silent
-from horizonval.estimation.observation import Observation
+from horizonval.estimation.observation import Observation, OraclePose
 from horizonval.geometry.camera import CameraModel
+from horizonval.plugins import registry
 from horizonval.plugins.supervisor import Limits, Supervisor, can_hide
 from horizonval.spec.load import Suite
 from horizonval.spec.suite import ProgramSpec
+from horizonval.store.folder import write_json
 from horizonval.studies.bench import submissions
+from horizonval.studies.bench.frames import commitment, sealed_seed
 from horizonval.suites.suite import load_suite
 
 NEEDS_NAMESPACES = pytest.mark.skipif(not can_hide(), reason="this system hides no folder from a process")
@@ -112,19 +117,130 @@ def test_a_hidden_folder_is_empty_and_there_is_no_network(tmp_path: Path) -> Non
     secret = tmp_path / "secret"
     secret.mkdir()
     (secret / "truth").touch()
-    observation = Observation(np.zeros((8, 8)), CameraModel(8, 8, 8.0, 8.0, 3.5, 3.5), full_scale=255.0)
     said = {}
     with socket.create_server(("127.0.0.1", 0)) as server:
         command = f"{sys.executable} -S {tmp_path / 'lister.py'} {secret} {server.getsockname()[1]}"
         program = ProgramSpec(name="lists", command=command + " {image} {camera}")
         for hidden in ((), (secret,)):
             processes = Supervisor(Limits(20.0, 4096, (program,), tmp_path, hidden))
-            said[hidden] = processes.run("lists", observation)
+            said[hidden] = processes.run("lists", OBSERVATION)
             processes.close()
     assert isinstance(said[()], Refusal)
     assert "truth network" in said[()].reason
     assert said[(secret,)].reason == "nothing"
     assert [path.name for path in secret.iterdir()] == ["truth"]
+
+
+WRITER = """
+import json, os, sys, tempfile
+private = (tempfile.gettempdir(), "/dev/shm")
+before, wrote = sum(len(os.listdir(folder)) for folder in private), []
+for folder in (*sys.argv[1].split(":"), *private):
+    try:
+        open(os.path.join(folder, "left-by-a-submission"), "w").close()
+        wrote.append(folder)
+    except OSError:
+        pass
+try:
+    os.kill(int(sys.argv[2]), 0)
+    wrote.append("a signal")
+except OSError:
+    pass
+print(json.dumps({"status": "no_limb", "reason": json.dumps([before, wrote == list(private)])}))
+"""
+PLUGIN = """
+import mmap
+import horizonval as hv
+SHARED = mmap.mmap(-1, 1)
+def run(observation):
+    SHARED[0] += 1
+    return hv.Refusal(hv.Outcome.NO_LIMB, f"call {SHARED[0]}, {'no ' if observation.oracle is None else ''}oracle")
+ESTIMATOR = hv.Estimator(name="counts", title="counts", run=run, needs="image")
+POSE = hv.Estimator(name="poses", title="poses", run=run, needs="pose")
+"""
+OBSERVATION = Observation(
+    np.zeros((8, 8)),
+    CameraModel(8, 8, 8.0, 8.0, 3.5, 3.5),
+    full_scale=255.0,
+    oracle=OraclePose(np.array([7e6, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]), 6.4e6),
+)
+
+
+@NEEDS_NAMESPACES
+def test_a_contained_program_writes_nowhere_and_leaves_nothing(tmp_path: Path) -> None:
+    """Private folders are empty at each image, and no process outside can be signalled."""
+    (tmp_path / "writer.py").write_text(WRITER)
+    secret = tmp_path / "secret"
+    secret.mkdir()
+    places = [tmp_path, Path.home(), Path(sysconfig.get_paths()["purelib"]), Path("/var/tmp"), Path("/tmp")]
+    command = f"{sys.executable} -S {tmp_path / 'writer.py'} {':'.join(map(str, places))} {os.getpid()} {{image}}"
+    limits = Limits(20.0, 4096, (ProgramSpec(name="writes", command=command),), tmp_path, (secret,))
+    processes = Supervisor(limits)
+    reasons = [processes.run("writes", OBSERVATION).reason for _ in range(2)]
+    processes.close()
+    # The program's own folder of image, camera and prior is there before it.
+    assert reasons == ["[1, true]"] * 2
+    assert not [path for place in places for path in place.glob("left-by-a-submission*")]
+
+
+@NEEDS_NAMESPACES
+def test_a_plug_in_keeps_no_state_and_never_receives_the_pose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory shared at the import outlives an image where plug-ins are trusted, and not where they are contained."""
+    (tmp_path / "plug.py").write_text(PLUGIN)
+    about = tmp_path / "plug-0.1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Name: plug\nVersion: 0.1\n")
+    (about / "entry_points.txt").write_text("[horizonval.estimators]\ncounts = plug:ESTIMATOR\nposes = plug:POSE\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    monkeypatch.syspath_prepend(tmp_path)
+    secret = tmp_path / "secret"
+    secret.mkdir()
+    registry._points.cache_clear()
+    said = []
+    for hidden in ((), (secret,)):
+        processes = Supervisor(Limits(20.0, 4096, hidden=hidden))
+        said += [processes.run("counts", OBSERVATION).reason for _ in range(2)]
+        posed = processes.run("poses", OBSERVATION)
+        processes.close()
+        assert posed.status is Outcome.CRASHED
+        assert "needs that is none of image, heads" in posed.reason
+    registry._points.cache_clear()
+    assert said == ["call 1, no oracle", "call 2, no oracle", "call 1, no oracle", "call 1, no oracle"]
+
+
+def test_what_links_of_a_benchmark_lead_to_is_hidden(tmp_path: Path) -> None:
+    out, far, farther = (tmp_path / name for name in ("out", "far", "farther"))
+    for folder in (out / "frames", far, farther):
+        folder.mkdir(parents=True)
+    (farther / "image.exr").touch()
+    (tmp_path / "single.exr").touch()
+    (out / "frames" / "archive").symlink_to(far)
+    (far / "more").symlink_to(farther)
+    (out / "one.exr").symlink_to(tmp_path / "single.exr")
+    assert set(submissions.hidden_of(out)) == {out, far, farther, tmp_path / "single.exr"}
+    (out / "all").symlink_to("/")
+    with pytest.raises(UserError, match="cannot be hidden"):
+        submissions.hidden_of(out)
+
+
+@pytest.mark.parametrize("place", ["beside", "called", "elsewhere", "gone"])
+def test_a_passphrase_that_submissions_could_read_is_refused(tmp_path: Path, place: str) -> None:
+    words = "seven quiet otters"
+    folders = {name: tmp_path / name for name in ("beside", "called", "elsewhere", "gone")}
+    for folder in folders.values():
+        folder.mkdir()
+    out = folders["beside"] / "sealed"
+    out.mkdir()
+    head = {"sealed": True, "commitment": commitment(sealed_seed(words))}
+    (folders["elsewhere"] / "a-note.txt").write_text("some other words here")
+    if place != "gone":
+        (folders[place] / "words.txt").write_text(words + "\n")
+    write_json(out / submissions.PASSPHRASE, {"file": str(folders["elsewhere"] / "words.txt")})
+    if place == "gone":
+        submissions.refuse_readable_passphrase(out, head, folders["called"])
+    else:
+        with pytest.raises(UserError, match="holds the passphrase"):
+            submissions.refuse_readable_passphrase(out, head, folders["called"])
 
 
 @pytest.mark.slow
@@ -145,5 +261,5 @@ def test_a_program_that_looks_for_the_truth_finds_nothing(bench: Path) -> None:
 
 @pytest.mark.slow
 def test_methods_that_cannot_be_ranked_are_refused(bench: Path) -> None:
-    with pytest.raises(UserError, match="told the pose"):
+    with pytest.raises(UserError, match="receives the pose"):
         submissions.run_submissions(bench / "made", ["ideal"], Limits(), 1, Silent())

@@ -1,359 +1,309 @@
-"""Gates on rows made by hand, whose answers can be counted."""
+"""Facts of a night on rows made by hand: one method goes wrong in a way a case, and its metric says so."""
 
 from __future__ import annotations
 
-import itertools
-import math
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import nights
 import numpy as np
 import pytest
-from scipy import stats
 
 from horizonval.core.outcome import Outcome
-from horizonval.spec.suite import UNITS, GateSpec
-from horizonval.studies.regression.accept import difference_table
-from horizonval.studies.regression.baseline import Baseline
-from horizonval.studies.regression.gates import (
-    MOST_NAMED,
-    GateInputs,
-    judge,
-    measure,
-    scenes,
-)
-from horizonval.studies.regression.history import pieces
-from horizonval.studies.regression.night import levels_of
-from horizonval.studies.regression.page import write_junit
+from horizonval.spec.suite import STANDING, GateSpec, RegressionSpec
+from horizonval.studies.regression.gates import judge_images, judge_rows
+from horizonval.studies.regression.partners import Asked, Promise, changed, missing, new, pairs_of
 from horizonval.studies.regression.row import ReplicateRow
-from horizonval.studies.regression.statistics import (
-    Estimate,
-    Verdict,
-    decide,
-    exact,
-    holm,
-    independent_loss,
-    paired_difference,
-    paired_loss,
-)
+from horizonval.studies.regression.words import by_subject, subject_sentence
+
+Spoil = Callable[[int, ReplicateRow], ReplicateRow]
+SCENES = 60
+CAMERAS = {f"s{k}": ("wide", "narrow")[k % 2] for k in range(SCENES)}
+REFUSAL = {"nadir_error_arcsec": None, "roll_error_arcsec": None, "pitch_error_arcsec": None, "nees_nadir_total": None}
+REFUSAL |= {"status": str(Outcome.SHORT_ARC), "without_sigma": False, "false_valid": False}
 
 
-def gate(metric: str, lane: str = "replay", **keys: Any) -> GateSpec:
-    return GateSpec(
-        name="g", lane=lane, metric=metric, margin=1.0, unit=UNITS[metric], reason="because it is tested", **keys
-    )
+def answer(row: ReplicateRow, roll: float, pitch: float, variance: float) -> ReplicateRow:
+    """Return a row with other errors, its squared error over a claimed variance of each axis."""
+    error = float(np.hypot(roll, pitch))
+    nees = None if variance == 0.0 else error**2 / variance
+    false = error > 1800.0 or bool(nees is not None and nees > 25.0 and error > 360.0)
+    about = {"nadir_error_arcsec": error, "roll_error_arcsec": roll, "pitch_error_arcsec": pitch, "false_valid": false}
+    return replace(row, **about, nees_nadir_total=nees, without_sigma=nees is None)
 
 
-def row(scene: int | str, error: float | None = 10.0, **columns: Any) -> ReplicateRow:
-    return nights.row(f"s{scene}", error, **columns)
-
-
-def test_a_mean_change_is_taken_over_pairs_that_claim() -> None:
-    rng = np.random.default_rng(1)
-    before, after = rng.normal(10, 2, 12), rng.normal(12, 2, 12)
-    base = [row(k, error) for k, error in enumerate(before)] + [row(20, 5.0), row(21, None), row(22, 1.0)]
-    now = [row(k, error) for k, error in enumerate(after)] + [row(20, None), row(21, 5.0), row(99, 900.0)]
-    found = measure(gate("nadir_error"), GateInputs(now), GateInputs(base))
-    assert found.paired
-    assert found.estimate == paired_difference(list(after - before), list(range(12)))
-    order = np.argsort(-(after - before), kind="stable")
-    worse = [f"s{k}" for k in order if after[k] > before[k]]
-    better = [f"s{k}" for k in order[::-1] if after[k] < before[k]]
-    assert list(found.scenes) == worse + better
-
-
-def test_availability_is_lost_among_the_due_and_false_claims_among_all() -> None:
-    base = [row(k, due=k < 9) for k in range(12)]
-    now = [row(k, None if k in (1, 10) else 10.0, due=False) for k in range(12)]
-    found = measure(gate("availability"), GateInputs(now), GateInputs(base))
-    one_of_nine = paired_loss([True] * 9, [k != 1 for k in range(9)], list(range(9)))
-    assert found.estimate is not None
-    assert one_of_nine is not None
-    assert found.estimate.value == pytest.approx(100 / 9)
-    for bound in ("lower95", "upper95", "lower99", "upper99"):
-        assert getattr(found.estimate, bound) == pytest.approx(100 * getattr(one_of_nine, bound))
-    assert (found.estimate.p_worse, found.estimate.p_better) == (one_of_nine.p_worse, one_of_nine.p_better)
-    assert (found.estimate.n, found.scenes) == (9, ("s1",))
-    lying = [row(k, false_valid=k in (2, 10)) for k in range(12)]
-    found = measure(gate("false_valid"), GateInputs(lying), GateInputs(base))
-    assert found.estimate is not None
-    assert found.estimate.value == pytest.approx(100 * 2 / 12)
-    assert found.scenes == ("s10", "s2")
-
-
-def test_a_gate_looks_at_its_estimators_and_tables_only() -> None:
-    base = [row(k, 1.0, estimator=e, table=t) for k in range(6) for e in "ab" for t in ("day", "dusk")]
-    base = [r for r in base if (r.table == "day") == (int(r.case[1:]) < 3)]
-    now = [row(r.case[1:], 1.0 + (r.estimator == "a"), estimator=r.estimator, table=r.table) for r in base]
-    for keys, value, n in (({}, 0.5, 12), ({"estimators": ["a"]}, 1.0, 6), ({"estimators": ["b"]}, 0.0, 6)):
-        estimate = measure(gate("nadir_error", **keys), GateInputs(now), GateInputs(base)).estimate
-        assert estimate is not None
-        assert (estimate.value, estimate.n) == (pytest.approx(value), n)
-    assert measure(gate("nadir_error", cases=["day"]), GateInputs(now), GateInputs(base)).estimate is None, "3 scenes"
-
-
-def test_fresh_scenes_of_one_night_are_pairs_and_of_two_nights_not() -> None:
-    rng = np.random.default_rng(2)
-    before, after = rng.normal(10, 2, 9), rng.normal(13, 2, 9)
-    mine = [row(k, e) for k, e in enumerate(after)]
-    theirs = [row(k, e) for k, e in enumerate(before)]
-    g = gate("nadir_error", "fresh")
-    same = measure(g, GateInputs(fresh=mine, fresh_night="n1"), GateInputs(fresh=theirs, fresh_night="n1"))
-    assert same.paired
-    assert same.estimate == paired_difference(list(after - before), list(range(9)))
-    for night in ("n2", ""):
-        other = measure(g, GateInputs(fresh=mine, fresh_night=night), GateInputs(fresh=theirs, fresh_night=""))
-        assert not other.paired
-        assert other.scenes == ()
-        assert other.estimate is not None
-        welch = stats.ttest_ind(after, before, equal_var=False, alternative="greater")
-        assert other.estimate.value == pytest.approx(after.mean() - before.mean())
-        assert other.estimate.p_worse == pytest.approx(welch.pvalue)
-
-
-def test_a_fresh_frame_is_good_if_all_its_estimators_are() -> None:
-    """Two estimators on one frame are one frame; frames that are not due do not count for availability."""
-
-    def frames(bad: int, n: int, **columns: Any) -> list[ReplicateRow]:
-        rows = [row(k, None if k < bad else 5.0, estimator="a", **columns) for k in range(n)]
-        return rows + [row(k, 5.0, estimator="b", **columns) for k in range(n)]
-
-    now, base = frames(4, 20) + frames(9, 9, due=False, band="ir"), frames(1, 25)
-    found = measure(
-        gate("availability", "fresh"), GateInputs(fresh=now, fresh_night="a"), GateInputs(fresh=base, fresh_night="b")
-    )
-    expected = independent_loss(24, 25, 16, 20)
-    assert expected is not None
-    assert found.estimate is not None
-    assert found.estimate.value == pytest.approx(100 * expected.value) == pytest.approx(16.0)
-    assert found.estimate.p_worse == expected.p_worse
-    false = measure(
-        gate("false_valid", "fresh"), GateInputs(fresh=now, fresh_night="a"), GateInputs(fresh=base, fresh_night="b")
-    )
-    assert false.estimate is not None
-    assert false.estimate.value == 0.0
-
-
-def test_images_are_measured_where_the_metric_applies() -> None:
-    images = {(f"s{k}", "vis"): {"table": "day", "noise": float(k), "limb_radiance": None} for k in range(6)}
-    images["s9", "vis"] = {"table": "dusk", "noise": 100.0, "limb_radiance": None}
-    found = measure(gate("noise", "rerender", cases=["day"]), GateInputs(images=images), GateInputs())
-    assert found.estimate == paired_difference([float(k) for k in range(6)], list(range(6)))
-    assert found.scenes == ("s5", "s4", "s3", "s2", "s1")
-    assert measure(gate("limb_radiance", "rerender"), GateInputs(images=images), GateInputs()).estimate is None
-
-
-def estimate(value: float, error: float, p_worse: float, p_better: float = 0.5) -> Estimate:
-    return Estimate(
-        value, value - 2 * error, value + 2 * error, value - 3 * error, value + 3 * error, p_worse, p_better, 90, 40
-    )
-
-
-@pytest.mark.parametrize("two_sided", [False, True])
-def test_a_bound_on_the_margin_is_not_within_it(two_sided: bool) -> None:
-    """A change of exactly the margin is one that matters."""
-    verdicts = [decide([exact(v, 90, 40)], [0.5], [two_sided])[0][0] for v in (0.25, 0.5, -0.5)]
-    assert verdicts[0] is Verdict.PASS
-    assert Verdict.PASS not in verdicts[1:2]
-    assert (verdicts[2] is Verdict.PASS) is False
-    assert decide([estimate(0.1, 0.2, 0.4)], [0.5], [two_sided])[0][0] is Verdict.INCONCLUSIVE, "upper bound at 0.5"
-    assert decide([estimate(0.09, 0.2, 0.4)], [0.5], [two_sided])[0][0] is Verdict.PASS
-    below = decide([estimate(-0.1, 0.2, 0.4)], [0.5], [two_sided])[0][0]
-    assert below is (Verdict.INCONCLUSIVE if two_sided else Verdict.PASS)
-
-
-def test_a_two_sided_gate_doubles_the_smaller_chance() -> None:
-    small = [estimate(2.0, 0.1, 0.004, 0.996), estimate(-2.0, 0.1, 0.997, 0.003)]
-    adjusted = [p for _, p in decide(small, [1.0, 1.0], [True, True])]
-    assert adjusted == pytest.approx(holm([0.008, 0.006]))
-    assert [v for v, _ in decide(small, [1.0, 1.0], [True, True])] == [Verdict.INCONCLUSIVE] * 2
-    assert decide([estimate(0.0, 0.1, 0.7, 0.6)], [1.0], [True])[0][1] == 1.0
-    mixed = decide([small[0], None, small[1]], [1.0] * 3, [False] * 3)
-    assert [v for v, _ in mixed] == [Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.IMPROVED]
-    assert mixed[1][1] is None
-
-
-def test_all_gates_of_a_night_are_judged_with_their_scenes() -> None:
-    base = [row(k, 10.0) for k in range(20)]
-    now = [row(k, 15.0 + 0.02 * k) for k in range(20)]
-    quiet = measure(gate("availability"), GateInputs(now), GateInputs(base))
-    loud = measure(gate("nadir_error"), GateInputs(now), GateInputs(base))
-    one, two = judge([("accepted", loud), ("release", quiet)])
-    assert (one["verdict"], one["against"], one["n_scenes"], len(one["scenes"])) == ("FAIL", "accepted", 20, MOST_NAMED)
-    assert (two["against"], two["n_scenes"], two["scenes"]) == ("release", 0, [])
-    assert (one["two_sided"], one["paired"], one["unit"]) == (False, True, "arcsec")
-    assert scenes(one).endswith(" and 8 more")
-    assert scenes(one | {"n_scenes": 13}).endswith(" and 1 more")
-    assert "more" not in scenes(one | {"n_scenes": 12})
-
-
-def test_junit_counts_what_failed_was_skipped_and_is_missing(tmp_path: Path) -> None:
-    found = [
-        measure(
-            gate("nadir_error"), GateInputs([row(k, 20.0) for k in range(8)]), GateInputs([row(k) for k in range(8)])
-        )
-    ]
-    failing = judge([("accepted", found[0])])[0]
-    published = [
-        {"system": "A", "name": name, "verdict": v, "measured": 1.0, "accepted": 1.0, "unit": "deg\x00"}
-        for name, v in (("a", "PASS"), ("b", "INCONCLUSIVE"))
-    ]
-    for problems in ([], ["one", "two"]):
-        verdict = {
-            "suite": "s",
-            "night": "n",
-            "verdict": "FAIL",
-            "gates": [failing],
-            "published": published,
-        }
-        verdict |= {"problems": problems, "environment": {"version": "1", "commit": "abc"}}
-        write_junit(tmp_path / "junit.xml", verdict)
-        suite = ElementTree.parse(tmp_path / "junit.xml").getroot()[0]
-        counts = {key: int(suite.get(key, "")) for key in ("tests", "failures", "errors", "skipped")}
-        assert counts == {"tests": 4, "failures": 1, "errors": int(bool(problems)), "skipped": 1}
-        properties = {p.get("name"): p.get("value") for p in suite.iter("property")}
-        assert properties == {"night": "n", "verdict": "FAIL", "version": "1", "commit": "abc"}
-        errors = [e.get("message") for e in suite.iter("error")]
-        assert errors == (["one; two"] if problems else [])
-
-
-def test_levels_are_shares_of_what_is_due_and_medians_of_what_claims() -> None:
-    rows = [row(0, 4.0), row(1, 8.0), row(2, None), row(3, 100.0, due=False, false_valid=True)]
-    levels = levels_of(rows, [row(0, None, due=False)])
-    assert levels["fixed est: availability"] == {"value": pytest.approx(200 / 3), "unit": "%", "n": 3}
-    assert levels["fixed est: false claims"] == {"value": 25.0, "unit": "%", "n": 4}
-    assert levels["fixed est: median nadir error"] == {"value": 8.0, "unit": "arcsec", "n": 3}
-    assert set(levels) == {*[k for k in levels if k.startswith("fixed")], "fresh est: false claims"}
-    assert levels["fresh est: false claims"]["value"] == 0.0
-
-
-def head(**keys: Any) -> dict[str, Any]:
-    return {"suite": "s", "night": "n", "version": "1", "accepted_utc": "u", "reason": "r", "past": []} | keys
-
-
-def scene_record(*images: str) -> dict[str, Any]:
-    return {"table": "day", "camera": "c", "bands": {"vis": {"images": list(images)}}}
-
-
-def test_a_new_baseline_says_what_changes() -> None:
-    old = [row(k, 10.0 + k) for k in range(4)] + [row(9, None, table="dusk")]
-    new = [row(k, 20.0 + k) for k in range(3)] + [row(3, None), row(9, 5.0, table="dusk", false_valid=True)]
-    old_scenes = {"s0": scene_record("a", "b"), "s7": scene_record("a")}
-    before = Baseline(Path(), head(night="m", version="0"), GateInputs(old), old_scenes, Path())
-    text = difference_table(before, GateInputs(new), {"s0": scene_record("a", "c"), "s8": scene_record("z")}, head())
-    assert "1 of 3 detector images are the same" in text
-    assert "| est | day | 4 | 100 → 75 | 0 → 0 | 11 → 21 |" in text
-    assert "| est | dusk | 1 | 0 → 100 | 0 → 100 | – → – |" in text
-    assert "| est | day | 4 | 75 | 0 | 21 |" in difference_table(None, GateInputs(new), {}, head())
-
-
-def cheapest_partition(y: np.ndarray, fewest: int) -> list[int]:
-    """Starts of the pieces with the least Bayesian criterion, by trying every partition."""
-    n = len(y)
-    best: dict[int, tuple[float, list[int]]] = {}
-    for count in range(1, n // fewest + 1):
-        for cuts in itertools.combinations(range(1, n), count - 1):
-            ends = [0, *cuts, n]
-            if min(np.diff(ends)) < fewest:
-                continue
-            cost = sum(np.abs(y[a:b] - np.median(y[a:b])).sum() for a, b in itertools.pairwise(ends))
-            if count not in best or cost < best[count][0]:
-                best[count] = cost, ends[:-1]
-    criterion = {k: 2 * n * math.log(cost / n) + 3 * k * math.log(n) for k, (cost, _) in best.items()}
-    return best[min(criterion, key=lambda k: criterion[k])][1]
-
-
-@pytest.mark.parametrize("levels", [(0.0,), (0.0, 9.0), (0.0, 9.0, 0.0), (0.0, 1.0, 9.0), (3.0, 0.5, 3.0)])
-@pytest.mark.parametrize("fewest", [3, 4])
-def test_steps_are_those_of_the_best_partition_up_to_as_many_as_fit(levels: tuple[float, ...], fewest: int) -> None:
-    rng = np.random.default_rng(len(levels))
-    y = np.concatenate([level + rng.normal(0.0, 0.2, fewest) for level in levels for _ in range(3 // len(levels) or 1)])
-    found = pieces(y, fewest)
-    assert [p.start for p in found] == cheapest_partition(y, fewest)
-    assert [p.stop for p in found] == [*[p.start for p in found[1:]], len(y)]
-    assert [p.level for p in found] == [pytest.approx(np.median(y[p.start : p.stop])) for p in found]
-    assert len(pieces(y[: fewest - 1], fewest)) == 1
-
-
-def rows_of(outcomes: Any, *, due: bool = True, false: Any = ()) -> list[ReplicateRow]:
-    """Return rows of one image a scene with these statuses."""
+def accepted(scale: float = 53.0, seed: int = 1) -> list[ReplicateRow]:
+    """Two methods, two cameras, two bands, two replicates, errors of ``scale`` arcsec in each axis, honest claims."""
+    rng = np.random.default_rng(seed)
     return [
-        nights.row(
-            f"scene-{i:03d}",
-            100.0 if outcome == Outcome.VALID else None,
-            status=str(outcome),
-            false_valid=i in false,
-            due=due,
-        )
-        for i, outcome in enumerate(outcomes)
+        answer(nights.row(f"s{k}", 1.0, estimator=e, band=b, replicate=r), *rng.normal(0, scale, 2).tolist(), scale**2)
+        for e in "ab"
+        for k in range(SCENES)
+        for b in ("vis", "nir")
+        for r in (0, 1)
     ]
 
 
-def gate_of(metric: str, lane: str = "replay", margin: float = 1.5) -> GateSpec:
-    return gate(metric, lane).model_copy(update={"name": metric, "margin": margin})
+def spoiled(rows: list[ReplicateRow], spoil: Spoil, only: dict[str, Any] | None = None) -> list[ReplicateRow]:
+    """Return rows of which method a's go wrong, or those with other values; their number among them is passed on."""
+    found, count = [], 0
+    for row in rows:
+        about = {**vars(row), "camera": CAMERAS[row.case]}
+        if all(about[key] == value for key, value in (only or {"estimator": "a"}).items()):
+            row, count = spoil(count, row), count + 1
+        found.append(row)
+    return found
 
 
-def test_availability_of_96_for_99_percent_is_caught_and_named():
-    valid, lost = Outcome.VALID, Outcome.SHORT_ARC
-    base = rows_of([lost if i % 100 == 0 else valid for i in range(400)])
-    now = rows_of([lost if i % 100 == 0 or i % 33 == 1 else valid for i in range(400)])
-    measured = measure(gate_of("availability"), GateInputs(now), GateInputs(base))
-    (gate,) = judge([("accepted", measured)])
-    assert gate["verdict"] == "FAIL"
-    assert gate["estimate"]["value"] == pytest.approx(3.0)
-    assert measured.scenes == tuple(f"scene-{i:03d}" for i in range(400) if i % 33 == 1 and i % 100)
-    (same,) = judge([("accepted", measure(gate_of("availability"), GateInputs(base), GateInputs(base)))])
-    assert same["verdict"] == "PASS"
-    (better,) = judge([("accepted", measure(gate_of("availability"), GateInputs(base), GateInputs(now)))])
-    assert better["verdict"] == "IMPROVED"
-    (small,) = judge([("accepted", measure(gate_of("availability"), GateInputs(now[:40]), GateInputs(base[:40])))])
-    assert small["verdict"] == "INCONCLUSIVE"
+def failed(now: list[ReplicateRow], base: list[ReplicateRow], word: str = "FAIL", **spec: Any) -> dict[str, set[str]]:
+    """Return the metrics with a verdict, by method, camera and band."""
+    found: dict[str, set[str]] = {}
+    for gate in judge_rows(RegressionSpec(**spec), "replay", pairs_of(now, base), CAMERAS):
+        if gate["verdict"] == word:
+            found.setdefault(f"{gate['estimator']} {gate['camera']} {gate['band']}", set()).add(gate["metric"])
+    return found
 
 
-def test_refusing_what_is_hard_does_not_improve_the_error():
-    """The worst frames refused: the error over common claims is the same, availability fails."""
-    base = rows_of([Outcome.VALID] * 300)
-    now = rows_of([Outcome.DARK if i < 15 else Outcome.VALID for i in range(300)])
-    base = [replace(row, nadir_error_arcsec=5000.0) for row in base[:15]] + base[15:]
-    found = [measure(gate_of(m), GateInputs(now), GateInputs(base)) for m in ("nadir_error", "availability")]
-    error, availability = judge([("accepted", one) for one in found])
-    assert (error["verdict"], error["estimate"]["value"]) == ("PASS", 0.0)
-    assert availability["verdict"] == "FAIL"
+def moved(roll: float = 0.0, pitch: float = 0.0, factor: float = 1.0, claim: float = 1.0) -> Spoil:
+    """Return what adds to the errors, enlarges them, and enlarges the claimed variance."""
+
+    def spoil(_: int, row: ReplicateRow) -> ReplicateRow:
+        assert row.roll_error_arcsec is not None
+        assert row.pitch_error_arcsec is not None
+        assert row.nadir_error_arcsec is not None
+        assert row.nees_nadir_total is not None
+        variance = row.nadir_error_arcsec**2 / row.nees_nadir_total * claim
+        return answer(row, factor * row.roll_error_arcsec + roll, factor * row.pitch_error_arcsec + pitch, variance)
+
+    return spoil
 
 
-def bounded(bound, error):
-    return [row(f"{i:02d}", error, bound_arcsec=bound) for i in range(40)]
+def refused(i: int, row: ReplicateRow) -> ReplicateRow:
+    return replace(row, **REFUSAL)
 
 
-@pytest.mark.parametrize("lane", ["replay", "fresh"])
-def test_an_error_further_from_its_bound_is_caught(lane):
-    """Also where the error itself is the same: frames that allow more are used worse."""
-
-    def inputs(rows, night):
-        spread = [
-            replace(r, nadir_error_arcsec=r.nadir_error_arcsec + i % 5).against(r.bound_arcsec)
-            for i, r in enumerate(rows)
-        ]
-        return GateInputs(spread) if lane == "replay" else GateInputs(fresh=spread, fresh_night=night)
-
-    gate = gate_of("error_over_bound", lane, margin=0.2)
-    base = inputs(bounded(100.0, 120.0), "then")
-    (worse,) = judge([("accepted", measure(gate, inputs(bounded(80.0, 120.0), "tonight"), base))])
-    assert (worse["verdict"], worse["unit"]) == ("FAIL", "1")
-    assert worse["estimate"]["value"] == pytest.approx(122.0 / 80.0 - 1.22)
-    (same,) = judge([("accepted", measure(gate, inputs(bounded(100.0, 121.0), "tonight"), base))])
-    assert same["verdict"] == "PASS"
-    (better,) = judge([("accepted", measure(gate, inputs(bounded(100.0, 60.0), "tonight"), base))])
-    assert better["verdict"] == "IMPROVED"
+def every(n: int, spoil: Spoil, first: int = 0) -> Spoil:
+    return lambda i, row: spoil(i, row) if i % n == first else row
 
 
-def test_a_method_that_the_baseline_has_not_changes_nothing():
-    base = bounded(100.0, 120.0)
-    new = [replace(row, estimator="new", nadir_error_arcsec=5000.0) for row in base]
-    gate = gate_of("nadir_error", "fresh", margin=20.0)
-    found = measure(gate, GateInputs(fresh=[*base, *new], fresh_night="b"), GateInputs(fresh=base, fresh_night="a"))
-    assert not found.paired
-    assert found.estimate.value == 0.0
+def crashed(i: int, row: ReplicateRow) -> ReplicateRow:
+    return replace(refused(i, row), status=str(Outcome.CRASHED))
+
+
+def not_a_number(i: int, row: ReplicateRow) -> ReplicateRow:
+    return replace(row, **{**REFUSAL, "status": "valid", "false_valid": True, "without_sigma": True})
+
+
+def silent(i: int, row: ReplicateRow) -> ReplicateRow:
+    return replace(row, nees_nadir_total=None, without_sigma=True)
+
+
+def without_roll(i: int, row: ReplicateRow) -> ReplicateRow:
+    return replace(row, roll_error_arcsec=None)
+
+
+def hard_refused(i: int, row: ReplicateRow) -> ReplicateRow:
+    """A tenth, and the worst: the others' errors look better."""
+    return refused(i, row) if (row.nadir_error_arcsec or 0.0) > 105.0 else row
+
+
+FAULTS: dict[str, tuple[Spoil, set[str]]] = {
+    "nothing": (lambda i, row: row, set()),
+    "harmless noise of 5 arcsec": (lambda i, row: moved(roll=5.0 * (-1) ** i)(i, row), set()),
+    "crashes throughout": (crashed, {"crashes", "availability"}),
+    "crashes once": (every(240, crashed), {"crashes"}),
+    "refuses throughout": (refused, {"availability"}),
+    "refuses a tenth": (every(9, refused), {"availability"}),
+    "refuses what is hard": (hard_refused, {"availability"}),
+    "no number": (every(9, not_a_number), {"false_valid"}),
+    "no sigma": (every(11, silent), {"without_sigma"}),
+    "no roll": (every(11, without_roll), {"availability"}),
+    "claims 3 times too sure": (moved(claim=1 / 9), {"honesty"}),
+    "claims 10 times too unsure": (moved(claim=100.0), {"honesty"}),
+    "30 arcsec of bias": (moved(pitch=30.0), {"pitch_mean"}),
+    "noise doubled": (moved(factor=2.0), {"roll_scatter", "pitch_scatter", "nadir_error", "nadir_error_median"}),
+    "60 arcsec worse": (moved(roll=80.0), {"roll_mean", "nadir_error"}),
+    "2 deg off in a twentieth": (every(20, moved(roll=7200.0)), {"false_valid", "roll_scatter", "nadir_error"}),
+    "0.2 deg off either way in a twentieth": (
+        lambda i, row: moved(roll=720.0 * (-1) ** (i // 20))(i, row) if i % 20 == 0 else row,
+        {"roll_scatter", "nadir_error"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("only", [{"estimator": "a"}, {"estimator": "a", "band": "nir", "camera": "wide"}])
+def test_a_fault_fails_its_metric_of_its_method_camera_and_band(name: str, only: dict[str, Any]) -> None:
+    spoil, metrics = FAULTS[name]
+    base = accepted()
+    found = failed(spoiled(base, spoil, only), base)
+    places = {f"a {camera} {band}" for camera in ("wide", "narrow") for band in ("vis", "nir")}
+    places = {"a wide nir"} if "band" in only else places
+    assert set(found) <= places, "only what changed is named"
+    assert metrics <= set().union(*found.values())
+    assert bool(found) == bool(metrics)
+    if metrics and not name.endswith(("once", "twentieth")):
+        assert set(found) == places
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("rms_arcsec", [10.0, 75.0, 500.0, 3600.0, 36000.0])
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+def test_a_bias_of_100_arcsec_in_one_axis_is_caught_whatever_the_errors(axis, sign, rms_arcsec, offset) -> None:
+    """Also beside a large mean error of the other axis, which hides it from the total."""
+    other = moved(**{"pitch" if axis == "roll" else "roll": offset})
+    base = [other(0, row) for row in accepted(rms_arcsec / 2**0.5)]
+    found = failed(spoiled(base, moved(**{axis: sign * 100.0})), base)
+    assert len(found) == 4
+    assert all(f"{axis}_mean" in metrics for metrics in found.values())
+
+
+def test_losses_and_gains_do_not_cancel() -> None:
+    base = spoiled(accepted(), every(10, refused))
+    now = spoiled(accepted(), every(10, refused, first=5))
+    assert all("availability" in metrics for metrics in failed(now, base).values())
+    base, now = (spoiled(accepted(), every(10, moved(roll=7200.0), first=k)) for k in (0, 5))
+    assert all("false_valid" in metrics for metrics in failed(now, base).values())
+
+
+def test_a_few_large_errors_of_the_baseline_hide_nothing() -> None:
+    """The total of 2 deg in a twentieth would hide doubled noise and claims that are too sure."""
+    base = spoiled(accepted(), every(5, moved(roll=7200.0)))
+    found = failed(spoiled(base, every(1, moved(factor=2.0))), base)
+    assert any("nadir_error_median" in metrics for metrics in found.values())
+    found = failed(spoiled(base, lambda i, row: row if row.false_valid else moved(claim=1 / 16)(i, row)), base)
+    assert any("honesty" in metrics for metrics in found.values())
+
+
+def test_what_is_better_is_improved_and_a_mean_that_moves_towards_zero_with_it() -> None:
+    base = spoiled(accepted(), moved(roll=300.0))
+    better = failed(accepted(), base, "IMPROVED")
+    assert all({"roll_mean", "nadir_error"} <= metrics for metrics in better.values())
+    assert "roll_mean" not in set().union(*failed(accepted(), base).values())
+    mended = failed(accepted(), spoiled(accepted(), every(3, crashed)), "IMPROVED")
+    assert mended["a wide vis"] == {"crashes", "availability"}
+
+
+def test_answers_that_were_false_and_are_refused_are_no_loss_unless_one_was_due() -> None:
+    base = spoiled(accepted(), moved(roll=7200.0))
+    not_due = [replace(row, borderline=True) for row in base]
+    assert not failed(spoiled(not_due, refused), not_due)
+    assert all("availability" in metrics for metrics in failed(spoiled(base, refused), base).values())
+
+
+def test_a_new_crash_without_a_partner_fails_and_other_new_rows_do_not() -> None:
+    base = accepted()
+    added = [replace(row, estimator="c") for row in base[:40]]
+    assert not failed([*base, *added], base)
+    assert set().union(*failed([*base, *(crashed(0, row) for row in added)], base).values()) == {"crashes"}
+
+
+def test_a_baseline_without_claims_is_silent_about_honesty_alone() -> None:
+    base = [replace(row, nees_nadir_total=None) for row in accepted()]
+    assert not any(row.states_claim for row in base)
+    assert not failed(spoiled(accepted(), moved(claim=1 / 9)), base)
+    assert failed(spoiled(accepted(), moved(roll=30.0)), base)
+
+
+def gate(metric: str, margin: float, lane: str = "replay", **keys: Any) -> GateSpec:
+    unit = STANDING[metric].unit
+    return GateSpec(name="g", lane=lane, metric=metric, margin=margin, unit=unit, reason="because it is tested", **keys)
+
+
+def test_a_gate_of_the_suite_replaces_a_margin_where_it_looks() -> None:
+    base = accepted()
+    now = spoiled(spoiled(base, moved(roll=30.0)), moved(roll=30.0), {"estimator": "b"})
+    assert set(failed(now, base, gate=[gate("roll_mean", 40.0, estimators=["a"])])) == {
+        f"b {c} {b}" for c in ("wide", "narrow") for b in ("vis", "nir")
+    }
+    assert not failed(now, base, gate=[gate("roll_mean", 40.0, cases=["day"]), gate("pitch_mean", 40.0)][:1])
+    tight = spoiled(base, moved(roll=5.0))
+    assert not failed(tight, base)
+    assert failed(tight, base, gate=[gate("roll_mean", 4.0)])
+    wide = [gate("error_over_bound", 0.2)]
+    bounded = [row.against(50.0) for row in base]
+    assert set().union(*failed([row.against(40.0) for row in base], bounded, gate=wide).values()) == {
+        "error_over_bound"
+    }
+
+
+@pytest.mark.parametrize(
+    ("keys", "match"),
+    [
+        ({"metric": "nadir_error", "unit": "deg"}, "unit of nadir_error"),
+        ({"metric": "noise", "unit": "%"}, "compares images"),
+        ({"metric": "honesty", "unit": "factor"}, "factor above 1"),
+        ({"metric": "roll_mean", "unit": "arcsec", "lane": "fresh"}, "not compared on scenes drawn anew"),
+    ],
+)
+def test_a_gate_that_cannot_be_is_refused(keys: dict[str, Any], match: str) -> None:
+    about = {"name": "g", "lane": "replay", "margin": 1.0, "reason": "because it is tested"}
+    with pytest.raises(ValueError, match=match):
+        GateSpec(**(about | keys))
+
+
+@pytest.mark.parametrize(("metric", "value"), [("limb_radiance", -1.2), ("noise", 6.0), ("limb_displacement", 0.11)])
+def test_one_scene_whose_image_differs_fails_by_name(metric: str, value: float) -> None:
+    about = {"table": "day", "limb_radiance": 0.1, "disc_radiance": None, "limb_displacement": 0.0, "noise": -1.0}
+    images = {(f"s{k}", "vis"): {**about, **({metric: value} if k == 7 else {})} for k in range(40)}
+    bad = [g for g in judge_images(RegressionSpec(), images, CAMERAS) if g["verdict"] == "FAIL"]
+    assert [(g["metric"], g["camera"], g["scenes"][0]) for g in bad] == [(metric, "narrow", "s7")]
+    assert not [g for g in judge_images(RegressionSpec(), {("s1", "vis"): about}, CAMERAS) if g["verdict"] != "PASS"]
+
+
+def test_a_sentence_names_the_method_and_what_happened() -> None:
+    base = accepted()
+    gates = judge_rows(RegressionSpec(), "replay", pairs_of(spoiled(base, every(5, refused)), base), CAMERAS)
+    first, verdict, deciding = by_subject(gates)[0]
+    text = subject_sentence(first, deciding)
+    assert (verdict, text.split(" (")[0]) == ("FAIL", "a in day")
+    assert "a in day (narrow, nir), frozen images: " in text
+    assert "of 60 answers are lost" in text
+    assert "scenes: s" in text
+
+
+ASKED = Asked("wide", frozenset({"vis", "nir"}), frozenset("ab"))
+
+
+def promise(*, scenes: dict[str, Asked] | None = None, replicates: int = 2) -> Promise:
+    plain = {scene: ASKED._replace(camera=camera) for scene, camera in CAMERAS.items()}
+    return Promise({**plain, **(scenes or {})}, replicates)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (promise(), []),
+        (Promise({k: v for k, v in promise().scenes.items() if k != "s3"}, 2), ["scene s3", "8 answers"]),
+        (promise(scenes={"s0": ASKED._replace(estimators=frozenset("b"))}), ["method a in day", "4 answers"]),
+        (promise(scenes={"s0": ASKED._replace(bands=frozenset({"vis"}))}), ["band nir of day"]),
+        (promise(scenes={"s0": ASKED._replace(camera="other")}), ["camera wide of day"]),
+        (promise(replicates=1), ["replicate 1", "240 answers"]),
+    ],
+)
+def test_what_the_suite_lacks_is_named(asked: Promise, words: list[str]) -> None:
+    base = accepted()
+    found = missing(asked, base, CAMERAS, {row.key for row in base})
+    assert len(found) == bool(words)
+    assert all(word in found[0] for word in words)
+    assert new(asked, base, CAMERAS) == []
+
+
+def test_an_answer_that_did_not_come_and_what_is_new_are_named() -> None:
+    base = accepted()
+    assert "answer a on s0 (vis, replicate 0)" in missing(promise(), base, CAMERAS, {row.key for row in base[1:]})[0]
+    assert missing(promise(), base, CAMERAS, None) == []
+    more = promise(scenes={"s99": ASKED, "s0": ASKED._replace(estimators=frozenset("abc"))}, replicates=3)
+    assert [text.rsplit(": ", 1)[1] for text in new(more, base, CAMERAS)] == ["scene s99", "method c", "replicate 2"]
+
+
+def test_every_change_is_listed_and_statuses_come_first() -> None:
+    base = accepted()
+    first = [refused(0, base[0]), moved(roll=9.0)(0, base[1]), moved(claim=2.0)(0, base[2]), silent(0, base[3])]
+    now = [*first, *base[4:]]
+    found = changed(pairs_of(now, base))
+    assert [one["what"].split(" ")[0] for one in found[:2]] == ["valid", "nadir"]
+    assert {one["what"].rsplit(" ", 3)[0] for one in found[2:]} >= {"squared error over claim"}
+    assert len(found) == 4

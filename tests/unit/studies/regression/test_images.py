@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -120,6 +121,37 @@ def test_a_pack_of_another_version_is_refused(tmp_path):
     write_pack(path, some_pack())
     rewritten(path, lambda head: head.update(schema=3))
     with pytest.raises(DamagedFileError, match="schema 3"):
+        read_pack(path)
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype"), [((2**36,), "|u1"), ((2**20, 2**20), "|u1"), ((4,), "<f8"), ((2**62, 2**62), "|u1")]
+)
+def test_arrays_are_bounded_by_their_heads_before_they_are_read(tmp_path, shape, dtype):
+    path = tmp_path / "bomb.npz"
+    write_pack(path, some_pack())
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_LZMA) as archive, archive.open("more.npy", "w") as file:
+        np.lib.format.write_array_header_1_0(file, {"descr": dtype, "fortran_order": False, "shape": shape})
+    with pytest.raises(DamagedFileError, match="unpacks to more"):
+        read_pack(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda head: head["images"].append(head["images"][0]),
+        lambda head: head["images"][0].__setitem__(6, -1),
+        lambda head: head["images"][0].__setitem__(6, 99),
+        lambda head: head["frames"][0].__setitem__(5, 1e308),
+        lambda head: head["frames"][0].__setitem__(5, "bright"),
+        lambda head: head.pop("truths"),
+    ],
+)
+def test_a_pack_whose_head_is_nonsense_is_refused(tmp_path, change):
+    path = tmp_path / "a.npz"
+    write_pack(path, some_pack())
+    rewritten(path, change)
+    with pytest.raises(DamagedFileError):
         read_pack(path)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import shutil
 from dataclasses import fields, replace
 from xml.etree import ElementTree
 
@@ -12,6 +14,7 @@ from nights import estimating_with, key_of
 from page_commands import cards_of, commands_of
 
 from horizonval import cli
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.jobs import engine
@@ -20,7 +23,7 @@ from horizonval.store.verify import verify_folder
 from horizonval.studies.regression import history, units
 from horizonval.studies.regression.accept import accept
 from horizonval.studies.regression.baseline import pack_path, read_baseline, read_pack, release_path
-from horizonval.studies.regression.night import LANES, WORK, Wanted, run_night
+from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, WORK, Wanted, run_night
 from horizonval.studies.regression.row import from_columns, to_columns
 from horizonval.studies.regression.units import render_unit, replay_scene, shown
 from horizonval.suites.plan import units_of
@@ -48,7 +51,7 @@ def first(here, night, tmp_path_factory):
 @pytest.fixture(scope="module")
 def accepted(first):
     wanted, _ = first
-    # The fresh lane has no gate in the tiny suite; a baseline needs its rows all the same.
+    # The fresh lane is not needed here; a baseline needs its rows all the same.
     path = wanted.out / "night.json"
     content = read_json(path)
     write_json(path, content | {"lanes": list(LANES)})
@@ -86,7 +89,7 @@ def test_an_unchanged_night_passes_and_says_so_everywhere(accepted, second):
     assert stored == json.loads(json.dumps(second))
     suite = ElementTree.parse(accepted.out / "junit.xml").getroot()[0]
     assert [suite.get(key) for key in ("failures", "errors", "skipped")] == ["0", "0", "0"]
-    assert int(suite.get("tests", "0")) == len(second["gates"]) + 1
+    assert int(suite.get("tests", "0")) == 3, "the method, the images, and completeness"
     assert [line["night"] for line in history.read(accepted.out / history.FILE)] == ["2026-11-01", "2026-11-02"]
 
 
@@ -96,7 +99,7 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     rows = from_columns(data["rows"])
     claims = [row for row in rows if row.nadir_error_arcsec is not None]
     better = [
-        row if row.nadir_error_arcsec is None else replace(row, nadir_error_arcsec=row.nadir_error_arcsec - 60.0)
+        row if row.nadir_error_arcsec is None else replace(row, nadir_error_arcsec=0.5 * row.nadir_error_arcsec)
         for row in rows
     ]
     changed = accepted.baseline.with_name("better.json")
@@ -105,20 +108,20 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     os.link(release_path(accepted.baseline), release_path(changed))
     os.link(pack_path(release_path(accepted.baseline)), pack_path(release_path(changed)))
     verdict = run_night(replace(accepted, baseline=changed, night="2026-11-03"))
-    failed = {(gate["against"], gate["name"]) for gate in verdict["gates"] if gate["verdict"] == "FAIL"}
-    assert failed == {("accepted", "accuracy")}
+    failed = {(gate["against"], gate["lane"], gate["metric"]) for gate in verdict["gates"] if gate["verdict"] == "FAIL"}
+    assert failed == {("accepted", "replay", "nadir_error"), ("accepted", "replay", "nadir_error_median")}
     assert (verdict["verdict"], verdict["exit_status"]) == ("FAIL", 1)
     # The last release is another than the accepted one now, and has gates of its own.
     assert {gate["against"] for gate in verdict["gates"]} == {"accepted", "release"}
-    (gate,) = [g for g in verdict["gates"] if g["verdict"] == "FAIL"]
+    gate = next(g for g in verdict["gates"] if g["verdict"] == "FAIL")
     assert set(gate["scenes"]) == {row.case for row in claims}
     page = (accepted.out / "index.html").read_text()
     # It prints no command that would have to run.
     assert commands_of(accepted.out / "index.html") == []
     assert cards_of(accepted.out / "index.html") == []
-    assert "Regression: accuracy (against the accepted baseline)" in page
+    assert "Regression: altitude-free in day (vis-cmos-512-60deg, vis)." in page
     assert gate["scenes"][0] in page
-    case = ElementTree.parse(accepted.out / "junit.xml").find(".//testcase[@name='accuracy']/failure")
+    case = ElementTree.parse(accepted.out / "junit.xml").find(".//failure")
     assert case is not None
     assert gate["scenes"][0] in case.get("message", "")
 
@@ -130,7 +133,7 @@ def test_a_failed_unit_makes_the_night_incomplete(accepted, here, monkeypatch, t
     monkeypatch.setattr(units, "render_unit", broken)
     verdict = run_night(replace(accepted, out=tmp_path / "out", lanes=("rerender",)))
     assert (verdict["complete"], verdict["exit_status"]) == (False, 2)
-    assert verdict["verdict"] == "INCONCLUSIVE"
+    assert verdict["verdict"] == "INCOMPLETE"
     assert any("no light" in problem for problem in verdict["problems"])
     with pytest.raises(UserError, match="lane fresh was left out"):
         accept(tmp_path / "out", accepted.baseline, "This should not be possible")
@@ -181,9 +184,101 @@ def test_baselines_that_are_not_right_are_refused(accepted, tmp_path):
     pack_path(copy).write_bytes(data)
     with pytest.raises(DamagedFileError, match="not those that were accepted"):
         read_baseline(copy, "tiny")
-    copy.write_text("{}")
-    with pytest.raises(DamagedFileError):
+
+
+def first_of(column):
+    """Where a column has its first value: in the list, or in the words."""
+    return column["words"] if isinstance(column, dict) else column
+
+
+DAMAGE = {
+    "unknown key": lambda d: d.update(other=1),
+    "missing key": lambda d: d.pop("replicates"),
+    "text for a number": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(noise_dn="much"),
+    "rows of text": lambda d: d.update(rows="many"),
+    "a huge error": lambda d: first_of(d["rows"]["nadir_error_arcsec"]).__setitem__(0, 1e308),
+    "an error of text": lambda d: first_of(d["rows"]["nadir_error_arcsec"]).__setitem__(0, "far"),
+    "a bound of zero": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(bound_arcsec=0.0),
+    "no such status": lambda d: first_of(d["rows"]["status"]).__setitem__(0, "splendid"),
+    "a word that is not there": lambda d: d["rows"]["band"].update(at=[7] * 8),
+    "a word counted from the end": lambda d: d["rows"]["band"].update(at=[-1] * 8),
+    "columns that differ in length": lambda d: d["rows"]["image"].append("0"),
+    "no such replicate": lambda d: d["rows"].update(replicate=[3] * 8),
+    "a row twice": lambda d: d["rows"].update(scene=["day_000"] * 8),
+    "another image": lambda d: first_of(d["rows"]["image"]).__setitem__(0, "0"),
+    "heads of no scene": lambda d: d["together"].update(x={"table": "", "heads": [["a", "b"]], "bands": {}}),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_sealed_baseline_of_nonsense_is_one_line_and_exit_status_2(accepted, tmp_path, capsys, damage):
+    copy = tmp_path / "tiny.json"
+    os.link(pack_path(accepted.baseline), pack_path(copy))
+    data = read_json(accepted.baseline, bound=False)
+    DAMAGE[damage](data)
+    write_json(copy, data, bound=False)
+    assert cli.run_command_line(["regress", accepted.suite, "--baseline", str(copy), "--out", str(tmp_path / "o")]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1, lines
+    assert "tiny.json" in lines[0]
+
+
+@pytest.mark.parametrize("text", ["{}", "[1]", "no JSON", "unsealed"])
+def test_a_baseline_without_a_seal_is_refused(accepted, tmp_path, text):
+    copy = tmp_path / "tiny.json"
+    plain = json.dumps(read_json(accepted.baseline, bound=False))
+    copy.write_text(plain if text == "unsealed" else text)
+    with pytest.raises(DamagedFileError, match="no seal"):
         read_baseline(copy, "tiny")
+
+
+@pytest.fixture
+def run(accepted, tmp_path):
+    """The folder of a night of all lanes."""
+    folder = tmp_path / "run"
+    shutil.copytree(accepted.out, folder)
+    write_json(folder / "night.json", read_json(folder / "night.json") | {"lanes": list(LANES)})
+    return folder
+
+
+class Killed(BaseException):
+    """Stands for a signal that nobody can catch."""
+
+
+@pytest.mark.parametrize("after", range(6))
+def test_an_acceptance_that_is_killed_goes_on(run, tmp_path, monkeypatch, after):
+    """Whatever file was the last: the baseline is the old one or the new one, never a mixture."""
+    path = tmp_path / "base" / "tiny.json"
+    accept(run, path, "The first acceptance of it", release=True)
+    moved = []
+
+    def move(source, target):
+        if not target.parent.name.startswith(".") and len(moved) == after:
+            raise Killed
+        moved.extend([target] if not target.parent.name.startswith(".") else [])
+        os.replace(source, target)
+
+    with monkeypatch.context() as patch, contextlib.suppress(Killed):
+        patch.setattr(atomic, "move", move)
+        accept(run, path, "The second acceptance of it", release=True)
+    assert read_baseline(path, "tiny").head["reason"] == "The second acceptance of it"
+    assert read_baseline(release_path(path), "tiny").head["reason"] == "The second acceptance of it"
+    assert sorted(p.name for p in path.parent.iterdir()) == [
+        "tiny.json", "tiny.md", "tiny.npz", "tiny.release.json", "tiny.release.npz",
+    ]  # fmt: skip
+
+
+def test_a_baseline_that_claims_falsely_throughout_needs_a_yes(run, tmp_path, capsys):
+    night = read_json(run / "night.json")
+    night["rows"] = [row | {"false_valid": True} for row in night["rows"]]
+    write_json(run / "night.json", night)
+    arguments = ["baseline", "accept", str(run), "--baseline", str(tmp_path / "b.json"), "--reason", "it is what it is"]
+    assert cli.run_command_line(arguments) == 2
+    error = capsys.readouterr().err
+    assert "altitude-free in day (vis-cmos-512-60deg, vis) claims falsely in 8 of 8 images" in error
+    assert "--yes" in error
+    assert cli.run_command_line([*arguments, "--yes"]) == 0
+    assert "claims falsely in 8 of 8" in (tmp_path / "b.md").read_text()
 
 
 def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
@@ -193,9 +288,12 @@ def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
         run_night(wanted)
     reference.mkdir()
     rows = [row.to_dict() for row in read_baseline(accepted.baseline, "tiny").results.rows]
-    night = {"suite": "tiny", "night": "another", "fresh": rows}
+    night = {"schema": NIGHT_SCHEMA, "suite": "tiny", "night": "another", "rows": [], "fresh": rows}
     write_json(reference / "night.json", night)
     with pytest.raises(UserError, match="is night 'another'"):
+        run_night(wanted)
+    write_json(reference / "night.json", night | {"fresh": [{"scene": 1}]})
+    with pytest.raises(DamagedFileError, match="rows cannot be used"):
         run_night(wanted)
     write_json(reference / "night.json", night | {"night": wanted.night})
     assert run_night(wanted)["verdict"] == "PASS"
@@ -247,3 +345,9 @@ def test_the_command_says_it_in_its_status(accepted, here, capsys, tmp_path):
     assert "expected replay or rerender or fresh" in capsys.readouterr().err
     assert cli.run_command_line(["regress", "quick", "--out", str(tmp_path / "other")]) == 2
     assert "[regression]" in capsys.readouterr().err
+
+
+def test_a_defect_of_the_program_is_no_regression(accepted, monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("horizonval.api.run.regress", lambda *_, **__: 1 / 0)
+    assert cli.run_command_line(["regress", accepted.suite, "--out", str(tmp_path / "out")]) == 2
+    assert "ZeroDivisionError" in capsys.readouterr().err

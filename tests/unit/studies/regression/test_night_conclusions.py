@@ -53,12 +53,10 @@ grid = { attitude.roll_deg = [1.0] }
 [regression]
 replicates = 2
 most_batches = 3
-""" + nights.gate_tables(
-    *(
-        (name, lane, "nadir_error", 40.0, "arcsec", "five percent of what images allow")
-        for name, lane in (("accuracy", "replay"), ("chain", "rerender"), ("fresh", "fresh"))
-    )
-)
+"""
+
+
+CAMERA = "vis-cmos-512-60deg"
 
 
 def row(scene: str, replicate: int, error: float | None, image: str, **columns: Any) -> ReplicateRow:
@@ -71,7 +69,7 @@ def rendered(task: Task, rows: list[ReplicateRow], images: list[str], radiance: 
     (case,) = task.unit.cases
     about = {"radiance_sha256": radiance, "expected": "valid", "borderline": False, "full_scale": 1023}
     about |= {"images": images, "radiance_per_dn": [None] * len(images), "noise_dn": 1.0, "bound_arcsec": None}
-    scene = {"table": case.table, "camera": "c", "truth": {}, "bands": {"vis": about}}
+    scene = {"table": case.table, "camera": CAMERA, "truth": {}, "bands": {"vis": about}}
     return {"scenes": {case.name: scene}, "together": {}, "rows": [r.to_dict() for r in rows]}
 
 
@@ -107,13 +105,16 @@ class Bench:
         rows = [
             row(s, k, self.error(s, k), self.image(s, k), table="day", due=True) for s in self.scenes for k in (0, 1)
         ]
-        fresh = [row(f"0/f{k}", 0, 50.0 + k, "x") for k in range(8)]
+        fresh = [row(f"0/{s}", 0, 50.0 + k, "x", table="day") for k, s in enumerate(self.scenes[:8])]
         head = {"suite": "tiny", "night": "n0", "version": "0", "reason": "r", "environment": {}}
+        head |= {"accepted_utc": "u", "replicates": 2, "gates": [], "past": []}
+        about = {"radiance_sha256": "same", "noise_dn": 1.0, "expected": "valid", "borderline": False}
+        about |= {"bound_arcsec": None, "full_scale": 1023, "radiance_per_dn": [None, None]}
         scenes = {
             s: {
-                "bands": {
-                    "vis": {"radiance_sha256": "same", "noise_dn": 1.0, "images": [self.image(s, k) for k in (0, 1)]}
-                }
+                "table": "day",
+                "camera": CAMERA,
+                "bands": {"vis": {**about, "images": [self.image(s, k) for k in (0, 1)]}},
             }
             for s in self.scenes
         }
@@ -141,7 +142,9 @@ class Bench:
         name = task.unit.name
         if task.batch is not None:
             side = 1.0 if self.scenes.index(name) % 2 else -1.0
-            return rendered(task, [row(name, 0, 53.5 + self.shift["fresh"] + side * self.noise, "y")], ["y"])
+            return rendered(
+                task, [row(name, 0, 53.5 + self.shift["fresh"] + side * self.noise, "y", table="day")], ["y"]
+            )
         images = [self.image(name, k) for k in (0, 1)]
         rows = []
         if name in self.changed_images:
@@ -161,8 +164,9 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench(tmp_path, monkeypatch)
 
 
-def verdicts(found: dict[str, Any]) -> dict[str, str]:
-    return {gate["name"]: gate["verdict"] for gate in found["gates"]}
+def verdicts(found: dict[str, Any], metric: str = "nadir_error") -> dict[str, str]:
+    """Return the verdicts of a metric by lane; a table is enough."""
+    return {gate["lane"]: gate["verdict"] for gate in found["gates"] if gate["metric"] == metric}
 
 
 def test_a_night_without_changes_passes_on_the_rows_of_its_replay(bench: Bench) -> None:
@@ -174,7 +178,6 @@ def test_a_night_without_changes_passes_on_the_rows_of_its_replay(bench: Bench) 
     assert (found["verdict"], found["exit_status"], found["complete"], found["problems"]) == ("PASS", 0, True, [])
     (about,) = found["comparisons"]
     assert (about["replayed"], about["n_changed"], about["rendered"], about["n_images_changed"]) == (18, 0, 9, 0)
-    assert about["missing_scenes"] == []
     assert found["levels"]["fixed altitude-free: availability"]["value"] == 100.0
     names = {name for asked in bench.asked for name in asked}
     assert {*(f"replay/{s}" for s in bench.scenes), *(f"rerender/{s}" for s in bench.scenes)} <= names
@@ -186,17 +189,19 @@ def test_each_lane_fails_for_its_own_reason(bench: Bench) -> None:
     accepted = bench.accepted()
     bench.shift["replay"] = 400.0
     found = verdict_of(bench.night(accepted), None, None)
-    assert verdicts(found)["accuracy"] == "FAIL"
+    assert verdicts(found)["replay"] == "FAIL"
     assert (found["verdict"], found["exit_status"]) == ("FAIL", 1)
     assert found["comparisons"][0]["n_changed"] == 18
     bench.shift["replay"] = 0.0
     bench.changed_images, bench.shift["render"] = set(bench.scenes), 900.0
     found = verdict_of(bench.night(accepted), None, None)
-    assert (verdicts(found)["accuracy"], verdicts(found)["chain"]) == ("PASS", "FAIL")
+    assert (verdicts(found)["replay"], verdicts(found)["rerender"]) == ("PASS", "FAIL")
+    assert {gate["n"] for gate in found["gates"] if gate["lane"] == "rerender" and gate["estimator"]} == {9}
     assert found["comparisons"][0]["n_images_changed"] == 9
     assert found["comparisons"][0]["images_changed"][0]["same_images"] == 1
     bench.changed_images, bench.shift["fresh"] = set(), 500.0
-    assert verdicts(verdict_of(bench.night(accepted), None, None))["fresh"] == "FAIL"
+    found = verdict_of(bench.night(accepted), None, None)
+    assert (verdicts(found)["fresh"], found["verdict"]) == ("FAIL", "FAIL")
 
 
 def test_undecided_fresh_gates_get_more_scenes_and_no_end_of_them(bench: Bench) -> None:
@@ -208,26 +213,27 @@ def test_undecided_fresh_gates_get_more_scenes_and_no_end_of_them(bench: Bench) 
     assert 1 < found["fresh"]["batches"] <= 3
     assert found["fresh"]["scenes"] == 8 * found["fresh"]["batches"]
     assert gathered.batches == found["fresh"]["batches"]
-    assert verdicts(found)["fresh"] == "INCONCLUSIVE"
+    assert (verdicts(found)["fresh"], found["fresh"]["verdict"]) == ("INCONCLUSIVE", "INCONCLUSIVE")
+    assert (found["verdict"], found["exit_status"]) == ("PASS", 0), "other scenes stand apart from the facts"
+    alone = verdict_of(bench.night(accepted, lanes=("fresh",)), None, None)
+    assert (alone["verdict"], alone["exit_status"]) == ("INCONCLUSIVE", 3)
     with_reference = bench.night(accepted)
     reference = GateInputs(fresh=with_reference.fresh, fresh_night="2026-11-01")
     again = verdict_of(with_reference, None, reference)
     assert again["fresh"]["batches"] == 1, "pairs of another version's night are of its first batch"
     assert verdicts(again)["fresh"] == "PASS"
-    assert next(g for g in again["gates"] if g["name"] == "fresh")["paired"]
+    assert all(gate["estimate"] is None for gate in again["gates"]), "the same scenes are facts"
 
 
 def test_what_was_not_looked_at_has_not_passed(bench: Bench) -> None:
     found = verdict_of(bench.night(), None, None)
-    assert (found["verdict"], found["complete"]) == ("FAIL", False)
+    assert (found["verdict"], found["exit_status"]) == ("INCOMPLETE", 2)
     assert "no accepted baseline" in found["problems"][0]
     accepted = bench.accepted()
     bench.broken = {f"rerender/{bench.scenes[0]}"}
     found = verdict_of(bench.night(accepted), None, None)
-    assert (found["verdict"], found["exit_status"]) == ("INCONCLUSIVE", 2)
-    assert found["problems"][0] == f"rerender/{bench.scenes[0]}: broke"
-    assert found["problems"][1].startswith("1 scenes of the baseline (accepted)")
-    assert found["comparisons"][0]["missing_scenes"] == [bench.scenes[0]]
+    assert (found["verdict"], found["exit_status"]) == ("INCOMPLETE", 2)
+    assert found["problems"] == [f"rerender/{bench.scenes[0]}: broke"]
     bench.shift["replay"] = 400.0
     failed = verdict_of(bench.night(accepted), None, None)
     assert (failed["verdict"], failed["exit_status"]) == ("FAIL", 1), "a proven failure outweighs what is missing"
@@ -269,18 +275,18 @@ def test_published_figures_that_cannot_be_computed_leave_the_night_incomplete(be
 
     gathered.compute_published(missing)
     found = verdict_of(gathered, None, None)
-    assert (found["verdict"], found["exit_status"]) == ("INCONCLUSIVE", 2)
+    assert (found["verdict"], found["exit_status"]) == ("INCOMPLETE", 2)
     assert found["problems"][0].startswith("published: ")
 
 
 def test_lanes_that_are_left_out_are_not_asked_for(bench: Bench) -> None:
     accepted = bench.accepted()
     found = verdict_of(bench.night(accepted, lanes=("replay",)), None, None)
-    assert set(verdicts(found)) == {"accuracy"}
+    assert set(verdicts(found)) == {"replay"}
     assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"replay"}
-    assert found["comparisons"][0]["missing_scenes"] == []
     bench.asked.clear()
-    assert set(verdicts(verdict_of(bench.night(accepted, lanes=("rerender",)), None, None))) == {"chain"}
+    rendered_only = verdict_of(bench.night(accepted, lanes=("rerender",)), None, None)
+    assert {gate["lane"] for gate in rendered_only["gates"]} == {"rerender"}
     assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"rerender"}
 
 
@@ -292,10 +298,30 @@ def test_a_release_is_compared_by_the_whole_chain_and_not_twice(bench: Bench) ->
     older = replace(accepted, head={**accepted.head, "night": "n-1"})
     bench.changed_images, bench.shift["render"] = set(bench.scenes), 900.0
     found = verdict_of(bench.night(accepted), older, None)
-    of_release = {g["name"]: g["verdict"] for g in found["gates"] if g["against"] == "release"}
-    of_accepted = {g["name"]: g["verdict"] for g in found["gates"] if g["against"] == "accepted"}
-    assert (of_accepted["accuracy"], of_release["accuracy"]) == ("PASS", "FAIL")
+    failed = {(g["against"], g["lane"]) for g in found["gates"] if g["verdict"] == "FAIL"}
+    assert failed == {("accepted", "rerender"), ("release", "rerender")}
     assert found["comparisons"][1]["replayed"] == 0
+
+
+def test_what_was_accepted_since_the_release_fails_no_night(bench: Bench) -> None:
+    accepted = bench.accepted()
+    before = [replace(row, nadir_error_arcsec=0.25 * (row.nadir_error_arcsec or 0.0)) for row in accepted.results.rows]
+    older = replace(accepted, head={**accepted.head, "night": "n-1"}, results=replace(accepted.results, rows=before))
+    found = verdict_of(bench.night(accepted), older, None)
+    assert found["verdict"] == "PASS"
+    assert "accepted with a reason since the last release" in {gate["reason"] for gate in found["gates"]}
+
+
+def test_what_the_suite_no_longer_has_leaves_the_night_incomplete(bench: Bench) -> None:
+    """Also in the replay lane alone, whose images and rows are all there."""
+    accepted = bench.accepted()
+    bench.suite = replace(bench.suite, cases=bench.suite.cases[:4])
+    found = verdict_of(bench.night(accepted, lanes=("replay",)), None, None)
+    assert (found["verdict"], found["exit_status"]) == ("INCOMPLETE", 2)
+    assert found["problems"][0].startswith(f"not compared: scenes {bench.scenes[4]}, {bench.scenes[5]}")
+    bench.spec = bench.spec.model_copy(update={"replicates": 1})
+    problems = verdict_of(bench.night(accepted, lanes=("replay",)), None, None)["problems"]
+    assert any("replicate 1 " in problem for problem in problems)
 
 
 def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path) -> None:
