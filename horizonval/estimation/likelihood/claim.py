@@ -143,7 +143,7 @@ def fit_of(found: PoseFit, observation: Observation, ellipsoid: Ellipsoid) -> Fi
         pitch_rad=float(pitch),
         angular_radius_rad=angular_radius(pose.r_itrs, ellipsoid.raised(pose.height_m)),
         altitude_m=distance - observation.prior.sphere_radius_m,
-        sigma_altitude_m=float(np.sqrt(max(up @ found.covariance[3:6, 3:6] @ up, 0.0))),
+        sigma_altitude_m=float(np.sqrt(max(float(up @ found.covariance[3:6, 3:6] @ up), 0.0))),
         points=found.uv,
         residuals_rad=found.residuals_rad,
         steps=found.steps,
