@@ -18,12 +18,14 @@ from horizonval.core.progress import Silent
 from horizonval.estimation.observation import Observation, OraclePose
 from horizonval.geometry.camera import CameraModel
 from horizonval.plugins import registry
+from horizonval.plugins.containment import aliases
 from horizonval.plugins.supervisor import Limits, Supervisor, can_hide
 from horizonval.spec.load import Suite
 from horizonval.spec.suite import ProgramSpec
 from horizonval.store.folder import write_json
 from horizonval.studies.bench import submissions
 from horizonval.studies.bench.frames import commitment, sealed_seed
+from horizonval.suites.plan import CasePlan
 from horizonval.suites.suite import load_suite
 
 NEEDS_NAMESPACES = pytest.mark.skipif(not can_hide(), reason="this system hides no folder from a process")
@@ -208,6 +210,40 @@ def test_a_plug_in_keeps_no_state_and_never_receives_the_pose(tmp_path: Path, mo
     assert said == ["call 1, no oracle", "call 2, no oracle", "call 1, no oracle", "call 1, no oracle"]
 
 
+def test_a_hidden_folder_is_hidden_wherever_a_mount_shows_it(tmp_path: Path) -> None:
+    bench, twin, inner = (tmp_path / name for name in ("disk/bench", "twin", "inner"))
+    for folder in (bench / "frames", twin / "bench", inner):
+        folder.mkdir(parents=True)
+    mounts = [
+        ("8:0", "/", "/"),
+        ("8:1", "/", str(tmp_path / "disk")),
+        ("8:1", "/", str(twin)),
+        ("8:1", "/bench/frames", str(inner)),
+        ("8:2", "/", str(tmp_path)),
+    ]
+    assert set(aliases(str(bench), mounts)) == {str(bench), str(twin / "bench"), str(inner)}
+
+
+def test_answers_belong_to_the_files_that_a_command_names(tmp_path: Path) -> None:
+    """A change of any of them is another submission: scripts in quotes, modules, neighbours, programs on the path."""
+    for name in ("main.py", "beside.py", "folder/__main__.py", "tool"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("#!/bin/sh\n")
+    (tmp_path / "tool").chmod(0o755)
+    for command, changed in (
+        ("sh -c 'python main.py'", "main.py"),
+        ("python main.py", "beside.py"),
+        ("python -m folder", "folder/__main__.py"),
+        ("python x --script=main.py", "main.py"),
+        (f"env PATH={tmp_path} {tmp_path / 'tool'}", "tool"),
+    ):
+        program = ProgramSpec(name="mine", command=command)
+        plan = CasePlan(("mine",), Limits(programs=(program,), folder=tmp_path))
+        before = plan.content()
+        (tmp_path / changed).write_text(f"#!/bin/sh\n# {command}\n")
+        assert plan.content() != before, command
+
+
 def test_what_links_of_a_benchmark_lead_to_is_hidden(tmp_path: Path) -> None:
     out, far, farther = (tmp_path / name for name in ("out", "far", "farther"))
     for folder in (out / "frames", far, farther):
@@ -223,10 +259,10 @@ def test_what_links_of_a_benchmark_lead_to_is_hidden(tmp_path: Path) -> None:
         submissions.hidden_of(out)
 
 
-@pytest.mark.parametrize("place", ["beside", "called", "elsewhere", "gone"])
+@pytest.mark.parametrize("place", ["beside", "called", "called/inside", "elsewhere", "gone"])
 def test_a_passphrase_that_submissions_could_read_is_refused(tmp_path: Path, place: str) -> None:
     words = "seven quiet otters"
-    folders = {name: tmp_path / name for name in ("beside", "called", "elsewhere", "gone")}
+    folders = {name: tmp_path / name for name in ("beside", "called", "called/inside", "elsewhere", "gone")}
     for folder in folders.values():
         folder.mkdir()
     out = folders["beside"] / "sealed"
@@ -234,7 +270,7 @@ def test_a_passphrase_that_submissions_could_read_is_refused(tmp_path: Path, pla
     head = {"sealed": True, "commitment": commitment(sealed_seed(words))}
     (folders["elsewhere"] / "a-note.txt").write_text("some other words here")
     if place != "gone":
-        (folders[place] / "words.txt").write_text(words + "\n")
+        (folders[place] / "words.txt").write_text(f'first line\n{{"passphrase": "{words}"}}\n')
     write_json(out / submissions.PASSPHRASE, {"file": str(folders["elsewhere"] / "words.txt")})
     if place == "gone":
         submissions.refuse_readable_passphrase(out, head, folders["called"])
