@@ -4,9 +4,9 @@ Estimators of this package run here in sequence. Third-party code, one estimator
 forked for every image: changes of the process (modules, limits, folder, handlers) end with the estimate, so no answer
 depends on earlier images.
 
-**Contained** third-party code is also kept from its surroundings (:mod:`horizonval.plugins.containment`). It is
-imported anew for each image in a process of its own, which has a copy of the observation and returns its answer in a
-new file, so that nothing is remembered from image to image.
+**Contained** third-party code is also separated from the machine (:mod:`horizonval.plugins.namespaces`): hidden folders
+are empty, all file systems are read-only except a private temporary folder, there is no network, and other processes
+are out of reach. It is imported again for each image, so that no state outlives one.
 
 The worker writes a line of JSON for each image, with the observation in a shared open file; the answer replaces it
 there, and a line of JSON says how the process ended. Output of estimators goes to standard error, which the worker
@@ -20,7 +20,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -30,16 +30,14 @@ import psutil
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.answer import checked, crash, raised, traceback_of
-from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.observation import Estimator, Fit
 from horizonval.plugins import registry
-from horizonval.plugins.containment import apart, contain, die_with_parent, forked, prctl
-from horizonval.plugins.messages import LONGEST_ANSWER, pack_answer, read_observation
+from horizonval.plugins.messages import pack_answer, read_observation
+from horizonval.plugins.namespaces import adopt_orphans, apart, contain, end_with_parent, forked
 from horizonval.plugins.program import program_estimator
 from horizonval.spec.suite import ProgramSpec
 
-_CHILD_SUBREAPER = 36
-_LONGEST_DESCRIPTION = 1 << 17
-_DESCRIBED, _FAILED = b"+", b"-"
+_LONGEST_DESCRIPTION = 1 << 14
 
 
 def main(exchange: int) -> None:
@@ -57,48 +55,34 @@ def main(exchange: int) -> None:
     if contained and not contain(setup["hidden"]):
         _say(answers, {"hides": False})
         return
-    die_with_parent()
+    end_with_parent()
     limit_memory(setup["memory_mb"])
-    if foreign:
-        prctl(_CHILD_SUBREAPER, 1)
-        if contained:
-            said = _described_apart(setup, exchange)
-        else:
-            estimator, said, refusal = _loaded(setup)
-            if refusal is not None:
-                _replace(exchange, pack_answer(refusal, 0.0))
+    if contained:
+        said = _described_apart(setup, exchange, os.environ["TMPDIR"])
+    elif foreign:
+        adopt_orphans()
+        estimator, said = _loaded(setup, exchange)
         kept = {child.pid for child in psutil.Process().children(recursive=True)}
     _say(answers, said)
     for line in requests:
         order = json.loads(line)
         status = 0
         if contained:
-            status, message = _apart(setup, partial(_asked_apart, setup, exchange, order["length"]), LONGEST_ANSWER)
-            _replace(exchange, message)
-            _end_strays(kept)
+            job = partial(_import_and_answer, setup, exchange, order["length"])
+            status = apart(job, exchange, os.environ["TMPDIR"])
         elif foreign:
-            status = forked(partial(_asked, estimator, exchange, order["length"], (requests, answers)))
+            status = forked(partial(_be_asked, estimator, exchange, order["length"], (requests, answers)))
             _end_strays(kept)
         else:
-            _answer(_ours(order["name"]), exchange, order["length"])
+            answer(_ours(order["name"]), exchange, order["length"])
         _say(answers, {"status": status})
 
 
-def _replace(exchange: int, message: bytes) -> None:
-    os.ftruncate(exchange, 0)
-    os.pwrite(exchange, message, 0)
-
-
-def _answer(estimator: Estimator, exchange: int, length: int) -> None:
+def answer(estimator: Estimator, exchange: int, length: int) -> None:
     """Replace an observation by the estimator's answer; any failure becomes an answer."""
     observation = read_observation(exchange, length)
     # An estimator that ends its process leaves no answer.
     os.ftruncate(exchange, 0)
-    os.pwrite(exchange, message_of(estimator, observation), 0)
-
-
-def message_of(estimator: Estimator, observation: Observation) -> bytes:
-    """Return the message of an estimator's answer; any failure becomes an answer."""
     start = _processor_s()
     try:
         result: Fit | Refusal = registry.run_safely(estimator, observation)
@@ -109,7 +93,7 @@ def message_of(estimator: Estimator, observation: Observation) -> bytes:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(BaseException):
             stream.flush()
-    return message
+    os.pwrite(exchange, message, 0)
 
 
 def _ours(name: str) -> Estimator:
@@ -120,8 +104,8 @@ def _ours(name: str) -> Estimator:
         return Estimator(name, name, lambda _: refusal)
 
 
-def _loaded(setup: dict[str, Any]) -> tuple[Estimator | None, dict[str, Any], Refusal | None]:
-    """Import an estimator; return it with its description, or the crash of its import."""
+def _loaded(setup: dict[str, Any], exchange: int) -> tuple[Estimator | None, dict[str, Any]]:
+    """Import an estimator; return it with its description, or None after writing its crash."""
     try:
         if setup["program"] is not None:
             estimator = program_estimator(ProgramSpec(**setup["program"]), Path(setup["folder"]))
@@ -131,55 +115,53 @@ def _loaded(setup: dict[str, Any]) -> tuple[Estimator | None, dict[str, Any], Re
             key: getattr(estimator, key) for key in ("estimates", "needs", "claim")
         }
         json.dumps(said)
-        return estimator, said, None
+        return estimator, said
     except BaseException as e:
-        return None, {"failed": True}, crash(f"the estimator cannot be loaded: {raised(e)}", traceback_of(e, 2))
+        refusal = crash(f"the estimator cannot be loaded: {raised(e)}", traceback_of(e, 2))
+        os.ftruncate(exchange, 0)
+        os.pwrite(exchange, pack_answer(refusal, 0.0), 0)
+        return None, {"failed": True}
 
 
-def _asked(estimator: Estimator | None, exchange: int, length: int, pipes: Iterable[IO[bytes]]) -> None:
+def _be_asked(estimator: Estimator | None, exchange: int, length: int, pipes: Iterable[IO[bytes]]) -> None:
     # Signals to the estimate's process group must not reach the importing process.
     os.setpgid(0, 0)
     for pipe in pipes:
         os.close(pipe.fileno())
     assert estimator is not None
-    _answer(estimator, exchange, length)
+    answer(estimator, exchange, length)
 
 
-def _apart(setup: dict[str, Any], job: Callable[[int], None], longest: int) -> tuple[int, bytes]:
-    return apart(job, os.environ["TMPDIR"], setup["memory_mb"], longest)
+def _import_and_answer(setup: dict[str, Any], exchange: int, length: int) -> None:
+    estimator, _ = _loaded(setup, exchange)
+    if estimator is not None:
+        # Otherwise the crash of the import is the answer.
+        answer(estimator, exchange, length)
 
 
-def _described_apart(setup: dict[str, Any], exchange: int) -> dict[str, Any]:
+def _describe(setup: dict[str, Any], exchange: int) -> None:
+    estimator, said = _loaded(setup, exchange)
+    if estimator is not None:
+        os.ftruncate(exchange, 0)
+        os.pwrite(exchange, json.dumps(said).encode(), 0)
+
+
+def _described_apart(setup: dict[str, Any], exchange: int, scratch: str) -> dict[str, Any]:
     """Return the description of contained code, which is imported in another process for it."""
-
-    def describe(result: int) -> None:
-        _close_others(result)
-        _, said, refusal = _loaded(setup)
-        text = _DESCRIBED + json.dumps(said).encode() if refusal is None else _FAILED + pack_answer(refusal, 0.0)
-        os.pwrite(result, text, 0)
-
-    status, text = _apart(setup, describe, _LONGEST_DESCRIPTION)
-    if text.startswith(_DESCRIBED):
-        with contextlib.suppress(ValueError, RecursionError):
-            said = json.loads(text[1:])
-            return said if isinstance(said, dict) else {}
-    refusal = crash(f"the estimator cannot be loaded: its process ended with status {status}")
-    _replace(exchange, text[1:] if text.startswith(_FAILED) else pack_answer(refusal, 0.0))
-    return {"failed": True}
-
-
-def _asked_apart(setup: dict[str, Any], exchange: int, length: int, result: int) -> None:
-    observation = read_observation(exchange, length)
-    _close_others(result)
-    estimator, _, refusal = _loaded(setup)
-    message = pack_answer(refusal, 0.0) if refusal is not None else b""
-    os.pwrite(result, message if estimator is None else message_of(estimator, observation), 0)
-
-
-def _close_others(result: int) -> None:
-    """Close all descriptors but the standard ones and that of the result."""
-    os.closerange(3, result)
-    os.closerange(result + 1, os.sysconf("SC_OPEN_MAX"))
+    os.ftruncate(exchange, 0)
+    status = apart(partial(_describe, setup, exchange), exchange, scratch)
+    written = os.pread(exchange, _LONGEST_DESCRIPTION, 0)
+    if status != 0 or not written:
+        reason = f"the estimator cannot be loaded: its process ended with {status}"
+        os.ftruncate(exchange, 0)
+        os.pwrite(exchange, pack_answer(crash(reason), 0.0), 0)
+        return {"failed": True}
+    try:
+        found = json.loads(written)
+    except (ValueError, RecursionError):
+        # A crash, in the form of answers.
+        return {"failed": True}
+    return found if isinstance(found, dict) else {}
 
 
 def _end_strays(kept: set[int]) -> None:
