@@ -241,8 +241,8 @@ def page(scores: dict[str, Any]) -> str:
         "",
         f"Frames: {kind}; {head['frames_per_cell']} of each cell.",
         "",
-        "Score: 100 is the bound on every frame that is due, 0 is silence, a false claim costs a frame.",
-        "Methods of one rank cannot be told apart on these frames.",
+        "Score: 100 is the bound on every frame that is due, 0 is no answer, a false claim costs a frame.",
+        "Methods of one rank cannot be distinguished on these frames.",
         "",
         "Time is that of the clock for the median image, on the machine of this page; it is not scored.",
     ]

@@ -355,7 +355,7 @@ def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path) -> None:
     out.mkdir()
     check_folder(out)
     (out / "mine").touch()
-    with pytest.raises(UserError, match="something else"):
+    with pytest.raises(UserError, match=r"is not empty; expected .* or one of this command"):
         check_folder(out)
     for name in ("night.json", ".work", "history.jsonl"):
         (out / name).touch()
