@@ -19,6 +19,8 @@ from horizonval.plugins.supervisor import Limits
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import Keep
 
+LARGEST_PROGRAM = 1 << 32
+"""Size of a program [bytes]."""
 FRAME_LIMIT_S = 3600.0
 """Time limit of everything about one frame, against a hanging renderer; scattering tables take minutes at most."""
 
@@ -80,7 +82,9 @@ def _digests(command: str, folder: Path) -> list[str]:
     modules = [after for before, after in itertools.pairwise(words) if before == "-m"]
     paths = [folder / word for word in words] + [folder / f"{name.replace('.', '/')}.py" for name in modules]
     paths += [folder / name.replace(".", "/") / "__main__.py" for name in modules]
-    if (found := shutil.which(words[0])) is not None and Path(found).read_bytes()[:2] == b"#!":
+    if (found := shutil.which(words[0])) is not None and files.read_bytes(
+        found, largest=LARGEST_PROGRAM, first=2
+    ) == b"#!":
         paths.append(Path(found))
     paths = [path for path in paths if files.kind_at(path, links=True) == "a file"]
     paths += [other for path in paths if path.suffix == ".py" for other in sorted(path.parent.glob("*.py"))]
