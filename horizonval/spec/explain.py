@@ -93,7 +93,7 @@ def describe(root: Schema, node: Schema) -> str:
         case "string" if "pattern" in node:
             return f"text made of the characters {node['pattern'].strip('^$').rstrip('+')}" + _length(node)
         case "string":
-            return "text in quotes"
+            return "text in quotes" + _length(node)
         case "array":
             return "a list" + _item(root, node) + _length(node)
         case "object":
@@ -193,10 +193,11 @@ def _item(root: Schema, node: Schema) -> str:
 
 def _length(node: Schema) -> str:
     words = []
-    if "minItems" in node:
-        words.append(f"at least {node['minItems']} long")
+    unit = "long" if node.get("type") == "array" else "characters long"
+    if "minItems" in node or node.get("minLength", 0) > 1:
+        words.append(f"at least {node.get('minItems', node.get('minLength'))} {unit}")
     if most := node.get("maxItems", node.get("maxLength")):
-        words.append(f"at most {most} long")
+        words.append(f"at most {most} {unit}")
     return (", " + " and ".join(words)) if words else ""
 
 

@@ -56,5 +56,7 @@ def fly_scene(spec: OrbitSpec, scene: JsonObject, seed: int, name: str, where: s
     try:
         return fly(spec, ellipsoid_from_spec(earth), seed, name, Path(where.partition(": ")[0]).parent)
     except UserError as e:
-        inner = ".".join(part for part in ("orbit", e.where) if part)
-        raise e.at(f"{where}.{inner}") from e
+        # The place is a key of the orbit, or in a file that it names.
+        is_key = e.where.partition(":")[0].partition(".")[0] in OrbitSpec.model_fields
+        inner = f".{e.where}" if is_key else f": {e.where}" if e.where else ""
+        raise e.at(f"{where}.orbit{inner}") from e

@@ -205,7 +205,7 @@ def _short_arc_text(views: Views) -> str:
         return f"{arc}, at least {view.shortest_px:.0f} px are needed"
     if bound is None:
         return f"{arc} do not determine the nadir"
-    return f"{arc} determine the nadir to {bound:.2g} deg, {view.accept_deg:g} deg are needed"
+    return f"{arc} determine the nadir to {bound:.3g} deg, {view.accept_deg:g} deg are needed"
 
 
 def _snr_text(views: Views) -> str:

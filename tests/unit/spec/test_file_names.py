@@ -36,7 +36,7 @@ def load(tmp_path):
 
 OUTSIDE = ("a/b", "a\\u0000b", "a\\nb", "a\\u007f", "\\u00e9", "", "a ", " ")
 REFUSED = [
-    *((name, "50 long") for name in ("x" * 300, "x" * 151)),
+    *((name, "50 characters long") for name in ("x" * 300, "x" * 151)),
     *((name, "[A-Za-z0-9._-]") for name in OUTSIDE),
     *((name, "cannot be a file's") for name in (".", "..", "a.")),
     *((name, "a device") for name in ("CON", "nul.frame", "Lpt1")),
