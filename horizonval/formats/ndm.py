@@ -482,7 +482,11 @@ class _Tree:
         return f"{self.path}: line {self._parser.CurrentLineNumber}"
 
     def _refuse(self, *_: object) -> None:
-        raise UserError("an XML file with a document type of its own", where=self._where, expected=self.expected)
+        raise UserError(
+            "an XML file with a document type (DOCTYPE) or entities of its own",
+            where=self._where,
+            expected=self.expected,
+        )
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         tag = name.rpartition(" ")[2]

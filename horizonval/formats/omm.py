@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -164,18 +163,9 @@ def _element_sets(path: Path) -> list[Fields]:
 
 
 def _of_json(path: Path) -> list[Fields]:
+    # Numbers remain text, with all their digits.
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
-
-    def refuse(constant: str) -> None:
-        raise UserError(f"found {constant}", where=str(path), expected="finite numbers")
-
-    try:
-        # Numbers remain text, with all their digits.
-        every: Any = json.loads(text, parse_float=str, parse_int=str, parse_constant=refuse, object_pairs_hook=_Pairs)
-    except json.JSONDecodeError as error:
-        raise UserError(f"not JSON: {error.msg}", where=f"{path}: line {error.lineno}", expected=EXPECTED) from None
-    except RecursionError:
-        raise UserError("not element sets: nested too deep", where=str(path), expected=EXPECTED) from None
+    every: Any = files.parse_json(text, path, pairs=_Pairs, number=str)
     found = []
     for number, one in enumerate([every] if isinstance(every, _Pairs) else every, 1):
         where = f"{path}: element set {number}"

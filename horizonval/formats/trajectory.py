@@ -141,11 +141,11 @@ def piece_of(
     r_gcrs, v_gcrs = states_in_gcrs(axes, epoch_utc, seconds, r, v)
     if axes == "itrs" and (turns := _turns_at_leap_seconds(epoch_utc, seconds)) is not None:
         r_gcrs, v_gcrs = turns.apply(r_gcrs), None if v_gcrs is None else turns.apply(v_gcrs)
-    contradiction.check_axes(axes, seconds, r_gcrs, where)
+    contradiction.check_positions(axes, seconds, r_gcrs, where, named)
     gaps = _gaps(seconds, r_gcrs, v is not None)
     if v_gcrs is not None:
         assert v is not None
-        contradiction.check(axes, (seconds, r, v), (r_gcrs, v_gcrs), gaps, named)
+        contradiction.check(axes, (seconds, r, v), (r_gcrs, v_gcrs), named)
     return TrajectoryPiece(seconds, r_gcrs, v_gcrs, coverage_of(seconds, gaps, usable_s), axes == "itrs")
 
 
@@ -324,7 +324,7 @@ class SpiceOrbit:
                 continue
             stamps = [clock.stamp_after(self.epoch_utc, float(t)) for t in seconds]
             places = [f"{_names(self.kernels)}: {self.spacecraft} at {stamp}" for stamp in stamps]
-            contradiction.check("gcrs", (seconds, r, v), (r, v), np.zeros(4, dtype=bool), places.__getitem__)
+            contradiction.check("gcrs", (seconds, r, v), (r, v), places.__getitem__)
 
 
 def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[int, int]:

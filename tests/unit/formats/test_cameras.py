@@ -350,7 +350,7 @@ KALIBR, ROI = kalibr("radtan", RADTAN[:4]), MESSAGE.format(width=1280, height=80
         (ros("plumb_bob", RADTAN) + "fisheye_model: 1\n", "distortion_model means pinhole and fisheye_model means"),
         (ros("plumb_bob", RADTAN) + "xi: 1.2\n", "distortion_model means pinhole and xi means unified"),
         (ros("plumb_bob", RADTAN) + "gain: 2\n", "gain: a key that is not known of files of ROS and OpenCV"),
-        (ros("plumb_bob", RADTAN) + "image_width: 320\n", "image_width (line"),
+        (ros("plumb_bob", RADTAN) + "image_width: 320\n", "image_width: found twice"),
         (ros("plumb_bob", RADTAN) + f"K: {flow(MATRIX)}\n", "K: the same as camera_matrix"),
         (ros("plumb_bob", RADTAN).replace("cols: 5", "cols: 4"), "found 5 numbers; expected 1 x 4"),
         (ros("plumb_bob", RADTAN).replace("image_width: 640\n", ""), "image_width: found nothing"),

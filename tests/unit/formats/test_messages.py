@@ -331,7 +331,7 @@ FIRST_ROW = oem_rows(stamps(T), circle(T))[0]
         (KVN + KVN.replace("= SAT", "= B"), "ephemerides of 2 satellites: SAT (2026-001A), B (2026-001A)"),
         (KVN + KVN[KVN.index("META_START") :], "line 18: begins before the usable span of the segment before it ends"),
         (KVN.replace("VERS = 2.0", "VERS = 4.0"), 'line 1: CCSDS_OEM_VERS: found "4.0"; expected 1.0 or 2.0 or 3.0'),
-        ("<!DOCTYPE oem [<!ENTITY x 'y'>]>" + oem_xml(stamps(T), circle(T)), "line 1: an XML file with a document"),
+        ("<!DOCTYPE oem [<!ENTITY x 'y'>]>" + oem_xml(stamps(T), circle(T)), "line 1: an XML file with a document type"),
         (oem_xml(stamps(T), circle(T)).replace("<Z ", "<W ").replace("</Z>", "</W>"), "line 10: W: is not a key of"),
         (oem_xml(stamps(T), circle(T), "<X_DDOT>0</X_DDOT>"), "line 10: Y_DDOT: is missing"),
         (oem_xml(stamps(T), circle(T)).replace('"km"', '"m"'), "line 10: X: in 'm'; expected km"),
@@ -441,40 +441,32 @@ Q, Q_DOT = spinning()
 W_B = np.tile(SPIN * np.array([0.6, 0.0, 0.8]), (6, 1))
 W_A = Rotation.from_quat(Q).apply(W_B)
 DERIVATIVE, ANGVEL = ({"ATTITUDE_TYPE": f"QUATERNION/{name}"} for name in ("DERIVATIVE", "ANGVEL"))
-IN_A, IN_B = ({"ANGVEL_FRAME": f"REF_FRAME_{letter}"} for letter in "AB")
+IN_B = {"ANGVEL_FRAME": "REF_FRAME_B"}
 
 
 @pytest.mark.parametrize(
-    ("version", "changes", "rows", "cause"),
+    ("version", "changes", "rows", "doubt"),
     [
-        ("1.0", DERIVATIVE, aem_rows(Q, Q_DOT), ""),
-        ("1.0", {**DERIVATIVE, "QUATERNION_TYPE": "FIRST"}, aem_rows(np.roll(Q, 1, 1), np.roll(Q_DOT, 1, 1)), ""),
-        ("1.0", DERIVATIVE, aem_rows(Q, np.roll(Q_DOT, 1, 1)), "their scalar stands at the other end"),
-        ("1.0", DERIVATIVE, aem_rows(Q, -Q_DOT), "their sign is the opposite"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, W_B), ""),
-        ("2.0", {**ANGVEL, **IN_A}, aem_rows(Q, W_A), ""),
-        ("2.0", {**ANGVEL, "ANGVEL_FRAME": "GCRF"}, aem_rows(Q, W_A), ""),
-        ("2.0", {**ANGVEL, **IN_A}, aem_rows(Q, W_B), "their frame is REF_FRAME_B"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, -W_B), "their sign is the opposite"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, np.radians(W_B)), "they are in rad/s"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands first"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q * [-1, -1, -1, 1], W_B), "frame B is turned into A"),
-        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, W_B), ""),
-        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands at"),
-        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "EULER_ROT_SEQ": "312"}, aem_rows(Q, W_B[:, [2, 0, 1]]), ""),
-        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, 5.0 * W_B[:, [1, 0, 2]]), ""),
+        ("1.0", {**DERIVATIVE, "QUATERNION_TYPE": "FIRST"}, aem_rows(np.roll(Q, 1, 1), np.roll(Q_DOT, 1, 1)), False),
+        ("1.0", DERIVATIVE, aem_rows(Q, Q_DOT), False),
+        ("1.0", DERIVATIVE, aem_rows(Q, np.roll(Q_DOT, 1, 1)), True),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, W_B), False),
+        ("2.0", {**ANGVEL, "ANGVEL_FRAME": "GCRF"}, aem_rows(Q, W_A), False),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, np.radians(W_B)), True),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(np.roll(Q, 1, 1), W_B), True),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q * [-1, -1, -1, 1], W_B), True),
+        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, 5.0 * W_B[:, [1, 0, 2]]), False),
     ],
 )  # fmt: skip
-def test_rates_that_fit_another_reading_of_the_columns_are_refused(
-    tmp_path: Path, version: str, changes: dict[str, str], rows: list[str], cause: str
+def test_rates_that_contradict_the_attitudes_are_a_warning(
+    tmp_path: Path, version: str, changes: dict[str, str], rows: list[str], doubt: bool
 ) -> None:
     path = written(tmp_path, kvn_of("AEM", version, {**(AEM if version == "1.0" else SECOND), **changes}, rows))
-    if cause:
-        with pytest.raises(UserError, match=f"line 1[0-9]: the rates contradict the attitudes.*{cause}"):
-            attitude_of_aem(path)
-    else:
-        found = attitude_of_aem(path).body_from_gcrs(EPOCH, 10.0 * np.arange(6))
-        assert np.abs(found - Rotation.from_quat(Q).inv().as_matrix()).max() < 1e-9
+    found = attitude_of_aem(path)
+    assert ("the rates contradict the attitudes" in found.doubt) == doubt
+    if not doubt:
+        turned = found.body_from_gcrs(EPOCH, 10.0 * np.arange(6))
+        assert np.abs(turned - Rotation.from_quat(Q).inv().as_matrix()).max() < 1e-9
 
 
 def test_an_attitude_with_rates_is_read_from_xml(tmp_path: Path) -> None:
@@ -497,7 +489,6 @@ def test_an_attitude_with_rates_is_read_from_xml(tmp_path: Path) -> None:
 
 
 PLAIN = aem_rows(Q)
-ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
 
 
 @pytest.mark.parametrize(
@@ -525,7 +516,6 @@ ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, PLAIN, "4 values after the time"),
         ("2.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "ANGVEL_FRAME": "REF_FRAME_A"}, PLAIN, "QUATERNION/ANGVEL"),
         ("1.0", {}, aem_rows(Q * np.where(np.arange(6) == 3, -1.0, 1.0)[:, None]), ""),
-        ("1.0", {}, aem_rows(Q * ONE_SIGN), "line 19: turned"),
         ("1.0", DERIVATIVE, aem_rows(0.0 * Q, Q_DOT), "line 16: a quaternion of the length 0"),
         ("1.0", {}, aem_rows(2.0 * Q), "line 16: a quaternion of the length 2"),
     ],
