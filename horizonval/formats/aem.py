@@ -165,9 +165,10 @@ def _rates_doubt(segment: Segment, kind: str, columns: dict[str, FloatArray], q:
     angle = np.linalg.norm(slope, axis=1)
     slope = np.degrees(slope) / steps
     if kind.endswith("ANGVEL"):
-        fields, frames = segment.fields, ("REF_FRAME_A", "REF_FRAME_B")
-        name = fields.needed("ANGVEL_FRAME", " or ".join(frames)).upper()
-        if name in (frames[0], fields.text(frames[0]).upper()):
+        fields = segment.fields
+        if not (name := fields.text("ANGVEL_FRAME").upper()):
+            return ""
+        if name in ("REF_FRAME_A", fields.text("REF_FRAME_A").upper()):
             slope = turns[:-1].apply(slope)
     elif kind == "QUATERNION/DERIVATIVE":
         slope = (np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[1:] - q[:-1]) / steps

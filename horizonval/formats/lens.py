@@ -531,6 +531,8 @@ def of_matrix(data: Mapping[str, Any], path: Path, name: str | None, model: str 
     kind = _model(read, key, k, model)
     if key not in data:
         notes.append(f"The file has no {key}: the lens is taken to have no distortion.")
+    if data.get("distortion_model", "-") in (None, ""):
+        notes.append("The file has no distortion_model: taken for plumb_bob or, with 8 numbers, rational_polynomial.")
     if kind in (FISHEYE, UNIFIED) and len(k) != 4:
         name_of = {FISHEYE: "a fisheye", UNIFIED: "an omnidirectional camera (xi)"}[kind]
         raise read.fail(key, f"found {len(k)} numbers", f"4 of {name_of}")

@@ -88,7 +88,7 @@ def test_one_wrong_position_without_velocities_is_refused() -> None:
         t = step * np.arange(16.0)
         r, _ = tod_states(elements, t)
         wrong = r + np.where(np.arange(16)[:, None] == 7, [5e3, 0.0, 0.0], 0.0)
-        with pytest.raises(UserError, match=r"state 8: a position (5|4.98) km off the way through its neighbours"):
+        with pytest.raises(UserError, match=r"state 8: a position .* km off the way through its neighbours"):
             piece(t, wrong, None)
     with pytest.raises(UserError, match=r"state 2: a position that .* km/s would reach"):
         piece(np.sort([*t, *(t + 0.5)]), np.stack([r, -r], axis=1).reshape(-1, 3), None)
