@@ -146,9 +146,9 @@ def check(
     """
     off, allowed = _difference(given[0], *gcrs)
     # A speed of 0 is never measured, however slow the motion along Earth-fixed axes.
-    still = ~given[2].any(axis=1)
+    still = np.asarray(~given[2].any(axis=1))
     still = still[1:] & still[:-1] & (np.linalg.norm(np.diff(given[1], axis=0), axis=1) > ROUNDING_M)
-    wrong: NDArray[np.bool_] = np.asarray((np.linalg.norm(off, axis=1) > allowed) | still, dtype=bool)
+    wrong = np.asarray((np.linalg.norm(off, axis=1) > allowed) | still)
     if not wrong.any():
         _check_speed(gcrs[1], place)
         return
