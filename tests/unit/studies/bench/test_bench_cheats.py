@@ -25,6 +25,7 @@ from horizonval.spec.suite import ProgramSpec
 from horizonval.store.folder import write_json
 from horizonval.studies.bench import submissions
 from horizonval.studies.bench.frames import commitment, sealed_seed
+from horizonval.suites.plan import CasePlan
 from horizonval.suites.suite import load_suite
 
 NEEDS_NAMESPACES = pytest.mark.skipif(not can_hide(), reason="this system hides no folder from a process")
@@ -221,6 +222,25 @@ def test_a_plug_in_keeps_no_state_and_never_receives_the_pose(tmp_path: Path, mo
     assert {text[6:] for text in said[2:]} == {", 4 files, None"}
 
 
+def test_answers_belong_to_the_files_that_a_command_names(tmp_path: Path) -> None:
+    """A change of any of them is another submission: scripts in quotes, modules, neighbours, programs."""
+    for name in ("main.py", "beside.py", "folder/__main__.py", "tool"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("#!/bin/sh\n")
+    for command, changed in (
+        ("sh -c 'python main.py'", "main.py"),
+        ("python main.py", "beside.py"),
+        ("python -m folder", "folder/__main__.py"),
+        ("python x --script=main.py", "main.py"),
+        ("./tool", "tool"),
+    ):
+        program = ProgramSpec(name="mine", command=command)
+        plan = CasePlan(("mine",), Limits(programs=(program,), folder=tmp_path))
+        before = plan.content()
+        (tmp_path / changed).write_text(f"#!/bin/sh\n# {command}\n")
+        assert plan.content() != before, command
+
+
 def test_what_links_of_a_benchmark_lead_to_is_hidden(tmp_path: Path) -> None:
     out, far, farther = (tmp_path / name for name in ("out", "far", "farther"))
     for folder in (out / "frames", far, farther):
@@ -247,10 +267,10 @@ def test_every_mount_point_of_a_hidden_folder_is_hidden(monkeypatch: pytest.Monk
     assert found == {"/data/bench", "/alias/bench", "/part", "/data/bench/disk", "/disk"}
 
 
-@pytest.mark.parametrize("place", ["beside", "called", "elsewhere", "gone"])
+@pytest.mark.parametrize("place", ["beside", "called", "called/inside", "elsewhere", "gone"])
 def test_a_passphrase_that_submissions_could_read_is_refused(tmp_path: Path, place: str) -> None:
     words = "seven quiet otters"
-    folders = {name: tmp_path / name for name in ("beside", "called", "elsewhere", "gone")}
+    folders = {name: tmp_path / name for name in ("beside", "called", "called/inside", "elsewhere", "gone")}
     for folder in folders.values():
         folder.mkdir()
     out = folders["beside"] / "sealed"
@@ -258,7 +278,7 @@ def test_a_passphrase_that_submissions_could_read_is_refused(tmp_path: Path, pla
     head = {"sealed": True, "commitment": commitment(sealed_seed(words))}
     (folders["elsewhere"] / "a-note.txt").write_text("some other words here")
     if place != "gone":
-        (folders[place] / "words.txt").write_text(words + "\n")
+        (folders[place] / "words.txt").write_text(f'first line\n{{"passphrase": "{words}"}}\n')
     write_json(out / submissions.PASSPHRASE, {"file": str(folders["elsewhere"] / "words.txt")})
     if place == "gone":
         submissions.refuse_readable_passphrase(out, head, folders["called"])
