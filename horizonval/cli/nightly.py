@@ -103,18 +103,23 @@ def baseline_accept(
 def _print_verdict(verdict: dict[str, Any]) -> None:
     from horizonval.studies.regression.page import published_sentence
     from horizonval.studies.regression.statistics import Verdict
-    from horizonval.studies.regression.words import by_subject, subject_sentence
+    from horizonval.studies.regression.words import by_subject, subject, subject_sentence
 
     subjects = by_subject(verdict["gates"])
-    for word in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.IMPROVED):
+    for word in (Verdict.FAIL, Verdict.IMPROVED):
         for first, one, deciding in subjects:
             if one is word:
                 print(f"{one:12} {subject_sentence(first, deciding)}")
+    undecided = [subject(first) for first, one, _ in subjects if one is Verdict.INCONCLUSIVE]
+    if undecided:
+        more = f" and {len(undecided) - 1} more" if len(undecided) > 1 else ""
+        print(f"{Verdict.INCONCLUSIVE:12} other scenes: too few for {undecided[0]}{more}")
     for lane in ("replay", "rerender", "fresh"):
         same = [one for first, one, _ in subjects if first["lane"] == lane]
         if same:
             held = sum(one is Verdict.PASS for one in same)
-            print(f"{lane}: {held} of {len(same)} methods and image sets within their margins")
+            what = "methods hold on other scenes" if lane == "fresh" else "methods and image sets within their margins"
+            print(f"{lane}: {held} of {len(same)} {what}")
     if verdict["published"]:
         same = [one for one in verdict["published"] if one["verdict"] == "PASS"]
         print(f"published systems: {len(same)} of {len(verdict['published'])} figures as accepted")
@@ -129,7 +134,8 @@ def _print_verdict(verdict: dict[str, Any]) -> None:
         print(
             f"step: {step['figure']} from {step['before']:.4g} to {step['after']:.4g} {step['unit']} on {step['night']}"
         )
-    print(f"night {verdict['night']}: {verdict['verdict']}{'' if verdict['complete'] else ', incomplete'}")
+    also = ", incomplete" if verdict["verdict"] == Verdict.FAIL and not verdict["complete"] else ""
+    print(f"night {verdict['night']}: {verdict['verdict']}{also}")
 
 
 def reproduce(

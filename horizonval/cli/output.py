@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
-from horizonval.core.files import is_input, kind_at
+from horizonval.core.files import check_parent, is_input, kind_at
 
 if TYPE_CHECKING:
     from horizonval.api.run import DryRun
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 def check_target(out: Path) -> None:
     """Refuse an unwritable file before the work, and one that the command has read until now."""
-    if not out.parent.is_dir():
-        raise UserError("no such folder", where=str(out.parent), fix="create it first")
+    check_parent(out)
     kind = kind_at(out, links=True)
     if kind in ("a folder", "a socket", "no file"):
         raise UserError(f"is {kind}", where=str(out), expected="the path of a file")
@@ -49,16 +48,6 @@ def written(out: Path) -> Iterator[Path]:
         atomic.pour(whole, out)
 
 
-def check_folder(out: Path) -> None:
-    """Refuse a folder that is not new or empty: user data must not be overwritten."""
-    if not out.parent.is_dir():
-        raise UserError("no such folder", where=str(out.parent), fix="create it first")
-    if out.exists() and not out.is_dir():
-        raise UserError("is a file", where=str(out), expected="a new or empty folder")
-    if out.is_dir() and any(out.iterdir()):
-        raise UserError("is not empty", where=str(out), expected="a new or empty folder")
-
-
 @contextmanager
 def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> Iterator[Terminal]:
     """Show the progress of resumable work, counted in ``unit``; an interruption prints a line and gives status 130.
@@ -80,7 +69,7 @@ def interruptible(kept: str | None = None) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        finished = f"finished {kept} are kept, " if kept else ""
+        finished = f"finished {kept} are saved, " if kept else ""
         print(f"horizonval: interrupted; {finished}the same command goes on from here", file=sys.stderr)
         raise SystemExit(130) from None
     except SystemExit as end:
@@ -147,7 +136,7 @@ def print_summary(summary: dict[str, Any]) -> None:
         error, available, false = group["nadir_error_arcsec"], group["availability"], group["false_valid"]
         rows.append(
             (
-                group["estimator"] + (" (told the pose)" if group["given_pose"] else ""),
+                group["estimator"] + (" (given the pose)" if group["given_pose"] else ""),
                 group["camera"],
                 str(group["n"]),
                 f"{available['n']} of {available['of']} due",

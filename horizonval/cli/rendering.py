@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from horizonval.cli.options import SceneName, shipped
-from horizonval.cli.output import check_folder, check_target, written
+from horizonval.cli.output import check_target, written
+from horizonval.core import files
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def mitsuba(
     import horizonval as hv
 
     source = hv.Scene.from_file(scene, head)
-    check_folder(out)
+    files.check_folder(out)
     from horizonval.renderer.reference.reference import export_scene
 
     for path in export_scene(source.spec, source.camera.spec, out):

@@ -1,7 +1,7 @@
 """The cache of expensive tables, and its sealed files.
 
 Results do not depend on the cache: what cannot be written is computed again the next time, and a damaged file is
-replaced, which is logged.
+replaced, which is logged. A file of another form (keys, shapes or types of another version) counts as damaged.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from horizonval.core.errors import DamagedFileError, UserError, misfit, printabl
 
 LARGEST = 1 << 34
 """Size of a file that is kept [bytes]."""
+
+T = TypeVar("T")
 
 _LOG = logging.getLogger("horizonval")
 
@@ -36,10 +38,12 @@ def keep_json(path: Path, content: Mapping[str, Any]) -> None:
     _keep(path, sealed.json_bytes(content, indent=None, sort_keys=False))
 
 
-def cached_json(path: Path) -> dict[str, Any] | None:
-    """Return the JSON object that is kept in a cache; None if there is none, or a damaged one, which is logged."""
-    data = _cached(path)
-    return None if data is None else sealed.json_object(data, path)
+def cached_json(path: Path, build: Callable[[dict[str, Any]], T]) -> T | None:
+    """Return what ``build`` makes of the JSON object in a cache; None if there is none, or a damaged one.
+
+    ``build`` need not check: a key that is missing, or a type that it cannot use, is damage, which is logged.
+    """
+    return _built(path, sealed.json_object, build)
 
 
 def keep_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
@@ -47,10 +51,17 @@ def keep_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     _keep(path, _npz(arrays, compressed=False))
 
 
-def cached_arrays(path: Path) -> dict[str, np.ndarray] | None:
-    """Return the arrays that are kept in a cache; otherwise as :func:`cached_json`."""
-    data = _cached(path)
-    return None if data is None else _arrays(data, path)
+def cached_arrays(path: Path, build: Callable[[dict[str, np.ndarray]], T]) -> T | None:
+    """Return what ``build`` makes of the arrays in a cache (:func:`array_of`); otherwise as :func:`cached_json`."""
+    return _built(path, _arrays, build)
+
+
+def array_of(arrays: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], dtype: type = np.float64) -> Any:
+    """Return an array by name; ``ValueError`` if it has another shape or type, ``KeyError`` if there is none."""
+    found = arrays[name]
+    if found.shape != shape or found.dtype != dtype:
+        raise ValueError(f"its array {name} has shape {found.shape} and type {found.dtype}, not {shape}")
+    return found
 
 
 def keep_newest(folder: Path, count: int) -> None:
@@ -89,6 +100,19 @@ def _keep(path: Path, data: bytes) -> None:
         atomic.write_bytes(path, data)
     except atomic.WriteError as error:
         warn_once(f"{path.parent} cannot be written ({error.reason})")
+
+
+def _built(path: Path, decode: Callable[[bytes, Path], Any], build: Callable[[Any], T]) -> T | None:
+    data = _cached(path)
+    if data is None:
+        return None
+    try:
+        return build(decode(data, path))
+    except DamagedFileError as error:
+        log_damage(error)
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError):
+        log_damage(DamagedFileError("has the form of another version", where=str(path)))
+    return None
 
 
 def _cached(path: Path) -> bytes | None:

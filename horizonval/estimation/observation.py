@@ -38,16 +38,19 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """Blur of a lens over the field; by default uniform, with a wide aperture. The overall blur is left to the image.
+    """Blur of a lens over the field; by default uniform, with a wide aperture.
+
+    Fits take the overall blur from the image; the guard compares it with ``blur_px``.
 
     ``angles_rad``: shape (b,), from the axis, rising; ``ratios``: shape (b,), blur without diffraction over its root
     mean square, with light shared linearly between two angles; ``diffraction_px``: mean wavelength times f-number, 0 if
-    negligible.
+    negligible; ``blur_px``: stated blur, root mean square over the field, None if nothing is stated.
     """
 
     angles_rad: FloatArray = field(default_factory=lambda: np.zeros(1))
     ratios: FloatArray = field(default_factory=lambda: np.ones(1))
     diffraction_px: float = 0.0
+    blur_px: float | None = None
 
     def shares(self, off_axis_rad: FloatArray) -> FloatArray:
         """Return the weights of the blurs at angles (m,), shape (b, m), linear between angles and clamped."""
@@ -55,7 +58,8 @@ class Lens:
 
     def in_wider_pixels(self, scale: int) -> Lens:
         """Return the same lens before pixels ``scale`` times as wide."""
-        return replace(self, diffraction_px=self.diffraction_px / scale)
+        blur = None if self.blur_px is None else self.blur_px / scale
+        return replace(self, diffraction_px=self.diffraction_px / scale, blur_px=blur)
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ import importlib.metadata
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from horizonval.core import progress
 from horizonval.core.cache import cached_json, keep_json
@@ -79,8 +80,8 @@ class BackendReport:
 def probe(refresh: bool = False) -> BackendReport:
     """Try back-ends until one works; cached unless ``refresh``."""
     cache = cache_folder() / f"backend-{_fingerprint()}.json"
-    if not refresh and (known := cached_json(cache)) is not None:
-        return BackendReport(tuple(Attempt(**a) for a in known["attempts"]))
+    if not refresh and (known := cached_json(cache, _report)) is not None:
+        return known
     attempts: list[Attempt] = []
     named = os.environ.get(VARIANT_VARIABLE)
     for variant in [named] if named else VARIANTS:
@@ -93,6 +94,18 @@ def probe(refresh: bool = False) -> BackendReport:
     report = BackendReport(tuple(attempts))
     if report.chosen:
         keep_json(cache, {"attempts": [asdict(a) for a in attempts]})
+    return report
+
+
+def _report(content: Mapping[str, Any]) -> BackendReport:
+    """Return a report from the cache; ``ValueError`` unless something works in it, as in all that are kept."""
+    report = BackendReport(tuple(Attempt(**attempt) for attempt in content["attempts"]))
+    for attempt in report.attempts:
+        for field in fields(Attempt):
+            if type(getattr(attempt, field.name)).__name__ != field.type:
+                raise ValueError(field.name)
+    if report.chosen is None:
+        raise ValueError("nothing works")
     return report
 
 

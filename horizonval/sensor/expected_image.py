@@ -15,7 +15,7 @@ less noise than a third of a number.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +142,7 @@ def black_level_dn(image: DetectorImage) -> float:
 
 
 def stated_lens(camera: CameraSpec, band: Band | None) -> Lens | None:
-    """Return the point-spread and diffraction data that estimators are given; None for one spread and no diffraction.
+    """Return the point-spread and diffraction data that estimators are given; None where the file states none.
 
     Diffraction needs the pitch of the detector's pixels.
     """
@@ -151,8 +151,11 @@ def stated_lens(camera: CameraSpec, band: Band | None) -> Lens | None:
     if any(optics.psf_field_sigma_px):
         sigmas = np.array(optics.psf_field_sigma_px)
         angles = np.array([math.radians(angle) for angle in optics.psf_field_deg])
-        stated = Lens(angles, sigmas / math.sqrt(np.mean(sigmas**2)))
+        spread = math.sqrt(np.mean(sigmas**2))
+        stated = Lens(angles, sigmas / spread, blur_px=spread)
+    elif optics.psf_sigma_px > 0.0 and not optics.defocus_um:
+        stated = Lens(blur_px=optics.psf_sigma_px)
     if optics.diffraction and band is not None and pitch_um is not None:
         spread_px = mean_wavelength_m(band) * optics.f_number / (1e-6 * pitch_um)
-        stated = Lens(stated.angles_rad, stated.ratios, spread_px)
-    return None if len(stated.ratios) == 1 and not stated.diffraction_px else stated
+        stated = replace(stated, diffraction_px=spread_px)
+    return None if stated.blur_px is None and not stated.diffraction_px else stated

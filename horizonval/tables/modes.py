@@ -17,15 +17,14 @@ Below are the places of the tables, and arrays that took long to make, stored so
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
+from horizonval.core.cache import cached_arrays, keep_arrays
 
 BESIDE = 0.5
 """Weight of a place's neighbours along an axis, its own is 1."""
@@ -174,20 +173,11 @@ def edge_weights(height_m: FloatArray) -> FloatArray:
     return np.where(height_m >= -30e3, step, 0.0) * np.where(height_m < 0.0, 0.3, 1.0)
 
 
-LARGEST_BYTES = 1 << 28
-"""Some ten times the largest part of a table."""
-
-
-def kept_arrays(path: Path, make: Callable[[], dict[str, FloatArray]]) -> dict[str, FloatArray]:
-    """Return the arrays of a file; what is not there, or damaged, is made and put there."""
-    if path.exists():
-        data = files.read_bytes(path, largest=LARGEST_BYTES, expected="a part of a table of templates")
-        try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-                return {key: np.asarray(arrays[key]) for key in arrays.files}
-        except files.UNREADABLE_ARRAYS:
-            pass
-    made = make()
-    with atomic.replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **made)  # type: ignore[arg-type]  # names are not keywords of its own
-    return made
+def kept_arrays(path: Path, names: Iterable[str], make: Callable[[], dict[str, FloatArray]]) -> dict[str, FloatArray]:
+    """Return the arrays of a file; if it is missing, damaged or without these names, make them and put them there."""
+    wanted = list(names)
+    kept = cached_arrays(path, lambda arrays: {name: arrays[name] for name in wanted})
+    if kept is None:
+        kept = make()
+        keep_arrays(path, kept)
+    return kept

@@ -297,7 +297,7 @@ def _kept(state: SunlitState, work: Path, progress: Progress, band: Band | None 
             return {PROFILES: sunlit_profiles(state, progress=progress)}
         return {PROFILES: band_profiles(state, band, progress)}
 
-    return kept_arrays(path, make)[PROFILES]
+    return kept_arrays(path, [PROFILES], make)[PROFILES]
 
 
 def _assembled(

@@ -262,13 +262,17 @@ VERSION = 3
 """Version of the states: raised where they change, so that stored months are recomputed."""
 
 
+def _month_keys(some_bands: list[Band]) -> list[str]:
+    return [f"{band.name} {what}" for band in some_bands for what in KEPT]
+
+
 def thermal_month(some_bands: list[Band], month: float, progress: Progress) -> dict[str, FloatArray]:
     """Return the profiles of one month by band and kind.
 
     ``calm`` (A, H), ``air`` (A, N, H), ``aside`` (A, N - 1, H), ``below``.
     """
     levels = afgl.levels_m()
-    found: dict[str, list[FloatArray]] = {f"{band.name} {what}": [] for band in some_bands for what in KEPT}
+    found: dict[str, list[FloatArray]] = {key: [] for key in _month_keys(some_bands)}
 
     def add(latitude: float, what: str, models: list[OpticalModel]) -> None:
         rows = [thermal_profiles(model, latitude, some_bands) for model in models]
@@ -296,7 +300,8 @@ def thermal_table(
     names = "-".join(band.name for band in some_bands)
     for month in months:
         path = work / f"thermal-{names}-{month:g}-v{VERSION}.npz"
-        parts.append(kept_arrays(path, partial(thermal_month, some_bands, float(month), progress)))
+        make = partial(thermal_month, some_bands, float(month), progress)
+        parts.append(kept_arrays(path, _month_keys(some_bands), make))
     return [_assembled(band, parts, months) for band in some_bands]
 
 

@@ -34,7 +34,7 @@ ridge of cloud, wound up to a comma, with a clear slot behind.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
@@ -42,7 +42,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.cache import cached_arrays, keep_arrays, keep_newest
+from horizonval.core.cache import array_of, cached_arrays, keep_arrays, keep_newest
 from horizonval.core.code import FRAME_ROOMS, code_digest
 from horizonval.core.digests import content_digest
 from horizonval.core.environment import cache_folder
@@ -459,13 +459,18 @@ def kept_coarse_map(seed: int, month: int, cover: float | None) -> Coarse:
     """Return :func:`coarse_map`, cached in memory and on disk."""
     method = code_digest(rooms=FRAME_ROOMS)
     path = cache_folder() / "clouds" / f"{content_digest(method, seed, month, cover)[:32]}.npz"
-    kept = cached_arrays(path)
+    kept = cached_arrays(path, _coarse)
     if kept is None:
-        made = coarse_map(seed, month, cover)
-        keep_arrays(path, {"values": made.values, "ends": np.array([made.lowest, made.highest]), "rank": made.rank})
+        kept = coarse_map(seed, month, cover)
+        keep_arrays(path, {"values": kept.values, "ends": np.array([kept.lowest, kept.highest]), "rank": kept.rank})
         keep_newest(path.parent, KEPT)
-        return made
-    for array in kept.values():
+    return kept
+
+
+def _coarse(arrays: Mapping[str, np.ndarray]) -> Coarse:
+    values = array_of(arrays, "values", (MAP_ROWS * MAP_COLUMNS * CHANNELS,), np.float32)
+    lowest, highest = array_of(arrays, "ends", (2,))
+    rank = array_of(arrays, "rank", (RANK_STEPS + 1,))
+    for array in (values, rank):
         array.setflags(write=False)
-    lowest, highest = kept["ends"]
-    return Coarse(kept["values"], float(lowest), float(highest), kept["rank"])
+    return Coarse(values, float(lowest), float(highest), rank)

@@ -281,7 +281,7 @@ def _determined(
 def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     if estimator.from_points is None:
         return _run_on_pixels(estimator, observation)
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
+    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched

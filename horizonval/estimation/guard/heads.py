@@ -45,7 +45,7 @@ from horizonval.estimation.guard.sunlit import sun_angles
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
 from horizonval.estimation.limb.cone import arc_order, cone_uncertainty, limb_directions
 from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
-from horizonval.estimation.limb.finder import LARGEST_RHO_RAD, find_limb_and_picture
+from horizonval.estimation.limb.finder import find_limb_and_picture, largest_rho_rad
 from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, Picture
 from horizonval.estimation.limb.steepest import to_steepest
 from horizonval.estimation.limb.trusted import SATURATED_SHARE, faded, read_sides, restless, saturated
@@ -306,7 +306,7 @@ def _angular_radius(fit: Fit, observation: Observation) -> float:
 
 def _arc_in_head(head: Observation) -> FloatArray | Refusal:
     """Return lines of sight to a head's limb in its own axes, shape (n, 3), or why there is none to trust."""
-    searched = find_limb_and_picture(head.image, head.camera, head.full_scale)
+    searched = find_limb_and_picture(head.image, head.camera, head.full_scale, head.prior)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched
@@ -457,7 +457,7 @@ def _of_method(
 def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: FloatArray) -> Fit | Refusal:
     """Return the fit with its model error, ``systematic`` (2, 2), if the limb of all heads bears it out."""
     basis, rho = limb.basis, limb.rho_rad
-    if not limits.SMALLEST_RHO_RAD <= rho <= LARGEST_RHO_RAD:
+    if not limits.SMALLEST_RHO_RAD <= rho <= largest_rho_rad(observation.prior):
         return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", fit.points)
     of_points = 0.0 if fit.systematic_nadir_cam is None else fit.systematic_nadir_cam
     confirmed = replace(fit, systematic_nadir_cam=of_points + basis @ systematic @ basis.T)

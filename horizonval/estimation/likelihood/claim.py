@@ -21,11 +21,14 @@ from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
 from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
 from horizonval.estimation.limb.picture import Picture, in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
+FEWEST_OF_DISC = 6
+"""Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
 LEAST_PX = 32
 """Smallest size of a reduced copy: two windows of the fit, and a limb that bends."""
 
@@ -36,7 +39,50 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
         found = _fitted(picture, observation.camera, start, knowledge)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
+    if observation.band_kind != "thermal" and observation.sun_cam is None:
+        found = with_terminator(found, observation.camera)
     return fit_of(found, observation, knowledge.ellipsoid)
+
+
+WHOLE_RAD = float(np.deg2rad(270.0))
+"""Azimuth in view from which a limb is that of a disc: the Sun lights all of it only from behind the camera."""
+SHIFT_OF_SLIVER, SIZE_OF_SLIVER = 2.27, 1.34
+"""What a sliver without light does to a circle, over the root mean square that it leaves: a terminator lies ``D cos^2
+azimuth`` inside one half of the limb, which moves the middle by 4 D / 3 pi, the radius by D / 4, and leaves 0.187 D."""
+DIMMED_PX = 4.0
+"""Depth inside the limb at which a sector's level is measured, half of the window. At that depth ``x`` a Lambert sphere
+of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(r / 2 x)`` round the limb, so that its
+sliver is ``r (1 - cos p) = m^2 x`` wide."""
+
+
+def with_terminator(found: LimbLikelihoodFit, camera: CameraModel) -> LimbLikelihoodFit:
+    """Return the fit of a whole disc, its covariance with what an unlit sliver may do to it; of an arc as it is.
+
+    A Sun that is not quite behind the camera leaves a sliver of the disc dark, whose edge is the terminator. It shows
+    in the sectors' distances from the fitted circle, and in levels that fall from one side of the disc to the other.
+    """
+    pose = found.pose
+    across = unproject(camera, found.uv) @ tangent_basis(pose.nadir_cam)
+    azimuth = np.sort(np.arctan2(across[:, 1], across[:, 0]))
+    if len(azimuth) < FEWEST_OF_DISC:
+        return found
+    gap = float(np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max())
+    if 2.0 * np.pi - gap < WHOLE_RAD:
+        return found
+    left = float(np.sqrt(np.mean(found.residuals_rad**2)))
+    round_ = across / np.linalg.norm(across, axis=1)[:, None]
+    level = np.linalg.lstsq(np.column_stack([np.ones(len(round_)), round_]), found.levels, rcond=None)[0]
+    dimmed = min(float(np.hypot(level[1], level[2]) / max(abs(level[0]), 1e-300)), 1.0)
+    sliver = dimmed**2 * DIMMED_PX / max(camera.fx, camera.fy)
+    shift, size = float(np.hypot(SHIFT_OF_SLIVER * left, sliver)), float(np.hypot(SIZE_OF_SLIVER * left, sliver))
+    distance = float(np.linalg.norm(pose.r_itrs))
+    up = pose.r_itrs / distance
+    rho = float(np.median(off_axis_angle(unproject(camera, found.uv), pose.nadir_cam)))
+    added = np.zeros_like(found.covariance)
+    along = np.outer(up, up)
+    added[3:6, 3:6] = (shift * distance) ** 2 * (np.eye(3) - along)
+    added[3:6, 3:6] += (size * distance / np.tan(rho)) ** 2 * along
+    return replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
 
 
 def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbLikelihoodFit:
@@ -97,7 +143,7 @@ def fit_of(found: PoseFit, observation: Observation, ellipsoid: Ellipsoid) -> Fi
         pitch_rad=float(pitch),
         angular_radius_rad=angular_radius(pose.r_itrs, ellipsoid.raised(pose.height_m)),
         altitude_m=distance - observation.prior.sphere_radius_m,
-        sigma_altitude_m=float(np.sqrt(up @ found.covariance[3:6, 3:6] @ up)),
+        sigma_altitude_m=float(np.sqrt(max(float(up @ found.covariance[3:6, 3:6] @ up), 0.0))),
         points=found.uv,
         residuals_rad=found.residuals_rad,
         steps=found.steps,

@@ -29,6 +29,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M, LimbKnowledge, LimbPose
 from horizonval.estimation.likelihood.light import (
+    EARTH_LEVEL,
     PIXEL_VARIANCE,
     EdgeProfile,
     LimbLight,
@@ -59,6 +60,8 @@ RESELECT_PX = 0.5
 """Motion of the limb after which the pixels near it are chosen again."""
 LARGEST_MOTION_PX, LARGEST_LOG_STEP, LARGEST_SCALE_STEP_M = 2.0, 0.5, 4e3
 """Largest step of limb, ln blur and scale height for which the derivatives hold."""
+LARGEST_BLUR_PX = 8.0
+"""Blur of an edge as wide as the window inside it: what is fitted there is no limb. Searches for a limb pass 6.7."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 MOST_HALVINGS = 10
@@ -73,7 +76,8 @@ class LimbLikelihoodFit:
     excess scatter of the sectors; ``relief_covariance``: its part of relief and scatter. ``noise_sigma``: pixel noise
     in space and on the Earth, in grey levels. ``chi_squared``: mean square residual over the noise variance between
     neighbouring pixels. ``pixels``: number used. ``uv`` (m, 2): a point on each sector's limb [px]; ``residuals_rad``
-    (m,): how far inside the fitted limb each sector shows it, including relief. ``steps``: shape (k, 7).
+    (m,): how far inside the fitted limb each sector shows it, including relief; ``levels`` (m,): the Earth's brightness
+    there above space. ``steps``: shape (k, 7).
     """
 
     pose: LimbPose
@@ -86,6 +90,7 @@ class LimbLikelihoodFit:
     pixels: int
     uv: FloatArray
     residuals_rad: FloatArray
+    levels: FloatArray
     steps: FloatArray
 
     @property
@@ -166,6 +171,7 @@ def fit_limb(
         pixels=int(used.sum()),
         uv=uv,
         residuals_rad=off,
+        levels=inner_levels(near, model, light),
         steps=np.array(found.steps),
     )
 
@@ -213,15 +219,22 @@ class _Search:
             self.steps.append(step[:POSE])
             settled += 1
             if moved_px > RESELECT_PX:
+                if self.now.state.blur > LARGEST_BLUR_PX:
+                    raise np.linalg.LinAlgError(
+                        f"the edge is wider than {LARGEST_BLUR_PX:.0f} px: no limb near the start"
+                    )
                 self._reselect()
                 settled = min(settled, SETTLING_STEPS - 1)
                 self.model, self.light = self._look(None)
                 new = self._merit()
             merit = new
+        # Blur and softness may go on to and fro where nothing tells them apart, with the limb in its place: what the
+        # pose still moves is a part of what is not known of it.
         pose_step = full[:POSE]
-        # Blur and softness may go on to and fro where nothing tells them apart, with the pose in its place.
-        if float(pose_step @ np.linalg.solve(self.covariance[:POSE, :POSE], pose_step)) > CONVERGED:
+        if float(np.abs(motion_px(self.model, pose_step)).max()) > RESELECT_PX:
             raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+        if float(pose_step @ np.linalg.solve(self.covariance[:POSE, :POSE], pose_step)) > CONVERGED:
+            self.covariance[:POSE, :POSE] += np.outer(pose_step, pose_step)
         return self
 
     def _look(self, held: LimbLight | None) -> tuple[LimbModel, LimbLight]:
@@ -273,6 +286,14 @@ class _Search:
         self.near = limb_pixels(self.image, self.camera, now.pose, self.knowledge, now.state.blur, now.state.scale_m)
         if len(self.near.modes) != len(now.relief):
             self.now = LimbUnknowns(now.pose, now.state, np.zeros(len(self.near.modes)))
+
+
+def inner_levels(near: LimbPixels, model: LimbModel, light: LimbLight) -> FloatArray:
+    """Return how much brighter than space every sector is inside the limb, shape (m,)."""
+    inside = (model.edge.level > EARTH_LEVEL) & (light.weights > 0.0)
+    above = np.where(inside, near.values - light.of_pixel[0], 0.0)
+    starts = near.sectors.starts[:-1]
+    return np.asarray(np.add.reduceat(above, starts) / np.maximum(np.add.reduceat(inside.astype(float), starts), 1.0))
 
 
 def predicted(near: LimbPixels, now: LimbUnknowns, knowledge: LimbKnowledge) -> LimbModel:

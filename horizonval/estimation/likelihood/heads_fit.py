@@ -35,6 +35,7 @@ from horizonval.estimation.likelihood.fit import (
     LimbState,
     LimbUnknowns,
     by_sector,
+    inner_levels,
     limb_jacobian,
     motion_px,
     predicted,
@@ -285,6 +286,7 @@ class _JointSearch:
             pixels=sum(int((one.weights > 0.0).sum()) for one in looks.lights),
             uv=uv,
             residuals_rad=off,
+            levels=inner_levels(self.near[0], looks.models[0], light),
             steps=np.array(steps),
         )
 

@@ -28,7 +28,7 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.limb_heights import limb_height_m, reliefs
 from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD, UnevenLimb, band_heights
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, placed_knowledge, turned_to
-from horizonval.estimation.limb.finder import find_limb_and_picture
+from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -61,11 +61,16 @@ margin."""
 
 
 def limb_height_prior(observation: Observation) -> tuple[float, float]:
-    """Return mean and standard deviation [m] of the limb's height: the prior's, or uniform over the band's range."""
+    """Return mean and standard deviation [m] of the limb's height: the prior's, or uniform over the band's range.
+
+    To a camera within the air the limb may be anything from the ground to its own height.
+    """
     prior = observation.prior
     if prior.limb_height_m is not None and prior.limb_height_sigma_m is not None:
         return prior.limb_height_m, prior.limb_height_sigma_m
     low, high = limb_height_m(observation.band_kind)
+    if (altitude := altitude_in_air_m(prior)) is not None:
+        low, high = 0.0, min(high, altitude)
     return 0.5 * (low + high), (high - low) / float(np.sqrt(12.0))
 
 
@@ -111,7 +116,8 @@ def knowledge_in_air(
         reliefs=reliefs(observation.band_kind),
         typical_m=mean.height_m if of_height and not given else None,
     )
-    known = of_height and not given
+    # What bands show of the air's height is seen from above all of it.
+    known = of_height and not given and altitude_in_air_m(prior) is None
     return replace(knowledge, uneven=uneven, middle_sigma_m=MIDDLE_SIGMA_M if known else np.inf)
 
 
@@ -131,7 +137,7 @@ def ellipsoid_start(observation: Observation, method: str) -> EllipsoidStart | R
         return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the position (position_itrs_km)")
     if prior.q_cam_from_itrs is None or prior.attitude_sigma_rad is None:
         return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the attitude (q_cam_from_itrs)")
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
+    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched

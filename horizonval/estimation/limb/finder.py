@@ -57,11 +57,12 @@ from horizonval.estimation.limb.pyramid import (
     trace_limb,
     without_disc,
 )
-from horizonval.estimation.prior import MEAN_RADIUS_M
+from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import Cone, fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
+NOTHING_KNOWN = Prior()
 LARGEST_SHARE_OF_SIDE = 0.3
 """A blob wider than this share of the image's smaller side is not called the Sun."""
 SMALLEST_PIXELS = 9
@@ -126,9 +127,11 @@ RIVAL_SHARE = 0.5
 SIGMAS = 5.0
 """Significance of a curve against a straight line, and of two nadirs: one in a million by chance."""
 LARGEST_RHO_RAD = float(np.deg2rad(82.0))
-"""A camera 60 km up sees the Earth at 82 deg; nothing orbits there."""
+"""A camera 60 km up sees the Earth at 82 deg; nothing orbits there, and a prior says whose camera is lower."""
 LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
 """Largest standard deviation of the nadir; beyond, dependent methods cannot distinguish a limb from a line."""
+LOWEST_M = 1e3
+"""Lowest altitude of a camera: below, the ground is what limits its view."""
 TALLEST_AIR_M = 120e3
 """Airglow and aurora: what shines higher is not the Earth's."""
 LEAST_SIGNAL = 3.0
@@ -157,25 +160,47 @@ DARK_CONTRAST = 0.02
 :data:`DARK_LEVEL`, the scene is unlit rather than uniformly bright."""
 
 
-def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
+def find_limb(
+    image: FloatArray, camera: CameraModel, full_scale: float | None = None, prior: Prior = NOTHING_KNOWN
+) -> LimbPoints | Refusal:
     """Return the sub-pixel points of the Earth's limb in order, or why there are none.
 
     ``image``: shape (H, W), grey levels monotonic in radiance; anything else is refused. ``camera``: of the image's
-    size; ``full_scale``: digital number of saturation.
+    size; ``full_scale``: digital number of saturation; ``prior``: its altitude bounds the angular radius.
     """
-    found = find_limb_and_picture(image, camera, full_scale)
+    found = find_limb_and_picture(image, camera, full_scale, prior)
     return found if isinstance(found, Refusal) else found[0]
 
 
 def find_limb_and_picture(
-    image: FloatArray, camera: CameraModel, full_scale: float | None = None
+    image: FloatArray, camera: CameraModel, full_scale: float | None = None, prior: Prior = NOTHING_KNOWN
 ) -> tuple[LimbPoints, Picture] | Refusal:
     """Return the limb of an image and the picture that it was found in; otherwise as :func:`find_limb`."""
     picture = picture_of(image, camera, full_scale)
     if isinstance(picture, Refusal):
         return picture
-    found = _find_limb_in(picture, camera)
+    found = _find_limb_in(picture, camera, largest_rho_rad(prior))
     return found if isinstance(found, Refusal) else (found, picture)
+
+
+def altitude_in_air_m(prior: Prior) -> float | None:
+    """Return the lowest altitude that is known of a camera if it is below all orbits, else None."""
+    altitude, sigma = prior.altitude_m, prior.altitude_sigma_m
+    if altitude is None and prior.r_itrs is not None:
+        altitude, sigma = float(np.linalg.norm(prior.r_itrs)) - prior.sphere_radius_m, prior.position_sigma_m
+    if altitude is None or sigma is None:
+        return None
+    lowest = max(altitude - SIGMAS * sigma, LOWEST_M)
+    return lowest if prior.sphere_radius_m > (prior.sphere_radius_m + lowest) * np.sin(LARGEST_RHO_RAD) else None
+
+
+def largest_rho_rad(prior: Prior) -> float:
+    """Return the largest angular radius of a limb: that of an orbit, or of a camera that is known to be lower."""
+    lowest = altitude_in_air_m(prior)
+    if lowest is None:
+        return LARGEST_RHO_RAD
+    rho = float(np.arcsin(prior.sphere_radius_m / (prior.sphere_radius_m + lowest)))
+    return min(rho + LARGEST_SIGMA_RAD, 0.5 * np.pi)
 
 
 def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> Picture | Refusal:
@@ -195,13 +220,13 @@ def wrong_size(image: FloatArray, camera: CameraModel) -> Refusal:
     )
 
 
-def _find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal:
+def _find_limb_in(picture: Picture, camera: CameraModel, largest_rho_rad: float) -> LimbPoints | Refusal:
     """Return the limb of a picture of this camera; as :func:`find_limb`."""
     sun = find_sun(picture.saturated)
     levels = levels_of(picture, camera)
     if sun is not None and sun.radius_px / camera.fx < LARGEST_SUN_RADIUS_RAD:
         levels = without_disc(levels, sun.column, sun.row, SUN_REACH * sun.radius_px + 1.0)
-    verdicts = sorted(_verdicts(levels, camera), key=lambda one: -one[0])
+    verdicts = sorted(_verdicts(levels, camera, largest_rho_rad), key=lambda one: -one[0])
     accepted = [one for _, one in verdicts if isinstance(one, FoundLimb)]
     doubts = [(score, one) for score, one in verdicts if isinstance(one, Refusal)]
     # A refused limb that is far more probable is the right one, so that no other is returned.
@@ -212,18 +237,22 @@ def _find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal
     for rival in accepted[1:]:
         if rival.score > RIVAL_SHARE * best.score and _contradicts(best, rival):
             return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
-    return best.points
+    return best.points if best.too_low is None else best.too_low
 
 
 @dataclass(frozen=True)
 class FoundLimb:
-    """A limb that is believed: its points, the cone through them, and its likelihood."""
+    """A limb that is believed: its points, the cone through them, and its likelihood.
+
+    ``too_low``: why it is refused, if it is the limb of a camera below all orbits and nothing known says so.
+    """
 
     points: LimbPoints
     cone: Cone
     uncertainty: ConeUncertainty
     score: float
     explained: float
+    too_low: Refusal | None = None
 
 
 @dataclass(frozen=True)
@@ -242,29 +271,31 @@ class _Candidate:
         return on_cone(self.axis_cam, tangent_basis(self.axis_cam), self.rho_rad, self.evidence.azimuth)
 
 
-def _verdicts(levels: list[PyramidLevel], camera: CameraModel) -> list[tuple[float, FoundLimb | Refusal]]:
+def _verdicts(
+    levels: list[PyramidLevel], camera: CameraModel, largest_rho_rad: float
+) -> list[tuple[float, FoundLimb | Refusal]]:
     """Return verdict and score of every level's most probable cones, smallest level first."""
     verdicts: list[tuple[float, FoundLimb | Refusal]] = []
     tried: list[_Candidate] = []
     for number in range(len(levels) - 1, -1, -1):
         if max(levels[number].grey.shape) > LARGEST_FINE_PX and number < len(levels) - 1:
             break
-        for one in _proposed(levels[number], number, camera):
+        for one in _proposed(levels[number], number, camera, largest_rho_rad):
             if any(_same(one, other) for other in tried):
                 continue
             found = _followed(levels, camera, one)
             if not any(_same(found, other) for other in tried):
-                verdicts.append((found.evidence.score, _judged(levels, camera, found)))
+                verdicts.append((found.evidence.score, _judged(levels, camera, found, largest_rho_rad)))
             tried += [one, found]
         if any(isinstance(one, FoundLimb) and one.explained > WHOLE for _, one in verdicts):
             break
     return verdicts
 
 
-def _proposed(level: PyramidLevel, number: int, camera: CameraModel) -> list[_Candidate]:
+def _proposed(level: PyramidLevel, number: int, camera: CameraModel, largest_rho_rad: float) -> list[_Candidate]:
     """Return the most probable cones of a level, the most probable first."""
     found: list[_Candidate] = []
-    for one in propose(level, camera, LARGEST_RHO_RAD + LARGEST_SIGMA_RAD):
+    for one in propose(level, camera, min(largest_rho_rad + LARGEST_SIGMA_RAD, 0.5 * np.pi)):
         evidence = weigh(level, camera, one.axis_cam, one.rho_rad)
         if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL:
             found.append(_Candidate(one.axis_cam, one.rho_rad, number, level.scale, evidence))
@@ -314,7 +345,9 @@ def _fitted(level: PyramidLevel, number: int, camera: CameraModel, start: _Candi
     return best
 
 
-def _judged(levels: list[PyramidLevel], camera: CameraModel, found: _Candidate) -> FoundLimb | Refusal:
+def _judged(
+    levels: list[PyramidLevel], camera: CameraModel, found: _Candidate, largest_rho_rad: float
+) -> FoundLimb | Refusal:
     """Decide whether a cone is the limb."""
     evidence, level = found.evidence, levels[found.number]
     shortest = SHORTEST_SHARE_OF_WIDTH * camera.width
@@ -348,15 +381,15 @@ def _judged(levels: list[PyramidLevel], camera: CameraModel, found: _Candidate) 
         return Refusal(Outcome.SHORT_ARC, "the points do not determine a cone")
     if np.pi / 2 - rho < SIGMAS * uncertainty.sigma_rho_rad:
         return Refusal(Outcome.SHORT_ARC, "the curve is straight within its noise: the Earth's side is unknown")
-    if rho > LARGEST_RHO_RAD:
-        return Refusal(
-            Outcome.NO_LIMB, f"the curve's angular radius of {np.rad2deg(rho):.1f} deg is no orbit's horizon"
-        )
     if uncertainty.sigma_axis_rad > LARGEST_SIGMA_RAD:
         sigma = np.rad2deg(uncertainty.sigma_axis_rad)
         return Refusal(Outcome.SHORT_ARC, f"the arc determines the nadir only to {sigma:.1f} deg")
+    too_low = None
+    if rho > largest_rho_rad:
+        degrees = np.rad2deg(rho)
+        too_low = Refusal(Outcome.NO_LIMB, f"the curve's angular radius of {degrees:.1f} deg is no orbit's horizon")
     points = LimbPoints(uv, los, int(level.scale))
-    return FoundLimb(points, cone, uncertainty, evidence.score, evidence.explained)
+    return FoundLimb(points, cone, uncertainty, evidence.score, evidence.explained, too_low)
 
 
 def _grain(finest: PyramidLevel, camera: CameraModel, found: _Candidate) -> float:

@@ -76,7 +76,7 @@ def uncertainty_of(los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float) -
 
 def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
-    found = find_limb(observation.image, observation.camera, observation.full_scale)
+    found = find_limb(observation.image, observation.camera, observation.full_scale, observation.prior)
     if isinstance(found, Refusal):
         return found
     return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)

@@ -10,6 +10,8 @@ blur over the field and diffraction of the lens are in the prediction. Tables ar
 `horizonval templates` that the prior's ``climate`` names. The start is the tilt near the prior's attitude whose
 prediction fits the image best.
 
+Azimuths with light outside the limb that is no air's are left out (:mod:`..limb.foreign`).
+
 It also refuses an image that no tilt predicts, or of which the fit explains less than :data:`LEAST_EXPLAINED`; an air
 more than :data:`MOST_IMPROBABLE` from its tables; an attitude more than :data:`MOST_SIGMA` standard deviations from the
 prior's; a lens whose blur changes along the limb by more than stated (:func:`.uneven_lens`).
@@ -26,6 +28,7 @@ from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.profile.fit import fit_profile, uneven_lens
 from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileFit
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
+from horizonval.estimation.limb.foreign import without_foreign_light
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 
@@ -45,7 +48,10 @@ def run(observation: Observation) -> Fit | Refusal:
     prior, knowledge = observation.prior, known.knowledge
     try:
         start = known.start(observation.camera, known.tilt_sigma_rad)
-        found = fit_profile(known.picture.unclipped, observation.camera, start, knowledge)
+        image = without_foreign_light(known.picture.unclipped, observation.camera, *known.limb(start))
+        if isinstance(image, Refusal):
+            return image
+        found = fit_profile(image, observation.camera, start, knowledge)
     except NoLimbError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
     except np.linalg.LinAlgError as e:

@@ -23,7 +23,7 @@ from horizonval.geometry.ellipsoid import sphere
 
 def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
+    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched

@@ -49,7 +49,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
@@ -58,7 +58,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.cache import cached_arrays, keep_arrays, log_damage
+from horizonval.core.cache import array_of, cached_arrays, keep_arrays
 from horizonval.core.environment import cache_folder
 from horizonval.core.errors import DamagedFileError
 from horizonval.core.progress import Progress, Silent, made_once
@@ -576,7 +576,7 @@ def multiple_scattering(
         degree = degree_of(node, quality)
         top_m, bands = float(altitude_m[-1]), layer_bands(node, altitude_m)
         heights = field_heights(top_m, quality.n_height, bands) if bands else None
-        solution = _memory.get(key) or _read(_path(key), key, top_m, planet_m, degree, heights)
+        solution = _memory.get(key) or _read(key, top_m, planet_m, degree, quality, heights)
         if solution is None:
             missing.setdefault(degree, {})[key] = node
         else:
@@ -616,16 +616,18 @@ def _write(path: Path, key: str, solution: MultipleScattering) -> None:
 
 
 def _read(
-    path: Path, key: str, top_m: float, planet_m: float, degree: int, heights: FloatArray | None
+    key: str, top_m: float, planet_m: float, degree: int, quality: Quality, heights: FloatArray | None
 ) -> MultipleScattering | None:
-    data = cached_arrays(path)
-    if data is None:
-        return None
-    if str(data.get("key")) != key:
-        log_damage(DamagedFileError("holds the solution of another column of air", where=str(path)))
-        return None
-    fields = [
-        DiffuseField(top_m, planet_m, degree, data[name], data[f"{name}_irradiance"], heights)
-        for name in ("air", "bounce")
-    ]
-    return MultipleScattering(fields[0], fields[1], float(data["spherical_albedo"]))
+    path, n_height = _path(key), quality.n_height if heights is None else len(heights)
+
+    def build(arrays: Mapping[str, np.ndarray]) -> MultipleScattering:
+        if str(arrays["key"]) != key:
+            raise DamagedFileError("holds the solution of another column of air", where=str(path))
+        fields = []
+        for name in ("air", "bounce"):
+            moments = array_of(arrays, name, (n_height, quality.n_sun, len(pairs(degree))))
+            irradiance = array_of(arrays, f"{name}_irradiance", (quality.n_sun,))
+            fields.append(DiffuseField(top_m, planet_m, degree, moments, irradiance, heights))
+        return MultipleScattering(fields[0], fields[1], float(array_of(arrays, "spherical_albedo", ())))
+
+    return cached_arrays(path, build)

@@ -382,14 +382,13 @@ def _check_scenes(data: Mapping[str, Any], rows: Sequence[ReplicateRow]) -> None
 def accepting(path: Path) -> Iterator[Path]:
     """Give a folder for the new files of a baseline; they get to ``path`` and beside it when the block ends."""
     finish_acceptance(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     folder = path.with_name(f".{path.stem}.accepting")
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir()
+    atomic.make_folder(folder)
     try:
         yield folder
         # From here on the acceptance holds, whatever happens.
-        folder.rename(_moving(path))
+        atomic.move(folder, _moving(path))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     finish_acceptance(path)

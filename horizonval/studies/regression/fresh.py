@@ -96,7 +96,8 @@ def _measured(
         good = [
             [row.is_claim if metric == "availability" else not row.false_valid for row in rows] for rows in (base, now)
         ]
-        before, after = (PERCENT * float(np.mean(own)) for own in good)
+        shares = [PERCENT * float(np.mean(own)) for own in good]
+        before, after = shares if metric == "availability" else [PERCENT - share for share in shares]
         estimate = _in_points(independent_loss(sum(good[0]), len(good[0]), sum(good[1]), len(good[1])))
     margin, reason = margin_of(spec, "fresh", metric, group, before)
     if margin is None:

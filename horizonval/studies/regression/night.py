@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import horizonval
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.code import code_version
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.json_types import JsonObject
@@ -144,13 +144,8 @@ def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
 
 def check_folder(out: Path) -> None:
     """Refuse a folder that is neither new nor empty nor of nights."""
-    if not out.parent.is_dir():
-        raise UserError("no such folder", where=str(out.parent), fix="create it first")
-    if out.exists() and not out.is_dir():
-        raise UserError("is a file", where=str(out), expected="a folder")
     ours = any((out / name).exists() for name in (WORK, "night.json", history.FILE))
-    if out.is_dir() and any(out.iterdir()) and not ours:
-        raise UserError("holds something else", where=str(out), expected="a new folder, or one of this command")
+    files.check_folder(out, ours=ours)
 
 
 class Night:

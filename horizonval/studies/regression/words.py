@@ -68,10 +68,10 @@ def gate_sentence(gate: Gate) -> str:
     if metric in MEANS:
         return f"{MEANS[metric]} moved by {figure(now - before)} {unit}, from {figure(before)} (margin {margin})"
     if metric == "honesty":
-        sense = "too sure" if now > before else "too unsure"
+        sense = "surer" if now > before else "less sure"
         return (
-            f"squared error over claim {figure(before)} -> {figure(now)}: claims are more {sense} than before, "
-            f"a factor of {figure(change)} (margin {margin})"
+            f"squared error over claim {figure(before)} -> {figure(now)}: claims are {sense} of themselves, "
+            f"by a factor of {figure(change)} (margin {margin})"
         )
     if metric == "without_sigma":
         return f"claims without a sigma {before:.0f} -> {now:.0f} of {n} (margin: a factor of {margin})"

@@ -45,7 +45,7 @@ settle_libraries()
 from horizonval.core.cache import cached_json, keep_json
 path = cache_folder() / "a" / "b.json"
 keep_json(path, {"x": 1})
-assert cached_json(path) == {"x": 1}
+assert cached_json(path, dict) == {"x": 1}
 import matplotlib.font_manager, drjit
 child = "from horizonval.core.environment import cache_folder as f; print(f())"
 assert subprocess.check_output([sys.executable, "-c", child], text=True).strip() == str(cache_folder())
@@ -91,7 +91,7 @@ def test_rendering_goes_on_without_any_folder(tmp_path):
     assert (tmp_path / "a.exr").is_file()
     warnings = [line for line in run.stderr.splitlines() if "warning" in line or "jit" in line]
     assert len(warnings) == 1
-    assert "the folder /dev/null/.config/matplotlib cannot be used, a temporary one stands in for it" in warnings[0]
+    assert "the folder /dev/null/.config/matplotlib cannot be used, a temporary one replaces it" in warnings[0]
 
 
 def test_a_folder_that_can_be_made_is_used(tmp_path, monkeypatch):
@@ -112,7 +112,8 @@ def test_a_full_disk_is_told_once(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(environment, "_warned", set())
     for name in "ab":
         keep_json(tmp_path / name, {"x": 1})
-        assert cached_json(tmp_path / name) is None
+        assert cached_json(tmp_path / name, dict) is None
     assert [record.getMessage() for record in caplog.records] == [
-        f"horizonval: warning: {tmp_path} cannot be written (No space left on device); nothing is kept for the next run"
+        f"horizonval: warning: {tmp_path} cannot be written (No space left on device); "
+        "nothing is stored for the next run"
     ]

@@ -95,7 +95,9 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_any_altered_bit_of_a_table_makes_it_anew(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the archive's headers (the number of a compression that nobody has), the arrays, its end and the seal."""
-    fields = [DiffuseField(1e5, PLANET_M, 2, np.full((3, 4, 9), n), np.full(4, n)) for n in (1.0, 2.0)]
+    shape, degree = (COARSE.n_height, COARSE.n_sun), solver.degree_of(_node(), COARSE)
+    moments = np.ones((*shape, len(solver.pairs(degree))))
+    fields = [DiffuseField(1e5, PLANET_M, degree, n * moments, np.full(shape[1], n)) for n in (1.0, 2.0)]
     solution = MultipleScattering(fields[0], fields[1], 0.25)
     calls: list[int] = []
     monkeypatch.setattr(solver, "solve", lambda *_: calls.append(1) or [solution])

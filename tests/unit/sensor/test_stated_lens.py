@@ -32,7 +32,9 @@ def test_it_is_what_the_file_says() -> None:
 
 def test_a_plain_lens_and_one_without_pixels() -> None:
     camera = load_camera("vis-cmos-512-60deg")
-    assert stated_lens(camera, camera.band[0]) is None
+    assert stated_lens(camera, camera.band[0]).blur_px == 0.7
+    unstated = camera.optics.model_copy(update={"psf_sigma_px": 0.0})
+    assert stated_lens(camera.model_copy(update={"optics": unstated}), camera.band[0]) is None
     camera = load_camera("vis-cmos-1024-60deg-full").model_copy(update={"detector": None})
     lens = stated_lens(camera, camera.band[0])
     assert lens.diffraction_px == 0.0

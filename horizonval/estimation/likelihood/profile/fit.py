@@ -157,6 +157,9 @@ the corners shows 0.36 to 0.57 and biases the nadir; one with uniform blur shows
 HELD = 10.0
 """Information on the lens in the first stage, relative to its prior: the lens then moves by a third of its prior's
 range. Less lets thin clouds soften the lens; more increases the dependence on the start."""
+PULLED, LEAST_LEARNT = 2.0, 1e-3
+"""Pull of the altitude's prior, in what chance makes of it, from which the claim is widened (1.6 at most on 60
+undisturbed frames of low orbits); and share of its variance that the image must have taken away."""
 LEAST_ALIKE, SURELY_ALIKE = 1.1, 1.3
 """Correlation factor between which inflation sets in; independent residuals have 1.0 to 1.1. A ramp, since a step would
 displace the nadir."""
@@ -229,6 +232,25 @@ class ProfileSearch:
         """
         assert self._last is not None
         return float(self.now.air @ self.now.air), len(self.now.air) - self._last.air_open
+
+    def pulled(self) -> FloatArray:
+        """Return what the image has against the altitude that is known, as a covariance of the pose, shape (7, 7).
+
+        The altitude has moved by ``d`` from a prior of sigma ``s``, and is left with ``p``. By chance ``d`` has the
+        variance ``s^2 - p^2``; beyond :data:`PULLED` of its roots the prior is taken to be as wrong as the image says,
+        ``d s^2 / (s^2 - p^2)``, and the claim has what this makes of the pose.
+        """
+        up = np.zeros(POSE)
+        up[3:6] = self.pose.r_itrs / np.linalg.norm(self.pose.r_itrs)
+        information = float(up @ self.knowledge.information @ up)
+        along = self.covariance[:POSE, :POSE] @ up
+        left = float(up @ along)
+        learnt = 1.0 / information - left if information > 0.0 else 0.0
+        moved = -float(up @ self._wanted()[:POSE])
+        if not learnt > LEAST_LEARNT / information or abs(moved) <= PULLED * np.sqrt(learnt):
+            return np.zeros((POSE, POSE))
+        wrong = moved / information / learnt * along / left
+        return np.outer(wrong, wrong)
 
     def growth(self) -> tuple[float, float]:
         """Return the change of ln blur over the limb in view, and its standard deviation.
@@ -419,7 +441,7 @@ def fit_profile(
     look, now = found.look, found.now
     uv, off = by_sector(found.model, look, now, found.inverse_variance)
     growth, growth_sigma = found.growth()
-    of_air = (found.covariance - found.known)[:POSE, :POSE] * strained(*found.strain())
+    of_air = (found.covariance - found.known)[:POSE, :POSE] * strained(*found.strain()) + found.pulled()
     return ProfileFit(
         pose=found.pose,
         blur_px=now.blur,

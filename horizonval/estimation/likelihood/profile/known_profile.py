@@ -41,6 +41,7 @@ from horizonval.estimation.observation import Lens, Observation
 from horizonval.estimation.prior import BY_LATITUDE_MONTH
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.rotation import tangent_basis
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
@@ -203,6 +204,12 @@ class KnownProfile:
         return start_pose(
             self.picture.grey, camera, known.mean, tilt_sigma_rad, known.ellipsoid, self.air.heights_m, means
         )
+
+    def limb(self, pose: LimbPose) -> tuple[FloatArray, float, float]:
+        """Return nadir, angular radius and angle to the top of the air [rad] of a limb seen from a pose."""
+        ellipsoid, (_, top_m) = self.knowledge.ellipsoid, self.air.heights_m
+        bare, high = (angular_radius(pose.r_itrs, ellipsoid.raised(height)) for height in (0.0, top_m))
+        return pose.nadir_cam, bare, high - bare
 
 
 def known_profile(observation: Observation, method: str) -> KnownProfile | Refusal:

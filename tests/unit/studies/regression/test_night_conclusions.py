@@ -19,6 +19,7 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
 from horizonval.jobs.engine import Done
+from horizonval.spec.suite import GateSpec
 from horizonval.studies.regression import night as module
 from horizonval.studies.regression.baseline import (
     Baseline,
@@ -33,6 +34,7 @@ from horizonval.studies.regression.night import Night, Wanted, check_folder, che
 from horizonval.studies.regression.page import headline, shown_of
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.units import Task
+from horizonval.studies.regression.unseen import unseen
 from horizonval.suites.suite import load_suite
 
 SUITE = """
@@ -215,6 +217,8 @@ def test_undecided_fresh_gates_get_more_scenes_and_no_end_of_them(bench: Bench) 
     assert gathered.batches == found["fresh"]["batches"]
     assert (verdicts(found)["fresh"], found["fresh"]["verdict"]) == ("INCONCLUSIVE", "INCONCLUSIVE")
     assert (found["verdict"], found["exit_status"]) == ("PASS", 0), "other scenes stand apart from the facts"
+    false = next(gate for gate in found["gates"] if (gate["lane"], gate["metric"]) == ("fresh", "false_valid"))
+    assert (false["before"], false["now"]) == (0.0, 0.0)
     alone = verdict_of(bench.night(accepted, lanes=("fresh",)), None, None)
     assert (alone["verdict"], alone["exit_status"]) == ("INCONCLUSIVE", 3)
     with_reference = bench.night(accepted)
@@ -324,13 +328,34 @@ def test_what_the_suite_no_longer_has_leaves_the_night_incomplete(bench: Bench) 
     assert any("replicate 1 " in problem for problem in problems)
 
 
+def test_a_check_says_what_the_gates_let_through(bench: Bench) -> None:
+    found = unseen(bench.suite)
+    day = found[f"a night lets through in day ({CAMERA}, vis)"]
+    assert day.startswith(
+        "of 16 images 0 lost answers, 0 new false claims, 0 new crashes; mean of roll or pitch by 20 a"
+    )
+    loose = {"name": "wide", "lane": "replay", "margin": 20.0, "reason": "because it is tested"}
+    gates = [
+        GateSpec(**loose, metric="availability", unit="percentage points", cases=["day"]),
+        GateSpec(**loose | {"name": "tight", "margin": 5.0}, metric="roll_mean", unit="arcsec"),
+    ]
+    assert bench.suite.regression is not None
+    spec = bench.suite.regression.model_copy(update={"gate": gates})
+    found = unseen(replace(bench.suite, regression=spec))
+    assert "of 16 images 3 lost" in found[f"a night lets through in day ({CAMERA}, vis)"]
+    assert "of 2 images 0 lost" in found[f"a night lets through in fixed ({CAMERA}, vis)"]
+    assert "mean of roll or pitch by 5 arcsec" in found[f"a night lets through in fixed ({CAMERA}, vis)"]
+    assert [key for key in found if key.startswith("gate")] == ["gate wide loosens availability"]
+    assert unseen(replace(bench.suite, regression=None)) == {}
+
+
 def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path) -> None:
     out = tmp_path / "out"
     check_folder(out)
     out.mkdir()
     check_folder(out)
     (out / "mine").touch()
-    with pytest.raises(UserError, match="something else"):
+    with pytest.raises(UserError, match=r"is not empty; expected .* or one of this command"):
         check_folder(out)
     for name in ("night.json", ".work", "history.jsonl"):
         (out / name).touch()

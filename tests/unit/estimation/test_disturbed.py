@@ -1,0 +1,191 @@
+"""Inputs that a flight produces and no model has: none is claimed falsely, and clean ones keep their answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import cv2
+import numpy as np
+import pytest
+from drawn_limbs import CAMERA, RADIUS_M, picture, table, view
+from limb_image import Sphere, noisy
+from limb_image import picture as sphere_picture
+from scipy.ndimage import gaussian_filter, shift, uniform_filter
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.outcome import Refusal
+from horizonval.estimation.guard.guard import guarded
+from horizonval.estimation.likelihood.profile import known_profile
+from horizonval.estimation.limb.foreign import without_foreign_light
+from horizonval.estimation.methods import limb_profile, limb_sphere
+from horizonval.estimation.observation import Fit, Lens, Observation
+from horizonval.estimation.prior import Prior
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.geometry.rotation import tangent_basis
+
+Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
+EPOCH = datetime(2026, 1, 16, 12, tzinfo=UTC)
+FALSE_SIGMAS, FALSE_RAD = 3.5, np.radians(0.05)
+
+
+def is_false(found: Fit | Refusal, nadir: np.ndarray, least_rad: float = FALSE_RAD) -> bool:
+    """Whether an answer is beyond 3.5 of its sigmas and an error that anybody would mind."""
+    if isinstance(found, Refusal):
+        return False
+    basis = tangent_basis(nadir)
+    off = basis.T @ (found.nadir_cam - nadir)
+    squares = off @ np.linalg.solve(basis.T @ found.total_covariance_nadir_cam @ basis, off)
+    return bool(np.linalg.norm(off) > least_rad and squares > FALSE_SIGMAS**2)
+
+
+def disc(radius_px: float, out_px: float, at: float = 0.5, level: float = 1800.0) -> Change:
+    """A bright disc whose rim is so far outside the limb, at a share of its length."""
+
+    def change(image: np.ndarray, outside_px: np.ndarray) -> np.ndarray:
+        centres = np.argwhere(np.abs(outside_px - out_px - radius_px) < 0.5)
+        centres = centres[np.argsort(centres[:, 1])]
+        row, column = centres[int(at * (len(centres) - 1))]
+        v, u = np.indices(image.shape)
+        return np.where(np.hypot(u - column, v - row) < radius_px, level, image)
+
+    return change
+
+
+def hidden_rows(image: np.ndarray, outside_px: np.ndarray) -> np.ndarray:
+    image = image.copy()
+    image[np.random.default_rng(0).choice(len(image), 20, replace=False)] = 0.0
+    return image
+
+
+QUICK: dict[str, Change] = {
+    "clean": lambda image, _: image,
+    "motion 5 px": lambda image, _: uniform_filter(image, (5, 1)),
+    "twice": lambda image, _: 0.5 * (image + shift(image, (3.0, 0.0), order=1, mode="nearest")),
+    "disc": disc(4.8, 8.0),
+}
+MANY: dict[str, Change] = {
+    **{f"motion {n} px": (lambda image, _, n=n: uniform_filter(image, (n, 1))) for n in (3, 7, 9)},
+    **{f"blur {s} px": (lambda image, _, s=s: gaussian_filter(image, s)) for s in (1.0, 2.5)},
+    **{f"disc {r} + {d}": disc(r, d, at) for r in (3.0, 8.0) for d in (4.0, 8.0) for at in (0.3, 0.7)},
+    "two discs": lambda image, x: disc(4.0, 6.0, 0.2)(disc(4.0, 9.0, 0.8)(image, x), x),
+    "dim disc": disc(5.0, 5.0, level=500.0),
+    "rows": hidden_rows,
+    "hot": lambda image, _: np.where(np.random.default_rng(0).random(image.shape) < 0.02, 4095.0, image),
+}
+
+
+def profile_seen(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Observation, np.ndarray, np.ndarray]:
+    """A drawn limb with its prior, its nadir, and how far pixels lie outside the limb."""
+    air = table(modes=True)
+    monkeypatch.setattr(known_profile, "shipped_templates", lambda *_: air)
+    r, cam, rng = view(seed)
+    prior = Prior(
+        shape="sphere",
+        radius_m=RADIUS_M,
+        r_itrs=r + rng.normal(0.0, 1e3, 3),
+        position_sigma_m=1e3,
+        q_cam_from_itrs=(
+            Rotation.from_rotvec(rng.normal(size=3) * np.radians(1.0)) * Rotation.from_matrix(cam)
+        ).as_quat(),
+        attitude_sigma_rad=np.radians([1.0, 1.0, 1.0]),
+        epoch_utc=EPOCH,
+    )
+    nadir = -cam @ r / np.linalg.norm(r)
+    angle = np.arccos(unproject(CAMERA, pixel_grid(CAMERA)) @ nadir) - np.arcsin(RADIUS_M / np.linalg.norm(r))
+    outside_px = angle / np.hypot(*np.gradient(angle))
+    seen = Observation(
+        picture(cam, r, rng, modes=True),
+        CAMERA,
+        full_scale=4095.0,
+        prior=prior,
+        band_kind="thermal",
+        band_um=(14.0, 16.3),
+        lens=Lens(blur_px=0.6),
+    )
+    return seen, nadir, outside_px
+
+
+def _tried(seed: int, cases: dict[str, Change], monkeypatch: pytest.MonkeyPatch) -> dict[str, Fit | Refusal]:
+    seen, nadir, outside_px = profile_seen(seed, monkeypatch)
+    method = guarded(limb_profile.ESTIMATOR)
+    found = {}
+    for name, change in cases.items():
+        image = np.clip(np.rint(change(seen.image, outside_px)), 0.0, 4095.0)
+        found[name] = method.run(replace(seen, image=image))
+        assert not is_false(found[name], nadir), (seed, name)
+    return found
+
+
+def test_a_disturbed_limb_is_refused_or_claimed_as_wide_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _tried(3, QUICK, monkeypatch)
+    assert isinstance(found["clean"], Fit), found["clean"]
+    assert isinstance(found["disc"], Fit), found["disc"]
+    assert "blurred" in found["motion 5 px"].reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_many_disturbances(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    _tried(seed, MANY, monkeypatch)
+
+
+def test_light_over_most_of_the_limb_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And light at one end of it hides no more than that end."""
+    seen, nadir, outside_px = profile_seen(3, monkeypatch)
+    rho, top = np.arcsin(RADIUS_M / (RADIUS_M + 600e3)), np.radians(2.0)
+    assert without_foreign_light(seen.image, CAMERA, nadir, rho, top) is seen.image
+    one = without_foreign_light(disc(4.0, 9.0, 0.1)(seen.image, outside_px), CAMERA, nadir, rho, top)
+    assert 0.02 < np.isnan(one).mean() < 0.4
+    cover = np.where((outside_px > 7.0) & (outside_px < 20.0), 1000.0, seen.image)
+    refusal = without_foreign_light(cover, CAMERA, nadir, rho, top)
+    assert isinstance(refusal, Refusal)
+    assert "light outside 100% of the limb" in refusal.reason
+
+
+def lit_disc(radius_px: float, phase_rad: float, size: int, fine: int = 3) -> np.ndarray:
+    """A Lambert sphere about the image's middle, the Sun above and to the right, eight bits."""
+    middle = (np.arange(size * fine) + 0.5) / fine - 0.5 * size
+    x, y = middle[None, :] / radius_px, middle[:, None] / radius_px
+    z = np.sqrt(np.clip(1.0 - x * x - y * y, 0.0, None))
+    sun = np.array([0.8 * np.sin(phase_rad), -0.6 * np.sin(phase_rad), np.cos(phase_rad)])
+    light = np.clip(x * sun[0] + y * sun[1] + z * sun[2], 0.0, None) * (x * x + y * y < 1.0)
+    means = light.reshape(size, fine, size, fine).mean(axis=(1, 3))
+    return gaussian_filter(means, 0.8)
+
+
+@pytest.mark.parametrize("black", [False, True], ids=["1 DN of noise", "black JPEG sky"])
+@pytest.mark.parametrize("phase_deg", [0.0, 5.0, 10.0, 15.0])
+def test_the_unlit_sliver_of_a_far_disc_is_in_the_claim(phase_deg: float, black: bool) -> None:
+    """The circle's middle is off towards the Sun; a claim of a tenth of a pixel would be false."""
+    size, focal = 181, 16000.0
+    image = 180.0 * lit_disc(70.0, np.radians(phase_deg), size)
+    if black:
+        image = cv2.imdecode(cv2.imencode(".jpg", np.rint(image).astype(np.uint8))[1], 0).astype(float)
+    else:
+        image = np.clip(np.rint(2.0 + image + np.random.default_rng(1).normal(size=image.shape)), 0.0, 255.0)
+    middle = 0.5 * (size - 1)
+    seen = Observation(
+        image, CameraModel(size, size, focal, focal, middle, middle), full_scale=255.0, band_kind="solar"
+    )
+    fit = limb_sphere.ESTIMATOR.run(seen)
+    assert isinstance(fit, Fit), fit
+    assert not is_false(fit, np.array([0.0, 0.0, 1.0]), 0.1 / focal)
+    assert np.linalg.norm(fit.nadir_cam[:2]) * focal < 2.0
+
+
+def test_a_low_camera_is_answered_where_its_altitude_is_known() -> None:
+    """33 km up the Earth is a disc of 84.2 deg, which no orbit shows."""
+    sphere = Sphere(160, 120, 130.0, (0.0, np.sin(np.radians(82.0)), np.cos(np.radians(82.0))), 33e3)
+    camera = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
+    image = noisy(sphere_picture(sphere), np.random.default_rng(0), 1.0)
+    seen = Observation(image, camera, full_scale=255.0, band_kind="solar", band_um=(0.45, 0.7))
+    refusal = limb_sphere.ESTIMATOR.run(seen)
+    assert isinstance(refusal, Refusal)
+    assert "no orbit's horizon" in refusal.reason
+    known = replace(seen, prior=Prior(shape="sphere", altitude_m=33e3, altitude_sigma_m=1e3))
+    fit = limb_sphere.ESTIMATOR.run(known)
+    assert isinstance(fit, Fit), fit
+    assert not is_false(fit, sphere.nadir)
+    assert np.linalg.norm(fit.nadir_cam - sphere.nadir) < np.radians(2.0)
