@@ -139,10 +139,13 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
     elif spec.ephemeris is not None:
         found = _track_of_file(spec, beside / Path(spec.ephemeris).expanduser())
     elif spec.tle is not None:
-        if isinstance(spec.tle, str):
-            found = _track_of_file(spec, beside / Path(spec.tle).expanduser(), ("omm", "tle"), ELEMENTS)
-        else:
-            found = _track_of_lines(spec, spec.tle, "tle")
+        try:
+            if isinstance(spec.tle, str):
+                found = _track_of_file(spec, beside / Path(spec.tle).expanduser(), ("omm", "tle"), ELEMENTS)
+            else:
+                found = _track_of_lines(spec, spec.tle, "")
+        except UserError as e:
+            raise e.inside("tle") from e
     else:
         found = _track_of_elements(spec)
     if spec.attitude.file is None:
