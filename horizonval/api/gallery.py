@@ -7,16 +7,25 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.progress import Progress
 from horizonval.frame import RadianceFrame
 from horizonval.jobs.progress import shown
-from horizonval.report.pictures import Exhibit, infrared_picture, reflectance, thermal_panel, tone_mapped, write_gallery
+from horizonval.report.pictures import (
+    GALLERY_TITLE,
+    Exhibit,
+    infrared_picture,
+    reflectance,
+    thermal_panel,
+    tone_mapped,
+    write_gallery,
+)
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import head_comment, shipped_names, shipped_path
 from horizonval.spec.load import load_frames
 from horizonval.spec.scene import SceneSpec
+from horizonval.store.folder import refuse_other_folders
 
 LIMITS_UM = {"red": (0.61, 0.66), "green": (0.52, 0.57), "blue": (0.44, 0.49)}
 NODES = 2
@@ -26,7 +35,7 @@ NODES = 2
 def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Progress = True) -> Path:
     """Render the named shipped scenes, or all, write their pictures and ``index.html``, and return its path.
 
-    Existing pictures are replaced.
+    Pictures of an earlier gallery are replaced; ``UserError`` for a folder with anything else.
     """
     known = shipped_names("scene")
     for name in names:
@@ -34,15 +43,25 @@ def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Pr
             raise UserError(f"no scene {name!r}", where="SCENE", expected=", ".join(nearest(name, known)))
     chosen = list(names) or known
     halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
+    refuse_other_folders(folder, _is_gallery)
     atomic.make_folder(folder)
     with shown(progress, "gallery", "scenes") as listener:
         listener.start(len(chosen), 0, unit="scenes")
         for name in chosen:
             for hall, exhibit in _exhibits(name):
                 halls[hall].append(exhibit)
-                atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)
             listener.done(name)
+    # Together, so that pictures without their page are nobody's or a stranger's.
+    for exhibit in (*halls["visible"], *halls["infrared"]):
+        atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)
     return write_gallery(halls["visible"], halls["infrared"], folder)
+
+
+def _is_gallery(folder: Path) -> bool:
+    try:
+        return GALLERY_TITLE in files.read_text(folder / "index.html", largest=1 << 30)
+    except UserError:
+        return False
 
 
 def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from horizonval.cli.options import SceneName, shipped
-from horizonval.cli.output import check_folder, check_target, written
+from horizonval.cli.output import check_target, written
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -87,8 +87,10 @@ def mitsuba(
     import horizonval as hv
 
     source = hv.Scene.from_file(scene, head)
-    check_folder(out)
     from horizonval.renderer.reference.reference import export_scene
+    from horizonval.store.folder import refuse_other_folders
+
+    refuse_other_folders(out)
 
     for path in export_scene(source.spec, source.camera.spec, out):
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
@@ -111,7 +113,7 @@ def radiance(
     from horizonval.api.frame import radiance as along_rays
     from horizonval.formats.rays import write_radiance
 
-    check_target(out)
+    check_target(out, rays, atmosphere)
     table, values = along_rays(rays, atmosphere, orders=orders, thermal=thermal, refraction=refraction)
     with written(out) as path:
         write_radiance(path, table, values)

@@ -79,6 +79,14 @@ def is_input(path: str | os.PathLike[str]) -> bool:
     return (status.st_dev, status.st_ino) in (_inputs or ())
 
 
+def is_same(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    """Whether two paths lead to the same file; not where one leads nowhere."""
+    try:
+        return os.path.samefile(path, other)
+    except (OSError, ValueError):
+        return False
+
+
 def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
     """Return what is at a path, without opening it: of a link itself, or with ``links`` of its target.
 
@@ -99,6 +107,15 @@ def is_name(text: object) -> bool:
 def is_inside(path: Path, root: Path) -> bool:
     """Whether a path is really below a folder: no link between them, and no ``..``, leads out of it."""
     return Path(os.path.realpath(path.parent)).is_relative_to(os.path.realpath(root))
+
+
+def ensure_parent(path: Path) -> None:
+    """Raise ``UserError`` unless the folder of a path is there."""
+    for folder in (*reversed(path.parents), path.parent):
+        if (kind := kind_at(folder, links=True)) not in ("a folder", ""):
+            raise UserError(f"is {kind}", where=str(folder), expected="a folder")
+    if kind != "a folder":
+        raise UserError("no such folder", where=str(path.parent), fix="create it first")
 
 
 def open_file(

@@ -11,7 +11,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
-from horizonval.store.folder import RunFolder
+from horizonval.store.folder import RunFolder, refuse_other_folders
 from horizonval.systems.pages import write_first_page, write_reproduction
 from horizonval.systems.quick import SYSTEMS, chosen, experiment, quick_figures, write_quick
 from horizonval.systems.task_cache import TaskCache
@@ -36,7 +36,7 @@ def reproduce_systems(
     from horizonval.renderer.backend import probe
 
     letters = chosen(names)
-    _check_folder(out)
+    refuse_other_folders(out, lambda folder: (folder / WORK).is_dir() or any(folder.glob("[A-G].json")))
     if probe().chosen is None:
         raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
     work = out / WORK
@@ -71,14 +71,3 @@ def _remove_temporary_files(out: Path) -> None:
     """Delete what a killed run was writing; call with the lock held."""
     for path in (*atomic.leftovers(out, below=False), *atomic.leftovers(out / WORK)):
         path.unlink(missing_ok=True)
-
-
-def _check_folder(out: Path) -> None:
-    """Refuse a folder that is neither new nor empty nor one of ours: what lies there is not ours to overwrite."""
-    if not out.parent.is_dir():
-        raise UserError("no such folder", where=str(out.parent), fix="create it first")
-    if out.exists() and not out.is_dir():
-        raise UserError("is a file", where=str(out), expected="a folder")
-    ours = (out / WORK).is_dir() or any(out.glob("[A-G].json"))
-    if out.is_dir() and any(out.iterdir()) and not ours:
-        raise UserError("holds something else", where=str(out), expected="a new folder, or one of this command")

@@ -47,6 +47,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.geometry.camera import CameraModel
@@ -417,7 +418,8 @@ def grid_volumes(model: OpticalModel, node: SpectralNode, place: Placement, box:
                 share = _mean(model, extinction * values, height, steps)
                 data[k, :, :, 0] = np.where(weight > 0.0, share / np.maximum(weight, 1e-300), values[-1])
         path = folder / f"{name}.vol"
-        mi.VolumeGrid(data).write(str(path))
+        with atomic.replacing(path) as temporary:
+            mi.VolumeGrid(data).write(str(temporary))
         return {
             "type": "gridvolume",
             "filename": path.name,
