@@ -199,12 +199,31 @@ def read_text(
         ) from None
 
 
+_NO_JSON = {
+    "Expecting value": "a value is missing",
+    "Expecting property name": "a name in double quotes is missing",
+    "Expecting ','": "a comma is missing",
+    "Expecting ':'": "a colon is missing",
+    "Extra data": "more text after the end",
+    "Unterminated string": "a text without its closing quote",
+    "Invalid control character": "a control character in a text",
+    "Invalid \\": "an unknown escape in a text",
+    "Illegal trailing comma": "a comma too many",
+}
+"""The parser's words, by their beginning, in ours."""
+
+
+def json_mistake(error: json.JSONDecodeError) -> str:
+    """Return what is wrong with JSON, without its place."""
+    return next((words for start, words in _NO_JSON.items() if error.msg.startswith(start)), "a mistake")
+
+
 def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
     """Return JSON as plain data; a ``UserError`` names ``path`` and the position of the mistake, not the text."""
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
-        what = f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
+        what = f"not JSON: {json_mistake(error)} at line {error.lineno}, column {error.colno}"
     except RecursionError:
         what = "not JSON that is read here: nested too deeply"
     except ValueError:
