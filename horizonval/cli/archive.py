@@ -171,6 +171,8 @@ def archive_export(
     run_folder = None if store is None else run_folder_of(store.root)
     if aem and (store is None or run_folder is None):
         raise UserError("no run", where="--aem", expected="the folder of a run, which knows what was claimed")
+    if store is not None and out.resolve().is_relative_to(store.root.resolve()):
+        raise UserError("lies inside the archive", where=str(out), expected="a folder outside it")
     atomic.make_folder(out)
     count, messages = 0, dict[Path, str]()
     with watched("exporting") as progress:
@@ -205,7 +207,7 @@ def archive_gc(
     run_folder = run_folder_of(store.root)
     if run_folder is None:
         raise UserError(
-            "no run.json beside it, so that nothing says what is in use",
+            "no run.json next to it, so that nothing says what is in use",
             where=str(store.root),
             expected="the archive of a run",
         )

@@ -79,7 +79,7 @@ def bench_run(
             raise UserError(
                 f'found "{excerpt(text)}"',
                 where="--program",
-                expected="NAME=COMMAND, the name of letters, digits, dots, dashes and underscores",
+                expected="NAME=COMMAND, the name of at most 50 letters, digits, dots, dashes and underscores",
             ) from None
     names = [*(estimator or ()), *(spec.name for spec in programs)]
     if not names:

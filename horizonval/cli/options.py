@@ -122,7 +122,7 @@ PriorFile = Annotated[
     typer.Option(
         "--prior",
         metavar="FILE",
-        help="File of a table [prior]: what is known beside the image; see `horizonval schema prior`.",
+        help="File of a table [prior]: what is known in addition to the image; see `horizonval schema prior`.",
         autocompletion=files(".toml"),
     ),
 ]

@@ -14,19 +14,29 @@ from typing import TYPE_CHECKING, Any
 
 from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
+<<<<<<< HEAD
 from horizonval.core.files import ensure_parent, is_input, is_same, kind_at
+=======
+from horizonval.core.files import check_parent, is_input, kind_at
+>>>>>>> main
 
 if TYPE_CHECKING:
     from horizonval.api.run import DryRun
     from horizonval.jobs.progress import Terminal
 
 
+<<<<<<< HEAD
 def check_target(out: Path, *inputs: str | Path | None) -> None:
     """Refuse an unwritable file before the work, and one that the command has read, or will (``inputs``)."""
     if not out.name:
         what = "is a folder, or an empty name"
         raise UserError(what, where=f"-o {out}", expected="the path of a file")
     ensure_parent(out)
+=======
+def check_target(out: Path) -> None:
+    """Refuse an unwritable file before the work, and one that the command has read until now."""
+    check_parent(out)
+>>>>>>> main
     kind = kind_at(out, links=True)
     if kind in ("a folder", "a socket", "no file"):
         raise UserError(f"is {kind}", where=str(out), expected="the path of a file")
@@ -72,7 +82,7 @@ def interruptible(kept: str | None = None) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        finished = f"finished {kept} are kept, " if kept else ""
+        finished = f"finished {kept} are saved, " if kept else ""
         print(f"horizonval: interrupted; {finished}the same command goes on from here", file=sys.stderr)
         raise SystemExit(130) from None
     except SystemExit as end:
@@ -139,7 +149,7 @@ def print_summary(summary: dict[str, Any]) -> None:
         error, available, false = group["nadir_error_arcsec"], group["availability"], group["false_valid"]
         rows.append(
             (
-                group["estimator"] + (" (told the pose)" if group["given_pose"] else ""),
+                group["estimator"] + (" (given the pose)" if group["given_pose"] else ""),
                 group["camera"],
                 str(group["n"]),
                 f"{available['n']} of {available['of']} due",

@@ -11,6 +11,10 @@ import typer
 
 from horizonval.cli.options import SceneName, shipped
 from horizonval.cli.output import check_target, written
+<<<<<<< HEAD
+=======
+from horizonval.core import files
+>>>>>>> main
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -87,6 +91,10 @@ def mitsuba(
     import horizonval as hv
 
     source = hv.Scene.from_file(scene, head)
+<<<<<<< HEAD
+=======
+    files.check_folder(out)
+>>>>>>> main
     from horizonval.renderer.reference.reference import export_scene
     from horizonval.store.folder import refuse_other_folders
 

@@ -57,7 +57,7 @@ def name_library() -> None:
 
 
 _STAND_IN = "HORIZONVAL_TEMPORARY_CACHE"
-"""Environment variable that tells child processes the folder that cannot be used and the one that stands in for it."""
+"""Environment variable that tells child processes the folder that cannot be used and the one that replaces it."""
 
 _LOG = logging.getLogger("horizonval")
 _warned: set[str] = set()
@@ -96,14 +96,14 @@ def settle_libraries() -> None:
 
 
 def warn_once(what: str) -> None:
-    """Log that something cannot be kept, the first time that this process meets it."""
+    """Log that something cannot be stored, the first time that this process meets it."""
     if not _warned:
-        _LOG.warning("horizonval: warning: %s; nothing is kept for the next run", what)
+        _LOG.warning("horizonval: warning: %s; nothing is stored for the next run", what)
     _warned.add(what)
 
 
 def _stand_in(folder: Path, because: Path | None = None) -> Path:
-    """Return the temporary folder that stands in for one that cannot be used; the first call says so."""
+    """Return the temporary folder that replaces one that cannot be used; the first call says so."""
     known, _, place = os.environ.get(_STAND_IN, "").partition(os.pathsep)
     if known == str(folder) and Path(place).is_dir():
         return Path(place)
@@ -114,7 +114,7 @@ def _stand_in(folder: Path, because: Path | None = None) -> Path:
         return folder
     atexit.register(_remove, made, os.getpid())
     os.environ[_STAND_IN] = f"{folder}{os.pathsep}{made}"
-    warn_once(f"the folder {because or folder} cannot be used, a temporary one stands in for it")
+    warn_once(f"the folder {because or folder} cannot be used, a temporary one replaces it")
     return Path(made)
 
 

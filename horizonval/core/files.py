@@ -99,6 +99,28 @@ def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
         return ""
 
 
+def check_parent(path: Path) -> None:
+    """Raise ``UserError`` unless the folder that is to hold a path is there."""
+    kind = kind_at(path.parent, links=True)
+    if not kind:
+        raise UserError("no such folder", where=str(path.parent), fix="create it first")
+    if kind != "a folder":
+        raise UserError(f"is {kind}", where=str(path.parent), expected="a folder")
+
+
+def check_folder(out: Path, *, ours: bool | None = None) -> None:
+    """Raise ``UserError`` unless a folder is new or empty, or ``ours``: a user's files must not be overwritten.
+
+    ``ours``: whether it holds a result that the command continues; None if the command never does.
+    """
+    check_parent(out)
+    if out.exists() and not out.is_dir():
+        raise UserError(f"is {kind_at(out, links=True)}", where=str(out), expected="a new or empty folder")
+    if not ours and out.is_dir() and any(out.iterdir()):
+        others = "" if ours is None else ", or one of this command"
+        raise UserError("is not empty", where=str(out), expected=f"a new or empty folder{others}")
+
+
 def is_name(text: object) -> bool:
     """Whether a text is the name of a file and of nothing else: letters, digits, dot, hyphen and underscore."""
     return isinstance(text, str) and _NAME.fullmatch(text) is not None and text not in (".", "..")

@@ -59,7 +59,7 @@ class Limits:
 
     ``time_s``: processor time of one estimate, including child processes. ``memory_mb``: address space beyond the size
     before the first estimate. ``folder``: base of the programs' paths. ``hidden``: files and folders that third-party
-    estimators and programs must not read; they then are contained (:func:`horizonval.plugins.child.contain`), and do
+    estimators and programs must not read; they then are contained (:func:`horizonval.plugins.namespaces`), and do
     not run if the system does not permit it.
     """
 
@@ -93,7 +93,10 @@ def _run(name: str, limits: Limits, observation: Observation) -> Fit | Refusal:
 def can_hide() -> bool:
     """Whether this system can hide folders from a process, tested with an empty one."""
     with tempfile.TemporaryDirectory() as folder:
-        code = "import sys; from horizonval.plugins.child import contain; sys.exit(not contain(sys.argv[1:]))"
+        code = (
+            "import os, sys; from horizonval.plugins.namespaces import apart, contain; "
+            "sys.exit(not contain(sys.argv[1:]) or apart(int, os.memfd_create('exchange'), sys.argv[1]))"
+        )
         tried = subprocess.run([sys.executable, "-c", code, folder], capture_output=True, env=os.environ | _ONE_THREAD)
     return tried.returncode == 0
 

@@ -147,7 +147,7 @@ def _finding(group: Mapping[str, Any], unit: AngleUnit) -> str:
     if not group["given_pose"]:
         return headline(group, unit)
     worst = unit.text(group["nadir_error_arcsec"]["max"])
-    return f"told the true pose, to test the scoring, and counted nowhere else; worst {worst}."
+    return f"given the true pose, to test the scoring, and counted nowhere else; worst {worst}."
 
 
 def _verdict(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[str, str]:
@@ -354,7 +354,7 @@ def _known(truth: FrameTruth) -> list[tuple[str, str]]:
     if stated is None:
         return []
     first = truth.camera_spec.band[0].name
-    return [("known beside the image", drawn_prior(PriorSpec.model_validate(stated), truth, first).in_words)]
+    return [("known in addition to the image", drawn_prior(PriorSpec.model_validate(stated), truth, first).in_words)]
 
 
 def _rerun(view: CaseView, run: ReportRun) -> dict[str, Any]:

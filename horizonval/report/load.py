@@ -247,7 +247,7 @@ def _image(store: Store, address: str | None, error: str | None) -> tuple[Detect
     if error:
         return None, f"This frame failed: {error}"
     if not address:
-        return None, "The image was not kept."
+        return None, "The image was not stored."
     try:
         return store.read_image(address), ""
     except DamagedFileError as damage:

@@ -218,7 +218,7 @@ class Conditions:
         float | None,
         Meaning(
             "Smallest root mean square error of the nadir that the detector's noise allows, all else known; empty "
-            "where the limb does not determine it, and of images from before it was kept.",
+            "where the limb does not determine it, and of images from before it was stored.",
             "arcsec",
         ),
     ] = None
@@ -238,7 +238,7 @@ class Conditions:
     focal_length_error_percent: Annotated[
         float | None,
         Meaning(
-            "Told less true focal length; empty without `[calibration]`, as the columns that follow.",
+            "Given less true focal length; empty without `[calibration]`, as the columns that follow.",
             "%",
         ),
     ] = None
@@ -251,7 +251,7 @@ class Conditions:
     ] = None
     mounting_error_x_deg: Annotated[
         float | None,
-        Meaning("Told less true mounting about the body's x: what it adds to the roll of a level body.", "deg"),
+        Meaning("Given less true mounting about the body's x: what it adds to the roll of a level body.", "deg"),
     ] = None
     mounting_error_y_deg: Annotated[float | None, Meaning("The same about its y.", "deg")] = None
     mounting_error_z_deg: Annotated[float | None, Meaning("The same about its z.", "deg")] = None
@@ -281,8 +281,8 @@ class Row(Conditions, Score, _Question):
             "1",
         ),
     ] = None
-    frame_address: Annotated[str | None, Meaning("Address of the frame in the archive; empty where not kept.")] = None
-    image_address: Annotated[str | None, Meaning("Address of the image in the archive; empty where not kept.")] = None
+    frame_address: Annotated[str | None, Meaning("Address of the frame in the archive; empty where not stored.")] = None
+    image_address: Annotated[str | None, Meaning("Address of the image in the archive; empty where not stored.")] = None
 
     def __post_init__(self) -> None:
         for column in COLUMNS:
@@ -521,7 +521,7 @@ def read_results(path: Path) -> list[Row]:
             names, records = relation.columns, relation.fetchall()
         except duckdb.Error as error:
             raise _unreadable(error, path) from error
-    # A table from before a column was kept has none of it; all others must be ours, in our order.
+    # A table from before a column existed has none of it; all others must be ours, in our order.
     known = [column.name for column in COLUMNS if column.name in names or not column.optional]
     if [name for name in names if name not in RETIRED] != known:
         different = sorted(set(names) ^ set(known))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import shlex
+import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +19,8 @@ from horizonval.plugins.supervisor import Limits
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import Keep
 
+LARGEST_PROGRAM = 1 << 32
+"""Size of a program [bytes]."""
 FRAME_LIMIT_S = 3600.0
 """Time limit of everything about one frame, against a hanging renderer; scattering tables take minutes at most."""
 
@@ -66,12 +70,29 @@ def plan_of(suite: Suite) -> CasePlan:
 
 
 def _digests(command: str, folder: Path) -> list[str]:
-    """Digest of every file that a command names, since programs change results."""
+    """Digest of every file that a command names, since programs change results.
+
+    Words inside quoted words, values of options, modules of ``-m``, a script found on the path, and the Python files
+    beside a named one count too. What a program reads beyond them is unknown.
+    """
     try:
-        paths = [folder / word for word in shlex.split(command)]
-        return [files.sha256_of(path) for path in paths if files.kind_at(path, links=True) == "a file"]
-    except (UserError, ValueError):
+        words = [part for word in shlex.split(command) for part in (word, *word.split(), word.rpartition("=")[2])]
+    except ValueError:
         return []
+    modules = [after for before, after in itertools.pairwise(words) if before == "-m"]
+    paths = [folder / word for word in words] + [folder / f"{name.replace('.', '/')}.py" for name in modules]
+    paths += [folder / name.replace(".", "/") / "__main__.py" for name in modules]
+    if (found := shutil.which(words[0])) is not None and files.read_bytes(
+        found, largest=LARGEST_PROGRAM, first=2
+    ) == b"#!":
+        paths.append(Path(found))
+    paths = [path for path in paths if files.kind_at(path, links=True) == "a file"]
+    paths += [other for path in paths if path.suffix == ".py" for other in sorted(path.parent.glob("*.py"))]
+    digests = []
+    for path in dict.fromkeys(paths):
+        with contextlib.suppress(UserError):
+            digests.append(files.sha256_of(path))
+    return digests
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
@@ -36,7 +36,11 @@ def reproduce_systems(
     from horizonval.renderer.backend import probe
 
     letters = chosen(names)
+<<<<<<< HEAD
     refuse_other_folders(out, lambda folder: (folder / WORK).is_dir() or any(folder.glob("[A-G].json")))
+=======
+    files.check_folder(out, ours=(out / WORK).is_dir() or any(out.glob("[A-G].json")))
+>>>>>>> main
     if probe().chosen is None:
         raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
     work = out / WORK

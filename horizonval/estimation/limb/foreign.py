@@ -68,5 +68,5 @@ def without_foreign_light(
         hidden |= maximum_filter1d(there, min(2 * wide + 1, bins), mode="wrap")
     share = float(np.mean(hidden[place[limb]]))
     if share > MOST_HIDDEN:
-        return Refusal(Outcome.AMBIGUOUS, f"there is light outside {share:.0%} of the limb, which no air explains")
+        return Refusal(Outcome.NO_LIMB, f"there is light outside {share:.0%} of the limb, which no air explains")
     return np.where(hidden[place], np.nan, image)

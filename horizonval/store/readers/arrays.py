@@ -43,7 +43,10 @@ def parts_of_npy(path: Path) -> list[Part]:
 
     found = _parts_of(opened, size, "", path)
     if not found:
-        raise UserError("its array is no image", where=str(path), expected="numbers of shape (H, W), or (H, W, 3)")
+        with opened() as file:
+            shape, _, dtype, _ = _head(file, path)
+        what = f"its array of {dtype.name} and of shape {shape} is no image"
+        raise UserError(what, where=str(path), expected="real numbers of shape (H, W) or (H, W, 3)")
     return found
 
 

@@ -7,6 +7,9 @@ the sheets and the ranking. A submission runs in a separate process and sees ima
 from __future__ import annotations
 
 import os
+import re
+import shlex
+import shutil
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,16 +19,25 @@ from typing import Any
 
 from horizonval.core import atomic, files
 from horizonval.core.digests import content_digest
-from horizonval.core.errors import UserError, command_line
+from horizonval.core.errors import UserError, command_line, excerpt
 from horizonval.core.progress import Progress
 from horizonval.jobs.pool import Execution
 from horizonval.plugins import registry, supervisor
 from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.row import Row
+from horizonval.spec.suite import ProgramSpec
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.store import Store
-from horizonval.studies.bench.frames import CELLS, Group, bench_suite, cell_of, commitment, sealed_seed
+from horizonval.studies.bench.frames import (
+    CELLS,
+    SHORTEST_PASSPHRASE,
+    Group,
+    bench_suite,
+    cell_of,
+    commitment,
+    sealed_seed,
+)
 from horizonval.studies.bench.sheet import Answer, cells_png, ranking, sheet_of
 from horizonval.suites.rescore import rescore
 from horizonval.suites.run import run_suite
@@ -37,6 +49,8 @@ PASSPHRASE = "passphrase.json"
 """Where `bench make` found the passphrase of sealed frames, never the passphrase itself."""
 LONGEST_PASSPHRASE = 4096
 """Maximum size of its file, bytes."""
+MOST_CANDIDATES = 300
+"""Maximum number of texts that are tried as a passphrase: 15 s."""
 
 
 def make_frames(
@@ -96,6 +110,8 @@ def run_submissions(
         raise UserError(
             f"the name {taken[0]!r} is another method's", where="bench run: --program", fix="choose another name"
         )
+    for program in limits.programs:
+        _ensure_it_starts(program, limits.folder)
     if contained:
         refuse_readable_passphrase(out, head, limits.folder)
     limits = replace(limits, hidden=hidden_of(out) if contained else ())
@@ -115,6 +131,19 @@ def run_submissions(
         now = {image: stages[f"estimate {name}"] for image, stages in done.seconds.items()}
         write_json(out / TIMES, {**seconds, name: {**seconds.get(name, {}), **now}})
     return failed
+
+
+def _ensure_it_starts(program: ProgramSpec, folder: Path) -> None:
+    try:
+        first = shlex.split(program.command)[0]
+    except (ValueError, IndexError):
+        raise UserError("the command cannot be read", where=f"--program {program.name}", expected="a command") from None
+    if shutil.which(folder / first if "/" in first else first) is None:
+        raise UserError(
+            f'"{excerpt(first)}" is no program that can be started',
+            where=f"--program {program.name}",
+            expected="NAME=COMMAND, the command's first word a program on the path or in a folder",
+        )
 
 
 def hidden_of(out: Path) -> tuple[Path, ...]:
@@ -137,26 +166,43 @@ def hidden_of(out: Path) -> tuple[Path, ...]:
 
 
 def refuse_readable_passphrase(out: Path, head: Mapping[str, Any], folder: Path) -> None:
-    """Raise ``UserError`` if the passphrase of sealed frames lies where the docs put it: submissions could read it.
+    """Raise ``UserError`` if the passphrase of sealed frames is found where submissions could read it.
 
-    Looked at are short files in the calling ``folder``, next to the benchmark, and where `bench make` found it.
+    Searched are lines and quoted words of short files where `bench make` found it, in the calling ``folder``, next to
+    the benchmark, in the folders inside these two, and in the home folder. Each costs some 50 ms, so only the first
+    :data:`MOST_CANDIDATES` are tried: the search is help, not proof.
     """
     if not head["sealed"]:
         return
     made_from = (read_json(out / PASSPHRASE) or {}).get("file")
-    places = [path for place in {folder.resolve(), out.resolve().parent} for path in sorted(place.iterdir())]
-    for path in [*([Path(made_from)] if made_from else []), *places]:
+    places = [Path(made_from)] if made_from else []
+    for place in dict.fromkeys((folder.resolve(), out.resolve().parent, Path.home())):
+        inside = _listed(place)
+        places += inside
+        places += [path for one in inside if one.is_dir() and place != Path.home() for path in _listed(one)]
+    tried: set[str] = set()
+    for path in dict.fromkeys(places):
         try:
             text = files.read_text(path, largest=LONGEST_PASSPHRASE, expected="a passphrase")
-            if commitment(sealed_seed(text)) != head["commitment"]:
-                continue
         except UserError:
             continue
-        raise UserError(
-            "holds the passphrase of these frames, and submissions could read it",
-            where=str(path),
-            fix="take it to another machine, or out of this one's file system, before `bench run`",
-        )
+        for words in (text, *text.splitlines(), *re.findall(r"[\"'](.*?)[\"']", text)):
+            if words in tried or len(tried) >= MOST_CANDIDATES or len(words.strip()) < SHORTEST_PASSPHRASE:
+                continue
+            tried.add(words)
+            if commitment(sealed_seed(words)) == head["commitment"]:
+                raise UserError(
+                    "holds the passphrase of these frames, and submissions could read it",
+                    where=str(path),
+                    fix="take it off this machine before `bench run`",
+                )
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
 
 
 def score_submissions(out: Path) -> dict[str, Any]:
@@ -196,8 +242,8 @@ def page(scores: dict[str, Any]) -> str:
         "",
         f"Frames: {kind}; {head['frames_per_cell']} of each cell.",
         "",
-        "Score: 100 is the bound on every frame that is due, 0 is silence, a false claim costs a frame.",
-        "Methods of one rank cannot be told apart on these frames.",
+        "Score: 100 is the bound on every frame that is due, 0 is no answer, a false claim costs a frame.",
+        "Methods of one rank cannot be distinguished on these frames.",
         "",
         "Time is that of the clock for the median image, on the machine of this page; it is not scored.",
     ]

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import horizonval
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.code import code_version
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.json_types import JsonObject
@@ -142,9 +142,16 @@ def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
     return GateInputs(fresh=data["fresh"], fresh_night=data["night"])
 
 
+<<<<<<< HEAD
 def is_of_nights(out: Path) -> bool:
     """Whether a folder holds nights, or what an interrupted one left."""
     return any((out / name).exists() for name in (WORK, "night.json", history.FILE))
+=======
+def check_folder(out: Path) -> None:
+    """Refuse a folder that is neither new nor empty nor of nights."""
+    ours = any((out / name).exists() for name in (WORK, "night.json", history.FILE))
+    files.check_folder(out, ours=ours)
+>>>>>>> main
 
 
 class Night:

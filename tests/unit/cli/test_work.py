@@ -44,7 +44,7 @@ def test_the_package_runs_as_a_module():
     ("kept", "line"),
     [
         (None, "horizonval: interrupted; the same command goes on from here\n"),
-        ("units", "horizonval: interrupted; finished units are kept, the same command goes on from here\n"),
+        ("units", "horizonval: interrupted; finished units are saved, the same command goes on from here\n"),
     ],
 )
 def test_an_interruption_is_one_line_and_status_130(kept, line, capsys):

@@ -91,7 +91,7 @@ def test_rendering_goes_on_without_any_folder(tmp_path):
     assert (tmp_path / "a.exr").is_file()
     warnings = [line for line in run.stderr.splitlines() if "warning" in line or "jit" in line]
     assert len(warnings) == 1
-    assert "the folder /dev/null/.config/matplotlib cannot be used, a temporary one stands in for it" in warnings[0]
+    assert "the folder /dev/null/.config/matplotlib cannot be used, a temporary one replaces it" in warnings[0]
 
 
 def test_a_folder_that_can_be_made_is_used(tmp_path, monkeypatch):
@@ -114,5 +114,6 @@ def test_a_full_disk_is_told_once(tmp_path, monkeypatch, caplog):
         keep_json(tmp_path / name, {"x": 1})
         assert cached_json(tmp_path / name, dict) is None
     assert [record.getMessage() for record in caplog.records] == [
-        f"horizonval: warning: {tmp_path} cannot be written (No space left on device); nothing is kept for the next run"
+        f"horizonval: warning: {tmp_path} cannot be written (No space left on device); "
+        "nothing is stored for the next run"
     ]

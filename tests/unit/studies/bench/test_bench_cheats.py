@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import sys
@@ -17,13 +18,14 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.core.progress import Silent
 from horizonval.estimation.observation import Observation, OraclePose
 from horizonval.geometry.camera import CameraModel
-from horizonval.plugins import registry
+from horizonval.plugins import namespaces, registry
 from horizonval.plugins.supervisor import Limits, Supervisor, can_hide
 from horizonval.spec.load import Suite
 from horizonval.spec.suite import ProgramSpec
 from horizonval.store.folder import write_json
 from horizonval.studies.bench import submissions
 from horizonval.studies.bench.frames import commitment, sealed_seed
+from horizonval.suites.plan import CasePlan
 from horizonval.suites.suite import load_suite
 
 NEEDS_NAMESPACES = pytest.mark.skipif(not can_hide(), reason="this system hides no folder from a process")
@@ -132,7 +134,7 @@ def test_a_hidden_folder_is_empty_and_there_is_no_network(tmp_path: Path) -> Non
 
 
 WRITER = """
-import json, os, sys, tempfile
+import ctypes, json, os, socket, sys, tempfile
 private = (tempfile.gettempdir(), "/dev/shm")
 before, wrote = sum(len(os.listdir(folder)) for folder in private), []
 for folder in (*sys.argv[1].split(":"), *private):
@@ -141,20 +143,31 @@ for folder in (*sys.argv[1].split(":"), *private):
         wrote.append(folder)
     except OSError:
         pass
-try:
-    os.kill(int(sys.argv[2]), 0)
-    wrote.append("a signal")
-except OSError:
-    pass
-print(json.dumps({"status": "no_limb", "reason": json.dumps([before, wrote == list(private)])}))
+for name, reach in (
+    ("signal", lambda: os.kill(int(sys.argv[2]), 0)),
+    ("device", lambda: os.open("/dev/kmsg", os.O_RDONLY)),
+    ("hypervisor", lambda: socket.socket(socket.AF_VSOCK)),
+):
+    try:
+        wrote.append(reach() or name)
+    except OSError:
+        pass
+libc = ctypes.CDLL(None)
+libc.shmat.restype = ctypes.c_void_p
+address = ctypes.c_void_p(libc.shmat(libc.shmget(0x6876, 16, 0o1600), None, 0))
+left = ctypes.string_at(address).decode()
+ctypes.memmove(address, b"state", 6)
+keys = libc.syscall({"x86_64": 250, "aarch64": 219}[os.uname().machine], 1, None)
+print(json.dumps({"status": "no_limb", "reason": json.dumps([before, wrote == list(private), left, keys])}))
 """
 PLUGIN = """
-import mmap
+import mmap, os
 import horizonval as hv
 SHARED = mmap.mmap(-1, 1)
+OPEN = len(os.listdir("/proc/self/fd")) - 1
 def run(observation):
     SHARED[0] += 1
-    return hv.Refusal(hv.Outcome.NO_LIMB, f"call {SHARED[0]}, {'no ' if observation.oracle is None else ''}oracle")
+    return hv.Refusal(hv.Outcome.NO_LIMB, f"call {SHARED[0]}, {OPEN} files, {observation.oracle}")
 ESTIMATOR = hv.Estimator(name="counts", title="counts", run=run, needs="image")
 POSE = hv.Estimator(name="poses", title="poses", run=run, needs="pose")
 """
@@ -168,7 +181,7 @@ OBSERVATION = Observation(
 
 @NEEDS_NAMESPACES
 def test_a_contained_program_writes_nowhere_and_leaves_nothing(tmp_path: Path) -> None:
-    """Private folders are empty at each image, and no process outside can be signalled."""
+    """Private folders and shared memory are empty at each image; processes, devices and keyrings are out of reach."""
     (tmp_path / "writer.py").write_text(WRITER)
     secret = tmp_path / "secret"
     secret.mkdir()
@@ -179,7 +192,7 @@ def test_a_contained_program_writes_nowhere_and_leaves_nothing(tmp_path: Path) -
     reasons = [processes.run("writes", OBSERVATION).reason for _ in range(2)]
     processes.close()
     # The program's own folder of image, camera and prior is there before it.
-    assert reasons == ["[1, true]"] * 2
+    assert [json.loads(reason) for reason in reasons] == [[1, True, "", -1]] * 2
     assert not [path for place in places for path in place.glob("left-by-a-submission*")]
 
 
@@ -205,7 +218,27 @@ def test_a_plug_in_keeps_no_state_and_never_receives_the_pose(tmp_path: Path, mo
         assert posed.status is Outcome.CRASHED
         assert "needs that is none of image, heads" in posed.reason
     registry._points.cache_clear()
-    assert said == ["call 1, no oracle", "call 2, no oracle", "call 1, no oracle", "call 1, no oracle"]
+    assert [text[:6] for text in said] == ["call 1", "call 2", "call 1", "call 1"]
+    assert {text[6:] for text in said[2:]} == {", 4 files, None"}
+
+
+def test_answers_belong_to_the_files_that_a_command_names(tmp_path: Path) -> None:
+    """A change of any of them is another submission: scripts in quotes, modules, neighbours, programs."""
+    for name in ("main.py", "beside.py", "folder/__main__.py", "tool"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("#!/bin/sh\n")
+    for command, changed in (
+        ("sh -c 'python main.py'", "main.py"),
+        ("python main.py", "beside.py"),
+        ("python -m folder", "folder/__main__.py"),
+        ("python x --script=main.py", "main.py"),
+        ("./tool", "tool"),
+    ):
+        program = ProgramSpec(name="mine", command=command)
+        plan = CasePlan(("mine",), Limits(programs=(program,), folder=tmp_path))
+        before = plan.content()
+        (tmp_path / changed).write_text(f"#!/bin/sh\n# {command}\n")
+        assert plan.content() != before, command
 
 
 def test_what_links_of_a_benchmark_lead_to_is_hidden(tmp_path: Path) -> None:
@@ -223,10 +256,21 @@ def test_what_links_of_a_benchmark_lead_to_is_hidden(tmp_path: Path) -> None:
         submissions.hidden_of(out)
 
 
-@pytest.mark.parametrize("place", ["beside", "called", "elsewhere", "gone"])
+def test_every_mount_point_of_a_hidden_folder_is_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bind mounts show a folder, a folder above it or a part of it; disks inside it may be shown elsewhere."""
+    mounts = [
+        *(("8:1", "/", "/"), ("8:1", "/data", "/alias"), ("8:1", "/data/bench/frames", "/part"), ("8:1", "/x", "/y")),
+        *(("8:2", "/", "/data/bench/disk"), ("8:2", "/", "/disk"), ("8:1", "/data", "/over"), ("8:3", "/", "/over")),
+    ]
+    monkeypatch.setattr(namespaces, "_mounts", lambda: iter([(d, Path(r), Path(p)) for d, r, p in mounts]))
+    found = {str(path) for path in namespaces._everywhere(["/data/bench"])}
+    assert found == {"/data/bench", "/alias/bench", "/part", "/data/bench/disk", "/disk"}
+
+
+@pytest.mark.parametrize("place", ["beside", "called", "called/inside", "elsewhere", "gone"])
 def test_a_passphrase_that_submissions_could_read_is_refused(tmp_path: Path, place: str) -> None:
     words = "seven quiet otters"
-    folders = {name: tmp_path / name for name in ("beside", "called", "elsewhere", "gone")}
+    folders = {name: tmp_path / name for name in ("beside", "called", "called/inside", "elsewhere", "gone")}
     for folder in folders.values():
         folder.mkdir()
     out = folders["beside"] / "sealed"
@@ -234,7 +278,7 @@ def test_a_passphrase_that_submissions_could_read_is_refused(tmp_path: Path, pla
     head = {"sealed": True, "commitment": commitment(sealed_seed(words))}
     (folders["elsewhere"] / "a-note.txt").write_text("some other words here")
     if place != "gone":
-        (folders[place] / "words.txt").write_text(words + "\n")
+        (folders[place] / "words.txt").write_text(f'first line\n{{"passphrase": "{words}"}}\n')
     write_json(out / submissions.PASSPHRASE, {"file": str(folders["elsewhere"] / "words.txt")})
     if place == "gone":
         submissions.refuse_readable_passphrase(out, head, folders["called"])

@@ -356,8 +356,13 @@ def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path) -> None:
     out.mkdir()
     refuse_other_folders(out, is_of_nights)
     (out / "mine").touch()
+<<<<<<< HEAD
     with pytest.raises(UserError, match="something else"):
         refuse_other_folders(out, is_of_nights)
+=======
+    with pytest.raises(UserError, match=r"is not empty; expected .* or one of this command"):
+        check_folder(out)
+>>>>>>> main
     for name in ("night.json", ".work", "history.jsonl"):
         (out / name).touch()
         refuse_other_folders(out, is_of_nights)
