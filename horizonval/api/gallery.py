@@ -25,7 +25,6 @@ from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import head_comment, shipped_names, shipped_path
 from horizonval.spec.load import load_frames
 from horizonval.spec.scene import SceneSpec
-from horizonval.store.folder import refuse_other_folders
 
 LIMITS_UM = {"red": (0.61, 0.66), "green": (0.52, 0.57), "blue": (0.44, 0.49)}
 NODES = 2
@@ -43,7 +42,7 @@ def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Pr
             raise UserError(f"no scene {name!r}", where="SCENE", expected=", ".join(nearest(name, known)))
     chosen = list(names) or known
     halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
-    refuse_other_folders(folder, _is_gallery)
+    files.check_folder(folder, ours=_is_gallery(folder))
     atomic.make_folder(folder)
     with shown(progress, "gallery", "scenes") as listener:
         listener.start(len(chosen), 0, unit="scenes")

@@ -14,29 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
-<<<<<<< HEAD
-from horizonval.core.files import ensure_parent, is_input, is_same, kind_at
-=======
-from horizonval.core.files import check_parent, is_input, kind_at
->>>>>>> main
+from horizonval.core.files import check_parent, is_input, is_same, kind_at
 
 if TYPE_CHECKING:
     from horizonval.api.run import DryRun
     from horizonval.jobs.progress import Terminal
 
 
-<<<<<<< HEAD
 def check_target(out: Path, *inputs: str | Path | None) -> None:
     """Refuse an unwritable file before the work, and one that the command has read, or will (``inputs``)."""
     if not out.name:
         what = "is a folder, or an empty name"
         raise UserError(what, where=f"-o {out}", expected="the path of a file")
-    ensure_parent(out)
-=======
-def check_target(out: Path) -> None:
-    """Refuse an unwritable file before the work, and one that the command has read until now."""
     check_parent(out)
->>>>>>> main
     kind = kind_at(out, links=True)
     if kind in ("a folder", "a socket", "no file"):
         raise UserError(f"is {kind}", where=str(out), expected="the path of a file")

@@ -11,10 +11,7 @@ import typer
 
 from horizonval.cli.options import SceneName, shipped
 from horizonval.cli.output import check_target, written
-<<<<<<< HEAD
-=======
 from horizonval.core import files
->>>>>>> main
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -91,14 +88,8 @@ def mitsuba(
     import horizonval as hv
 
     source = hv.Scene.from_file(scene, head)
-<<<<<<< HEAD
-=======
     files.check_folder(out)
->>>>>>> main
     from horizonval.renderer.reference.reference import export_scene
-    from horizonval.store.folder import refuse_other_folders
-
-    refuse_other_folders(out)
 
     for path in export_scene(source.spec, source.camera.spec, out):
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")

@@ -101,11 +101,11 @@ def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
 
 def check_parent(path: Path) -> None:
     """Raise ``UserError`` unless the folder that is to hold a path is there."""
-    kind = kind_at(path.parent, links=True)
-    if not kind:
+    for folder in reversed(path.parents):
+        if (kind := kind_at(folder, links=True)) not in ("a folder", ""):
+            raise UserError(f"is {kind}", where=str(folder), expected="a folder")
+    if not kind_at(path.parent, links=True):
         raise UserError("no such folder", where=str(path.parent), fix="create it first")
-    if kind != "a folder":
-        raise UserError(f"is {kind}", where=str(path.parent), expected="a folder")
 
 
 def check_folder(out: Path, *, ours: bool | None = None) -> None:
@@ -129,15 +129,6 @@ def is_name(text: object) -> bool:
 def is_inside(path: Path, root: Path) -> bool:
     """Whether a path is really below a folder: no link between them, and no ``..``, leads out of it."""
     return Path(os.path.realpath(path.parent)).is_relative_to(os.path.realpath(root))
-
-
-def ensure_parent(path: Path) -> None:
-    """Raise ``UserError`` unless the folder of a path is there."""
-    for folder in (*reversed(path.parents), path.parent):
-        if (kind := kind_at(folder, links=True)) not in ("a folder", ""):
-            raise UserError(f"is {kind}", where=str(folder), expected="a folder")
-    if kind != "a folder":
-        raise UserError("no such folder", where=str(path.parent), fix="create it first")
 
 
 def open_file(

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -148,17 +148,6 @@ class RunFolder:
                 # It is empty, whatever was written into it: who holds it may set it right.
                 file.truncate(0)
             yield
-
-
-def refuse_other_folders(out: Path, is_own: Callable[[Path], bool] | None = None) -> None:
-    """Raise ``UserError`` for a folder that is neither new (in one that exists), nor empty, nor a command's own."""
-    files.ensure_parent(out)
-    if (kind := files.kind_at(out, links=True)) not in ("a folder", ""):
-        raise UserError(f"is {kind}", where=str(out), expected="a new or empty folder")
-    if kind and any(out.iterdir()) and not (is_own and is_own(out)):
-        if is_own is None:
-            raise UserError("is not empty", where=str(out), expected="a new or empty folder")
-        raise UserError("holds something else", where=str(out), expected="a new folder, or one of this command")
 
 
 def _holds_something(path: Path) -> bool:

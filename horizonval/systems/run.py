@@ -11,7 +11,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
-from horizonval.store.folder import RunFolder, refuse_other_folders
+from horizonval.store.folder import RunFolder
 from horizonval.systems.pages import write_first_page, write_reproduction
 from horizonval.systems.quick import SYSTEMS, chosen, experiment, quick_figures, write_quick
 from horizonval.systems.task_cache import TaskCache
@@ -36,11 +36,7 @@ def reproduce_systems(
     from horizonval.renderer.backend import probe
 
     letters = chosen(names)
-<<<<<<< HEAD
-    refuse_other_folders(out, lambda folder: (folder / WORK).is_dir() or any(folder.glob("[A-G].json")))
-=======
     files.check_folder(out, ours=(out / WORK).is_dir() or any(out.glob("[A-G].json")))
->>>>>>> main
     if probe().chosen is None:
         raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
     work = out / WORK

@@ -35,7 +35,7 @@ from horizonval.jobs.engine import Record, do
 from horizonval.jobs.pool import Execution
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import Lane, RegressionSpec
-from horizonval.store.folder import RunFolder, read_json, refuse_other_folders, write_json
+from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.verify import withdraw_manifest, write_manifest
 from horizonval.studies.regression import history
 from horizonval.studies.regression.baseline import Baseline, read_baseline, release_path
@@ -142,16 +142,10 @@ def reference_of(folder: Path, suite: str, night: str) -> GateInputs:
     return GateInputs(fresh=data["fresh"], fresh_night=data["night"])
 
 
-<<<<<<< HEAD
-def is_of_nights(out: Path) -> bool:
-    """Whether a folder holds nights, or what an interrupted one left."""
-    return any((out / name).exists() for name in (WORK, "night.json", history.FILE))
-=======
 def check_folder(out: Path) -> None:
     """Refuse a folder that is neither new nor empty nor of nights."""
     ours = any((out / name).exists() for name in (WORK, "night.json", history.FILE))
     files.check_folder(out, ours=ours)
->>>>>>> main
 
 
 class Night:
@@ -608,7 +602,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
     reference = None if wanted.reference is None else reference_of(wanted.reference, suite.name, wanted.night)
     if probe().chosen is None:
         raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
-    refuse_other_folders(wanted.out, is_of_nights)
+    check_folder(wanted.out)
     atomic.make_folder(wanted.out / WORK)
     folder = RunFolder(wanted.out / WORK)
     with folder.locked():

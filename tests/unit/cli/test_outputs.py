@@ -11,6 +11,7 @@ import pytest
 
 from horizonval.api import gallery
 from horizonval.cli.app import run_command_line
+from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.store.folder import OWN, RunFolder, write_json
 
@@ -116,10 +117,10 @@ def test_a_run_goes_on_in_its_own_folder(tmp_path: Path) -> None:
 
 def test_a_gallery_keeps_out_of_folders_of_others(tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text("mine")
-    with pytest.raises(UserError, match="holds something else; expected a new folder, or one of this command"):
+    with pytest.raises(UserError, match="is not empty; expected a new or empty folder, or one of this command"):
         gallery.make_gallery(tmp_path, ["glint"])
     (tmp_path / "index.html").write_text(f"<title>{gallery.GALLERY_TITLE}</title>")
-    gallery.refuse_other_folders(tmp_path, gallery._is_gallery)
+    files.check_folder(tmp_path, ours=gallery._is_gallery(tmp_path))
 
 
 def test_an_export_keeps_out_of_the_archive(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

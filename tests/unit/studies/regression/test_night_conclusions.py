@@ -20,7 +20,6 @@ from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
 from horizonval.jobs.engine import Done
 from horizonval.spec.suite import GateSpec
-from horizonval.store.folder import refuse_other_folders
 from horizonval.studies.regression import night as module
 from horizonval.studies.regression.baseline import (
     Baseline,
@@ -31,7 +30,7 @@ from horizonval.studies.regression.baseline import (
     write_baseline,
 )
 from horizonval.studies.regression.gates import GateInputs
-from horizonval.studies.regression.night import Night, Wanted, checked, is_of_nights, verdict_of
+from horizonval.studies.regression.night import Night, Wanted, check_folder, checked, verdict_of
 from horizonval.studies.regression.page import headline, shown_of
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.units import Task
@@ -352,20 +351,15 @@ def test_a_check_says_what_the_gates_let_through(bench: Bench) -> None:
 
 def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    refuse_other_folders(out, is_of_nights)
+    check_folder(out)
     out.mkdir()
-    refuse_other_folders(out, is_of_nights)
+    check_folder(out)
     (out / "mine").touch()
-<<<<<<< HEAD
-    with pytest.raises(UserError, match="something else"):
-        refuse_other_folders(out, is_of_nights)
-=======
     with pytest.raises(UserError, match=r"is not empty; expected .* or one of this command"):
         check_folder(out)
->>>>>>> main
     for name in ("night.json", ".work", "history.jsonl"):
         (out / name).touch()
-        refuse_other_folders(out, is_of_nights)
+        check_folder(out)
         (out / name).unlink()
     for place, why in {
         "mine": "mine: is a file",
@@ -373,7 +367,7 @@ def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path) -> None:
         "none/x": "none: no such folder",
     }.items():
         with pytest.raises(UserError, match=why):
-            refuse_other_folders(out / place, is_of_nights)
+            check_folder(out / place)
 
 
 BASELINE = Path(__file__).parents[4] / "results" / "baseline" / "nightly.json"
