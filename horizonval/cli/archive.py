@@ -160,6 +160,8 @@ def archive_export(
         paths, store = [source], None
     else:
         store = open_archive(source)
+        if out.resolve().is_relative_to(store.root.resolve()):
+            raise UserError("is inside the archive that is read", where=str(out), expected="another folder")
         addresses = {store.find(start) for start in address or ()}
         entries = [e for e in store.index.select(entry_filter) if not addresses or e.address in addresses]
         in_time = sorted(entries, key=lambda e: (e.epoch_utc, e.camera, e.head, e.address)) if mcap else entries

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from horizonval.core.errors import UserError
+from horizonval.core.files import kind_at
 
 SUFFIX = ".tmp"
 _REFUSALS = ("ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EFBIG", "EIO", "EMFILE", "ENFILE")
@@ -34,6 +35,10 @@ class WriteError(UserError):
         reason = error.strerror or str(error)
         if isinstance(error, FileNotFoundError):
             made = cls("no such folder", where=str(path.parent), fix="create it first")
+        elif isinstance(error, FileExistsError | NotADirectoryError):
+            places = (*reversed(path.parents), path)
+            place, kind = next(((p, k) for p in places if (k := kind_at(p, links=True)) != "a folder"), (path, ""))
+            made = cls(f"is {kind or 'no folder'}", where=str(place), expected="a folder")
         else:
             made = cls(f"cannot be written: {reason}", where=str(path))
         made.reason = reason

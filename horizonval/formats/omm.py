@@ -173,7 +173,8 @@ def _of_json(path: Path) -> list[Fields]:
         # Numbers remain text, with all their digits.
         every: Any = json.loads(text, parse_float=str, parse_int=str, parse_constant=refuse, object_pairs_hook=_Pairs)
     except json.JSONDecodeError as error:
-        raise UserError(f"not JSON: {error.msg}", where=f"{path}: line {error.lineno}", expected=EXPECTED) from None
+        what = f"not JSON: {files.json_mistake(error)}"
+        raise UserError(what, where=f"{path}: line {error.lineno}", expected=EXPECTED) from None
     except RecursionError:
         raise UserError("not element sets: nested too deep", where=str(path), expected=EXPECTED) from None
     found = []

@@ -270,18 +270,24 @@ def _solid_angle(triangles: FloatArray) -> float:
     return float(2.0 * np.arctan2(triple, 1.0 + sum(cosines)).sum())
 
 
+_TINY = float(np.finfo(np.float64).tiny)
+
+
 def _distance(triangles: FloatArray) -> FloatArray:
     """Return how far triangles are from the origin, shape (n,): their plane where its foot is inside, else an edge."""
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(u, v)
     square = np.einsum("ij,ij->i", normal, normal)
     along = np.einsum("ij,ij->i", a, normal)
+    square = np.maximum(square, _TINY)
     foot = normal * (along / square)[:, None] - a
     p = np.einsum("ij,ij->i", np.cross(foot, v), normal) / square
     q = np.einsum("ij,ij->i", np.cross(u, foot), normal) / square
     inside = (p >= 0.0) & (q >= 0.0) & (p + q <= 1.0)
     start, edge = triangles, np.roll(triangles, -1, axis=1) - triangles
-    share = np.clip(-np.einsum("ijk,ijk->ij", start, edge) / np.einsum("ijk,ijk->ij", edge, edge), 0.0, 1.0)
+    share = np.clip(
+        -np.einsum("ijk,ijk->ij", start, edge) / np.maximum(np.einsum("ijk,ijk->ij", edge, edge), _TINY), 0.0, 1.0
+    )
     to_edge = np.linalg.norm(start + share[..., None] * edge, axis=-1).min(axis=1)
     return np.where(inside, np.abs(along) / np.sqrt(square), to_edge)
 

@@ -67,6 +67,7 @@ def make_frames(
     :func:`horizonval.suites.run.run_suite`.
     """
     made: dict[str, dict[str, Any]] = {}
+    RunFolder(out).refuse_files_of_others(("bench.json", PASSPHRASE))
     for group in CELLS:
         suite = bench_suite(seed, frames_per_cell, group)
         done = run_suite(suite, out / group, progress=progress, execution=Execution(workers))
