@@ -8,7 +8,7 @@ matrix ``M`` takes components in A to components in B (504.0-B-1, annex)::
 That is the conjugate of our ``q_B_from_A``, which turns vectors.
 
 **Euler angles** turn the frame about its own axes, in the order of ``EULER_ROT_SEQ`` from left to right. The columns
-stand in this order too, whatever the first version calls them (504.0-B-1, 3.2.5.4.4: 312 has Z, X, Y).
+have this order too, whatever the first version calls them (504.0-B-1, 3.2.5.4.4: 312 has Z, X, Y).
 
 **Versions.** The first has ``ATTITUDE_DIR = B2A``, which is the inverse, and ``QUATERNION_TYPE``, the place of the
 scalar. The second turns A into B with the scalar last, and refuses other values of these keys.

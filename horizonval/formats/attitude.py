@@ -100,7 +100,7 @@ class AttitudeHistory:
 
     @cached_property
     def coverage(self) -> Coverage:
-        """The times that may be asked for."""
+        """Spans of time with values."""
         return together([piece.coverage for piece in self.pieces])
 
     def body_from_gcrs(self, epoch_utc: datetime, seconds: FloatArray) -> FloatArray:
@@ -171,5 +171,5 @@ def other_readings(q: FloatArray) -> list[tuple[str, FloatArray]]:
     for given in (q, q * inverse):
         for roll in (-1, 1):
             other_end = np.roll(given, roll, axis=1)
-            found += [("its scalar stands at the other end (QUATERNION_TYPE)", other_end * s) for s in (1.0, inverse)]
+            found += [("its scalar is at the other end (QUATERNION_TYPE)", other_end * s) for s in (1.0, inverse)]
     return found

@@ -24,7 +24,7 @@ MAX_FILE_BYTES = 256 * 1024 * 1024
 
 @dataclass(frozen=True)
 class CsvTable:
-    """Columns by name, each of n rows; ``lines``: where the rows stand in the file."""
+    """Columns by name, each of n rows; ``lines``: line numbers of the rows."""
 
     path: Path
     texts: dict[str, list[str]]
@@ -36,7 +36,7 @@ class CsvTable:
         return np.stack([self.numbers[name] for name in names], axis=1)
 
     def place(self, row: int, column: str) -> str:
-        """Return where a value stands, for messages."""
+        """Return the position of a value, for messages."""
         return f"{self.path}: line {self.lines[row]}, column {column}"
 
 

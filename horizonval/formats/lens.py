@@ -570,8 +570,8 @@ def _model(read: FileReader, key: str, k: Sequence[float], wanted: str | None) -
         stated["--model"] = wanted
     kinds = set(stated.values())
     if len(kinds) > 1:
-        told = " and ".join(f"{where} means {kind}" for where, kind in stated.items())
-        raise read.fail(next(iter(stated)), told, "one model of the lens")
+        stated_models = " and ".join(f"{where} means {kind}" for where, kind in stated.items())
+        raise read.fail(next(iter(stated)), stated_models, "one model of the lens")
     if kinds:
         return kinds.pop()
     if len(k) == 4:
@@ -627,7 +627,7 @@ def _window(read: FileReader, found: Intrinsics) -> Intrinsics:
 MAX_FILE_BYTES = 1024 * 1024
 """A camera has some dozen numbers; the images of its calibration have some thousand points."""
 MOST_VALUES, DEEPEST = 50_000, 40
-"""Values and nested lists of a file after its aliases are replaced by what they stand for."""
+"""Values and nested lists of a file after its aliases are expanded."""
 EXPECTED = "a camera of ROS (camera_info), OpenCV (FileStorage), Kalibr, Basalt, camodocal or MATLAB (a struct as JSON)"
 
 

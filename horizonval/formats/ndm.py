@@ -106,7 +106,7 @@ class Value(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A line of data: values in the order of the standard (KVN), or by key (XML, where keys may stand in any order)."""
+    """A line of data: values in the order of the standard (KVN), or by key (XML, where keys may have any order)."""
 
     line: int
     values: list[str] | dict[str, str]
@@ -336,7 +336,7 @@ def kinds_of(path: Path, expected: str = "an orbit or attitude file") -> list[st
     if form_of_elements(data[:HEAD_BYTES]):
         return ["omm"]
     if b"META_START" in (start := data[: 1 << 16]):
-        return ["aem" if b"ATTITUDE_TYPE" in start else "oem"]  # The line of the version is missing, and is asked for.
+        return ["aem" if b"ATTITUDE_TYPE" in start else "oem"]  # The readers refuse the missing version.
     return ["tle"] if _LINES.search(start) else []
 
 

@@ -167,7 +167,7 @@ def _of_json(path: Path) -> list[Fields]:
 
 
 class _Pairs(list[tuple[str, Any]]):
-    """Keys and values of a JSON object, as they stand."""
+    """Keys and values of a JSON object, repeated keys included."""
 
 
 def _of_csv(path: Path) -> list[Fields]:

@@ -59,7 +59,7 @@ class TrajectoryPiece:
     """States without a manoeuvre between them.
 
     ``seconds`` after the trajectory's epoch, shape (m,), rising; ``r_gcrs`` [m] and ``v_gcrs`` [m/s], shape (m, 3).
-    ``coverage``: the times that may be asked for. ``earth_fixed``: whether the states come from Earth-fixed axes.
+    ``coverage``: spans of time with values. ``earth_fixed``: whether the states come from Earth-fixed axes.
     """
 
     seconds: FloatArray
@@ -79,12 +79,12 @@ class Trajectory:
 
     @cached_property
     def coverage(self) -> Coverage:
-        """The times that may be asked for."""
+        """Spans of time with values."""
         return together([piece.coverage for piece in self.pieces])
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """First and last time that may be asked for."""
+        """First and last time with values."""
         if not len(self.coverage.begins):
             raise UserError("no state that may be used", where=self.where, expected="states in the usable span")
         return float(self.coverage.begins[0]), float(self.coverage.ends[-1])
@@ -206,7 +206,7 @@ def _between(piece: TrajectoryPiece, t: FloatArray) -> tuple[FloatArray, FloatAr
         if piece.v_gcrs is None:
             polynomial = KroghInterpolator(x, piece.r_gcrs[rows])
         else:
-            # A node that stands twice has its derivative as the second value.
+            # A repeated node has its derivative as the second value.
             values = np.stack([piece.r_gcrs[rows], scale * piece.v_gcrs[rows]], axis=1).reshape(-1, 3)
             polynomial = KroghInterpolator(np.repeat(x, 2), values)
         at = (t[here] - origin) / scale
