@@ -446,7 +446,8 @@ def of_matlab(data: Mapping[str, Any], path: Path) -> Intrinsics:
     for one in stated[1:]:
         for key, value in one.items():
             if not math.isclose(value, stated[0][key], rel_tol=1e-6, abs_tol=1e-6):
-                raise read.fail("", f"{key} is {value:g} and {stated[0][key]:g}", "one value by all keys")
+                what = f"{key} is {value:g} and {stated[0][key]:g}"
+                raise read.fail("K, IntrinsicMatrix and FocalLength", what, "one value by all keys")
     radial = read.numbers("RadialDistortion", (2, 3)) if "RadialDistortion" in data else [0.0, 0.0]
     tangential = read.numbers("TangentialDistortion", 2) if "TangentialDistortion" in data else [0.0, 0.0]
     k1, k2, k3 = [*radial, 0.0][:3]
