@@ -25,7 +25,7 @@ _REFUSALS = ("ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EFBIG", "EIO", "EM
 
 
 class WriteError(UserError):
-    """The system does not let a file or folder be written; ``reason`` is its own word for it."""
+    """The system does not let a file or folder be written; ``reason`` is the system's text."""
 
     reason = ""
 
@@ -63,7 +63,7 @@ def copy_file(source: Path, path: Path) -> None:
 
 
 def pour(source: Path, stream: Path) -> None:
-    """Write a file's content into a device or a pipe, which stays; it may wait for the reader of a pipe."""
+    """Write a file's content into a device or a pipe; it may wait for the reader of a pipe."""
     try:
         with source.open("rb") as content, stream.open("wb") as out:
             shutil.copyfileobj(content, out)

@@ -17,6 +17,7 @@ import re
 import stat
 import zipfile
 import zlib
+from collections.abc import Callable
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -231,10 +232,19 @@ def json_mistake(error: json.JSONDecodeError) -> str:
     return next((words for start, words in _NO_JSON.items() if error.msg.startswith(start)), "a mistake")
 
 
-def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
-    """Return JSON as plain data; a ``UserError`` names ``path`` and the position of the mistake, not the text."""
+def parse_json(
+    text: str,
+    path: str | os.PathLike[str],
+    *,
+    pairs: Callable[[list[tuple[str, Any]]], Any] | None = None,
+    number: Callable[[str], Any] | None = None,
+) -> Any:
+    """Return JSON as plain data; a ``UserError`` names ``path`` and the position of the mistake, not the text.
+
+    ``pairs`` makes an object of its keys and values, ``number`` a number of its text.
+    """
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=pairs, parse_float=number, parse_int=number, parse_constant=number)
     except json.JSONDecodeError as error:
         what = f"not JSON: {json_mistake(error)} at line {error.lineno}, column {error.colno}"
     except RecursionError:

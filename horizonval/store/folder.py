@@ -111,7 +111,7 @@ class RunFolder:
             raise UserError(what, where=str(self.root), expected=expected, fix="choose another --out")
 
     def refuse_links(self) -> None:
-        """Raise ``UserError`` where a link stands for one of the folders that a run writes into and cleans."""
+        """Raise ``UserError`` if a link replaces one of the folders that a run writes into and cleans."""
         for folder in (self.cases, self.state, self.stability, self.root / "report"):
             if folder.is_symlink():
                 raise UserError("is a link", where=str(folder), expected="a folder of the run", fix="remove the link")

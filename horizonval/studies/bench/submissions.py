@@ -170,7 +170,7 @@ def refuse_readable_passphrase(out: Path, head: Mapping[str, Any], folder: Path)
 
     Searched are lines and quoted words of short files where `bench make` found it, in the calling ``folder``, next to
     the benchmark, in the folders inside these two, and in the home folder. Each costs some 50 ms, so only the first
-    :data:`MOST_CANDIDATES` are tried: the search is help, not proof.
+    :data:`MOST_CANDIDATES` are tried; the search does not cover other places.
     """
     if not head["sealed"]:
         return

@@ -189,7 +189,7 @@ def _gltf(
         ("b.gltf", "[" * 100_000, "nested too deeply"),
         ("b.gltf", "1" * 10_000, "a number of thousands of digits"),
         ("b.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
-         "says that it has 99999999999 elements"),
+         "announces 99999999999 elements"),
         ("b.obj", TRIANGLE.replace("1", "1e300") + "f 1 2 3\n", "not finite, or very far"),
         ("b.obj", TRIANGLE.replace("1", "1e9") + "f 1 2 3\n", "lies too far from the camera"),
         ("b.obj", TRIANGLE + "f 1 2 99999999999999999999\n", "cannot be read"),

@@ -486,7 +486,7 @@ REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
     "no END": (bytes_of(sized("64")[:240] + b" " * 9000), "a FITS head without an end"),
     "gzip": (bytes_of(b"\x1f\x8b\x08" + b"\0" * 90), "is packed with gzip; .*unpack it"),
     "objects": (lambda p: np.save(p.open("wb"), np.array([[{}]])), "holds Python objects, which are not read"),
-    "one row": (lambda p: np.save(p.open("wb"), F32[0]), r"its array of float32 and of shape \(20,\) is no image"),
+    "one row": (lambda p: np.save(p.open("wb"), F32[0]), "its array of float32 of shape 20 is no image"),
     "complex": (lambda p: np.save(p.open("wb"), F32 + 1j), "of complex64 .* is no image; expected real"),
     "huge array": (bytes_of(huge((10**9, 10**9))), "truncated: 64 of 8000000000000000000 bytes of an array"),
     "ZIP": (bytes_of(b"PK\5\6".join([b"PK\3\4", bytes(18)])), "is a ZIP archive without arrays"),
