@@ -164,7 +164,8 @@ def mesh_triangles(file: str, where: str) -> FloatArray:
     except (Exception, RecursionError) as error:
         words = " ".join(str(error).split())[:120]
         # The library's own sentences; anything else speaks of its code.
-        what = f": {words}" if isinstance(error, ValueError) and words else ""
+        ours = isinstance(error, ValueError) and not isinstance(error, UnicodeError)
+        what = f": {words}" if ours and words else ""
         raise UserError(f"the mesh cannot be read{what}", where=place, expected=EXPECTED) from None
     if not len(triangles):
         raise UserError("the mesh has no triangles", where=place, expected="at least one")
@@ -279,11 +280,13 @@ def _distance(triangles: FloatArray) -> FloatArray:
     normal = np.cross(u, v)
     square = np.einsum("ij,ij->i", normal, normal)
     along = np.einsum("ij,ij->i", a, normal)
+    # Without an area it is its edges.
+    flat = square < _TINY
     square = np.maximum(square, _TINY)
     foot = normal * (along / square)[:, None] - a
     p = np.einsum("ij,ij->i", np.cross(foot, v), normal) / square
     q = np.einsum("ij,ij->i", np.cross(u, foot), normal) / square
-    inside = (p >= 0.0) & (q >= 0.0) & (p + q <= 1.0)
+    inside = ~flat & (p >= 0.0) & (q >= 0.0) & (p + q <= 1.0)
     start, edge = triangles, np.roll(triangles, -1, axis=1) - triangles
     share = np.clip(
         -np.einsum("ijk,ijk->ij", start, edge) / np.maximum(np.einsum("ijk,ijk->ij", edge, edge), _TINY), 0.0, 1.0
