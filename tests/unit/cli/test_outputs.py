@@ -127,4 +127,4 @@ def test_an_export_keeps_out_of_the_archive(here: Path, capsys: pytest.CaptureFi
     RunFolder(here / "run").create()
     (here / "run" / "archive" / "ab").mkdir()
     line = _refused(capsys, "archive", "export", "run", "--png", "-o", "run/archive/ab")
-    assert line.startswith("run/archive/ab: is inside the archive that is read; expected another folder")
+    assert line.startswith("run/archive/ab: lies inside the archive; expected a folder outside it")
