@@ -7,12 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.progress import Progress
 from horizonval.frame import RadianceFrame
 from horizonval.jobs.progress import shown
-from horizonval.report.pictures import Exhibit, infrared_picture, reflectance, thermal_panel, tone_mapped, write_gallery
+from horizonval.report.pictures import (
+    GALLERY_TITLE,
+    Exhibit,
+    infrared_picture,
+    reflectance,
+    thermal_panel,
+    tone_mapped,
+    write_gallery,
+)
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import head_comment, shipped_names, shipped_path
 from horizonval.spec.load import load_frames
@@ -26,7 +34,7 @@ NODES = 2
 def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Progress = True) -> Path:
     """Render the named shipped scenes, or all, write their pictures and ``index.html``, and return its path.
 
-    Existing pictures are replaced.
+    Pictures of an earlier gallery are replaced; ``UserError`` for a folder with anything else.
     """
     known = shipped_names("scene")
     for name in names:
@@ -34,15 +42,25 @@ def make_gallery(folder: Path, names: Sequence[str] = (), *, progress: bool | Pr
             raise UserError(f"no scene {name!r}", where="SCENE", expected=", ".join(nearest(name, known)))
     chosen = list(names) or known
     halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
+    files.check_folder(folder, ours=_is_gallery(folder))
     atomic.make_folder(folder)
     with shown(progress, "gallery", "scenes") as listener:
         listener.start(len(chosen), 0, unit="scenes")
         for name in chosen:
             for hall, exhibit in _exhibits(name):
                 halls[hall].append(exhibit)
-                atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)
             listener.done(name)
+    # Together, so that pictures without their page are nobody's or a stranger's.
+    for exhibit in (*halls["visible"], *halls["infrared"]):
+        atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)
     return write_gallery(halls["visible"], halls["infrared"], folder)
+
+
+def _is_gallery(folder: Path) -> bool:
+    try:
+        return GALLERY_TITLE in files.read_text(folder / "index.html", largest=1 << 30)
+    except UserError:
+        return False
 
 
 def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:

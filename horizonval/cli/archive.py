@@ -160,6 +160,8 @@ def archive_export(
         paths, store = [source], None
     else:
         store = open_archive(source)
+        if out.resolve().is_relative_to(store.root.resolve()):
+            raise UserError("lies inside the archive", where=str(out), expected="a folder outside it")
         addresses = {store.find(start) for start in address or ()}
         entries = [e for e in store.index.select(entry_filter) if not addresses or e.address in addresses]
         in_time = sorted(entries, key=lambda e: (e.epoch_utc, e.camera, e.head, e.address)) if mcap else entries
@@ -169,8 +171,6 @@ def archive_export(
     run_folder = None if store is None else run_folder_of(store.root)
     if aem and (store is None or run_folder is None):
         raise UserError("no run", where="--aem", expected="the folder of a run, which knows what was claimed")
-    if store is not None and out.resolve().is_relative_to(store.root.resolve()):
-        raise UserError("lies inside the archive", where=str(out), expected="a folder outside it")
     atomic.make_folder(out)
     count, messages = 0, dict[Path, str]()
     with watched("exporting") as progress:

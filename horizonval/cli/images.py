@@ -74,6 +74,7 @@ def sheet(
     """Contact sheet: detector images side by side in one picture."""
     from horizonval.report.pictures import contact_sheet, tiles_of
 
+    check_target(out, *images)
     tiles = tiles_of(images)
     with written(out) as path:
         atomic.write_bytes(path, contact_sheet(tiles, columns))
@@ -225,7 +226,7 @@ def calibrate(
     from horizonval.api.estimate import prior_from
 
     if out is not None:
-        check_target(out)
+        check_target(out, *images, camera, prior)
     believed = hv.Camera.from_file(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
     with watched("calibrate", "images") as progress:
@@ -269,7 +270,7 @@ def camera(
     from horizonval.api.calibrate import camera_text
 
     if out is not None:
-        check_target(out)
+        check_target(out, file, base, vignetting)
     text = camera_text(file, name, base, vignetting, model, image_circle_deg)
     for line in text.splitlines():
         if line.startswith("# "):

@@ -14,20 +14,23 @@ from typing import TYPE_CHECKING, Any
 
 from horizonval.core import atomic
 from horizonval.core.errors import UserError, printable
-from horizonval.core.files import check_parent, is_input, kind_at
+from horizonval.core.files import check_parent, is_input, is_same, kind_at
 
 if TYPE_CHECKING:
     from horizonval.api.run import DryRun
     from horizonval.jobs.progress import Terminal
 
 
-def check_target(out: Path) -> None:
-    """Refuse an unwritable file before the work, and one that the command has read until now."""
+def check_target(out: Path, *inputs: str | Path | None) -> None:
+    """Refuse an unwritable file before the work, and one that the command has read, or will (``inputs``)."""
+    if not out.name:
+        what = "is a folder, or an empty name"
+        raise UserError(what, where=f"-o {out}", expected="the path of a file")
     check_parent(out)
     kind = kind_at(out, links=True)
     if kind in ("a folder", "a socket", "no file"):
         raise UserError(f"is {kind}", where=str(out), expected="the path of a file")
-    if is_input(out):
+    if is_input(out) or any(is_same(out, one) for one in inputs if one is not None):
         raise UserError("is read by this command, which would replace it", where=str(out), fix="name another file")
 
 

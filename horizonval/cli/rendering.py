@@ -112,7 +112,7 @@ def radiance(
     from horizonval.api.frame import radiance as along_rays
     from horizonval.formats.rays import write_radiance
 
-    check_target(out)
+    check_target(out, rays, atmosphere)
     table, values = along_rays(rays, atmosphere, orders=orders, thermal=thermal, refraction=refraction)
     with written(out) as path:
         write_radiance(path, table, values)

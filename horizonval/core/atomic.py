@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from horizonval.core.errors import UserError
+from horizonval.core.files import kind_at
 
 SUFFIX = ".tmp"
 _REFUSALS = ("ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EFBIG", "EIO", "EMFILE", "ENFILE")
@@ -24,7 +25,7 @@ _REFUSALS = ("ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EFBIG", "EIO", "EM
 
 
 class WriteError(UserError):
-    """The system does not let a file or folder be written; ``reason`` is its own word for it."""
+    """The system does not let a file or folder be written; ``reason`` is the system's text."""
 
     reason = ""
 
@@ -34,6 +35,10 @@ class WriteError(UserError):
         reason = error.strerror or str(error)
         if isinstance(error, FileNotFoundError):
             made = cls("no such folder", where=str(path.parent), fix="create it first")
+        elif isinstance(error, FileExistsError | NotADirectoryError):
+            places = (*reversed(path.parents), path)
+            place, kind = next(((p, k) for p in places if (k := kind_at(p, links=True)) != "a folder"), (path, ""))
+            made = cls(f"is {kind or 'no folder'}", where=str(place), expected="a folder")
         else:
             made = cls(f"cannot be written: {reason}", where=str(path))
         made.reason = reason
@@ -58,7 +63,7 @@ def copy_file(source: Path, path: Path) -> None:
 
 
 def pour(source: Path, stream: Path) -> None:
-    """Write a file's content into a device or a pipe, which stays; it may wait for the reader of a pipe."""
+    """Write a file's content into a device or a pipe; it may wait for the reader of a pipe."""
     try:
         with source.open("rb") as content, stream.open("wb") as out:
             shutil.copyfileobj(content, out)

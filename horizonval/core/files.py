@@ -17,6 +17,7 @@ import re
 import stat
 import zipfile
 import zlib
+from collections.abc import Callable
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,14 @@ def is_input(path: str | os.PathLike[str]) -> bool:
     return (status.st_dev, status.st_ino) in (_inputs or ())
 
 
+def is_same(path: str | os.PathLike[str], other: str | os.PathLike[str]) -> bool:
+    """Whether two paths lead to the same file; not where one leads nowhere."""
+    try:
+        return os.path.samefile(path, other)
+    except (OSError, ValueError):
+        return False
+
+
 def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
     """Return what is at a path, without opening it: of a link itself, or with ``links`` of its target.
 
@@ -93,11 +102,11 @@ def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
 
 def check_parent(path: Path) -> None:
     """Raise ``UserError`` unless the folder that is to hold a path is there."""
-    kind = kind_at(path.parent, links=True)
-    if not kind:
+    for folder in reversed(path.parents):
+        if (kind := kind_at(folder, links=True)) not in ("a folder", ""):
+            raise UserError(f"is {kind}", where=str(folder), expected="a folder")
+    if not kind_at(path.parent, links=True):
         raise UserError("no such folder", where=str(path.parent), fix="create it first")
-    if kind != "a folder":
-        raise UserError(f"is {kind}", where=str(path.parent), expected="a folder")
 
 
 def check_folder(out: Path, *, ours: bool | None = None) -> None:
@@ -204,12 +213,40 @@ def read_text(
         ) from None
 
 
-def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
-    """Return JSON as plain data; a ``UserError`` names ``path`` and the position of the mistake, not the text."""
+_NO_JSON = {
+    "Expecting value": "a value is missing",
+    "Expecting property name": "a name in double quotes is missing",
+    "Expecting ','": "a comma is missing",
+    "Expecting ':'": "a colon is missing",
+    "Extra data": "more text after the end",
+    "Unterminated string": "a text without its closing quote",
+    "Invalid control character": "a control character in a text",
+    "Invalid \\": "an unknown escape in a text",
+    "Illegal trailing comma": "a comma too many",
+}
+"""The parser's words, by their beginning, in ours."""
+
+
+def json_mistake(error: json.JSONDecodeError) -> str:
+    """Return what is wrong with JSON, without its place."""
+    return next((words for start, words in _NO_JSON.items() if error.msg.startswith(start)), "a mistake")
+
+
+def parse_json(
+    text: str,
+    path: str | os.PathLike[str],
+    *,
+    pairs: Callable[[list[tuple[str, Any]]], Any] | None = None,
+    number: Callable[[str], Any] | None = None,
+) -> Any:
+    """Return JSON as plain data; a ``UserError`` names ``path`` and the position of the mistake, not the text.
+
+    ``pairs`` makes an object of its keys and values, ``number`` a number of its text.
+    """
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=pairs, parse_float=number, parse_int=number, parse_constant=number)
     except json.JSONDecodeError as error:
-        what = f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
+        what = f"not JSON: {json_mistake(error)} at line {error.lineno}, column {error.colno}"
     except RecursionError:
         what = "not JSON that is read here: nested too deeply"
     except ValueError:

@@ -8,13 +8,14 @@ matrix ``M`` takes components in A to components in B (504.0-B-1, annex)::
 That is the conjugate of our ``q_B_from_A``, which turns vectors.
 
 **Euler angles** turn the frame about its own axes, in the order of ``EULER_ROT_SEQ`` from left to right. The columns
-stand in this order too, whatever the first version calls them (504.0-B-1, 3.2.5.4.4: 312 has Z, X, Y).
+have this order too, whatever the first version calls them (504.0-B-1, 3.2.5.4.4: 312 has Z, X, Y).
 
 **Versions.** The first has ``ATTITUDE_DIR = B2A``, which is the inverse, and ``QUATERNION_TYPE``, the place of the
 scalar. The second turns A into B with the scalar last, and refuses other values of these keys.
 
-**Rates** are not used: a body turns evenly from one attitude to the next. But where they contradict the slope of the
-attitudes, and agree with another reading of the columns, the message is refused.
+**Rates** are not used: a body turns evenly from one attitude to the next. There is a warning where derivatives or
+angular velocities contradict the slope of the attitudes. The rates of ``QUATERNION/RATE``, ``EULER_ANGLE/RATE`` and
+``EULER_ANGLE/DERIVATIVE`` are not compared, since programs disagree about their meaning.
 """
 
 from __future__ import annotations
@@ -147,105 +148,42 @@ def _quaternions(segment: Segment, seconds: FloatArray) -> tuple[FloatArray, str
         numbers = segment.numbers(columns)
         q = numbers[:, [columns.index(key) for key in _Q]]
         check_length(q, segment.place)
-    if len(seconds) < 2 or "/" not in kind or kind == "EULER_ANGLE/RATE":
-        return q, ""
-    return q, _check_rates(segment, kind, {key: numbers[:, k] for k, key in enumerate(columns)}, q, seconds)
+    columns_of = {key: numbers[:, k] for k, key in enumerate(columns)}
+    return q, _rates_doubt(segment, kind, columns_of, q, np.diff(seconds)[:, None]) if len(seconds) > 1 else ""
 
 
-Reading = tuple[str, FloatArray, FloatArray]
-"""How the rates may be meant, and for each step the slope of the attitudes and the mean of the rates, shape (n, k)."""
-LARGEST_MISFIT, BEST_MISFIT, BETTER = 0.5, 0.1, 5.0
-"""Median difference of rates and slopes, relative to the larger: the largest one of rates that agree, the largest one
-of another reading that explains a contradiction, and by which factor that reading must be better."""
+LARGEST_MISFIT = 0.5
+"""Median difference of rates and slopes of the attitudes, relative to the larger, beyond which there is a warning."""
 SMALLEST_TURN, LARGEST_TURN = 1e-3, 1.0
 """Turns between two rows [rad] that are compared: smaller ones are rounding, larger ones have no slope."""
 
 
-def _check_rates(
-    segment: Segment, kind: str, columns: dict[str, FloatArray], q: FloatArray, seconds: FloatArray
-) -> str:
-    """Refuse rates that contradict the attitudes and agree with another reading of the columns.
-
-    Return a warning of other contradictions, or nothing.
-    """
+def _rates_doubt(segment: Segment, kind: str, columns: dict[str, FloatArray], q: FloatArray, steps: FloatArray) -> str:
+    """Return a warning if rates contradict the slopes of the attitudes, else nothing."""
     turns = Rotation.from_quat(q)
-    angle = (turns[:-1].inv() * turns[1:]).magnitude()
-    use = (angle > SMALLEST_TURN) & (angle < LARGEST_TURN)
-    if not use.any():
+    slope = (turns[:-1].inv() * turns[1:]).as_rotvec()
+    angle = np.linalg.norm(slope, axis=1)
+    slope = np.degrees(slope) / steps
+    if kind.endswith("ANGVEL"):
+        fields = segment.fields
+        if not (name := fields.text("ANGVEL_FRAME").upper()):
+            return ""
+        if name in ("REF_FRAME_A", fields.text("REF_FRAME_A").upper()):
+            slope = turns[:-1].apply(slope)
+    elif kind == "QUATERNION/DERIVATIVE":
+        slope = (np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[1:] - q[:-1]) / steps
+    else:
         return ""
-
-    def misfit(reading: Reading) -> float:
-        _, slope, mean = (reading[0], reading[1][use], reading[2][use])
-        larger = np.maximum(np.linalg.norm(slope, axis=1), np.linalg.norm(mean, axis=1))
-        return float(np.median(np.linalg.norm(slope - mean, axis=1) / np.maximum(larger, 1e-300)))
-
-    allowed, others = _readings(segment.fields, kind, columns, q, np.diff(seconds)[:, None])
-    stated = min(misfit(one) for one in allowed)
-    where = segment.at(segment.rows[int(np.flatnonzero(use)[0]) + 1])
-    for one in others:
-        if misfit(one) < min(BEST_MISFIT, (stated - BEST_MISFIT / 2.0) / BETTER):
-            raise UserError(
-                "the rates contradict the attitudes",
-                where=where,
-                expected=f"{kind} in the order of the standard",
-                fix=f"they agree if {one[0]}",
-            )
-    doubtful = stated > LARGEST_MISFIT and kind != "QUATERNION/RATE"
-    return f"{where}: the rates contradict the attitudes, and are not used" if doubtful else ""
-
-
-def _readings(
-    fields: Fields, kind: str, columns: dict[str, FloatArray], q: FloatArray, steps: FloatArray
-) -> tuple[list[Reading], list[Reading]]:
-    """Return the readings of rates that the message allows, and others that explain a contradiction."""
-
-    def middle(keys: Iterable[str]) -> FloatArray:
-        rates = np.stack([columns[key] for key in keys], axis=1)
-        return (rates[1:] + rates[:-1]) / 2.0
-
-    def velocities(of: FloatArray) -> dict[str, FloatArray]:
-        turns = Rotation.from_quat(of)
-        in_b = (turns[:-1].inv() * turns[1:]).as_rotvec(degrees=True) / steps
-        return {"REF_FRAME_A": turns[:-1].apply(in_b), "REF_FRAME_B": in_b}
-
-    if kind == "QUATERNION/DERIVATIVE":
-        same = np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None]
-        dots = np.stack([columns[key] for key in _Q_DOT], axis=1)
-        slope, mean = (same * q[1:] - q[:-1]) / steps, (same * dots[1:] + dots[:-1]) / 2.0
-        return [("", slope, mean)], [
-            ("their scalar stands at the other end", slope, np.roll(mean, 1, axis=1)),
-            ("their scalar stands at the other end", slope, np.roll(mean, -1, axis=1)),
-            ("their sign is the opposite", slope, -mean),
-        ]
-    if kind == "EULER_ANGLE/DERIVATIVE":
-        angles = np.stack([columns[key] for key in _ANGLES], axis=1)
-        slope, mean = ((np.diff(angles, axis=0) + 180.0) % 360.0 - 180.0) / steps, middle(columns)[:, 3:]
-        return [("", slope, mean)], _other_units(slope, mean)
-    of = velocities(q)
-    if kind == "QUATERNION/RATE":
-        # Programs disagree about their frame, sign and order, so that only a wrong place of the scalar is found.
-        order = _sequence(fields) if fields.text("EULER_ROT_SEQ") else "XYZ"
-        by_axis = [_RATES[order.index(axis)] for axis in "XYZ"] if len(set(order)) == 3 else _RATES
-        means = middle(_RATES), middle(by_axis)
-        allowed = [("", s * of[frame], mean) for frame in of for s in (1.0, -1.0) for mean in means]
-        rolled = [velocities(np.roll(q, roll, axis=1)) for roll in (1, -1)]
-        text = "the scalar stands at the other end, against QUATERNION_TYPE"
-        return allowed, [(text, s * v[key], mean) for v in rolled for key in v for s in (1.0, -1.0) for mean in means]
-    mean = middle(_ANGVEL)
-    frames = ("REF_FRAME_A", "REF_FRAME_B")
-    name = fields.needed("ANGVEL_FRAME", " or ".join(frames)).upper()
-    frame = next((key for key in frames if name in (key, fields.text(key).upper())), name)
-    other = frames[1 - frames.index(frame)]
-    inverse = velocities(q * [-1.0, -1.0, -1.0, 1.0])[frame]
-    others = [(f"their frame is {other}", of[other], mean), ("frame B is turned into A", inverse, mean)]
-    others += _other_units(of[frame], mean)
-    if kind.startswith("QUATERNION"):
-        others.insert(0, ("the scalar stands first", velocities(np.roll(q, -1, axis=1))[frame], mean))
-    return [("", of[frame], mean)], others
-
-
-def _other_units(slope: FloatArray, mean: FloatArray) -> list[Reading]:
-    return [("their sign is the opposite", slope, -mean), ("they are in rad/s", slope, np.degrees(mean))]
+    rates = np.stack([columns[key] for key in (_ANGVEL if kind.endswith("ANGVEL") else _Q_DOT)], axis=1)[:-1]
+    larger = np.maximum(np.linalg.norm(slope, axis=1), np.linalg.norm(rates, axis=1))
+    use = (angle > SMALLEST_TURN) & (angle < LARGEST_TURN)
+    misfit = np.linalg.norm(slope - rates, axis=1)[use] / larger[use]
+    if not len(misfit) or float(np.median(misfit)) < LARGEST_MISFIT:
+        return ""
+    return (
+        f"{segment.place(int(np.flatnonzero(use)[0]) + 1)}: the rates contradict the attitudes, and are not used: "
+        "is the scalar at the other end, the direction the inverse, or the unit of the rates another one?"
+    )
 
 
 def _sequence(fields: Fields) -> str:

@@ -74,8 +74,6 @@ LONGEST_OFF = 1e-3
 """Of a unit quaternion's length, by how much a file's may be off: four digits are written at least."""
 LARGEST_TURN = math.radians(90.0)
 GAP_STEPS, GAP_TURN = 10.0, math.radians(5.0)
-SPIKE_TURN, SPIKE_RATIO = math.radians(5.0), 0.2
-"""Smallest turn to a single attitude and back that is refused, and how large other turns may be, relative to it."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,7 @@ class AttitudeHistory:
 
     @cached_property
     def coverage(self) -> Coverage:
-        """The times that may be asked for."""
+        """Spans of time with values."""
         return together([piece.coverage for piece in self.pieces])
 
     def body_from_gcrs(self, epoch_utc: datetime, seconds: FloatArray) -> FloatArray:
@@ -149,7 +147,6 @@ def attitudes_of(
     check_length(q_body_from_axes, named)
     turns = Rotation.from_quat(q_body_from_axes)
     angle = (turns[1:] * turns[:-1].inv()).magnitude()
-    _check_spikes(turns, angle, named)
     return AttitudePiece(seconds, q_body_from_axes, coverage_of(seconds, _gaps(np.diff(seconds), angle), usable_s))
 
 
@@ -159,23 +156,6 @@ def check_length(q: FloatArray, place: Callable[[int], str]) -> None:
     if (off := np.flatnonzero(np.abs(length - 1.0) > LONGEST_OFF)).size:
         k = int(off[0])
         raise UserError(f"a quaternion of the length {length[k]:.6g}", where=place(k), expected="the length 1")
-
-
-def _check_spikes(turns: Rotation, angle: FloatArray, place: Callable[[int], str]) -> None:
-    """Refuse an attitude that is turned away from both of its neighbours, which agree: a sign or a digit is wrong."""
-    if len(angle) < 4:
-        return
-    across = (turns[2:] * turns[:-2].inv()).magnitude()
-    least = np.minimum(angle[1:], angle[:-1])
-    away = (least > SPIKE_TURN) & (across < SPIKE_RATIO * least) & (np.median(angle) < SPIKE_RATIO * least)
-    if away.any():
-        k = int(np.flatnonzero(away)[0])
-        raise UserError(
-            f"turned {math.degrees(least[k]):.3g} deg away from the attitudes before and after it",
-            where=place(k + 1),
-            expected="attitudes of a steady turn",
-            fix="a component has a wrong sign, digit or position",
-        )
 
 
 def _gaps(steps: FloatArray, angle: FloatArray) -> NDArray[np.bool_]:
@@ -191,5 +171,5 @@ def other_readings(q: FloatArray) -> list[tuple[str, FloatArray]]:
     for given in (q, q * inverse):
         for roll in (-1, 1):
             other_end = np.roll(given, roll, axis=1)
-            found += [("its scalar stands at the other end (QUATERNION_TYPE)", other_end * s) for s in (1.0, inverse)]
+            found += [("its scalar is at the other end (QUATERNION_TYPE)", other_end * s) for s in (1.0, inverse)]
     return found

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +24,7 @@ MAX_FILE_BYTES = 256 * 1024 * 1024
 
 @dataclass(frozen=True)
 class CsvTable:
-    """Columns by name, each of n rows; ``lines``: where the rows stand in the file."""
+    """Columns by name, each of n rows; ``lines``: line numbers of the rows."""
 
     path: Path
     texts: dict[str, list[str]]
@@ -35,7 +36,7 @@ class CsvTable:
         return np.stack([self.numbers[name] for name in names], axis=1)
 
     def place(self, row: int, column: str) -> str:
-        """Return where a value stands, for messages."""
+        """Return the position of a value, for messages."""
         return f"{self.path}: line {self.lines[row]}, column {column}"
 
 
@@ -49,13 +50,7 @@ def read_csv(
     match ``like`` and belong to none are refused, since they may be meant as others.
     """
     expected = " or ".join(", ".join(names) for names in alternatives)
-    text = files.read_text(path, largest=MAX_FILE_BYTES, expected=f"a table of {expected}")
-    try:
-        reader = csv.reader(text.splitlines(), strict=True)
-        rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
-    except csv.Error as error:
-        raise UserError(f"not a CSV file: {error}", where=str(path), expected="comma-separated text") from None
-    header = [name.strip() for name in rows[0][1]] if rows else []
+    header, rows = csv_rows(path, f"a table of {expected}")
     wanted = next((names for names in alternatives if set(names) <= set(header)), None)
     if wanted is None:
         found = ", ".join(excerpt(name) for name in header) or "nothing"
@@ -72,28 +67,52 @@ def read_csv(
             expected=expected,
             fix="correct its name, or leave it out",
         )
-    if len(rows) < 2:
+    if not rows:
         raise UserError("no rows", where=str(path), expected="a line of values for each row")
-    lines = [line for line, _ in rows[1:]]
-    for line, row in rows[1:]:
+    lines = [line for line, _ in rows]
+    at = {name: header.index(name) for name in wanted}
+    columns = {name: [row[at[name]] for _, row in rows] for name in wanted}
+    numbers = {
+        name: numbers_of(column, lambda k, name=name: f"{path}: line {lines[k]}, column {name}")  # type: ignore[misc]
+        for name, column in columns.items()
+        if name not in texts
+    }
+    return CsvTable(path, {name: columns[name] for name in wanted if name in texts}, numbers, lines)
+
+
+def csv_rows(path: Path, expected: str) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Return the names in the first line of a table, and line number and fields of each row, without blanks around."""
+    text = files.read_text(path, largest=MAX_FILE_BYTES, expected=expected)
+    try:
+        reader = csv.reader(text.splitlines(), strict=True, skipinitialspace=True)
+        rows = [(reader.line_num, [field.strip() for field in row]) for row in reader]
+    except csv.Error as error:
+        raise UserError(f"not a CSV file: {error}", where=str(path), expected="comma-separated text") from None
+    (_, header), *rows = [(line, row) for line, row in rows if any(row) and not row[0].startswith("#")] or [(1, [])]
+    for line, row in rows:
         if len(row) != len(header):
             raise UserError(f"{len(row)} fields", where=f"{path}: line {line}", expected=f"{len(header)}")
-    at = {name: header.index(name) for name in wanted}
-    numbers = {}
-    for name in wanted:
-        if name not in texts:
-            numbers[name] = np.array([_number(row[at[name]], path, line, name) for line, row in rows[1:]])
-    words = {name: [row[at[name]].strip() for _, row in rows[1:]] for name in wanted if name in texts}
-    return CsvTable(path, words, numbers, lines)
+    return header, rows
 
 
-def _number(field: str, path: Path, line: int, column: str) -> float:
-    try:
-        value = float(field)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise UserError(
-            f'found "{excerpt(field)}"', where=f"{path}: line {line}, column {column}", expected="a finite number"
-        )
-    return value
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+LARGEST = 1e15
+"""Bound of numbers: no quantity in these files comes near it, and squares remain finite."""
+EXPECTED_NUMBER = f"a finite number below {LARGEST:g}"
+
+
+def numbers_of(texts: Sequence[str], place: Callable[[int], str]) -> FloatArray:
+    """Return decimal numbers; ``place`` names one by its index. UserError: see :func:`number_of`."""
+    if all(map(_NUMBER.fullmatch, texts)):
+        found = np.array(list(map(float, texts)))
+        if (np.abs(found) < LARGEST).all():
+            return found
+    return np.array([number_of(text, place(k)) for k, text in enumerate(texts)])
+
+
+def number_of(text: str, where: str, expected: str = EXPECTED_NUMBER) -> float:
+    """Return a decimal number; UserError for anything else (``nan`` and ``1_000`` included)."""
+    found = float(text) if _NUMBER.fullmatch(text) else math.nan
+    if not abs(found) < LARGEST:
+        raise UserError(f'found "{excerpt(text)}"', where=where, expected=expected)
+    return found

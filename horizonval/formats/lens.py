@@ -26,11 +26,12 @@ documents if they state the same camera.
 
 from __future__ import annotations
 
-import json
+import contextlib
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -445,7 +446,8 @@ def of_matlab(data: Mapping[str, Any], path: Path) -> Intrinsics:
     for one in stated[1:]:
         for key, value in one.items():
             if not math.isclose(value, stated[0][key], rel_tol=1e-6, abs_tol=1e-6):
-                raise read.fail("", f"{key} is {value:g} and {stated[0][key]:g}", "one value by all keys")
+                what = f"{key} is {value:g} and {stated[0][key]:g}"
+                raise read.fail("K, IntrinsicMatrix and FocalLength", what, "one value by all keys")
     radial = read.numbers("RadialDistortion", (2, 3)) if "RadialDistortion" in data else [0.0, 0.0]
     tangential = read.numbers("TangentialDistortion", 2) if "TangentialDistortion" in data else [0.0, 0.0]
     k1, k2, k3 = [*radial, 0.0][:3]
@@ -530,6 +532,8 @@ def of_matrix(data: Mapping[str, Any], path: Path, name: str | None, model: str 
     kind = _model(read, key, k, model)
     if key not in data:
         notes.append(f"The file has no {key}: the lens is taken to have no distortion.")
+    if data.get("distortion_model", "-") in (None, ""):
+        notes.append("The file has no distortion_model: taken for plumb_bob or, with 8 numbers, rational_polynomial.")
     if kind in (FISHEYE, UNIFIED) and len(k) != 4:
         name_of = {FISHEYE: "a fisheye", UNIFIED: "an omnidirectional camera (xi)"}[kind]
         raise read.fail(key, f"found {len(k)} numbers", f"4 of {name_of}")
@@ -567,8 +571,8 @@ def _model(read: FileReader, key: str, k: Sequence[float], wanted: str | None) -
         stated["--model"] = wanted
     kinds = set(stated.values())
     if len(kinds) > 1:
-        told = " and ".join(f"{where} means {kind}" for where, kind in stated.items())
-        raise read.fail(next(iter(stated)), told, "one model of the lens")
+        stated_models = " and ".join(f"{where} means {kind}" for where, kind in stated.items())
+        raise read.fail(next(iter(stated)), stated_models, "one model of the lens")
     if kinds:
         return kinds.pop()
     if len(k) == 4:
@@ -592,7 +596,9 @@ def _window(read: FileReader, found: Intrinsics) -> Intrinsics:
     x, y, w, h = (roi.whole(key, 0, 0.0) for key in ("x_offset", "y_offset", "width", "height"))
     if (x, y, w, h, bx, by) == (0, 0, 0, 0, 1, 1):
         return found
-    w, h = w or found.width - x, h or found.height - y
+    if (w == 0) != (h == 0) or (w == 0 and (x or y)):
+        raise roi.fail("", f"{w} x {h} px from column {x}, row {y}", "width and height, or a region of zeros for all")
+    w, h = w or found.width, h or found.height
     if (x, y, w, h, bx, by) == (0, 0, found.width, found.height, 1, 1):
         return found
     inside = x + w <= found.width and y + h <= found.height
@@ -622,7 +628,7 @@ def _window(read: FileReader, found: Intrinsics) -> Intrinsics:
 MAX_FILE_BYTES = 1024 * 1024
 """A camera has some dozen numbers; the images of its calibration have some thousand points."""
 MOST_VALUES, DEEPEST = 50_000, 40
-"""Values and nested lists of a file after its aliases are replaced by what they stand for."""
+"""Values and nested lists of a file after its aliases are expanded."""
 EXPECTED = "a camera of ROS (camera_info), OpenCV (FileStorage), Kalibr, Basalt, camodocal or MATLAB (a struct as JSON)"
 
 
@@ -709,13 +715,7 @@ def _yaml(text: str, path: Path) -> list[Any]:
 
     class Loader(yaml.BaseLoader):
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-            seen = set()
-            for key, _ in node.value:
-                if isinstance(key, yaml.ScalarNode) and key.value in seen:
-                    line = key.start_mark.line + 1
-                    where = f"{path}: {excerpt(key.value)} (line {line})"
-                    raise UserError("found twice", where=where, expected="every key once")
-                seen.add(key.value if isinstance(key, yaml.ScalarNode) else None)
+            _once((key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)), path)
             return dict(super().construct_mapping(node, deep))
 
     # Lists of a hostile file take PyYAML half a minute.
@@ -739,25 +739,25 @@ def _is_json(text: str) -> bool:
     """Whether a text is JSON, and not YAML that also begins with a brace."""
     if not text.startswith("{"):
         return False
-    try:
-        json.loads(_COMMENT.sub("", text))
-    except (ValueError, RecursionError):
-        return False
-    return True
+    with contextlib.suppress(UserError):
+        files.parse_json(_COMMENT.sub("", text), "")
+        return True
+    return False
+
+
+def _once(names: Iterable[str], path: Path) -> None:
+    """Refuse names of one table of which one comes twice."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise UserError("found twice", where=f"{path}: {excerpt(twice[0])}", expected="every key once")
 
 
 def _json(text: str, path: Path) -> Any:
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        table = dict(pairs)
-        if len(table) < len(pairs):
-            names = [name for name, _ in pairs]
-            twice = next(name for name in names if names.count(name) > 1)
-            raise UserError("found twice", where=f"{path}: {excerpt(twice)}", expected="every key once")
-        return table
+    def table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        _once((name for name, _ in pairs), path)
+        return dict(pairs)
 
-    text = _COMMENT.sub("", text)
-    files.parse_json(text, path)
-    return json.loads(text, object_pairs_hook=once)
+    return files.parse_json(_COMMENT.sub("", text), path, pairs=table)
 
 
 def _xml(text: str, path: Path) -> Any:
@@ -782,9 +782,5 @@ def _of_element(element: ElementTree.Element, path: Path, depth: int) -> Any:
         return words if len(words) > 1 and all(map(_NUMBER.fullmatch, words)) else " ".join(words).strip('"')
     if all(tag == "_" for tag, _ in children):
         return [value for _, value in children]
-    table: dict[str, Any] = {}
-    for tag, value in children:
-        if tag in table:
-            raise UserError("found twice", where=f"{path}: {excerpt(tag)}", expected="every key once")
-        table[tag] = value
-    return table
+    _once((tag for tag, _ in children), path)
+    return dict(children)

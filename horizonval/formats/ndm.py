@@ -16,7 +16,6 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 from xml.parsers import expat
@@ -25,11 +24,11 @@ import numpy as np
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError, excerpt
+from horizonval.core.errors import UserError, excerpt, nearest
 from horizonval.formats.coverage import ROUNDING_S, Coverage
+from horizonval.formats.csv_table import MAX_FILE_BYTES, number_of, numbers_of
 from horizonval.geometry.clock import check_system, instant_of, seconds_after
 
-MAX_FILE_BYTES = 256 * 1024 * 1024
 LONGEST_KEY = 80
 """Characters of a key that are compared with those of the standard."""
 
@@ -107,7 +106,7 @@ class Value(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A line of data: values in the order of the standard (KVN), or by key (XML, where keys may stand in any order)."""
+    """A line of data: values in the order of the standard (KVN), or by key (XML, where keys may have any order)."""
 
     line: int
     values: list[str] | dict[str, str]
@@ -230,16 +229,14 @@ class Segment:
         ``optional`` columns follow in all rows or in none.
         """
         full = (*columns, *optional)
-        found: list[list[float]] = []
+        found: list[FloatArray] = []
         for row in self.rows:
             texts = self._texts(row, columns, full)
             if found and len(texts) != len(found[0]):
                 expected = f"{len(found[0])}, as in the first row"
                 raise UserError(f"{len(texts)} numbers", where=self.at(row), expected=expected)
-            numbers = list(map(float, texts)) if all(map(_NUMBER.fullmatch, texts)) else [math.nan]
-            if not max(map(abs, numbers)) < LARGEST:
-                for text, key in zip(texts, full, strict=False):
-                    number_of(text, f"{self.at(row)}: {key}")
+            keys = full[: len(texts)]
+            numbers = numbers_of(texts, lambda k, row=row, keys=keys: f"{self.at(row)}: {keys[k]}")  # type: ignore[misc]
             found.append(numbers)
         return np.array(found)
 
@@ -273,21 +270,6 @@ class Message:
     where: str
     header: Fields
     segments: list[Segment] = field(default_factory=list)
-
-
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-
-
-LARGEST = 1e15
-"""Bound of numbers: nothing in these messages comes near it, and squares remain finite."""
-
-
-def number_of(text: str, where: str, expected: str = f"a number below {LARGEST:g}") -> float:
-    """Return a decimal number; UserError for anything else (``nan`` and ``1_000`` included)."""
-    found = float(text) if _NUMBER.fullmatch(text) else math.nan
-    if not abs(found) < LARGEST:
-        raise UserError(f'found "{excerpt(text)}"', where=where, expected=expected)
-    return found
 
 
 # ---- Reading ------------------------------------------------------------------------------------------------------
@@ -325,9 +307,8 @@ def check_keys(fields: Fields, known: frozenset[str], what: str) -> None:
     """Refuse a key that is not known, by name and line."""
     for key, value in fields.values.items():
         if key not in known:
-            close = get_close_matches(key[:LONGEST_KEY].upper(), sorted(known), 1, 0.75)
-            like = f", such as {close[0]}" if close else ", COMMENT or USER_DEFINED_..."
-            raise UserError(f"is not a key of {what}", where=value.where, expected=f"a key of the standard{like}")
+            close = ", ".join(nearest(key[:LONGEST_KEY], sorted(known))[:3])
+            raise UserError(f"is not a key of {what}", where=value.where, expected=f"a key of the standard, as {close}")
 
 
 def is_user_defined(key: str) -> bool:
@@ -352,12 +333,23 @@ def kinds_of(path: Path, expected: str = "an orbit or attitude file") -> list[st
         return [kind.decode() for kind in dict.fromkeys(_TAG.findall(plain))]
     if found := [kind.lower().decode() for kind in dict.fromkeys(_HEADING.findall(data.removeprefix(b"\xef\xbb\xbf")))]:
         return [kind for kind in found if kind in KINDS]
-    head = data[:4096].decode("utf-8-sig", errors="replace").lstrip()
-    if head[:1] in ("[", "{") or "MEAN_MOTION" in head.split("\n", 1)[0].upper():
+    if form_of_elements(data[:HEAD_BYTES]):
         return ["omm"]
     if b"META_START" in (start := data[: 1 << 16]):
-        return ["aem" if b"ATTITUDE_TYPE" in start else "oem"]  # The line of the version is missing, and is asked for.
+        return ["aem" if b"ATTITUDE_TYPE" in start else "oem"]  # The readers refuse the missing version.
     return ["tle"] if _LINES.search(start) else []
+
+
+HEAD_BYTES = 4096
+"""Bytes that show the form of elements."""
+
+
+def form_of_elements(head: bytes) -> str:
+    """Return ``json`` or ``csv`` for mean elements in that form, by the begin of a file; else nothing."""
+    text = head.decode("utf-8-sig", errors="replace").lstrip()
+    if text[:1] in ("[", "{"):
+        return "json"
+    return "csv" if "MEAN_MOTION" in text.split("\n", 1)[0].upper() and text[0] != "<" else ""
 
 
 def _is_xml(data: bytes) -> bool:
@@ -482,7 +474,11 @@ class _Tree:
         return f"{self.path}: line {self._parser.CurrentLineNumber}"
 
     def _refuse(self, *_: object) -> None:
-        raise UserError("an XML file with a document type of its own", where=self._where, expected=self.expected)
+        raise UserError(
+            "an XML file with a document type (DOCTYPE) or entities of its own",
+            where=self._where,
+            expected=self.expected,
+        )
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         tag = name.rpartition(" ")[2]
@@ -544,7 +540,6 @@ def _of_xml(path: Path, data: bytes, expected: str) -> list[Message]:
 
 # ---- One satellite ------------------------------------------------------------------------------------------------
 
-T = TypeVar("T")
 MOST_NAMES = 10
 """Largest number of names that an error lists."""
 
@@ -566,9 +561,26 @@ class Named(Protocol):
         """Whether it belongs to the satellite of a name, number or designator."""
 
 
+S = TypeVar("S")
+T = TypeVar("T", bound=Named)
+
+
+def one_element_set(found: Sequence[T], satellite: str | None, where: str, epoch: Callable[[T], str]) -> T:
+    """Return the only element set of one satellite; see :func:`of_satellite`."""
+    chosen = of_satellite(found, satellite, where, lambda one: one, "elements")
+    if len(chosen) > 1:
+        raise UserError(
+            f"{len(chosen)} element sets of {chosen[0].name}, of {listed(map(epoch, chosen))}",
+            where=where,
+            expected="one set for a satellite",
+            fix="keep the one whose epoch is nearest to the flight",
+        )
+    return chosen[0]
+
+
 def of_satellite(
-    found: Sequence[T], satellite: str | None, where: str, named: Callable[[T], Named], what: str
-) -> list[T]:
+    found: Sequence[S], satellite: str | None, where: str, named: Callable[[S], Named], what: str
+) -> list[S]:
     """Return what belongs to one satellite.
 
     ``satellite`` is its name, catalogue number or international designator; None: the file must hold only one.

@@ -8,15 +8,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.formats.attitude import Axes, axes_of, gcrs_from
-from horizonval.formats.ndm import Fields, check_order, one_message
+from horizonval.formats.attitude import axes_of
+from horizonval.formats.ndm import check_order, one_message
 from horizonval.formats.trajectory import Trajectory, TrajectoryPiece, piece_of
 from horizonval.geometry.clock import epoch_at, seconds_after
-from horizonval.geometry.rotation import turn
 
 EXPECTED = "an orbit ephemeris message, KVN or XML"
 STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
@@ -39,23 +35,13 @@ def orbit_of_oem(path: Path, satellite: str | None = None) -> Trajectory:
     epoch = epoch_at(instants[0][0])
     pieces: list[TrajectoryPiece] = []
     for segment, times in zip(segments, instants, strict=True):
-        numbers = segment.numbers(STATE, ACCELERATION)
-        axes, r, v = _along(segment.fields, 1e3 * numbers[:, :3], 1e3 * numbers[:, 3:6])
-        where, usable = segment.fields.where, segment.fields.usable_s(epoch)
+        fields, numbers = segment.fields, segment.numbers(STATE, ACCELERATION)
+        axes = axes_of(fields.needed("REF_FRAME", "the axes of the states"), fields.at("REF_FRAME"))
+        if fields.instant("REF_FRAME_EPOCH") is not None and axes != "gcrs":
+            at = fields.at("REF_FRAME_EPOCH")
+            raise UserError("axes of a fixed epoch are not read", where=at, expected=f"{axes.upper()} of date")
+        r, v = 1e3 * numbers[:, :3], 1e3 * numbers[:, 3:6]
+        where, usable = fields.where, fields.usable_s(epoch)
         pieces.append(piece_of(axes, epoch, seconds_after(epoch, times), r, v, where, usable, segment.place))
     check_order([piece.coverage for piece in pieces], segments)
     return Trajectory(epoch, tuple(pieces), str(path))
-
-
-def _along(fields: Fields, r: FloatArray, v: FloatArray) -> tuple[Axes, FloatArray, FloatArray]:
-    """Return axes, positions and velocities; axes of date that keep still from an epoch on are turned to ``gcrs``."""
-    axes = axes_of(fields.needed("REF_FRAME", "the axes of the states"), fields.at("REF_FRAME"))
-    held = fields.instant("REF_FRAME_EPOCH")
-    if held is None or axes == "gcrs":
-        return axes, r, v
-    if axes == "itrs":
-        raise UserError(
-            "Earth-fixed axes have no epoch", where=fields.at("REF_FRAME_EPOCH"), expected="this key for TOD or TEME"
-        )
-    matrix = gcrs_from(axes, epoch_at(held), np.zeros(1))
-    return "gcrs", turn(matrix, r), turn(matrix, v)

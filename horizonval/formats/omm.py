@@ -6,9 +6,6 @@ their elements: the Earth, TEME, UTC and SGP4. Catalogue numbers may have any le
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -18,17 +15,19 @@ from sgp4.api import SGP4_ERRORS, Satrec
 
 from horizonval.core import files
 from horizonval.core.errors import UserError
+from horizonval.formats.csv_table import MAX_FILE_BYTES, csv_rows
 from horizonval.formats.ndm import (
     HARMLESS,
-    MAX_FILE_BYTES,
+    HEAD_BYTES,
     READ,
     VERSIONS,
     Fields,
     check_keys,
+    form_of_elements,
     is_user_defined,
     listed,
     messages_of,
-    of_satellite,
+    one_element_set,
 )
 from horizonval.geometry.clock import instant_of, utc_at
 
@@ -59,16 +58,8 @@ def satellite_of_omm(path: Path, satellite: str | None = None) -> tuple[Satrec, 
         With file and key: several satellites or several sets of elements of one, a theory other than SGP4, another
         centre or frame, elements that are missing or out of range.
     """
-    found = of_satellite(_element_sets(path), satellite, str(path), lambda fields: fields, "mean elements")
-    if len(found) > 1:
-        epochs = listed(one.text("EPOCH", "no epoch") for one in found)
-        raise UserError(
-            f"{len(found)} element sets of {found[0].name}, of {epochs}",
-            where=str(path),
-            expected="one set for a satellite",
-            fix="keep the one whose epoch is nearest to the flight",
-        )
-    return _satellite(found[0])
+    fields = one_element_set(_element_sets(path), satellite, str(path), lambda one: one.text("EPOCH", "no epoch"))
+    return _satellite(fields)
 
 
 def _satellite(fields: Fields) -> tuple[Satrec, str]:
@@ -135,11 +126,10 @@ def _within(fields: Fields, key: str, low: float, high: float) -> float:
 
 def _element_sets(path: Path) -> list[Fields]:
     """Return all element sets of a file, each with its keys."""
-    head = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=4096)
-    text = head.decode("utf-8-sig", errors="replace").lstrip()
-    if text[:1] in ("[", "{"):
+    form = form_of_elements(files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=HEAD_BYTES))
+    if form == "json":
         found = _of_json(path)
-    elif "MEAN_MOTION" in text.split("\n", 1)[0].upper() and not text.startswith("<"):
+    elif form == "csv":
         found = _of_csv(path)
     else:
         return [segment.fields for message in messages_of(path, "omm", EXPECTED) for segment in message.segments]
@@ -164,18 +154,9 @@ def _element_sets(path: Path) -> list[Fields]:
 
 
 def _of_json(path: Path) -> list[Fields]:
+    # Numbers remain text, with all their digits.
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
-
-    def refuse(constant: str) -> None:
-        raise UserError(f"found {constant}", where=str(path), expected="finite numbers")
-
-    try:
-        # Numbers remain text, with all their digits.
-        every: Any = json.loads(text, parse_float=str, parse_int=str, parse_constant=refuse, object_pairs_hook=_Pairs)
-    except json.JSONDecodeError as error:
-        raise UserError(f"not JSON: {error.msg}", where=f"{path}: line {error.lineno}", expected=EXPECTED) from None
-    except RecursionError:
-        raise UserError("not element sets: nested too deep", where=str(path), expected=EXPECTED) from None
+    every: Any = files.parse_json(text, path, pairs=_Pairs, number=str)
     found = []
     for number, one in enumerate([every] if isinstance(every, _Pairs) else every, 1):
         where = f"{path}: element set {number}"
@@ -186,23 +167,14 @@ def _of_json(path: Path) -> list[Fields]:
 
 
 class _Pairs(list[tuple[str, Any]]):
-    """Keys and values of a JSON object, as they stand."""
+    """Keys and values of a JSON object, repeated keys included."""
 
 
 def _of_csv(path: Path) -> list[Fields]:
-    text = files.read_text(path, largest=MAX_FILE_BYTES, expected=EXPECTED)
-    try:
-        reader = csv.reader(io.StringIO(text), strict=True, skipinitialspace=True)
-        rows = [(reader.line_num, row) for row in reader if any(c.strip() for c in row) and not row[0].startswith("#")]
-    except csv.Error as error:
-        raise UserError(f"not a CSV file: {error}", where=str(path), expected=EXPECTED) from None
-    header = rows[0][1]
+    header, rows = csv_rows(path, EXPECTED)
     if len(header) == 1:
         raise UserError("columns without commas between them", where=str(path), expected="comma-separated text")
-    for line, row in rows[1:]:
-        if len(row) != len(header):
-            raise UserError(f"{len(row)} fields", where=f"{path}: line {line}", expected=f"{len(header)}")
-    return [_fields(f"{path}: line {line}", list(zip(header, row, strict=True))) for line, row in rows[1:]]
+    return [_fields(f"{path}: line {line}", list(zip(header, row, strict=True))) for line, row in rows]
 
 
 def _fields(where: str, pairs: list[tuple[str, Any]]) -> Fields:

@@ -59,7 +59,7 @@ class TrajectoryPiece:
     """States without a manoeuvre between them.
 
     ``seconds`` after the trajectory's epoch, shape (m,), rising; ``r_gcrs`` [m] and ``v_gcrs`` [m/s], shape (m, 3).
-    ``coverage``: the times that may be asked for. ``earth_fixed``: whether the states come from Earth-fixed axes.
+    ``coverage``: spans of time with values. ``earth_fixed``: whether the states come from Earth-fixed axes.
     """
 
     seconds: FloatArray
@@ -79,12 +79,12 @@ class Trajectory:
 
     @cached_property
     def coverage(self) -> Coverage:
-        """The times that may be asked for."""
+        """Spans of time with values."""
         return together([piece.coverage for piece in self.pieces])
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """First and last time that may be asked for."""
+        """First and last time with values."""
         if not len(self.coverage.begins):
             raise UserError("no state that may be used", where=self.where, expected="states in the usable span")
         return float(self.coverage.begins[0]), float(self.coverage.ends[-1])
@@ -141,11 +141,11 @@ def piece_of(
     r_gcrs, v_gcrs = states_in_gcrs(axes, epoch_utc, seconds, r, v)
     if axes == "itrs" and (turns := _turns_at_leap_seconds(epoch_utc, seconds)) is not None:
         r_gcrs, v_gcrs = turns.apply(r_gcrs), None if v_gcrs is None else turns.apply(v_gcrs)
-    contradiction.check_axes(axes, seconds, r_gcrs, where)
+    contradiction.check_positions(axes, seconds, r_gcrs, where, named)
     gaps = _gaps(seconds, r_gcrs, v is not None)
     if v_gcrs is not None:
         assert v is not None
-        contradiction.check(axes, (seconds, r, v), (r_gcrs, v_gcrs), gaps, named)
+        contradiction.check(axes, (seconds, r, v), (r_gcrs, v_gcrs), named)
     return TrajectoryPiece(seconds, r_gcrs, v_gcrs, coverage_of(seconds, gaps, usable_s), axes == "itrs")
 
 
@@ -206,7 +206,7 @@ def _between(piece: TrajectoryPiece, t: FloatArray) -> tuple[FloatArray, FloatAr
         if piece.v_gcrs is None:
             polynomial = KroghInterpolator(x, piece.r_gcrs[rows])
         else:
-            # A node that stands twice has its derivative as the second value.
+            # A repeated node has its derivative as the second value.
             values = np.stack([piece.r_gcrs[rows], scale * piece.v_gcrs[rows]], axis=1).reshape(-1, 3)
             polynomial = KroghInterpolator(np.repeat(x, 2), values)
         at = (t[here] - origin) / scale
@@ -324,7 +324,7 @@ class SpiceOrbit:
                 continue
             stamps = [clock.stamp_after(self.epoch_utc, float(t)) for t in seconds]
             places = [f"{_names(self.kernels)}: {self.spacecraft} at {stamp}" for stamp in stamps]
-            contradiction.check("gcrs", (seconds, r, v), (r, v), np.zeros(4, dtype=bool), places.__getitem__)
+            contradiction.check("gcrs", (seconds, r, v), (r, v), places.__getitem__)
 
 
 def span_of(kernels: Sequence[Path], spacecraft: str) -> tuple[int, int]:

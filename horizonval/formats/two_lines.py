@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from horizonval.core.errors import UserError
-from horizonval.formats.ndm import listed, of_satellite, plain_name
+from horizonval.formats.ndm import one_element_set, plain_name
 from horizonval.geometry.orbit import ElementSet
 
 SHORTEST = 60
@@ -35,15 +35,8 @@ def elements_of(lines: Sequence[str], satellite: str | None = None) -> ElementSe
             name = text.removeprefix("0 ")
     if not found or name or first:
         raise UserError(f"found {len(texts)} lines", expected=EXPECTED)
-    sets = of_satellite(found, satellite, "", lambda one: one, "elements")
-    if len(sets) > 1:
-        epochs = listed(one.line1[18:32].strip() for one in sets)
-        raise UserError(
-            f"{len(sets)} element sets of {sets[0].name}, of {epochs} (year and day)",
-            expected="one set for a satellite",
-            fix="keep the one whose epoch is nearest to the flight",
-        )
-    return ElementSet(sets[0].line1, sets[0].line2)
+    one = one_element_set(found, satellite, "", lambda one: f"{one.line1[18:32].strip()} (year and day)")
+    return ElementSet(one.line1, one.line2)
 
 
 @dataclass(frozen=True)

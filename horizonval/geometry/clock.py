@@ -47,9 +47,7 @@ def _quietly(function: Callable[..., Any], *arguments: Any) -> Any:
 
 @lru_cache(maxsize=4096)
 def _offset_ns(year: int, month: int, day: int = 1, fraction: float = 0.0) -> int:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        return round(float(erfa.dat(year, month, day, fraction)) * _S)
+    return round(float(_quietly(erfa.dat, year, month, day, fraction)) * _S)
 
 
 def _tai_minus_utc(utc_ns: int) -> int:

@@ -33,7 +33,7 @@ from datetime import UTC, datetime
 import erfa
 import numpy as np
 from numpy.typing import ArrayLike
-from sgp4.api import SGP4_ERRORS, WGS72, Satrec
+from sgp4.api import SGP4_ERRORS, Satrec
 from sgp4.conveniences import sat_epoch_datetime
 
 from horizonval.core.arrays import FloatArray
@@ -307,12 +307,13 @@ def far_from_epoch(satellite: Satrec, epoch_utc: datetime, seconds: FloatArray) 
     """Return a warning if instants are so far from the epoch of the elements that SGP4 is far off; else nothing.
 
     Elements of low orbits are about 1 km off at their epoch and 1 to 3 km a day more (Vallado and Cefola, IAC-12;
-    Kelso, AAS 07-127). Drag is uncertain by :data:`DRAG_ERROR`: that share of what it has done to the position.
+    Kelso, AAS 07-127). Drag is uncertain by :data:`DRAG_ERROR`: that share of the
+    way along the orbit that the derivative of the mean motion makes.
     """
     ages = (clock.elapsed_s(epoch_of(satellite), epoch_utc) + np.asarray(seconds, dtype=np.float64)) / 86400.0
-    farthest = int(np.argmax(np.abs(ages)))
-    days, t = float(ages[farthest]), float(np.ravel(seconds)[farthest])
-    drag_m = DRAG_ERROR * _drag_m(satellite, epoch_utc, t, 1440.0 * days)
+    days = float(ages[int(np.argmax(np.abs(ages)))])
+    axis_m = (GM_M3_PER_S2 / (satellite.no_kozai / 60.0) ** 2) ** (1.0 / 3.0)
+    drag_m = DRAG_ERROR * axis_m * abs(satellite.ndot) * (1440.0 * days) ** 2
     if abs(days) <= FARTHEST_DAYS and drag_m <= LARGEST_DRAG_ERROR_M:
         return ""
     off_km = 1.0 + 2.0 * abs(days) + drag_m / 1e3
@@ -322,21 +323,6 @@ def far_from_epoch(satellite: Satrec, epoch_utc: datetime, seconds: FloatArray) 
     epoch = epoch_of(satellite).replace(tzinfo=None).isoformat(timespec="seconds")
     far = f"up to {abs(days):.3g} days {when} the epoch of the elements, {epoch}"
     return f"{far}: the satellite is likely {size}; take elements of a nearer epoch"
-
-
-def _drag_m(satellite: Satrec, epoch_utc: datetime, t: float, minutes: float) -> float:
-    """Return how far drag has moved a satellite [m]: by the drag term, or by the derivative of its mean motion."""
-    bare = Satrec()
-    epoch = satellite.jdsatepoch - 2433281.5 + satellite.jdsatepochF
-    shape = (satellite.ecco, satellite.argpo, satellite.inclo, satellite.mo, satellite.no_kozai, satellite.nodeo)
-    bare.sgp4init(WGS72, "i", 0, epoch, 0.0, satellite.ndot, satellite.nddot, *shape)
-    axis_m = (GM_M3_PER_S2 / (satellite.no_kozai / 60.0) ** 2) ** (1.0 / 3.0)
-    along_m = axis_m * abs(satellite.ndot) * minutes**2
-    try:
-        moved = satellite_states(satellite, epoch_utc, t)[0] - satellite_states(bare, epoch_utc, t)[0]
-    except UserError:
-        return along_m
-    return max(along_m, float(np.linalg.norm(moved)))
 
 
 def _days_of_sgp4(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike) -> tuple[float, FloatArray]:

@@ -112,6 +112,8 @@ MOST_TRIANGLES = 200_000
 EXPECTED = "a mesh: PLY, OBJ or glTF"
 LARGEST_MESH = 64 * 1024 * 1024
 """Size of a mesh file, and of a file with its numbers [bytes]."""
+LARGEST_COORDINATE = 1e12
+"""Largest coordinate of a mesh in its unit."""
 FARTHEST_M = 1e6
 """Distance of a part's corners from the camera."""
 _PLY_COUNT = re.compile(rb"^element \S+ (\d+)", re.MULTILINE)
@@ -135,8 +137,8 @@ def mesh_triangles(file: str, where: str) -> FloatArray:
     # Loaded here: scenes without meshes have no use for it.
     import trimesh
 
-    class Beside(Mapping[str, bytes]):
-        """Gives the files that a mesh names: regular ones of its own folder."""
+    class FolderFiles(Mapping[str, bytes]):
+        """Files that a mesh names: regular ones in its folder."""
 
         def __getitem__(self, name: str) -> bytes:
             named = path.parent / name
@@ -153,7 +155,7 @@ def mesh_triangles(file: str, where: str) -> FloatArray:
     try:
         _refuse_untrue_counts(data, path.suffix.lower(), place)
         kind = path.suffix[1:].lower()
-        scene = trimesh.load_scene(io.BytesIO(data), kind, resolver=Beside(), skip_materials=True, process=False)
+        scene = trimesh.load_scene(io.BytesIO(data), kind, resolver=FolderFiles(), skip_materials=True, process=False)
         shown = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
         _refuse_many(sum(len(getattr(one, "faces", ())) for one in shown), place)
         triangles = np.asarray(scene.to_mesh().triangles, dtype=np.float64).reshape(-1, 3, 3)
@@ -162,7 +164,8 @@ def mesh_triangles(file: str, where: str) -> FloatArray:
     except (Exception, RecursionError) as error:
         words = " ".join(str(error).split())[:120]
         # The library's own sentences; anything else speaks of its code.
-        what = f": {words}" if isinstance(error, ValueError) and words else ""
+        ours = isinstance(error, ValueError) and not isinstance(error, UnicodeError)
+        what = f": {words}" if ours and words else ""
         raise UserError(f"the mesh cannot be read{what}", where=place, expected=EXPECTED) from None
     if not len(triangles):
         raise UserError("the mesh has no triangles", where=place, expected="at least one")
@@ -184,11 +187,11 @@ def _refuse_many(count: int, place: str) -> None:
 
 
 def _refuse_untrue_counts(data: bytes, suffix: str, place: str) -> None:
-    """Refuse a file that speaks of more numbers than a mesh has, before memory is taken for them."""
+    """Refuse a file that announces more elements than it can hold, before memory is allocated."""
     if suffix == ".ply":
         counts = [int(count) for count in _PLY_COUNT.findall(data[: data.find(b"end_header")]) if len(count) < 20]
         if max(counts, default=0) > len(data):
-            raise UserError(f"says that it has {max(counts)} elements", where=place, expected="a file that holds them")
+            raise UserError(f"announces {max(counts)} elements", where=place, expected="a file that holds them")
     elif suffix in (".gltf", ".glb"):
         text = data if suffix == ".gltf" else data[20 : 20 + int.from_bytes(data[12:16], "little")]
         tree = files.parse_json(text.decode(errors="replace"), place)
@@ -197,8 +200,6 @@ def _refuse_untrue_counts(data: bytes, suffix: str, place: str) -> None:
                 raise UserError(f"has an accessor of {accessor['count']} elements", where=place, expected="a mesh")
 
 
-LARGEST_COORDINATE = 1e12
-"""Largest coordinate of a mesh in its own unit."""
 NEAREST_M = 1e-3
 """A surface nearer than this is taken to lie on the lens: the camera is a point."""
 
@@ -270,18 +271,26 @@ def _solid_angle(triangles: FloatArray) -> float:
     return float(2.0 * np.arctan2(triple, 1.0 + sum(cosines)).sum())
 
 
+_TINY = float(np.finfo(np.float64).tiny)
+
+
 def _distance(triangles: FloatArray) -> FloatArray:
     """Return how far triangles are from the origin, shape (n,): their plane where its foot is inside, else an edge."""
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     normal = np.cross(u, v)
     square = np.einsum("ij,ij->i", normal, normal)
     along = np.einsum("ij,ij->i", a, normal)
+    # Without an area it is its edges.
+    flat = square < _TINY
+    square = np.maximum(square, _TINY)
     foot = normal * (along / square)[:, None] - a
     p = np.einsum("ij,ij->i", np.cross(foot, v), normal) / square
     q = np.einsum("ij,ij->i", np.cross(u, foot), normal) / square
-    inside = (p >= 0.0) & (q >= 0.0) & (p + q <= 1.0)
+    inside = ~flat & (p >= 0.0) & (q >= 0.0) & (p + q <= 1.0)
     start, edge = triangles, np.roll(triangles, -1, axis=1) - triangles
-    share = np.clip(-np.einsum("ijk,ijk->ij", start, edge) / np.einsum("ijk,ijk->ij", edge, edge), 0.0, 1.0)
+    share = np.clip(
+        -np.einsum("ijk,ijk->ij", start, edge) / np.maximum(np.einsum("ijk,ijk->ij", edge, edge), _TINY), 0.0, 1.0
+    )
     to_edge = np.linalg.norm(start + share[..., None] * edge, axis=-1).min(axis=1)
     return np.where(inside, np.abs(along) / np.sqrt(square), to_edge)
 

@@ -124,7 +124,7 @@ def _loaded(setup: dict[str, Any], exchange: int) -> tuple[Estimator | None, dic
 
 
 def _be_asked(estimator: Estimator | None, exchange: int, length: int, pipes: Iterable[IO[bytes]]) -> None:
-    # Signals to the estimate's process group must not reach the importing process.
+    # Signals to the estimate's process group must not reach the process that imported it.
     os.setpgid(0, 0)
     for pipe in pipes:
         os.close(pipe.fileno())

@@ -60,7 +60,7 @@ def contain(hidden: Iterable[str | Path]) -> bool:
             # The users of later namespaces are written there.
             and _changed(libc, "/proc", 0, _READ_ONLY)
         )
-    except (OSError, AttributeError, TypeError):
+    except (OSError, AttributeError, TypeError, ValueError):
         return False
 
 

@@ -14,7 +14,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from horizonval.core.environment import (
     llvm_candidates,
 )
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import typed
 
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
@@ -99,11 +100,7 @@ def probe(refresh: bool = False) -> BackendReport:
 
 def _report(content: Mapping[str, Any]) -> BackendReport:
     """Return a report from the cache; ``ValueError`` unless something works in it, as in all that are kept."""
-    report = BackendReport(tuple(Attempt(**attempt) for attempt in content["attempts"]))
-    for attempt in report.attempts:
-        for field in fields(Attempt):
-            if type(getattr(attempt, field.name)).__name__ != field.type:
-                raise ValueError(field.name)
+    report = BackendReport(tuple(typed(Attempt(**attempt)) for attempt in content["attempts"]))
     if report.chosen is None:
         raise ValueError("nothing works")
     return report

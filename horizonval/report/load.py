@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from horizonval.core.errors import DamagedFileError, UserError, misfit
 from horizonval.frame import DetectorImage
 from horizonval.scoring.row import Row
@@ -102,6 +104,10 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
     shown = _shown(run_dir, head["cases"], most)
     store = _store(run_dir, head)
     views = {name: _views_of(run_dir, head, store, name, name in shown) for name in head["cases"]}
+    for view in (view for found in views.values() for view in found or ()):
+        if other := [name for name in view.rows if name not in head["estimators"]]:
+            what = f"does not name the estimator {other[0]!r} of the case {view.case!r}"
+            raise DamagedFileError(what, where=str(path), fix="run the suite again")
     return ReportRun(
         suite=head["suite"],
         title=head.get("title") or "",
@@ -209,6 +215,9 @@ def _views(
             for name in sorted(names)
             if shown and (found := record["details"].get(name if i == 0 else f"{name} [{band}]")) is not None
         }
+        for found in details.values():
+            np.asarray(found.get("points") or [], dtype=np.float64).reshape(-1, 2)
+            np.asarray((found.get("fit") or {}).get("nadir_cam") or [], dtype=np.float64)
         views.append(
             CaseView(
                 case=record["case"],

@@ -370,9 +370,12 @@ class Exhibit:
         return png_uri(self.rgb)
 
 
+GALLERY_TITLE = "horizonval: gallery of scenes"
+
+
 def write_gallery(visible: Sequence[Exhibit], infrared: Sequence[Exhibit], folder: Path) -> Path:
     """Write ``folder/index.html``, a page of pictures with captions, and return its path."""
     path = folder / "index.html"
-    title = "horizonval: gallery of scenes"
-    page.write(path, page.render("gallery.html", title=title, heading="Scenes", visible=visible, infrared=infrared))
+    halls = {"visible": visible, "infrared": infrared}
+    page.write(path, page.render("gallery.html", title=GALLERY_TITLE, heading="Scenes", **halls))
     return path

@@ -3,8 +3,8 @@
 The pages are the files in the folder. With the server the viewer lists all frames of a run, including those that a long
 run's page omits, and requests numbers that the page does not hold.
 
-Other users of the machine reach the loopback too. As with notebooks, the printed address has a secret; who opens it
-gets it as a cookie, and no other request is answered.
+Other users of the machine can connect to the loopback address. As with notebooks, the printed address has a secret. The
+first answer sets it as a cookie; requests without it are refused.
 """
 
 from __future__ import annotations

@@ -333,7 +333,7 @@ def _enough(scene: _Scene, member: BoolArray, thresholds: Thresholds) -> bool:
 
 
 def _predicted(scene: _Scene) -> Bound:
-    """Return the bound of the samples that carry information, each of which stands for a piece of the arc."""
+    """Return the bound of the samples that carry information; each represents a piece of the arc."""
     usable = _informative(scene, limits.NOMINAL)
     step = max(1, int(usable.sum()) // limits.BOUND_SAMPLES)
     uv = scene.view.uv[usable][::step]

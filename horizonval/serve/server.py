@@ -20,9 +20,9 @@ from horizonval.wire import SCHEMA, BrokenStreamError, pack, problem_message, re
 MOST_REQUEST_BYTES = 64 * 1024
 """Longest body of a request; a usual one takes some 500."""
 MOST_CLIENTS = 16
-"""Clients that are served, and strangers that have not sent the token yet, each."""
+"""Maximum number of clients, and of connections that have not sent the token yet."""
 STRANGER_S = 10.0
-"""Longest total time of a stranger's first message, which must have the token."""
+"""Longest total time of a connection's first message, which must have the token."""
 LAST_WORDS_S = 5.0
 """How long answers that are under way may take to go out when the server ends."""
 _WAKE_S = 0.5

@@ -22,7 +22,7 @@ from horizonval.wire import Address, check_installed, make_private_folder, unix_
 WAITING = 16
 """Clients that may knock while others are let in."""
 LONGEST_LOCK_S = 2.0
-"""How long a server waits for others that look at the sockets of its folder, which takes milliseconds."""
+"""Longest wait for other servers that check the sockets of the folder, which takes milliseconds."""
 LEAST_TOKEN, MOST_TOKEN = 16, 256
 
 
@@ -98,9 +98,9 @@ def _unix(path: Path) -> socket.socket:
 
 @contextlib.contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Keep other servers from looking at the sockets of a folder meanwhile; nothing is left behind for it.
+    """Keep other servers from checking the sockets of a folder meanwhile; no file is needed for it.
 
-    Anybody who can read the folder can lock it, so that a server waits for the lock for a short time only.
+    Anybody who can read the folder can lock it, so a server waits only :data:`LONGEST_LOCK_S`.
     """
     import fcntl
 

@@ -174,7 +174,7 @@ class CameraGeometry(Model):
         both = self.fov_deg is not None and self.fx is not None
         neither = self.fov_deg is None and self.fx is None
         if both or (neither and self.focal_length_mm is None):
-            raise ValueError(f"give exactly one of fov_deg and fx, got fov_deg = {self.fov_deg} and fx = {self.fx}")
+            raise ValueError(f"give exactly one of fov_deg and fx, got {'neither' if self.fx is None else 'both'}")
         return self
 
     @model_validator(mode="after")

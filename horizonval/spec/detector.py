@@ -131,10 +131,7 @@ class Cmos(Model):
     @model_validator(mode="after")
     def _temperatures(self) -> Cmos:
         if (self.temperature_c is None) != (self.dark_reference_c is None):
-            raise ValueError(
-                f"temperature_c = {self.temperature_c} and dark_reference_c = {self.dark_reference_c} go together: "
-                "give both or neither"
-            )
+            raise ValueError("temperature_c and dark_reference_c go together: give both or neither")
         return self
 
     @model_validator(mode="after")

@@ -62,7 +62,7 @@ def _explained(problem: Any, root: Schema, file: str, inside: str) -> UserError:
     elif kind == "finite_number":
         what, expected = f"found {show(value)}", "a finite number"
     else:
-        what, expected = f"found {show(value)}", describe(root, node) or problem["msg"]
+        what, expected = f"found {show(value)}", describe(root, node) or "another value"
     return UserError(what, where=": ".join(part for part in (file, inside, key) if part), expected=expected)
 
 
@@ -77,6 +77,9 @@ def describe(root: Schema, node: Schema) -> str:
     node = _resolve(root, node)
     if options := _types(node):
         return _either(filter(None, (describe(root, option) for option in options)))
+    if "discriminator" in node:
+        kinds = _either(show(kind) for kind in node["discriminator"].get("mapping", {}))
+        return f"a table with {node['discriminator']['propertyName']} = {kinds}"
     if "const" in node:
         return show(node["const"])
     if "enum" in node:
@@ -217,5 +220,5 @@ def with_option(model: M, key: str, value: Any, option: str) -> M:
         problem = e.errors(include_url=False)[0]
         if problem["loc"]:
             expected = describe_key(type(model), key)
-            raise UserError(f"found {show(value)}", where=option, expected=expected or problem["msg"]) from None
+            raise UserError(f"found {show(value)}", where=option, expected=expected or "another value") from None
         raise UserError(str(problem["ctx"]["error"]), where=option) from None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from horizonval.core.errors import UserError, nearest
-from horizonval.core.files import kind_at, read_text
+from horizonval.core.files import ensure_file, kind_at, read_text
 
 _LARGEST_BYTES = 1024**2
 
@@ -51,12 +51,14 @@ def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, wh
     """
     given = Path(path_or_name).expanduser()
     candidate = given if beside is None else beside / given
-    if candidate.is_file():
+    if (lies_there := kind_at(candidate, links=True)) == "a file":
+        # It is an input from now on, also where it is read much later.
+        ensure_file(candidate, expected=f"{'an' if kind == 'atmosphere' else 'a'} {kind} file")
         return candidate
     name = str(path_or_name).removesuffix(_suffix(kind))
     if name in shipped_names(kind):
         return shipped_path(kind, name)
-    if (lies_there := kind_at(candidate, links=True)) not in ("a file", ""):
+    if lies_there:
         raise UserError(
             f"{candidate} is {lies_there}", where=where, expected=f"{'an' if kind == 'atmosphere' else 'a'} {kind} file"
         )

@@ -38,7 +38,7 @@ class Scatter(Model):
     @model_validator(mode="after")
     def _below_one(self) -> Scatter:
         if (self.b0 is None) == (self.tis is None):
-            raise ValueError(f"give exactly one of b0 and tis, got b0 = {self.b0} and tis = {self.tis}")
+            raise ValueError(f"give exactly one of b0 and tis, got {'neither' if self.b0 is None else 'both'}")
         total = self.total
         if total >= 1:
             if self.tis is not None:

@@ -121,7 +121,7 @@ class OrbitSpec(Model):
     or mean elements in another form: an OMM of CCSDS, JSON or CSV. SGP4 gives the positions; far from the epoch of the
     elements there is a warning.
     """
-    satellite: Annotated[str, BeforeValidator(_text_of_number)] | None = None
+    satellite: Annotated[str, BeforeValidator(_text_of_number, json_schema_input_type=str | int)] | None = None
     """With `tle`, `ephemeris` or `attitude.file`: which satellite of a file of several, by its name, catalogue number
     or international designator.
     """

@@ -32,11 +32,12 @@ Writing is atomic. Equal content gives equal bytes.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -406,6 +407,13 @@ def _refuse_too_large(header: exr_header.Header, path: Path) -> None:
 
 def _decode_pixels(path: Path) -> Channels:
     """Return the separate channels of the first part."""
+    with decoding(path, separate_channels=True) as file:
+        return {name: np.ascontiguousarray(channel.pixels) for name, channel in file.channels().items()}
+
+
+@contextlib.contextmanager
+def decoding(path: Path, **options: bool) -> Iterator[OpenEXR.File]:
+    """Open a file with the library, which reads it by its path and prints what it finds damaged."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -413,7 +421,7 @@ def _decode_pixels(path: Path) -> Channels:
             "cannot be read by OpenEXR: its path is not UTF-8", where=str(path), fix="give the folder another name"
         ) from None
     try:
-        with silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
-            return {name: np.ascontiguousarray(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as error:
-        raise DamagedFileError(f"its pixels cannot be read: {error}", where=str(path)) from None
+        with silenced(), OpenEXR.File(str(path), **options) as file:
+            yield file
+    except Exception:
+        raise DamagedFileError("cannot be read: damaged or truncated", where=str(path)) from None

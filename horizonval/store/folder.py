@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -28,6 +28,13 @@ from horizonval.core.cache import log_damage
 from horizonval.core.errors import DamagedFileError, UserError
 
 LARGEST_RECORD = 1024**3
+LOCK = ".lock"
+OWN = (
+    "run.json", "summary.json", "results.parquet", "timings.json", "manifest.json", "cases", "state", "stability",
+    "report", "study.json", "study-plan.json", "study-costs.json", "designs.csv",
+)  # fmt: skip
+"""What a run or a study writes into its folder and may replace there; the archive replaces nothing."""
+
 """Size [bytes] of a JSON file of a run: a case holds some kilobytes of each estimator and draw."""
 
 
@@ -83,13 +90,28 @@ class RunFolder:
 
     def create(self, *, stability: bool = False) -> None:
         """Make the folders; ``UserError`` if that fails, or a link leads out (only the archive may be shared)."""
+        self.refuse_files_of_others()
         self.refuse_links()
         extra = (self.stability,) if stability else ()
         for folder in (self.root, self.archive, self.cases, self.state, *extra):
             atomic.make_folder(folder)
 
+    def refuse_files_of_others(self, names: Iterable[str] = OWN) -> None:
+        """Raise ``UserError`` where a command would replace files of a folder that is not its own.
+
+        A folder of ours has the lock, which is made before anything else, or a sealed file among ``names``. Other files
+        in it are nobody's concern, and so are folders with nothing in them.
+        """
+        if files.kind_at(self.root / LOCK) == "a file":
+            return
+        found = [path for path in (self.root / name for name in names) if _holds_something(path)]
+        if found and not any(_is_sealed(path) for path in found):
+            what = f"holds {found[0].name}, which no command of horizonval wrote"
+            expected = "a new or empty folder, or one of the same command"
+            raise UserError(what, where=str(self.root), expected=expected, fix="choose another --out")
+
     def refuse_links(self) -> None:
-        """Raise ``UserError`` where a link stands for one of the folders that a run writes into and cleans."""
+        """Raise ``UserError`` if a link replaces one of the folders that a run writes into and cleans."""
         for folder in (self.cases, self.state, self.stability, self.root / "report"):
             if folder.is_symlink():
                 raise UserError("is a link", where=str(folder), expected="a folder of the run", fix="remove the link")
@@ -109,7 +131,7 @@ class RunFolder:
         except ImportError:  # Windows: two runs in one folder are then the user's care.
             yield
             return
-        wanted = [(".lock", fcntl.LOCK_EX if shard is None else fcntl.LOCK_SH)]
+        wanted = [(LOCK, fcntl.LOCK_EX if shard is None else fcntl.LOCK_SH)]
         if shard is not None:
             wanted.append((f".lock-{shard[0]}-of-{shard[1]}", fcntl.LOCK_EX))
         with contextlib.ExitStack() as opened:
@@ -126,6 +148,18 @@ class RunFolder:
                 # It is empty, whatever was written into it: who holds it may set it right.
                 file.truncate(0)
             yield
+
+
+def _holds_something(path: Path) -> bool:
+    kind = files.kind_at(path)
+    return any(path.iterdir()) if kind == "a folder" else kind not in ("", "a link")
+
+
+def _is_sealed(path: Path) -> bool:
+    try:
+        return sealed.KEY.encode() in files.read_bytes(path, largest=LARGEST_RECORD, links=False)
+    except UserError:
+        return False
 
 
 def _record(room: Path, name: str) -> Path:

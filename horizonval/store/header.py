@@ -34,7 +34,6 @@ LARGEST = 32 * 1024**3
 """Size [bytes] of a file that is read: twenty float32 channels of the largest camera (16384 x 16384) are 21 GB."""
 
 _HEADER_GUESS = 1 << 17  # Headers are some 10 kB; longer ones cost a second read.
-_MULTIPART = 0x1000
 
 
 class _ShortError(Exception):
@@ -83,22 +82,13 @@ def read_bytes(path: Path, limit: int | None = None) -> bytes:
 
 def read_header(path: Path) -> Header:
     """Parse the first header of ``path`` without its pixels; raise ``DamagedFileError`` if it is not an EXR header."""
-    return read_headers(path)[0][0]
-
-
-def read_headers(path: Path) -> tuple[list[Header], int]:
-    """Return the headers of all parts and the flags of the format; errors as :func:`read_header`."""
     start = read_bytes(path, _HEADER_GUESS)
     try:
-        return _parse_all(start, path)
+        return _parse(start, path)
     except _ShortError:
         if len(start) < _HEADER_GUESS:
             raise _short(path, len(start)) from None
-    data = read_bytes(path)
-    try:
-        return _parse_all(data, path)
-    except _ShortError:
-        raise _short(path, len(data)) from None
+    return parse_header(read_bytes(path), path)
 
 
 def parse_header(data: bytes, path: Path) -> Header:
@@ -113,31 +103,17 @@ def _short(path: Path, size: int) -> DamagedFileError:
     return DamagedFileError(f"truncated: it ends inside the header, after {size} bytes", where=str(path))
 
 
-def _parse_all(data: bytes, path: Path) -> tuple[list[Header], int]:
-    headers = [_parse(data, path)]
-    flags, end = int.from_bytes(data[4:8], "little"), len(headers[0].data)
-    # Of several parts, an empty header ends the list.
-    while flags & _MULTIPART:
-        if end >= len(data):
-            raise _ShortError
-        if not data[end]:
-            break
-        headers.append(_parse(data, path, end))
-        end += len(headers[-1].data)
-    return headers, flags
-
-
-def _parse(data: bytes, path: Path, start: int = 0) -> Header:
+def _parse(data: bytes, path: Path) -> Header:
     if not data:
         raise DamagedFileError("the file is empty", where=str(path), expected="an OpenEXR file")
     if data[:4] != MAGIC:
         raise DamagedFileError(f"not an OpenEXR file{_looks_like(data)}", where=str(path))
     attributes: dict[str, Attribute] = {}
-    position = start or 8
+    position = 8
     while True:
         name, position = _word(data, position, path)
         if not name:
-            return Header(attributes, data[start:position])
+            return Header(attributes, data[:position])
         type_, position = _word(data, position, path)
         if position + 4 > len(data):
             raise _ShortError

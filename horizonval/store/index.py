@@ -18,6 +18,7 @@ from pathlib import Path
 
 from horizonval.core import atomic, sealed
 from horizonval.core.errors import DamagedFileError, UserError, command_line, printable
+from horizonval.core.json_types import typed
 from horizonval.core.progress import Progress, Silent
 from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, places
 from horizonval.store.folder import read_json
@@ -71,7 +72,7 @@ class Index:
             content = read_json(self.path, fix=fix)
             if content is None:
                 return None
-            rows = [StoreEntry(**{**row, "bands": tuple(row["bands"])}) for row in content["entries"]]
+            rows = [typed(StoreEntry(**{**row, "bands": tuple(row["bands"])})) for row in content["entries"]]
         except UserError as error:
             raise DamagedFileError(f"the index cannot be used ({error.what})", where=error.where, fix=fix) from None
         except (TypeError, KeyError):

@@ -132,7 +132,7 @@ def garbage(folder: RunFolder) -> Garbage:
     for name in manifest.get("files", ()):
         if name.startswith(("cases/", "state/")) and files.kind_at(folder.root / name) != "a file":
             raise UserError(
-                "is missing, though the manifest names it, so that nobody knows which entries it names",
+                "is missing, but the manifest names it; which entries it uses is unknown",
                 where=str(folder.root / name),
                 fix="make the run again",
             )

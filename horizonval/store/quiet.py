@@ -1,4 +1,4 @@
-"""Silence for libraries that print: what they say of a damaged file is told by our one line."""
+"""Silence for libraries that print: our message describes a damaged file in one line."""
 
 from __future__ import annotations
 

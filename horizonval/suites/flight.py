@@ -139,7 +139,13 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
     elif spec.ephemeris is not None:
         found = _track_of_file(spec, beside / Path(spec.ephemeris).expanduser())
     elif spec.tle is not None:
-        found = _track_of_lines(spec, beside)
+        try:
+            if isinstance(spec.tle, str):
+                found = _track_of_file(spec, beside / Path(spec.tle).expanduser(), ("omm", "tle"), ELEMENTS)
+            else:
+                found = _track_of_lines(spec, spec.tle, "")
+        except UserError as e:
+            raise e.inside("tle") from e
     else:
         found = _track_of_elements(spec)
     if spec.attitude.file is None:
@@ -236,15 +242,11 @@ def _track_of_elements(spec: OrbitSpec) -> _Track:
     return _Track(epoch, states, itrs, 2.0 * math.pi / (mean_rate + perigee_rate))
 
 
-def _track_of_lines(spec: OrbitSpec, beside: Path) -> _Track:
+def _track_of_lines(spec: OrbitSpec, lines: Sequence[str], where: str) -> _Track:
     try:
-        lines = _lines(spec.tle or "", beside)
-        path = beside / Path(spec.tle).expanduser() if isinstance(spec.tle, str) else None
-        if path is None or set(kinds_of(path)) <= {"tle"}:
-            return _track_of_satellite(spec, elements_of(lines, spec.satellite).satellite())
+        return _track_of_satellite(spec, elements_of(lines, spec.satellite).satellite())
     except UserError as e:
-        raise e.at("tle") from e
-    return _track_of_file(spec, path, ("omm",), "elements: two lines, an OMM, JSON or CSV")
+        raise e.at(where) from e
 
 
 def _track_of_satellite(spec: OrbitSpec, satellite: Satrec, doubt: str = "") -> _Track:
@@ -262,6 +264,7 @@ def _track_of_satellite(spec: OrbitSpec, satellite: Satrec, doubt: str = "") -> 
     return _Track(epoch, states, itrs, period_s, doubt=partial(_joined, doubts))
 
 
+ELEMENTS = "elements: two lines of 69 columns, an OMM, JSON or CSV"
 ORBIT = "an orbit: OEM, mean elements as OMM, JSON, CSV or two lines, or a table of states"
 
 
@@ -271,12 +274,9 @@ def _track_of_file(
     kind = _kind_of(path, known, expected)
     if kind == "omm":
         return _track_of_satellite(spec, *satellite_of_omm(path, spec.satellite))
-    if kind == "tle":
-        try:
-            found = elements_of(_lines(str(path), Path()), spec.satellite)
-            return _track_of_satellite(spec, found.satellite())
-        except UserError as e:
-            raise e.at(str(path)) from e
+    if kind == "tle" or "oem" not in known:
+        lines = files.read_text(path, largest=MAX_FILE_BYTES, expected=expected).splitlines()
+        return _track_of_lines(spec, lines, str(path))
     if kind != "oem" and spec.satellite is not None:
         raise UserError("a table of states names no satellite", where="satellite", expected="it to be left out")
     trajectory = orbit_of_oem(path, spec.satellite) if kind == "oem" else orbit_of_csv(path)
@@ -314,18 +314,6 @@ def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
         body_from_axes=None if spec.attitude.body_axes is None else partial(found.body_from_gcrs, epoch),
         around=lambda seconds: (np.full(len(seconds), begin_s), np.full(len(seconds), end_s)),
     )
-
-
-def _lines(given: Sequence[str] | str, beside: Path) -> Sequence[str]:
-    """Return the lines of an element set, or of the file that holds them."""
-    if not isinstance(given, str):
-        return given
-    path = beside / Path(given).expanduser()
-    expected = "a text file with two lines of 69 columns"
-    try:
-        return files.read_text(path, largest=MAX_FILE_BYTES, expected=expected).splitlines()
-    except UserError as e:
-        raise UserError(f"{path}: {e.what}", expected=expected) from e
 
 
 def _elements(spec: OrbitSpec, epoch: datetime) -> orbit.Elements:

@@ -128,6 +128,7 @@ def _claim(
     before = intact_json(folder.suite)
     if (before is not None and "rescored" not in before) or folder.archive.exists():
         raise UserError("holds a run", where=str(folder.root), fix="choose another --out")
+    folder.refuse_files_of_others()
     folder.refuse_links()
     for path in (folder.root, folder.cases):
         atomic.make_folder(path)

@@ -16,7 +16,6 @@ from astropy.utils import iers
 from sgp4.api import Satrec
 
 from horizonval.core.errors import UserError
-from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.trajectory import orbit_of_csv
 from horizonval.geometry import clock
 from horizonval.geometry.ellipsoid import WGS84
@@ -81,32 +80,6 @@ def test_the_earth_is_turned_alike_by_every_route(day: str) -> None:
 
 
 RADIUS_KM, RATE = 6928.0, math.sqrt(398600.4418 / 6928.0**3)
-
-
-@pytest.mark.parametrize("system", clock.SYSTEMS)
-def test_messages_of_every_time_system_cross_a_leap_second(tmp_path: Path, system: str) -> None:
-    """1 cm between rows whose times are Astropy's."""
-    epoch, t = datetime.fromisoformat("2016-12-31T23:50:00.500+00:00"), 60.0 * np.arange(21.0)
-    times = Time(epoch.replace(tzinfo=None), scale="utc", precision=9) + t * units.s
-    clocks = times.tai - 19.0 * units.s if system == "GPS" else getattr(times, system.lower())
-    u = RATE * t[:, None]
-    r = RADIUS_KM * np.hstack([np.cos(u), 0.6 * np.sin(u), 0.8 * np.sin(u)])
-    v = RATE * RADIUS_KM * np.hstack([-np.sin(u), 0.6 * np.cos(u), 0.8 * np.cos(u)])
-    stamps = clocks.isot
-    rows = [f"{stamp} " + " ".join(f"{x:.9f}" for x in (*a, *b)) for stamp, a, b in zip(stamps, r, v, strict=True)]
-    head = (
-        "CCSDS_OEM_VERS = 2.0\nCREATION_DATE = 2017-01-01T00:00:00\nORIGINATOR = T\nMETA_START\nOBJECT_NAME = S\n"
-        f"OBJECT_ID = 2016-001A\nCENTER_NAME = EARTH\nREF_FRAME = EME2000\nTIME_SYSTEM = {system}\n"
-        f"START_TIME = {stamps[0]}\nSTOP_TIME = {stamps[-1]}\nMETA_STOP\n"
-    )
-    (tmp_path / "s.oem").write_text(head + "\n".join(rows))
-    found = orbit_of_oem(tmp_path / "s.oem")
-    assert abs(clock.elapsed_s(epoch, found.epoch_utc)) < 2e-6
-    between = np.linspace(0.0, 1199.9, 41)
-    shift = clock.elapsed_s(found.epoch_utc, epoch)
-    u = RATE * between[:, None]
-    want = 1e3 * RADIUS_KM * np.hstack([np.cos(u), 0.6 * np.sin(u), 0.8 * np.sin(u)])
-    assert np.abs(found.states(between + shift)[0] - want).max() < 0.01
 
 
 @pytest.mark.parametrize("day", DAYS)

@@ -135,6 +135,7 @@ def test_export_and_estimate_what_was_exported(horizonval, out, mini_suite):
     done = horizonval("archive", "export", archived, "--fits", "-o", "sky")
     assert done.stdout == "sky: 1 files of 1 entry\n"
     assert_one_line(horizonval("archive", "export", "out", "-o", "sky"), "which format?")
+    assert_one_line(horizonval("archive", "export", "out", "--png", "-o", "out/archive/x"), "lies inside the archive")
     assert_one_line(horizonval("archive", "export", archived, "--png", "--band", "vis", "-o", "sky"), "--band")
     assert_one_line(horizonval("archive", "export", "out", "--png", "--scene", "x", "-o", "sky"), "nothing to export")
     assert_one_line(horizonval("archive", "export", "out/run.json", "--png", "-o", "sky"), "not an OpenEXR file")

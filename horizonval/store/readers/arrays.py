@@ -13,7 +13,9 @@ from __future__ import annotations
 import contextlib
 import re
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,6 +29,8 @@ from horizonval.store.readers.part import EXPECTED, MAX_FILE_BYTES, Part, Pixels
 NPY_MAGIC, ZIP_MAGIC = b"\x93NUMPY", b"PK\x03\x04"
 LARGEST_TABLE_BYTES = 256 * 1024**2
 
+Opened = Callable[[], AbstractContextManager[IO[bytes]]]
+
 _CHANNELS = (1, 3, 4)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"(^|[;\s])[+-]?\d+,\d+([;\s]+[+-]?\d+,\d+)+[;\s]*$")
@@ -34,38 +38,31 @@ _DECIMAL_COMMA = re.compile(r"(^|[;\s])[+-]?\d+,\d+([;\s]+[+-]?\d+,\d+)+[;\s]*$"
 
 def parts_of_npy(path: Path) -> list[Part]:
     """Return the pictures in a ``.npy`` file; ``UserError`` for an array that is no picture, or damage."""
-    size = path.stat().st_size
-
-    @contextlib.contextmanager
-    def opened() -> Iterator[IO[bytes]]:
-        with files.open_file(path, expected=EXPECTED, largest=MAX_FILE_BYTES) as file:
-            yield file
-
-    found = _parts_of(opened, size, "", path)
+    opened = partial(files.open_file, path, expected=EXPECTED, largest=MAX_FILE_BYTES)
+    found, kind = _parts_of(opened, path.stat().st_size, "", path)
     if not found:
-        with opened() as file:
-            shape, _, dtype, _ = _head(file, path)
-        what = f"its array of {dtype.name} and of shape {shape} is no image"
-        raise UserError(what, where=str(path), expected="real numbers of shape (H, W) or (H, W, 3)")
+        expected = "real numbers of shape (H, W) or (H, W, 3)"
+        raise UserError(f"its array of {kind} is no image", where=str(path), expected=expected)
     return found
 
 
 def parts_of_npz(path: Path) -> list[Part]:
     """Return the pictures in a ``.npz`` file, named as its arrays; other arrays are left out."""
-    found = []
     with _archive(path) as archive:
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
-        if not members:
-            raise UserError("is a ZIP archive without arrays", where=str(path), expected=EXPECTED)
-        for info in members:
-
-            @contextlib.contextmanager
-            def opened(name: str = info.filename) -> Iterator[IO[bytes]]:
-                with _archive(path) as again, again.open(name) as file:
-                    yield file
-
-            found += _parts_of(opened, info.file_size, info.filename.removesuffix(".npy"), path)
+    if not members:
+        raise UserError("is a ZIP archive without arrays", where=str(path), expected=EXPECTED)
+    found = []
+    for info in members:
+        name = info.filename
+        found += _parts_of(partial(_member, path, name), info.file_size, name.removesuffix(".npy"), path)[0]
     return found
+
+
+@contextlib.contextmanager
+def _member(path: Path, name: str) -> Iterator[IO[bytes]]:
+    with _archive(path) as archive, archive.open(name) as file:
+        yield file
 
 
 @contextlib.contextmanager
@@ -82,24 +79,24 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
         raise DamagedFileError("not arrays that can be read: damaged or encrypted", where=str(path)) from None
 
 
-def _parts_of(opened: Any, size: int, name: str, path: Path) -> list[Part]:
-    """Return the pictures in one array by its head, or nothing if it holds none."""
+def _parts_of(opened: Opened, size: int, name: str, path: Path) -> tuple[list[Part], str]:
+    """Return the pictures in one array by its head, none if it holds no image, and the array's kind in words."""
     with opened() as file:
         shape, _, dtype, head = _head(file, path)
+    kind = f"{dtype.name} of shape {'x'.join(map(str, shape)) or '()'}"
     if dtype.kind not in "buif" or len(shape) not in (2, 3) or min(shape) < 1:
-        return []
+        return [], kind
     count = int(np.prod([float(n) for n in shape])) * dtype.itemsize
     if head + count > size:
         raise DamagedFileError(f"truncated: {size - head} of {count} bytes of an array", where=str(path))
     is_colour = len(shape) == 3 and shape[2] in _CHANNELS
     height, width = shape[-2:] if not is_colour else shape[:2]
-    kind = f"{dtype.name} of shape {'x'.join(str(n) for n in shape)}"
 
     def part(plane: int | None) -> Part:
         named = name if plane is None else f"{name}:{plane + 1}".lstrip(":")
         return Part(width, height, kind, lambda: _load(opened, count, plane, path), named)
 
-    return [part(None)] if len(shape) == 2 or is_colour else [part(plane) for plane in range(shape[0])]
+    return [part(plane) for plane in ([None] if len(shape) == 2 or is_colour else range(shape[0]))], kind
 
 
 def _head(file: IO[bytes], path: Path) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
@@ -117,7 +114,7 @@ def _head(file: IO[bytes], path: Path) -> tuple[tuple[int, ...], bool, np.dtype[
     return shape, fortran, dtype, head
 
 
-def _load(opened: Any, size: int, plane: int | None, path: Path) -> Pixels:
+def _load(opened: Opened, size: int, plane: int | None, path: Path) -> Pixels:
     memory.refuse_beyond(2.0 * size, "the whole array", where=str(path))
     with opened() as file:
         shape, fortran, dtype, _ = _head(file, path)

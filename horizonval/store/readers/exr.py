@@ -10,11 +10,12 @@ window is cut to it. A smaller one is a crop, and is read if the camera file has
 
 from __future__ import annotations
 
-import struct
+import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import OpenEXR
@@ -24,7 +25,6 @@ from horizonval.core import memory
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store import exr
 from horizonval.store import header as exr_header
-from horizonval.store.quiet import silenced
 from horizonval.store.readers.part import Part, Pixels, of_bands
 
 Size = tuple[int, int]
@@ -35,8 +35,6 @@ MAGIC = exr_header.MAGIC
 
 _NO_LIGHT = ("Z", "ZBACK", "DEPTH", "ID", "U", "V", "N", "P", "X")
 """Usual names of channels of geometry: depth, objects, texture, normals, positions."""
-_DEEP = 0x800
-_DEEP_TYPES = ("deepscanline", "deeptile")
 
 
 def parts(path: Path, camera: Size | None) -> list[Part]:
@@ -44,45 +42,50 @@ def parts(path: Path, camera: Size | None) -> list[Part]:
     if exr.kind(path) != "foreign":
         own = exr.read_header(path)
         return of_bands(own["width"], own["height"], own["bands"], lambda: exr.read(path))
+    stored = _stored(path)
+    count = sum(math.prod(_size(one.data)) * len(one.channels) for one in stored)
     found = []
-    for number, header in enumerate(_headers(path)):
-        name = header.attributes["name"].text() if "name" in header.attributes else ""
-        pictures = _pictures(_channels(header, path))
+    for number, one in enumerate(stored):
+        pictures = _pictures([*one.channels])
         others = [label for label, channels, main in pictures if not main and _is_light(channels)]
         note = f"its layer without a name is used, not {', '.join(others)}; --part takes another" if others else ""
         for label, channels, main in pictures:
-            whole = name if name and len(pictures) == 1 else ".".join(word for word in (name, label) if word)
-            found.append(_part(path, number, header, whole, channels, main, camera, note if main else ""))
+            name = one.name if one.name and len(pictures) == 1 else ".".join(filter(None, (one.name, label)))
+            load = partial(_load, path, number, channels, 8.0 * count)
+            found.append(_part(path, one, name, channels, main, camera, note if main else "", load))
     return found
 
 
-def _headers(path: Path) -> list[exr_header.Header]:
+class _Stored(NamedTuple):
+    """What the header of a part says; of its channels the sampling, one of so many columns and rows."""
+
+    name: str
+    channels: dict[str, Size]
+    data: Window
+    display: Window
+
+
+def _stored(path: Path) -> list[_Stored]:
     """Return the headers of all parts; deep files are refused."""
-    headers, flags = exr_header.read_headers(path)
-    for header in headers:
-        kind = header.attributes["type"].text() if "type" in header.attributes else ""
-        if flags & _DEEP or kind in _DEEP_TYPES:
-            what = "holds deep pixels, which have several samples each"
-            raise UserError(what, where=str(path), fix="flatten it in the program that made it")
-    return headers
-
-
-def _channels(header: exr_header.Header, path: Path) -> dict[str, Size]:
-    """Return the channels of a part with their sampling, one of so many columns and rows."""
-    if (attribute := header.attributes.get("channels")) is None:
-        raise DamagedFileError("the header has no channels", where=str(path))
-    found, raw, position = {}, attribute.raw, 0
-    while position < len(raw) and raw[position]:
-        end = raw.find(b"\0", position)
-        if end < 0 or end + 17 > len(raw):
-            raise DamagedFileError("the list of channels is damaged", where=str(path))
-        found[raw[position:end].decode("utf-8", "replace")] = struct.unpack_from("<ii", raw, end + 9)
-        position = end + 17
+    with exr.decoding(path, header_only=True) as file:
+        deep = any(part.header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile) for part in file.parts)
+        found = [
+            _Stored(
+                str(part.header.get("name", "")),
+                {channel.name: (channel.xSampling, channel.ySampling) for channel in part.header["channels"]},
+                _window(part.header["dataWindow"]),
+                _window(part.header["displayWindow"]),
+            )
+            for part in file.parts
+        ]
+    if deep:
+        what = "holds deep pixels, which have several samples each"
+        raise UserError(what, where=str(path), fix="flatten it in the program that made it")
     return found
 
 
-def _pictures(channels: dict[str, Size]) -> list[tuple[str, dict[str, Size], bool]]:
-    """Return label, channels and rank of every picture that channels hold, one for each layer."""
+def _pictures(channels: Sequence[str]) -> list[tuple[str, list[str], bool]]:
+    """Return label and channels of every picture, one for each layer, and whether it is the main one."""
     layers: dict[str, dict[str, str]] = defaultdict(dict)
     for name in channels:
         layer, _, channel = name.rpartition(".")
@@ -98,7 +101,7 @@ def _pictures(channels: dict[str, Size]) -> list[tuple[str, dict[str, Size], boo
         chroma = {"RY", "BY"} if colours == ["Y"] else set()
         found += [(name, [name]) for name in single if name.upper() not in chroma]
     whole = [names for label, names in found if not label]
-    return [(label, {name: channels[name] for name in names}, not whole or not label) for label, names in found]
+    return [(label, names, not whole or not label) for label, names in found]
 
 
 def _is_light(channels: Iterable[str]) -> bool:
@@ -111,40 +114,39 @@ def _base(channel: str) -> str:
 
 def _part(
     path: Path,
-    number: int,
-    header: exr_header.Header,
+    stored: _Stored,
     name: str,
-    channels: dict[str, Size],
+    channels: list[str],
     main: bool,
     camera: Size | None,
     note: str,
+    load: Callable[[Window, Window], Pixels],
 ) -> Part:
-    data, display = _window(header, "dataWindow", path), _window(header, "displayWindow", path)
+    data, display = stored.data, stored.display
     fits_data_only = camera == _size(data) != _size(display)
     view = display if _inside(display, data) and not fits_data_only else data
     is_missing = view != display and camera == _size(display)
     crop = "" if view == display else f"its pixels are {_crop_text(data, display)}; the camera file is taken for them"
+    sparse = [channel for channel in channels if stored.channels[channel] != (1, 1)]
 
-    def load() -> Pixels:
+    def load_view() -> Pixels:
         if is_missing:
             what, fix = f"is a crop: {_crop_text(data, display)}", _crop_advice(data, display)
             raise UserError(what, where=str(path), fix=fix)
-        return _load(path, number, channels, data, view)
+        if sparse:
+            what = f"{', '.join(sparse)}: stored for a part of the pixels"
+            raise UserError(what, where=str(path), expected="a value for every pixel")
+        return load(data, view)
 
     is_light = not all(_base(channel) in _NO_LIGHT for channel in channels)
     words = " ".join(channel.rpartition(".")[2] for channel in channels)
     size, notes = _size(display if is_missing else view), "; ".join(filter(None, (note, crop)))
-    return Part(*size, f"EXR, {words}", load, name, main, note=notes, is_light=is_light)
+    return Part(*size, f"EXR, {words}", load_view, name, main, note=notes, is_light=is_light)
 
 
-def _window(header: exr_header.Header, key: str, path: Path) -> Window:
-    attribute = header.attributes.get(key)
-    if attribute is None or len(attribute.raw) != 16:
-        raise DamagedFileError(f"the header has no {key}", where=str(path))
-    left, top, right, bottom = struct.unpack("<4i", attribute.raw)
-    if right < left or bottom < top:
-        raise DamagedFileError(f"the {key} {left} {top} {right} {bottom} is empty", where=str(path))
-    return left, top, right, bottom
+def _window(corners: Any) -> Window:
+    (left, top), (right, bottom) = corners
+    return int(left), int(top), int(right), int(bottom)
 
 
 def _size(window: Window) -> Size:
@@ -170,13 +172,12 @@ def _crop_advice(data: Window, display: Window) -> str:
     return f"give a camera file of the crop: {width} x {height}, with {left} less in cx and {top} less in cy"
 
 
-def _load(path: Path, number: int, channels: dict[str, Size], data: Window, view: Window) -> Pixels:
-    if any(sampling != (1, 1) for sampling in channels.values()):
-        names = ", ".join(channels)
-        raise UserError(
-            f"{names}: stored for a part of the pixels", where=str(path), expected="a value for every pixel"
-        )
-    planes = [values.astype(np.float64) for values in _decoded(path, number, [*channels])]
+def _load(path: Path, number: int, names: list[str], whole_bytes: float, data: Window, view: Window) -> Pixels:
+    # The library decodes all parts and channels at once.
+    memory.refuse_beyond(whole_bytes, "its parts and channels together", where=str(path))
+    with exr.decoding(path, separate_channels=True) as file:
+        channels = file.parts[number].channels
+        planes = [np.asarray(channels[name].pixels, dtype=np.float64) for name in names]
     if any(plane.shape != _size(data)[::-1] for plane in planes):
         raise DamagedFileError("its pixels cannot be read", where=str(path))
     if len(planes) >= 3:
@@ -188,18 +189,3 @@ def _load(path: Path, number: int, channels: dict[str, Size], data: Window, view
     left, top = view[0] - data[0], view[1] - data[1]
     width, height = _size(view)
     return Pixels(values[top : top + height, left : left + width], None, "premultiplied")
-
-
-def _decoded(path: Path, number: int, names: list[str]) -> list[NDArray[Any]]:
-    """Return channels of a part; the library decodes all parts at once, so that memory must hold them."""
-    count = 0
-    for header in _headers(path):
-        width, height = header.size(path)
-        count += width * height * len(_channels(header, path))
-    memory.refuse_beyond(8.0 * count, "its parts and channels together", where=str(path))
-    try:
-        with silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = file.parts[number].channels
-            return [np.ascontiguousarray(channels[name].pixels) for name in names]
-    except Exception:
-        raise DamagedFileError("its pixels cannot be read: damaged or truncated", where=str(path)) from None

@@ -36,16 +36,15 @@ _ENDS = ((b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"), (b"\x89PNG", b"IDAT", b"IE
 """First bytes of a format, and what begins and ends its pixels."""
 _HEAD_BYTES = 65536
 _ANYMAP = re.compile(rb"P[2356]" + 3 * rb"(?:\s|#[^\n]*\n)+(\d+)")
-_START_OF_FRAME = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 
 
 def parts(path: Path) -> list[Part] | None:
     """Return the pictures of a file; None if no decoder knows it; ``UserError`` for a format that is not read."""
     head = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=_HEAD_BYTES)
-    if bits := _bits_of_jpeg(head):
-        what = f"is a JPEG file of {bits} bits a sample"
-        raise UserError(what, where=str(path), expected="8 bits", fix="convert it to a PNG or TIFF file of 16 bits")
     with _opened(path) as image:
+        if image is None and head.startswith(_ENDS[0][0]):
+            what = "is a JPEG file that is damaged or has not 8 bits a sample"
+            raise UserError(what, where=str(path), expected=EXPECTED, fix="convert it to a PNG or TIFF file of 16 bits")
         if image is None:
             return None
         if image.format not in READ:
@@ -128,15 +127,3 @@ def _decoded(path: Path) -> NDArray[Any]:
     if pixels is None or pixels.size == 0:
         raise UserError("not an image that can be read", where=str(path), expected=EXPECTED)
     return pixels
-
-
-def _bits_of_jpeg(head: bytes) -> int:
-    """Return the bits of a sample of a JPEG file that has not 8; 0 for any other file."""
-    if not head.startswith(b"\xff\xd8\xff"):
-        return 0
-    position = 2
-    while position + 5 <= len(head) and head[position] == 0xFF:
-        if head[position + 1] in _START_OF_FRAME:
-            return head[position + 4] if head[position + 4] != 8 else 0
-        position += 2 + int.from_bytes(head[position + 2 : position + 4])
-    return 0

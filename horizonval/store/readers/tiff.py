@@ -70,10 +70,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _refuse_stacks(tiff: Any, path: Path) -> None:
-    """Raise ``UserError`` for files whose one page stands for several images that follow it without tags.
-
-    Also for files whose list of pages leads out of the file, where the library stops reading.
-    """
+    """Raise ``UserError`` if one page is followed by images without tags, or if the list of pages leaves the file."""
     layout, file = tiff.tiff, tiff.filehandle
     file.seek(tiff.pages[len(tiff.pages) - 1].offset)
     (tags,) = struct.unpack(layout.tagnoformat, file.read(layout.tagnosize))

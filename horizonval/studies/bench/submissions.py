@@ -67,6 +67,7 @@ def make_frames(
     :func:`horizonval.suites.run.run_suite`.
     """
     made: dict[str, dict[str, Any]] = {}
+    RunFolder(out).refuse_files_of_others(("bench.json", PASSPHRASE))
     for group in CELLS:
         suite = bench_suite(seed, frames_per_cell, group)
         done = run_suite(suite, out / group, progress=progress, execution=Execution(workers))
@@ -169,7 +170,7 @@ def refuse_readable_passphrase(out: Path, head: Mapping[str, Any], folder: Path)
 
     Searched are lines and quoted words of short files where `bench make` found it, in the calling ``folder``, next to
     the benchmark, in the folders inside these two, and in the home folder. Each costs some 50 ms, so only the first
-    :data:`MOST_CANDIDATES` are tried: the search is help, not proof.
+    :data:`MOST_CANDIDATES` are tried; the search does not cover other places.
     """
     if not head["sealed"]:
         return

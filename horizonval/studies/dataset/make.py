@@ -43,6 +43,8 @@ def make_dataset(seeds: SeedList, out: Path, execution: Execution, progress: Pro
     a mistake in the suite, another data set in the folder, a missing library, or failed frames.
     """
     refuse_missing_library(seeds.format)
+    shards = [path.name for split in SPLITS for path in out.glob(f"{split}-*")]
+    RunFolder(out).refuse_files_of_others((LIST_NAME, INDEX_NAME, "state", "suite", *shards))
     for folder in (out, out / "state", out / "suite"):
         atomic.make_folder(folder)
     with RunFolder(out).locked(execution.shard):
@@ -54,9 +56,9 @@ def make_dataset(seeds: SeedList, out: Path, execution: Execution, progress: Pro
         if execution.shard is None:
             for path in (*atomic.leftovers(out, below=False), *atomic.leftovers(out / "state")):
                 path.unlink(missing_ok=True)
-        shards = [Shard(name, tuple(parts)) for name, parts in shards_of(scenes, seeds.shard_size).items()]
+        items = [Shard(name, tuple(parts)) for name, parts in shards_of(scenes, seeds.shard_size).items()]
         work = ShardWork(_drawing(seeds, suite), out)
-        done = do(work, shards, within_memory(execution, suite), progress)
+        done = do(work, items, within_memory(execution, suite), progress)
         for name, one in done.items():
             if one.error is not None:
                 raise UserError(f"{name}: {one.error}", where=str(out), fix="mend it, and run again")

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from horizonval.core import atomic, files, sealed
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, misfit
 from horizonval.spec.base import Model, Positive
 from horizonval.spec.explain import explain
 from horizonval.store.folder import LARGEST_RECORD, read_json, write_json
@@ -350,8 +350,9 @@ def read_baseline(path: Path, suite: str) -> Baseline:
             rows=from_columns(data["rows"]), fresh=from_columns(data["fresh"]), fresh_night=data["fresh_night"]
         )
         _check_scenes(data, results.rows)
-    except ValueError as error:
-        raise DamagedFileError(f"its rows cannot be used: {error}", where=str(path), fix=FROM_GIT) from None
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        why = str(error) if isinstance(error, ValueError) else misfit(error)
+        raise DamagedFileError(f"its rows cannot be used: {why}", where=str(path), fix=FROM_GIT) from None
     head = {key: value for key, value in data.items() if key not in ("rows", "fresh", "scenes", "together")}
     return Baseline(path, head, results, data["scenes"], pack, data["together"])
 

@@ -26,7 +26,7 @@ from typing import Any, Literal
 import horizonval
 from horizonval.core import atomic, files
 from horizonval.core.code import code_version
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, misfit
 from horizonval.core.json_types import JsonObject
 from horizonval.core.memory import peak_mebibytes
 from horizonval.core.outcome import Outcome
@@ -125,8 +125,9 @@ def read_night(folder: Path) -> JsonObject:
         )
     try:
         return dict(data) | {key: [ReplicateRow.from_dict(row) for row in data[key]] for key in ("rows", "fresh")}
-    except (KeyError, TypeError, ValueError) as error:
-        raise DamagedFileError(f"its rows cannot be used: {error}", where=str(path)) from None
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        why = str(error) if isinstance(error, ValueError) else misfit(error)
+        raise DamagedFileError(f"its rows cannot be used: {why}", where=str(path)) from None
 
 
 def reference_of(folder: Path, suite: str, night: str) -> GateInputs:

@@ -104,8 +104,10 @@ def run_information(
         estimator ``{rms_deg, within, n}`` of a finished study in the folder.
     """
     study = study_in(path_or_name, frames)
+    folder = RunFolder(out_dir)
+    folder.refuse_files_of_others(("information", FILE, RESULT))
     atomic.make_folder(out_dir)
-    with RunFolder(out_dir).locked():
+    with folder.locked():
         work = InformationWork(out_dir / "information")
         done = do(work, study.suite.cases, execution or Execution(), progress or Silent(), unit="frames")
     found = {name: one.result["bands"] for name, one in done.items() if one.result is not None}

@@ -88,7 +88,7 @@ def test_what_the_system_refuses_a_writer_names_the_path_in_one_line(tmp_path: P
         copy = pickle.loads(pickle.dumps(refused.value))
         assert copy.line() == refused.value.line() == f"{named}: cannot be written: {copy.reason}"
         assert copy.reason.startswith(reason)
-    with pytest.raises(atomic.WriteError, match=f"{tmp_path}/a/b: cannot be written: Not a directory"):
+    with pytest.raises(atomic.WriteError, match=f"{tmp_path}/a: is a file; expected a folder"):
         atomic.make_folder(tmp_path / "a" / "b")
     assert (tmp_path / "a").read_text() == "before"
     with pytest.raises(FileNotFoundError, match="other"), atomic.replacing(tmp_path / "a"):

@@ -140,3 +140,23 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
         if ways.search(text):
             others.add(path.relative_to(package).as_posix())
     assert others <= allowed
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "a value is missing at line 1, column 1"),
+        ("{a}", "a name in double quotes is missing at line 1, column 2"),
+        ("[1; 2]", "a comma is missing at line 1, column 3"),
+        ('{"a" 1}', "a colon is missing at line 1, column 6"),
+        ("1\n2", "more text after the end at line 2, column 1"),
+        ('"a', "a text without its closing quote at line 1, column 1"),
+        ('"a\n"', "a control character in a text at line 1, column 3"),
+        ('"\\x"', "an unknown escape in a text at line 1, column 2"),
+        ("[" * 100_000, "nested too deeply"),
+        ("9" * 5000, "a number of thousands of digits"),
+    ],
+)
+def test_a_mistake_in_json_is_described(text: str, what: str) -> None:
+    with pytest.raises(UserError, match=f"^a.json: not JSON.*: {what}$"):
+        files.parse_json(text, "a.json")

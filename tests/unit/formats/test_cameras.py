@@ -15,6 +15,7 @@ from horizonval.core.errors import UserError
 from horizonval.formats.lens import read_camera
 from horizonval.geometry.camera import camera_from_spec, project, unproject
 from horizonval.sensor.lens.optics import relative_illumination
+from horizonval.spec.camera import CameraGeometry
 from horizonval.spec.load import load_camera
 
 MATRIX = np.array([[812.5, 0.0, 322.25], [0.0, 808.75, 236.5], [0.0, 0.0, 1.0]])
@@ -52,12 +53,15 @@ projection_matrix:
 """
 
 
-def kalibr(model: str, k: list[float], camera_model: str = "pinhole") -> str:
+NUMBERS = [812.5, 808.75, 322.25, 236.5]
+SIZE = "image_width: 640\nimage_height: 480\n"
+
+
+def kalibr(model: str, k: list[float], camera_model: str = "pinhole", first: tuple[float, ...] = ()) -> str:
     """Return a camchain of Kalibr, as its wiki shows it."""
-    fx, fy, cx, cy = MATRIX[0, 0], MATRIX[1, 1], MATRIX[0, 2], MATRIX[1, 2]
     return f"""cam0:
   camera_model: {camera_model}
-  intrinsics: {flow([fx, fy, cx, cy])}
+  intrinsics: {flow([*first, *NUMBERS])}
   distortion_model: {model}
   distortion_coeffs: {flow(k)}
   T_cam_imu:
@@ -105,7 +109,6 @@ def pixels_of(path: Path, tmp_path: Path, **options: Any) -> np.ndarray:
 
 
 BROWN_PIXELS = cv2.projectPoints(DIRECTIONS, np.zeros(3), np.zeros(3), MATRIX, np.array(RADTAN))[0][:, 0]
-RADTAN_PIXELS = cv2.projectPoints(DIRECTIONS, np.zeros(3), np.zeros(3), MATRIX, np.array(RADTAN[:4]))[0][:, 0]
 FISHEYE_PIXELS = cv2.fisheye.projectPoints(DIRECTIONS[:, None], np.zeros(3), np.zeros(3), MATRIX, np.array(EQUI))[0][
     :, 0
 ]
@@ -123,40 +126,62 @@ def keys(names: str, numbers: list[float]) -> str:
     return "{" + ", ".join(f'"{n}": {v!r}' for n, v in zip(names.split(), numbers, strict=True)) + "}"
 
 
-def test_programs_mean_the_same_lenses(tmp_path: Path) -> None:
-    numbers = [812.5, 808.75, 322.25, 236.5]
-    size = "image_width: 640\nimage_height: 480\n"
-    euroc = (
-        "sensor_type: camera\nT_BS:\n  cols: 4\nrate_hz: 20\nresolution: [640, 480]\ncamera_model: pinhole\n"
-        f"intrinsics: {numbers}\ndistortion_model: radial-tangential\ndistortion_coefficients: {RADTAN[:4]}\n"
-    )
-    camodocal = (
-        f"%YAML:1.0\n---\nmodel_type: PINHOLE\ncamera_name: a\n{size}"
-        f"distortion_parameters: {keys('k1 k2 p1 p2', RADTAN[:4])}\n"
-        f"projection_parameters: {keys('fx fy cx cy', numbers)}\n"
-    )
-    wide = (
-        f"%YAML:1.0\n---\nmodel_type: KANNALA_BRANDT\ncamera_name: a\n{size}"
-        f"projection_parameters: {keys('k2 k3 k4 k5 mu mv u0 v0', EQUI + numbers)}\n"
-    )
-    kb4 = keys("k1 k2 k3 k4 fx fy cx cy", EQUI + numbers)
-    basalt = (
-        f'{{"value0": {{"intrinsics": [{{"camera_type": "kb4", "intrinsics": {kb4}}}], "resolution": [[640, 480]]}}}}'
-    )
-    plain = f"{size}mtx: {MATRIX.tolist()}\ndist: [{RADTAN}]\n"
-    for text, expected in (
-        (euroc, RADTAN_PIXELS),
-        (camodocal, RADTAN_PIXELS),
-        (wide, FISHEYE_PIXELS),
-        (basalt, FISHEYE_PIXELS),
-        (plain, BROWN_PIXELS),
-        (ros("plumb_bob", RADTAN), BROWN_PIXELS),
-        (ros("rational_polynomial", [*RADTAN, 0.0, 0.0, 0.0]), BROWN_PIXELS),
-        (ros("equidistant", EQUI), FISHEYE_PIXELS),
-        (kalibr("radtan", RADTAN[:4]), RADTAN_PIXELS),
-        (kalibr("equi", EQUI), FISHEYE_PIXELS),
-    ):
-        assert np.abs(pixels_of(written(tmp_path, "theirs.yaml", text), tmp_path) - expected).max() < 1e-9
+XI, OMNI = 1.2, [-0.1, 0.05, 1e-3, -2e-3]
+RATIONAL = [*RADTAN, 0.1, 0.02, -0.004]
+PRISM = [*RATIONAL, 3e-3, -1e-3, 2e-3, 5e-4]
+MEI, SPHERE = (
+    {"projection": "unified", "xi": XI, "distortion": OMNI},
+    {"projection": "unified", "xi": -0.2, "alpha": 0.6},
+)
+FISHEYE = {"projection": "fisheye", "distortion": EQUI}
+EUROC = (
+    "sensor_type: camera\nT_BS:\n  cols: 4\nrate_hz: 20\nresolution: [640, 480]\ncamera_model: pinhole\n"
+    f"intrinsics: {NUMBERS}\ndistortion_model: radial-tangential\ndistortion_coefficients: {RADTAN[:4]}\n"
+)
+
+
+def camodocal(kind: str, **tables: str) -> str:
+    lines = "".join(f"{table}_parameters: {keys}\n" for table, keys in tables.items())
+    return f"%YAML:1.0\n---\nmodel_type: {kind}\ncamera_name: a\n{SIZE}{lines}"
+
+
+def basalt(kind: str, names: str, numbers: list[float]) -> str:
+    one = f'{{"camera_type": "{kind}", "intrinsics": {keys(f"fx fy cx cy {names}", [*NUMBERS, *numbers])}}}'
+    return f'{{"value0": {{"T_imu_cam": [], "intrinsics": [{one}], "resolution": [[640, 480]]}}}}'
+
+
+@pytest.mark.parametrize(
+    ("text", "lens"),
+    [
+        (EUROC, {"distortion": RADTAN[:4]}),
+        (f"{SIZE}mtx: {MATRIX.tolist()}\ndist: [{RADTAN}]\n", {"distortion": RADTAN}),
+        (ros("plumb_bob", RADTAN), {"distortion": RADTAN}),
+        (ros("rational_polynomial", [*RADTAN, 0.0, 0.0, 0.0]), {"distortion": RADTAN}),
+        (ros("rational_polynomial", RATIONAL), {"distortion": RATIONAL}),
+        (ros("rational_polynomial", [*PRISM, 0.0, 0.0]), {"distortion": PRISM}),
+        (ros("equidistant", EQUI), FISHEYE),
+        (ros("equidistant", EQUI).replace("[812.5, 0.0,", "[812.5, 16.25,"), {**FISHEYE, "skew": 0.02}),
+        (kalibr("radtan", RADTAN[:4]), {"distortion": RADTAN[:4]}),
+        (kalibr("equi", EQUI), FISHEYE),
+        (kalibr("radtan", OMNI, "omni", (XI,)), MEI),
+        (kalibr("none", [], "ds", (-0.2, 0.6)), SPHERE),
+        (kalibr("none", [], "eucm", (0.6, 1.1)), {"projection": "unified", "alpha": 0.6, "beta": 1.1}),
+        (basalt("kb4", "k1 k2 k3 k4", EQUI), FISHEYE),
+        (basalt("ds", "xi alpha", [-0.2, 0.6]), SPHERE),
+        (camodocal("PINHOLE", distortion=keys("k1 k2 p1 p2", RADTAN[:4]), projection=keys("fx fy cx cy", NUMBERS)),
+         {"distortion": RADTAN[:4]}),
+        (camodocal("KANNALA_BRANDT", projection=keys("k2 k3 k4 k5 mu mv u0 v0", EQUI + NUMBERS)), FISHEYE),
+        (camodocal("MEI", mirror=keys("xi", [XI]), distortion=keys("k1 k2 p1 p2", OMNI),
+                   projection=keys("gamma1 gamma2 u0 v0", NUMBERS)), MEI),
+        (ros("", OMNI).replace("distortion_model: \n", f"xi: {XI}\nflags: 0\n"), MEI),
+    ],
+)  # fmt: skip
+def test_programs_mean_the_same_lenses(tmp_path: Path, text: str, lens: dict[str, Any]) -> None:
+    """To 1e-9 px. ``test_wide_lenses`` compares our lenses with OpenCV and the papers."""
+    scale = dict(zip(("fx", "fy", "cx", "cy"), NUMBERS, strict=True))
+    geometry = CameraGeometry.model_validate({"width": 640, "height": 480, **scale, **lens})
+    expected = project(camera_from_spec(geometry), DIRECTIONS)[0]
+    assert np.abs(pixels_of(written(tmp_path, "theirs.yaml", text), tmp_path) - expected).max() < 1e-9
 
 
 def test_matlab_counts_from_one_and_transposes(tmp_path: Path) -> None:
@@ -174,84 +199,6 @@ def test_matlab_counts_from_one_and_transposes(tmp_path: Path) -> None:
     x, y, z = DIRECTIONS.T
     expected = np.stack([fx * x / z + 9.0 * y / z, fy * y / z], axis=1)
     assert np.abs(pixels_of(written(tmp_path, "theirs.json", skewed), tmp_path) - expected).max() < 1e-9
-
-
-XI, OMNI = 1.2, [-0.1, 0.05, 1e-3, -2e-3]
-
-
-def omni_pixels(d: np.ndarray, fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
-    """Return pixels by Mei and Rives."""
-    x, y, z = (d / np.linalg.norm(d, axis=1, keepdims=True)).T
-    x, y = x / (z + XI), y / (z + XI)
-    k1, k2, p1, p2 = OMNI
-    r2 = x * x + y * y
-    radial = 1 + k1 * r2 + k2 * r2 * r2
-    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    v = y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)
-    return np.stack([fx * u + cx, fy * v + cy], axis=1)
-
-
-def test_rational_omnidirectional_and_skewed_lenses_are_read(tmp_path: Path) -> None:
-    """OpenCV's coefficients in every order; Mei's camera of OpenCV, Kalibr, camodocal; a fisheye's skew in its matrix.
-
-    1e-9 px of OpenCV's projection, or of the paper's formula.
-    """
-    numbers = 812.5, 808.75, 322.25, 236.5
-    rational = [*RADTAN, 0.1, 0.02, -0.004]
-    prism = [*rational, 3e-3, -1e-3, 2e-3, 5e-4, 0.0, 0.0]
-    mei = kalibr("radtan", OMNI, "omni").replace("intrinsics: [", "intrinsics: [1.2, ")
-    keys = dict(zip(("gamma1", "gamma2", "u0", "v0"), numbers, strict=True))
-    distortion = dict(zip(("k1", "k2", "p1", "p2"), OMNI, strict=True))
-    camodocal = (
-        "%YAML:1.0\n---\nmodel_type: MEI\ncamera_name: c\nimage_width: 640\nimage_height: 480\n"
-        f"mirror_parameters:\n   xi: 1.2\ndistortion_parameters: {distortion}\n"
-        f"projection_parameters: {keys}\n"
-    ).replace("'", "")
-    opencv(tmp_path / "omni.yml", OMNI, xi=1.2, flags=0)
-    skewed = ros("equidistant", EQUI).replace("[812.5, 0.0,", "[812.5, 16.25,")
-
-    def by_opencv(k: list[float]) -> np.ndarray:
-        return cv2.projectPoints(DIRECTIONS, np.zeros(3), np.zeros(3), MATRIX, np.array(k))[0][:, 0]
-
-    fisheye = cv2.fisheye.projectPoints(
-        DIRECTIONS[:, None], np.zeros(3), np.zeros(3), MATRIX, np.array(EQUI), alpha=0.02
-    )
-    for text, expected in (
-        (ros("rational_polynomial", rational), by_opencv(rational)),
-        (ros("rational_polynomial", prism), by_opencv(prism)),
-        (mei, omni_pixels(DIRECTIONS, *numbers)),
-        (camodocal, omni_pixels(DIRECTIONS, *numbers)),
-        ((tmp_path / "omni.yml").read_text(), omni_pixels(DIRECTIONS, *numbers)),
-        (skewed, fisheye[0][:, 0]),
-    ):
-        assert np.abs(pixels_of(written(tmp_path, "theirs.yaml", text), tmp_path) - expected).max() < 1e-9
-
-
-def test_double_spheres_of_kalibr_and_basalt(tmp_path: Path) -> None:
-    """1e-9 px of the formula of Usenko et al. for both, and of Khomutenko et al. for EUCM."""
-    x, y, z = (DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)).T
-    fx, fy, cx, cy = 400.0, 404.0, 322.25, 236.5
-    xi, alpha, beta = -0.2, 0.6, 1.1
-    d2 = np.sqrt(x * x + y * y + (xi + z) ** 2)
-    ds = alpha * d2 + (1 - alpha) * (xi + z)
-    eucm = alpha * np.sqrt(beta * (x * x + y * y) + z * z) + (1 - alpha) * z
-
-    def chain(kind: str, first: list[float]) -> str:
-        text = kalibr("none", [], kind)
-        return text.replace(
-            text[text.index("intrinsics") :].split("\n")[0], f"intrinsics: {flow([*first, fx, fy, cx, cy])}"
-        )
-
-    keys = {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "xi": xi, "alpha": alpha}
-    one = {"camera_type": "ds", "intrinsics": keys}
-    basalt = json.dumps({"value0": {"T_imu_cam": [], "intrinsics": [one], "resolution": [[640, 480]]}})
-    for text, below in (
-        (chain("ds", [xi, alpha]), ds),
-        (chain("eucm", [alpha, beta]), eucm),
-        (basalt, ds),
-    ):
-        expected = np.stack([fx * x / below + cx, fy * y / below + cy], axis=1)
-        assert np.abs(pixels_of(written(tmp_path, "theirs.yaml", text), tmp_path) - expected).max() < 1e-9
 
 
 MESSAGE = """height: {height}
@@ -350,7 +297,7 @@ KALIBR, ROI = kalibr("radtan", RADTAN[:4]), MESSAGE.format(width=1280, height=80
         (ros("plumb_bob", RADTAN) + "fisheye_model: 1\n", "distortion_model means pinhole and fisheye_model means"),
         (ros("plumb_bob", RADTAN) + "xi: 1.2\n", "distortion_model means pinhole and xi means unified"),
         (ros("plumb_bob", RADTAN) + "gain: 2\n", "gain: a key that is not known of files of ROS and OpenCV"),
-        (ros("plumb_bob", RADTAN) + "image_width: 320\n", "image_width (line"),
+        (ros("plumb_bob", RADTAN) + "image_width: 320\n", "image_width: found twice"),
         (ros("plumb_bob", RADTAN) + f"K: {flow(MATRIX)}\n", "K: the same as camera_matrix"),
         (ros("plumb_bob", RADTAN).replace("cols: 5", "cols: 4"), "found 5 numbers; expected 1 x 4"),
         (ros("plumb_bob", RADTAN).replace("image_width: 640\n", ""), "image_width: found nothing"),

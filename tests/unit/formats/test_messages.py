@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy import units
-from astropy.coordinates import GCRS, TETE, CartesianRepresentation
 from astropy.time import Time
 from scipy.spatial.transform import Rotation
 from sgp4.api import Satrec
@@ -23,6 +22,7 @@ from horizonval.formats.aem import attitude_of_aem
 from horizonval.formats.ndm import HARMLESS, READ, kinds_of
 from horizonval.formats.oem import orbit_of_oem
 from horizonval.formats.omm import satellite_of_omm
+from horizonval.geometry.clock import SYSTEMS, elapsed_s
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.orbit import lvlh_matrices
 from horizonval.spec.orbit import OrbitSpec
@@ -135,7 +135,7 @@ def test_of_several_satellites_one_is_chosen_and_none_is_filled_from_another(tmp
     with pytest.raises(UserError, match=r"of 2 satellites: ISS \(ZARYA\) \(799500766\), B \(7\)"):
         satellite_of_omm(path)
     assert [satellite_of_omm(path, name)[0].bstar for name in ("B", "007", "799500766")] == [0.01, 0.01, 0.00022]
-    with pytest.raises(UserError, match=r"no mean elements of 'C'; expected one of ISS"):
+    with pytest.raises(UserError, match=r"no elements of 'C'; expected one of ISS"):
         satellite_of_omm(path, "C")
     twice = written(tmp_path, text.replace("2020-001A", "1998-067A"))
     with pytest.raises(UserError, match="of 2 satellites"):
@@ -246,49 +246,25 @@ COVARIANCE = "COVARIANCE_START\nEPOCH = 2026-03-20T12:00:00\nCOV_REF_FRAME = RTN
         kvn_of("OEM", "3.0", {"MESSAGE_ID": "1", **OEM}, [*oem_rows(stamps(T), circle(T), " 0 0 -0.008"), COVARIANCE]),
         "<ndm><COMMENT>published</COMMENT>" + oem_xml(stamps(T), circle(T)) + "</ndm>",
         oem_xml(stamps(T), circle(T), ACCELERATION).replace("<oem ", '<oem xmlns="urn:x" '),
-        *(
-            kvn_of("OEM", "2.0", {**OEM, "TIME_SYSTEM": name, "START_TIME": None, "STOP_TIME": None},
-                   oem_rows(stamps(T, scale, offset), circle(T)))
-            for name, scale, offset in (
-                ("TAI", "tai", 0.0), ("GPS", "tai", -19.0), ("TT", "tt", 0.0), ("TDB", "tdb", 0.0), ("TCG", "tcg", 0.0),
-            )
-        ),
     ],
 )  # fmt: skip
-def test_an_ephemeris_is_the_same_orbit_in_every_form_and_time_system(tmp_path: Path, text: str) -> None:
-    """To 0.1 m, that is 13 us: TDB and TCG are kept to the microsecond."""
+def test_an_ephemeris_is_the_same_orbit_in_every_form(tmp_path: Path, text: str) -> None:
     found = orbit_of_oem(written(tmp_path, text))
     t = np.linspace(1.0, 239.0, 20)
-    r = found.states(t - (found.epoch_utc - EPOCH).total_seconds())[0]
-    assert np.abs(r - 1e3 * circle(t)[:, :3]).max() < 0.1
+    assert np.abs(found.states(t)[0] - 1e3 * circle(t)[:, :3]).max() < 1e-3
 
 
-def test_states_across_a_leap_second_are_a_second_apart(tmp_path: Path) -> None:
-    start = "2016-12-31T23:58:00"
-    for scale, name in (("utc", "UTC"), ("tai", "TAI")):
-        fields = {**OEM, "TIME_SYSTEM": name, "START_TIME": None, "STOP_TIME": None}
-        found = orbit_of_oem(
-            written(tmp_path, kvn_of("OEM", "2.0", fields, oem_rows(stamps(T, scale, 0, start), circle(T))))
-        )
-        t = np.linspace(0.0, 240.0, 33)
-        assert np.abs(found.states(t)[0] - 1e3 * circle(t)[:, :3]).max() < 1e-3
-
-
-def test_axes_of_a_named_epoch_keep_still(tmp_path: Path) -> None:
-    """Against astropy's true equator and equinox of that instant, to 0.1 m."""
-    held = Time("2020-01-01T00:00:00", scale="utc")
-    states = circle(T)
-    turned = (
-        GCRS(CartesianRepresentation(states[:, :3].T * units.km), obstime=held)
-        .transform_to(TETE(obstime=held))
-        .cartesian.xyz.to_value("km")
-        .T
-    )
-    matrix = np.linalg.lstsq(states[:, [0, 2]], turned, rcond=None)[0]
-    both = np.hstack([turned, states[:, [3, 5]] @ matrix])
-    fields = {**OEM, "REF_FRAME": "TOD", "REF_FRAME_EPOCH": "2020-01-01T00:00:00"}
-    found = orbit_of_oem(written(tmp_path, kvn_of("OEM", "2.0", fields, oem_rows(stamps(T), both))))
-    assert np.abs(found.states(T)[0] - 1e3 * states[:, :3]).max() < 0.1
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_states_across_a_leap_second_are_a_second_apart(tmp_path: Path, system: str) -> None:
+    """To 1 cm: the times of the rows, by astropy, are kept to the microsecond."""
+    start, scale = "2016-12-31T23:58:00.5", "tai" if system == "GPS" else system.lower()
+    rows = oem_rows(stamps(T, scale, -19.0 if system == "GPS" else 0.0, start), circle(T))
+    fields = {**OEM, "TIME_SYSTEM": system, "START_TIME": None, "STOP_TIME": None}
+    found = orbit_of_oem(written(tmp_path, kvn_of("OEM", "2.0", fields, rows)))
+    offset = elapsed_s(found.epoch_utc, datetime.fromisoformat(f"{start}+00:00"))
+    assert abs(offset) < 2e-6
+    t = np.linspace(0.0, 239.9, 33)
+    assert np.abs(found.states(t + offset)[0] - 1e3 * circle(t)[:, :3]).max() < 0.01
 
 
 def test_one_of_several_ephemerides_is_chosen(tmp_path: Path) -> None:
@@ -320,7 +296,7 @@ FIRST_ROW = oem_rows(stamps(T), circle(T))[0]
         (KVN.replace("= UTC", "= UT1"), 'line 9: TIME_SYSTEM: found "UT1"'),
         (KVN.replace("TIME_SYSTEM", "TIMESYSTEM"), "line 9: TIMESYSTEM: is not a key"),
         (KVN.replace("META_STOP", "MAN_DV_1 = 3\nMETA_STOP"), "line 12: MAN_DV_1: is not a key"),
-        (KVN.replace("GCRF", "ITRF\nREF_FRAME_EPOCH = 2020-001T00:00:00"), "REF_FRAME_EPOCH: Earth-fixed axes have no"),
+        (KVN.replace("GCRF", "TOD\nREF_FRAME_EPOCH = 2020-001T00:00:00"), "REF_FRAME_EPOCH: axes of a fixed"),
         (KVN.replace("META_STOP", "OBJECT_ID = 7\nMETA_STOP"), "line 12: OBJECT_ID: is given twice"),
         (KVN.replace("12:04:00\n", "11:04:00\n", 1), "line 11: STOP_TIME: is before START_TIME"),
         (KVN.replace(FIRST_ROW, FIRST_ROW[:-12]), "line 13: 5 values after the time"),
@@ -329,9 +305,9 @@ FIRST_ROW = oem_rows(stamps(T), circle(T))[0]
         (KVN.replace(FIRST_ROW, COVARIANCE.replace("EPOCH =", "DATE =")), "line 14: DATE: is not a key"),
         (KVN + KVN, "2 messages about SAT (2026-001A): "),
         (KVN + KVN.replace("= SAT", "= B"), "ephemerides of 2 satellites: SAT (2026-001A), B (2026-001A)"),
-        (KVN + KVN[KVN.index("META_START") :], "line 18: begins before the usable span of the segment before it ends"),
+        (KVN + KVN[KVN.index("META_START") :], "line 18: begins before the usable span of the segment before"),
         (KVN.replace("VERS = 2.0", "VERS = 4.0"), 'line 1: CCSDS_OEM_VERS: found "4.0"; expected 1.0 or 2.0 or 3.0'),
-        ("<!DOCTYPE oem [<!ENTITY x 'y'>]>" + oem_xml(stamps(T), circle(T)), "line 1: an XML file with a document"),
+        ("<!DOCTYPE oem [<!ENTITY x 'y'>]>" + oem_xml(stamps(T), circle(T)), "line 1: an XML file with a doc"),
         (oem_xml(stamps(T), circle(T)).replace("<Z ", "<W ").replace("</Z>", "</W>"), "line 10: W: is not a key of"),
         (oem_xml(stamps(T), circle(T), "<X_DDOT>0</X_DDOT>"), "line 10: Y_DDOT: is missing"),
         (oem_xml(stamps(T), circle(T)).replace('"km"', '"m"'), "line 10: X: in 'm'; expected km"),
@@ -441,40 +417,32 @@ Q, Q_DOT = spinning()
 W_B = np.tile(SPIN * np.array([0.6, 0.0, 0.8]), (6, 1))
 W_A = Rotation.from_quat(Q).apply(W_B)
 DERIVATIVE, ANGVEL = ({"ATTITUDE_TYPE": f"QUATERNION/{name}"} for name in ("DERIVATIVE", "ANGVEL"))
-IN_A, IN_B = ({"ANGVEL_FRAME": f"REF_FRAME_{letter}"} for letter in "AB")
+IN_B = {"ANGVEL_FRAME": "REF_FRAME_B"}
 
 
 @pytest.mark.parametrize(
-    ("version", "changes", "rows", "cause"),
+    ("version", "changes", "rows", "doubt"),
     [
-        ("1.0", DERIVATIVE, aem_rows(Q, Q_DOT), ""),
-        ("1.0", {**DERIVATIVE, "QUATERNION_TYPE": "FIRST"}, aem_rows(np.roll(Q, 1, 1), np.roll(Q_DOT, 1, 1)), ""),
-        ("1.0", DERIVATIVE, aem_rows(Q, np.roll(Q_DOT, 1, 1)), "their scalar stands at the other end"),
-        ("1.0", DERIVATIVE, aem_rows(Q, -Q_DOT), "their sign is the opposite"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, W_B), ""),
-        ("2.0", {**ANGVEL, **IN_A}, aem_rows(Q, W_A), ""),
-        ("2.0", {**ANGVEL, "ANGVEL_FRAME": "GCRF"}, aem_rows(Q, W_A), ""),
-        ("2.0", {**ANGVEL, **IN_A}, aem_rows(Q, W_B), "their frame is REF_FRAME_B"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, -W_B), "their sign is the opposite"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, np.radians(W_B)), "they are in rad/s"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands first"),
-        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q * [-1, -1, -1, 1], W_B), "frame B is turned into A"),
-        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, W_B), ""),
-        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(np.roll(Q, 1, 1), W_B), "the scalar stands at"),
-        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "EULER_ROT_SEQ": "312"}, aem_rows(Q, W_B[:, [2, 0, 1]]), ""),
-        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, 5.0 * W_B[:, [1, 0, 2]]), ""),
+        ("1.0", {**DERIVATIVE, "QUATERNION_TYPE": "FIRST"}, aem_rows(np.roll(Q, 1, 1), np.roll(Q_DOT, 1, 1)), False),
+        ("1.0", DERIVATIVE, aem_rows(Q, Q_DOT), False),
+        ("1.0", DERIVATIVE, aem_rows(Q, np.roll(Q_DOT, 1, 1)), True),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, W_B), False),
+        ("2.0", {**ANGVEL, "ANGVEL_FRAME": "GCRF"}, aem_rows(Q, W_A), False),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q, np.radians(W_B)), True),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(np.roll(Q, 1, 1), W_B), True),
+        ("2.0", {**ANGVEL, **IN_B}, aem_rows(Q * [-1, -1, -1, 1], W_B), True),
+        ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, aem_rows(Q, 5.0 * W_B[:, [1, 0, 2]]), False),
     ],
 )  # fmt: skip
-def test_rates_that_fit_another_reading_of_the_columns_are_refused(
-    tmp_path: Path, version: str, changes: dict[str, str], rows: list[str], cause: str
+def test_rates_that_contradict_the_attitudes_are_a_warning(
+    tmp_path: Path, version: str, changes: dict[str, str], rows: list[str], doubt: bool
 ) -> None:
     path = written(tmp_path, kvn_of("AEM", version, {**(AEM if version == "1.0" else SECOND), **changes}, rows))
-    if cause:
-        with pytest.raises(UserError, match=f"line 1[0-9]: the rates contradict the attitudes.*{cause}"):
-            attitude_of_aem(path)
-    else:
-        found = attitude_of_aem(path).body_from_gcrs(EPOCH, 10.0 * np.arange(6))
-        assert np.abs(found - Rotation.from_quat(Q).inv().as_matrix()).max() < 1e-9
+    found = attitude_of_aem(path)
+    assert ("the rates contradict the attitudes" in found.doubt) == doubt
+    if not doubt:
+        turned = found.body_from_gcrs(EPOCH, 10.0 * np.arange(6))
+        assert np.abs(turned - Rotation.from_quat(Q).inv().as_matrix()).max() < 1e-9
 
 
 def test_an_attitude_with_rates_is_read_from_xml(tmp_path: Path) -> None:
@@ -497,7 +465,6 @@ def test_an_attitude_with_rates_is_read_from_xml(tmp_path: Path) -> None:
 
 
 PLAIN = aem_rows(Q)
-ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
 
 
 @pytest.mark.parametrize(
@@ -525,7 +492,6 @@ ONE_SIGN = np.array([[1, 1, 1, 1]] * 3 + [[1, 1, -1, 1]] + [[1, 1, 1, 1]] * 2)
         ("1.0", {"ATTITUDE_TYPE": "QUATERNION/RATE"}, PLAIN, "4 values after the time"),
         ("2.0", {"ATTITUDE_TYPE": "QUATERNION/RATE", "ANGVEL_FRAME": "REF_FRAME_A"}, PLAIN, "QUATERNION/ANGVEL"),
         ("1.0", {}, aem_rows(Q * np.where(np.arange(6) == 3, -1.0, 1.0)[:, None]), ""),
-        ("1.0", {}, aem_rows(Q * ONE_SIGN), "line 19: turned"),
         ("1.0", DERIVATIVE, aem_rows(0.0 * Q, Q_DOT), "line 16: a quaternion of the length 0"),
         ("1.0", {}, aem_rows(2.0 * Q), "line 16: a quaternion of the length 2"),
     ],
@@ -616,8 +582,8 @@ TILTED = Rotation.from_euler("zyx", [30.0, -20.0, 50.0], degrees=True) * NADIR
         (TILTED.as_quat(), {"ATTITUDE_DIR": "B2A"}, ""),
         (TILTED.as_quat(), {}, "its turn is the inverse"),
         (np.roll(TILTED.inv().as_quat(), 1, 1), {"QUATERNION_TYPE": "FIRST"}, ""),
-        (np.roll(TILTED.inv().as_quat(), 1, 1), {}, "its scalar stands at the other end"),
-        (TILTED.inv().as_quat(), {"QUATERNION_TYPE": "FIRST"}, "its scalar stands at the other end"),
+        (np.roll(TILTED.inv().as_quat(), 1, 1), {}, "its scalar is at the other end"),
+        (TILTED.inv().as_quat(), {"QUATERNION_TYPE": "FIRST"}, "its scalar is at the other end"),
         (np.tile([0.5, 0.5, 0.5, 0.5], (11, 1)), {}, ""),
         (Rotation.from_rotvec(0.001 * LONG[:, None] * [0.0, 0.0, 1.0]).as_quat(), {}, ""),
     ],

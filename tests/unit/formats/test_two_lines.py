@@ -101,19 +101,16 @@ CATALOGUE = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("satellite", "found"),
-    [
-        ("25544", "25544"),
-        ("iss (zarya)", "25544"),
-        ("STAR", "T0002"),
-        ("T0002", "T0002"),
-        ("270002", "T0002"),
-        ("5", "00005"),
-    ],
-)
-def test_one_of_several_is_chosen(satellite: str, found: str) -> None:
-    assert elements_of(CATALOGUE, satellite).line1[2:7] == found
+def test_one_of_several_is_chosen() -> None:
+    names = {
+        "25544": "25544",
+        "iss (zarya)": "25544",
+        "STAR": "T0002",
+        "T0002": "T0002",
+        "270002": "T0002",
+        "5": "00005",
+    }
+    assert {name: elements_of(CATALOGUE, name).line1[2:7] for name in names} == names
 
 
 def test_several_without_a_choice_are_listed() -> None:
@@ -123,7 +120,7 @@ def test_several_without_a_choice_are_listed() -> None:
         elements_of(CATALOGUE)
     with pytest.raises(UserError, match="no elements of '7'; expected one of 25544"):
         elements_of(CATALOGUE, "7")
-    with pytest.raises(UserError, match=r"2 element sets of 00006, of 26079.50000000, 26080.50000000"):
+    with pytest.raises(UserError, match=r"2 element sets of 00006, of 26079.50000000 .year and day., 26080.5"):
         elements_of(CATALOGUE, "6")
     assert OrbitSpec.model_validate({"tle": "a.tle", "satellite": 25544, "n": 1}).satellite == "25544"
     with pytest.raises(ValueError, match="satellite goes with tle or ephemeris"):
@@ -145,7 +142,6 @@ DYING = [summed(line) for line in (
         (lines(), 5.0, "up to 5 days after the epoch of the elements, 2026-03-20T12:00:00: .* km off"),
         (changed(1, 34, " .00000010  00000-0  00000-0"), 6.9, ""),
         (changed(1, 34, " .00000010  00000-0  00000-0"), -7.5, "up to 7.5 days before .* likely 16 km off"),
-        (changed(1, 34, " .00000000  00000-0  10000-1"), 2.0, "up to 2 days after"),
         (DYING, 0.2, ""),
         (DYING, 143.0, "up to 143 days after .* anywhere on its orbit, or decayed"),
     ],

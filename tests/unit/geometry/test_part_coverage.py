@@ -13,7 +13,7 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.part import Outline, blocked, coverage, outline_of, polygon_coverage, triangles_cam
+from horizonval.geometry.part import Outline, _distance, blocked, coverage, outline_of, polygon_coverage, triangles_cam
 from horizonval.spec.scene import SpacecraftPart as Part
 
 AHEAD = (0.0, 0.0, 0.0, 1.0)
@@ -137,16 +137,23 @@ def test_parts_on_or_round_the_camera_are_refused(part: Part, said: str) -> None
         ("flat.obj", "v 0 0 1\nv 1 0 1\nv 2 0 1\nf 1 2 3\n", "degenerate"),
         ("empty.obj", "# nothing\n", "mesh"),
         ("wrong.ply", "this is no mesh\n", "cannot be read"),
+        ("latin.ply", "ply\nformat ascii 1.0\ncomment \udce9\nend_header\n", "the mesh cannot be read; expected"),
         ("part.stl", "solid\n", "no mesh can be read"),
     ],
 )
 def test_meshes_that_cannot_be(tmp_path, name: str, text: str | None, said: str) -> None:
     path = tmp_path / name
     if text is not None:
-        path.write_text(text)
+        path.write_text(text, errors="surrogateescape")
     with pytest.raises(UserError, match=f"(?i){said}") as caught:
         triangles_cam(Part(shape="mesh", file=str(path)), AHEAD, "part[1]")
     assert "\n" not in caught.value.line()
+
+
+def test_a_tiny_part_is_at_its_distance() -> None:
+    """Triangles without an area have corners and edges; numpy's warnings are errors here."""
+    with np.errstate(all="raise", under="ignore"):
+        assert _distance(1e-200 * np.ones((1, 3, 3)) + [0.0, 0.0, 2.0]) == pytest.approx([2.0])
 
 
 TRIANGLE = "v 0 0 2\nv 1 0 2\nv 0 1 2\n"
@@ -182,7 +189,7 @@ def _gltf(
         ("b.gltf", "[" * 100_000, "nested too deeply"),
         ("b.gltf", "1" * 10_000, "a number of thousands of digits"),
         ("b.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
-         "says that it has 99999999999 elements"),
+         "announces 99999999999 elements"),
         ("b.obj", TRIANGLE.replace("1", "1e300") + "f 1 2 3\n", "not finite, or very far"),
         ("b.obj", TRIANGLE.replace("1", "1e9") + "f 1 2 3\n", "lies too far from the camera"),
         ("b.obj", TRIANGLE + "f 1 2 99999999999999999999\n", "cannot be read"),

@@ -35,8 +35,10 @@ CAMERAS = [
     (CAMERA + "cx = inf\n", "camera.cx: found inf"),
     (CAMERA + "distortion = [0.1, 'x']\n", 'camera.distortion[2]: found "x"'),
     # The scale is given once, and once only.
-    (PLAIN, "fov_deg and fx"),
-    (CAMERA + "fx = 50.0\n", "fov_deg and fx"),
+    (PLAIN, "fov_deg and fx, got neither"),
+    (CAMERA + "fx = 50.0\n", "fov_deg and fx, got both"),
+    ("detector = 3\n" + CAMERA, 'detector: found 3; expected a table with kind = "'),
+    (CAMERA + CMOS + "temperature_c = 20.0\n", "temperature_c and dark_reference_c go together: give both or neither"),
     (PLAIN + "focal_length_mm = 8.0\n", "detector.pixel_pitch_um"),
     # 64 x 5.5 um behind 8 mm are 2.5 deg.
     (CAMERA + "focal_length_mm = 8.0\n" + CMOS, "camera.focal_length_mm = 8"),

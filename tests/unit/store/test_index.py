@@ -109,7 +109,19 @@ def test_no_damage_of_the_index_gives_a_wrong_list(store, caplog):
         assert store.verify() == []
 
 
-@pytest.mark.parametrize("entries", [None, [{"address": "a"}], [{"mood": 1}], [5]])
+ROW = {"address": "a", "kind": "frame", "size_bytes": 1, "bands": ["vis"]}
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        *(None, [{"address": "a"}], [{"mood": 1}], [5]),
+        *(
+            [{**ROW, **one}]
+            for one in ({"address": {}}, {"camera": None}, {"bands": [[]]}, {"kind": "x"}, {"width": "1"})
+        ),
+    ],
+)
 def test_an_index_of_another_version_is_made_anew(store, entries):
     before = rows(store)
     write_json(store.index.path, {"entries": entries})

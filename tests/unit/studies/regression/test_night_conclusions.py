@@ -361,10 +361,13 @@ def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path) -> None:
         (out / name).touch()
         check_folder(out)
         (out / name).unlink()
-    with pytest.raises(UserError, match="is a file"):
-        check_folder(out / "mine")
-    with pytest.raises(UserError, match="no such folder"):
-        check_folder(tmp_path / "none" / "out")
+    for place, why in {
+        "mine": "mine: is a file",
+        "mine/x": "mine: is a file",
+        "none/x": "none: no such folder",
+    }.items():
+        with pytest.raises(UserError, match=why):
+            check_folder(out / place)
 
 
 BASELINE = Path(__file__).parents[4] / "results" / "baseline" / "nightly.json"
