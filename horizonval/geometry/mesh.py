@@ -374,6 +374,8 @@ class _Tree:
 
     def check(self) -> None:
         """Refuse what trimesh would misread, or take too long for."""
+        if not isinstance(self.tree.get("asset"), dict):
+            raise self.mesh.mistake("is no object", "asset", '{"version": "2.0"}')
         required = self.tree.get("extensionsRequired", [])
         if not isinstance(required, list):
             raise self.mesh.mistake("is no list", "extensionsRequired")
@@ -387,6 +389,8 @@ class _Tree:
         primitives = [self._objects(one, "primitives", f"meshes[{i}].") for i, one in enumerate(meshes)]
         pieces = sum(len(one) for one in primitives)
         drawn = [primitives[nodes[i]["mesh"]] for i in uses if "mesh" in nodes[i]]
+        if [] in primitives:
+            raise self.mesh.mistake("is missing or empty", f"meshes[{primitives.index([])}].primitives")
         self.mesh.refuse_many(max(pieces, sum(map(len, drawn))), "primitives", MOST_PIECES)
         counts = [
             sum(self._triangles(piece, f"meshes[{i}].primitives[{k}]") for k, piece in enumerate(one))
@@ -398,6 +402,9 @@ class _Tree:
         found = table.get(name, [])
         if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
             raise self.mesh.mistake("is no list of objects", at + name)
+        for i, one in enumerate(found):
+            if not isinstance(one.get("name", ""), str):
+                raise self.mesh.mistake("is no text", f"{at}{name}[{i}].name")
         return found
 
     def _whole(self, table: JsonObject, key: str, at: str, most: int, least: int = 0, default: Any = None) -> int:
@@ -530,7 +537,7 @@ class _Tree:
             raise self.mesh.mistake("is no object", f"{at}.attributes")
         mode = self._whole(piece, "mode", at, 6, default=4)
         if "POSITION" not in attributes:
-            return 0
+            raise self.mesh.mistake("is missing", f"{at}.attributes.POSITION", "the corners of the triangles")
         position = accessors[self._index(attributes, "POSITION", f"{at}.attributes", "accessors")]
         if position["type"] != "VEC3" or position.get("normalized"):
             raise self.mesh.mistake("are not three plain numbers", f"{at}.attributes.POSITION")
