@@ -21,7 +21,9 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import re
+import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -267,7 +269,8 @@ def _times(table: CsvTable) -> tuple[datetime, FloatArray]:
     return epoch, clock.seconds_after(epoch, instants)
 
 
-LARGEST_BYTES = 4 * 1024**3
+RECORD_BYTES = 1024
+"""Size of a record of a binary kernel."""
 
 
 @dataclass(frozen=True)
@@ -354,8 +357,7 @@ def _loaded(kernels: Sequence[Path]) -> Iterator[Any]:
     except ImportError:
         raise UserError("spiceypy is not installed", where=where, fix='run `pip install "horizonval[spice]"`') from None
     for path in kernels:
-        with files.open_file(path, expected="a SPICE kernel"):
-            pass
+        _check_summaries(path)
     loaded: list[str] = []
     try:
         for path in kernels:
@@ -373,13 +375,77 @@ def _loaded(kernels: Sequence[Path]) -> Iterator[Any]:
             spiceypy.unload(name)
 
 
-def _refuse_named_elsewhere(spice: Any, path: Path) -> None:
-    """Refuse a meta-kernel that names anything but regular files of its own folder: the library would wait for a FIFO.
+def _check_summaries(path: Path) -> None:
+    """Refuse a binary kernel whose chain of summary records is wrong: the library would follow a ring for ever.
 
-    Names are relative to the current folder, as the library takes them.
+    Each record (1024 bytes) of a DAF's chain begins with the next, the previous and the number of its summaries.
     """
+    expected = "a SPICE kernel (SPK, CK, PCK or text)"
+    with files.open_file(path, expected=expected) as file:
+        head = file.read(RECORD_BYTES)
+        if head[:4] == b"DAS/":
+            raise UserError("is a shape or a table of events", where=str(path), expected=expected, fix="leave it out")
+        if head[:4] != b"DAF/" and head[:8] != b"NAIF/DAF":
+            return
+        if len(head) < RECORD_BYTES:
+            raise UserError("is truncated: it ends inside its first record", where=str(path), expected=expected)
+        order = ">" if head[88:96] == b"BIG-IEEE" else "<"
+        (n_double, n_integer), (first, last) = (struct.unpack_from(f"{order}2i", head, at) for at in (8, 76))
+        if not (0 <= n_double <= 124 and 2 <= n_integer <= 250 and (n_integer + 1) // 2 <= 125 - n_double):
+            raise UserError("its first record gives summaries of a wrong size", where=str(path), expected=expected)
+        size = os.fstat(file.fileno()).st_size
+        doubles = n_double + (n_integer + 1) // 2
+        record, previous, seen = float(first), 0.0, set[float]()
+        while record:
+            where = f"{path}: summary record {record:g}"
+            if not (record.is_integer() and 2 <= record <= size // RECORD_BYTES):
+                raise UserError(f"is not in the file, after {previous:g}", where=where, expected=expected)
+            seen.add(record)
+            file.seek(int(record - 1) * RECORD_BYTES)
+            data = file.read(RECORD_BYTES)
+            following, back, count = struct.unpack_from(f"{order}3d", data)
+            if following in seen:
+                what = f"is followed by record {following:g} again: the summaries go round in a ring"
+                raise UserError(what, where=where, expected=expected)
+            if back != previous:
+                raise UserError(f"names {back:g} as the one before, not {previous:g}", where=where, expected=expected)
+            if count not in range(125 // doubles + 1):
+                raise UserError(f"has {count:g} summaries", where=where, expected=f"at most {125 // doubles}")
+            for k in range(int(count)):
+                at = 24 + 8 * (k * doubles + n_double) + 4 * (n_integer - 2)
+                begin, end = struct.unpack_from(f"{order}2i", data, at)
+                if not 1 <= begin <= end <= size // 8:
+                    what = f"segment {k + 1} has numbers {begin} to {end} of {size // 8}"
+                    raise UserError(what, where=where, expected="numbers within the file")
+            record, previous = following, record
+        if last != previous:
+            raise UserError(f"names {last} as the last summary record, not {previous:g}", where=str(path))
+
+
+def _refuse_named_elsewhere(spice: Any, path: Path) -> None:
+    """Refuse a meta-kernel that names anything but kernels of its own folder: the library would wait for a FIFO.
+
+    Names are relative to the working folder, as the library takes them.
+    """
+    expected = "a kernel in the meta-kernel's folder"
+    for name in _named_by(spice, path):
+        if not files.is_inside(Path(name), path.parent):
+            what = f"names {excerpt(name)!r}"
+            if not Path(name).is_absolute():
+                what += ", and SPICE starts such a path from the working folder"
+            raise UserError(what, where=str(path), expected=expected, fix="list it in `kernels`")
+        if files.is_same(name, path):
+            raise UserError("names itself", where=str(path), expected=expected)
+        _check_summaries(Path(name))
+        if _named_by(spice, Path(name)):
+            what = f"names {excerpt(name)!r}, which is a meta-kernel itself"
+            raise UserError(what, where=str(path), expected=expected)
+
+
+def _named_by(spice: Any, path: Path) -> list[str]:
+    """Return the kernels that a text kernel names."""
     if spice.getfat(str(path))[0] != "KPL":
-        return
+        return []
     spice.ldpool(str(path))
     try:
         pool = {}
@@ -390,13 +456,12 @@ def _refuse_named_elsewhere(spice: Any, path: Path) -> None:
                 pool[key] = []
     finally:
         spice.clpool()
-    for name in "\n".join(pool["KERNELS_TO_LOAD"]).replace("+\n", "").split("\n") if pool["KERNELS_TO_LOAD"] else ():
-        for symbol, value in zip(pool["PATH_SYMBOLS"], pool["PATH_VALUES"], strict=False):
-            name = name.replace(f"${symbol}", value)
-        expected = "a kernel in its own folder"
-        if not files.is_inside(Path(name), path.parent):
-            raise UserError(f"names {excerpt(name)!r}", where=str(path), expected=expected, fix="list it in `kernels`")
-        files.ensure_file(Path(name), expected=expected)
+    if not pool["KERNELS_TO_LOAD"]:
+        return []
+    names = "\n".join(pool["KERNELS_TO_LOAD"]).replace("+\n", "").split("\n")
+    for symbol, value in zip(pool["PATH_SYMBOLS"], pool["PATH_VALUES"], strict=False):
+        names = [name.replace(f"${symbol}", value) for name in names]
+    return names
 
 
 def _names(kernels: Sequence[Path]) -> str:

@@ -401,7 +401,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     if _TOO_DEEP.search(text):
         raise UserError("a key of 64 parts or more", where=str(path), expected="keys of a few parts, as camera.file")
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
+        _refuse_long_integers(tables, path, "")
+        return tables
     except RecursionError as e:
         what = "nested too deeply"
         error: Exception = e
@@ -410,6 +412,19 @@ def read_toml(path: Path) -> dict[str, Any]:
     raise UserError(
         f"not valid TOML: {what}", where=str(path), expected='lines such as key = 1.0 or key = "text"'
     ) from error
+
+
+def _refuse_long_integers(value: object, file: Path, key: str) -> None:
+    """Refuse an integer of more than TOML's 64 bits, which the models are not made for."""
+    if isinstance(value, dict):
+        for name, one in value.items():
+            _refuse_long_integers(one, file, f"{key}.{name}" if key else name)
+    elif isinstance(value, list):
+        for i, one in enumerate(value, start=1):
+            _refuse_long_integers(one, file, f"{key}[{i}]")
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        expected = "a number between -2^63 and 2^63"
+        raise UserError("an integer of more than 64 bits", where=f"{file}: {excerpt(key)}", expected=expected)
 
 
 def _mistake_in_toml(message: str) -> str:

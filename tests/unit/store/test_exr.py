@@ -299,7 +299,7 @@ def test_missing_files_and_folders_are_user_errors(tmp_path, make_frame):
     with pytest.raises(UserError, match="create it first"):
         exr.write_frame(tmp_path / "none" / "a.exr", make_frame())
     (tmp_path / "file").write_text("")
-    with pytest.raises(UserError, match="cannot be written"):
+    with pytest.raises(UserError, match="is a file; expected a folder"):
         exr.write_frame(tmp_path / "file" / "a.exr", make_frame())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import struct
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -398,9 +399,11 @@ def test_what_kernels_do_not_hold_is_one_line(kernels: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        ("'fifo'", "fifo: is a FIFO; expected a kernel in its own folder"),
+        ("'fifo'", "fifo: is a FIFO; expected a SPICE kernel"),
         ("'$A/fi+', 'fo'", "fifo: is a FIFO"),
-        ("'../fifo'", "names '../fifo'; expected a kernel in its own folder; list it in `kernels`"),
+        ("'../fifo'", "names '../fifo', and SPICE starts such a path from the working folder; expected a kernel in"),
+        ("'meta.tm'", "meta.tm: names itself; expected a kernel in the meta-kernel's folder"),
+        ("'other.tm'", "names 'other.tm', which is a meta-kernel itself"),
         ("'/etc/passwd'", "names '/etc/passwd'"),
     ],
 )
@@ -409,7 +412,32 @@ def test_a_meta_kernel_names_regular_files_of_its_own_folder(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     os.mkfifo("fifo")
     head = "KPL/MK\n\\begindata\nPATH_VALUES = ( '.' )\nPATH_SYMBOLS = ( 'A' )\n"
-    (tmp_path / "meta.tm").write_text(f"{head}KERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
+    for name in ("meta.tm", "other.tm"):
+        (tmp_path / name).write_text(f"{head}KERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
     with pytest.raises(UserError) as refused:
         span_of([Path("meta.tm")], "-1")
     assert said in refused.value.line()
+
+
+@pytest.mark.parametrize(
+    ("at", "kind", "value", "said"),
+    [
+        (1024, "d", 2.0, "summary record 2: is followed by record 2 again: the summaries go round in a ring"),
+        (1024, "d", 3.5, "summary record 3.5: is not in the file"),
+        (1024, "d", math.nan, "summary record nan: is not in the file"),
+        (1032, "d", 2.0, "summary record 2: names 2 as the one before, not 0"),
+        (1040, "d", 26.0, "summary record 2: has 26 summaries; expected at most 25"),
+        (1040, "d", 0.5, "has 0.5 summaries"),
+        (1084, "i", 2**31 - 1, "segment 1 has numbers .* to 2147483647 of"),
+        (12, "i", -1, "summaries of a wrong size"),
+        (76, "i", 2**30, "summary record 1.07374e.09: is not in the file"),
+        (80, "i", 7, "names 7 as the last summary record, not 2"),
+        (0, "4s", b"DAS/", "is a shape or a table of events"),
+    ],
+)
+def test_the_summaries_of_a_binary_kernel_are_a_chain_within_the_file(kernels, tmp_path, at, kind, value, said):
+    data = bytearray((kernels / "orbit.bsp").read_bytes())
+    struct.pack_into(f"={kind}", data, at, value)
+    (tmp_path / "wrong.bsp").write_bytes(data)
+    with pytest.raises(UserError, match=said):
+        span_of([tmp_path / "wrong.bsp"], "-999")

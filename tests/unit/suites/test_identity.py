@@ -241,7 +241,7 @@ def test_only_what_nothing_names_goes(folder, make_frame, make_image):
 def test_a_result_that_cannot_be_read_protects_everything(folder):
     case = next(folder.cases.iterdir())
     case.write_text("{")
-    with pytest.raises(DamagedFileError, match="which entries it uses is unknown"):
+    with pytest.raises(DamagedFileError, match="nobody knows which entries it names"):
         garbage(folder)
     assert len(named_addresses(folder)) == 2
     case.unlink()

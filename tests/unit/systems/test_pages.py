@@ -266,7 +266,7 @@ def test_what_is_done_is_kept_when_another_item_fails(tmp_path):
 
 def test_a_foreign_folder_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(UserError, match="something else"):
+    with pytest.raises(UserError, match="is not empty"):
         next(run_module.reproduce_systems(["C"], tmp_path))
 
 
