@@ -502,7 +502,7 @@ def _partners(night: Night) -> tuple[list[str], list[str]]:
     answered = {row.key for row in night.replayed} if "replay" in night.wanted.lanes and not night.failed else None
     problems += missing(promise, base.results.rows, cameras_of(base.scenes, base.together), answered)
     notes = new(promise, base.results.rows, base.scenes)
-    silent = sum(row.is_claim and not row.states_altitude for row in base.results.rows)
+    silent = sum(row.nadir_error_arcsec is not None and not row.states_altitude for row in base.results.rows)
     if silent:
         notes.append(
             f"the baseline does not hold sigma and altitude of {silent} claims: they are compared once a new one is "

@@ -88,7 +88,7 @@ class ReplicateRow(Row):
 
     @property
     def states_altitude(self) -> bool:
-        """Whether a claim's sigma and altitude are stored, where it has them; not in earlier versions' baselines."""
+        """Whether sigma and altitude of a claim are known; not in baselines of earlier versions."""
         return self.sigma_total_arcsec is not None
 
     def to_dict(self) -> dict[str, Any]:
