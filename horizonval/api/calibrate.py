@@ -37,7 +37,7 @@ from horizonval.report.rerun import toml
 from horizonval.sensor.lens.optics import relative_illumination
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import find
-from horizonval.spec.load import read_toml, validate
+from horizonval.spec.load import read_camera_tables, validate
 from horizonval.spec.prior import PriorSpec
 from horizonval.store.folder import RunFolder
 from horizonval.store.store import Store
@@ -182,7 +182,7 @@ def camera_text(
         Full angle of the field that the lens fills, where it does not fill the image.
     """
     found, program = read_camera(path, camera, model)
-    data: dict[str, Any] = {} if base is None else read_toml(find("camera", base))
+    data: dict[str, Any] = {} if base is None else read_camera_tables(find("camera", base))
     data["camera"] = found.table(f"{program}: {path.name}")
     if image_circle_deg is not None:
         data["camera"]["image_circle_deg"] = image_circle_deg

@@ -8,7 +8,7 @@ from typing import Any
 
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import find
-from horizonval.spec.load import changed_camera, read_toml, validate
+from horizonval.spec.load import changed_camera, read_camera_tables, validate
 
 
 class Camera:
@@ -48,7 +48,7 @@ class Camera:
         ('co2', 'co2-narrow', 'lwir', 'window')
         """
         path = find("camera", path_or_name)
-        data = read_toml(path)
+        data = read_camera_tables(path)
         return cls(validate(CameraSpec, data, str(path)), str(path_or_name), data=data)
 
     @classmethod

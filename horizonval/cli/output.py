@@ -47,7 +47,10 @@ def written(out: Path) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory() as folder:
         whole = Path(folder, out.name)
-        yield whole
+        try:
+            yield whole
+        except UserError as error:
+            raise error.at(error.where.replace(str(whole), str(out))) from None
         atomic.pour(whole, out)
 
 

@@ -38,6 +38,7 @@ from typing import Any
 
 from horizonval.core import files
 from horizonval.core.errors import UserError, excerpt, nearest
+from horizonval.spec.camera import LARGEST_SIDE_PX
 
 PINHOLE, FISHEYE, UNIFIED = "pinhole", "fisheye", "unified"
 MODELS = (PINHOLE, FISHEYE)
@@ -674,6 +675,9 @@ def read_camera(path: Path, camera: str | None = None, model: str | None = None)
     one, program = found[0]
     if not (one.fx > 0.0 and one.fy > 0.0):
         raise UserError(f"a focal length of {one.fx:g} and {one.fy:g} px", where=str(path), expected="numbers above 0")
+    if max(one.width, one.height) > LARGEST_SIDE_PX:
+        what = f"an image of {one.width} x {one.height} px"
+        raise UserError(what, where=str(path), expected=f"{LARGEST_SIDE_PX} px a side at most")
     return one, program
 
 

@@ -2,7 +2,8 @@
 
 **Shapes.** A circle is a polygon of 512 corners and of the circle's area: with ``theta = pi / 512`` its corners lie
 ``theta^2 / 3`` of the radius outside (1.3e-5) and the middles of its sides half as far inside. A circle 1000 pixels
-across is right to a hundredth of a pixel. Meshes (PLY, OBJ, glTF) are read by trimesh.
+across is right to a hundredth of a pixel. Meshes are read by
+:mod:`horizonval.geometry.mesh`.
 
 **Outline.** Seen from the camera an edge of a triangle is an arc of a great circle, and on a plane across any axis
 (gnomonic projection) a straight line. There the triangles are cut to the field of view and united, in float64, by GEOS.
@@ -20,23 +21,20 @@ edge's length in it.
 
 from __future__ import annotations
 
-import io
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from horizonval.core import files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError, excerpt
+from horizonval.core.errors import UserError
 from horizonval.geometry import brown
 from horizonval.geometry.camera import CameraModel, in_image_circle, project, unproject, widest_angle
 from horizonval.geometry.frames import from_yaw_pitch_roll, inverse, rotate
+from horizonval.geometry.mesh import mesh_triangles
 from horizonval.geometry.rotation import tangent_basis
 from horizonval.spec.scene import SpacecraftPart
 
@@ -107,99 +105,8 @@ def _fan(ring: FloatArray) -> FloatArray:
     return np.stack([centre, ring, np.roll(ring, -1, axis=0)], axis=1)
 
 
-KINDS = (".ply", ".obj", ".gltf", ".glb")
-MOST_TRIANGLES = 200_000
-EXPECTED = "a mesh: PLY, OBJ or glTF"
-LARGEST_MESH = 64 * 1024 * 1024
-"""Size of a mesh file, and of a file with its numbers [bytes]."""
-LARGEST_COORDINATE = 1e12
-"""Largest coordinate of a mesh in its unit."""
 FARTHEST_M = 1e6
 """Distance of a part's corners from the camera."""
-_PLY_COUNT = re.compile(rb"^element \S+ (\d+)", re.MULTILINE)
-
-
-def mesh_triangles(file: str, where: str) -> FloatArray:
-    """Return the triangles of a mesh in the file's axes and unit, shape (n, 3, 3); ``where`` is the part, for errors.
-
-    Nodes of a glTF scene are at their positions. Faces of more than three corners are cut into triangles. Materials and
-    textures are not opened; buffers of a glTF are regular files of its own folder. UserError: the file cannot be read,
-    or has no triangles, too many, positions that are not finite, or no area.
-    """
-    path = Path(file)
-    place = f"{where}: {path}"
-    if path.suffix.lower() not in KINDS:
-        raise UserError(f"no mesh can be read from {path.suffix!r} files", where=place, expected=EXPECTED)
-    try:
-        data = files.read_bytes(path, largest=LARGEST_MESH, expected=EXPECTED)
-    except UserError as error:
-        raise error.inside(where) from None
-    # Loaded here: scenes without meshes have no use for it.
-    import trimesh
-
-    class FolderFiles(Mapping[str, bytes]):
-        """Files that a mesh names: regular ones in its folder."""
-
-        def __getitem__(self, name: str) -> bytes:
-            named = path.parent / name
-            if not files.is_inside(named, path.parent):
-                raise UserError(f"names {excerpt(name)!r}", where=place, expected="a file in its own folder")
-            return files.read_bytes(named, largest=LARGEST_MESH, expected="numbers of the mesh", links=False)
-
-        def __iter__(self) -> Iterator[str]:
-            return iter(())
-
-        def __len__(self) -> int:
-            return 0
-
-    try:
-        _refuse_untrue_counts(data, path.suffix.lower(), place)
-        kind = path.suffix[1:].lower()
-        scene = trimesh.load_scene(io.BytesIO(data), kind, resolver=FolderFiles(), skip_materials=True, process=False)
-        shown = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
-        _refuse_many(sum(len(getattr(one, "faces", ())) for one in shown), place)
-        triangles = np.asarray(scene.to_mesh().triangles, dtype=np.float64).reshape(-1, 3, 3)
-    except UserError:
-        raise
-    except (Exception, RecursionError) as error:
-        words = " ".join(str(error).split())[:120]
-        # The library's own sentences; anything else speaks of its code.
-        ours = isinstance(error, ValueError) and not isinstance(error, UnicodeError)
-        what = f": {words}" if ours and words else ""
-        raise UserError(f"the mesh cannot be read{what}", where=place, expected=EXPECTED) from None
-    if not len(triangles):
-        raise UserError("the mesh has no triangles", where=place, expected="at least one")
-    if not (np.abs(triangles) < LARGEST_COORDINATE).all():
-        expected = f"finite numbers below {LARGEST_COORDINATE:g}"
-        raise UserError("the mesh has corners that are not finite, or very far", where=place, expected=expected)
-    area = 0.5 * np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=-1)
-    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    solid = area > 1e-14 * size**2
-    if not solid.any():
-        raise UserError("the mesh is degenerate: its triangles have no area", where=place, expected="a surface")
-    return triangles[solid]
-
-
-def _refuse_many(count: int, place: str) -> None:
-    if count > MOST_TRIANGLES:
-        what = f"the mesh has {count} triangles"
-        raise UserError(what, where=place, expected=f"{MOST_TRIANGLES} at most", fix="simplify it")
-
-
-def _refuse_untrue_counts(data: bytes, suffix: str, place: str) -> None:
-    """Refuse a file that announces more elements than it can hold, before memory is allocated."""
-    if suffix == ".ply":
-        counts = [int(count) for count in _PLY_COUNT.findall(data[: data.find(b"end_header")]) if len(count) < 20]
-        if max(counts, default=0) > len(data):
-            raise UserError(f"announces {max(counts)} elements", where=place, expected="a file that holds them")
-    elif suffix in (".gltf", ".glb"):
-        text = data if suffix == ".gltf" else data[20 : 20 + int.from_bytes(data[12:16], "little")]
-        tree = files.parse_json(text.decode(errors="replace"), place)
-        for accessor in tree.get("accessors", ()):
-            if accessor["count"] > 10 * MOST_TRIANGLES:
-                raise UserError(f"has an accessor of {accessor['count']} elements", where=place, expected="a mesh")
-
-
 NEAREST_M = 1e-3
 """A surface nearer than this is taken to lie on the lens: the camera is a point."""
 

@@ -109,7 +109,7 @@ class Suite:
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
     """Read a camera file by path or shipped name; see :func:`horizonval.spec.files.find`."""
     path = find("camera", path_or_name, beside=beside, where=where)
-    return validate(CameraSpec, read_toml(path), str(path))
+    return validate(CameraSpec, read_camera_tables(path), str(path))
 
 
 def load_scene(path_or_name: str | Path, head: str | None = None) -> tuple[SceneSpec, CameraSpec]:
@@ -341,7 +341,7 @@ class Shelf:
         if key in self._cameras:
             return self._cameras[key]
         file = self._find("camera", name, prefix + "camera.file")
-        data = read_toml(file)
+        data = read_camera_tables(file)
         if changes:
             # The file itself must be right before a change can be at fault.
             validate(CameraSpec, data, str(file))
@@ -393,6 +393,16 @@ def changed_camera(camera: JsonObject, changes: JsonObject, prefix: str) -> Json
             raise UserError(f"no band {name!r}", where=f"{prefix}camera.band", expected=", ".join(map(str, names)))
     new = [deep_merge(band, bands.get(band.get("name"), {})) for band in camera["band"]]
     return deep_merge(camera, {**changes, "band": new})
+
+
+def read_camera_tables(path: Path) -> dict[str, Any]:
+    """Return a camera file's tables; a scene, suite or study in its place is one mistake."""
+    data = read_toml(path)
+    use = data.get("camera")
+    kind = next((kind for kind in ("scene", "suite", "study") if kind in data), None)
+    if kind is not None or (isinstance(use, dict) and "file" in use):
+        raise UserError(f"is a {kind or 'scene'}, and no camera", where=str(path), expected="a camera file")
+    return data
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from horizonval.core.errors import excerpt
 from horizonval.spec.base import Model, Name, PlainName, Positive, Whole, unit
 
 Lane = Literal["replay", "rerender", "fresh"]
@@ -202,6 +204,16 @@ class StabilitySpec(Model):
 Keep = Literal["all", "failures", "none"]
 Scenes = list[dict[str, Any]]
 Names = list[str]
+
+
+def _each_once(names: list[str]) -> list[str]:
+    if len(set(names)) < len(names):
+        twice = next(name for name, times in Counter(names).items() if times > 1)
+        raise ValueError(f"estimator {excerpt(twice)!r} is named more than once")
+    return names
+
+
+Estimators = Annotated[list[str], Field(min_length=1), AfterValidator(_each_once)]
 SHARE_TOLERANCE = 1e-6
 
 
@@ -214,7 +226,7 @@ class SuiteHead(Model):
     """Title of its report."""
     seed: Whole = 0
     """Another number draws other Sobol points, clouds and noise."""
-    estimators: Annotated[list[str], Field(min_length=1)]
+    estimators: Estimators
     """Names of estimators (`horizonval list estimators`, or of `[[estimator]]` tables)."""
     frames: Annotated[int, Field(ge=1, le=1_000_000), unit("1")] | None = None
     """Number of scenes that Sobol points with a `share` divide among them."""
@@ -286,7 +298,7 @@ class CasesSpec(Model):
 
     name: Name
     """Name of the table; the frames' names begin with it."""
-    estimators: Annotated[Names, Field(min_length=1)] | None = None
+    estimators: Estimators | None = None
     """Those of the suite's that run on these frames; all of them by default."""
     base: dict[str, Any] = {}
     """Partial scene over the suite's defaults."""
@@ -443,7 +455,7 @@ class StudyHead(Model):
     """Title of its report."""
     seed: Whole = 0
     """Another number draws other Sobol points, clouds and noise."""
-    estimators: Annotated[list[str], Field(min_length=1)]
+    estimators: Estimators
     """Names (`horizonval list estimators`, or of `[[estimator]]` tables). Each of them makes a design of its own of
     every entry of `[design]`.
     """

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from horizonval import cli
-from horizonval.cli.output import interruptible, resumable
+from horizonval.cli.output import interruptible, resumable, written
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Execution, parse_shard
 from horizonval.spec.explain import with_option
@@ -189,6 +189,8 @@ def test_an_output_goes_into_a_pipe_or_device_and_through_a_link_to_a_file(tmp_p
     assert Path("pipe").is_fifo()
     assert Path(os.devnull).is_char_device()
     assert sorted(os.listdir()) == ["c.yaml", "link", "null", "pipe", "target"]
+    with pytest.raises(UserError, match=r"^pipe: is wrong$"), written(Path("pipe")) as path:
+        raise UserError("is wrong", where=str(path))
     with socket.socket(socket.AF_UNIX) as bound:
         bound.bind("socket")
         assert cli.run_command_line(["camera", "c.yaml", "-o", "socket"]) == 2

@@ -296,6 +296,10 @@ KALIBR, ROI = kalibr("radtan", RADTAN[:4]), MESSAGE.format(width=1280, height=80
         (ros("thin_prism", RADTAN), "distortion_model: found 'thin_prism'"),
         (ros("plumb_bob", RADTAN) + "fisheye_model: 1\n", "distortion_model means pinhole and fisheye_model means"),
         (ros("plumb_bob", RADTAN) + "xi: 1.2\n", "distortion_model means pinhole and xi means unified"),
+        (
+            ros("plumb_bob", RADTAN).replace("640", "99999"),
+            "an image of 99999 x 480 px; expected 16384 px",
+        ),
         (ros("plumb_bob", RADTAN) + "gain: 2\n", "gain: a key that is not known of files of ROS and OpenCV"),
         (ros("plumb_bob", RADTAN) + "image_width: 320\n", "image_width: found twice"),
         (ros("plumb_bob", RADTAN) + f"K: {flow(MATRIX)}\n", "K: the same as camera_matrix"),

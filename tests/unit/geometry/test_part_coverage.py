@@ -13,6 +13,7 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.mesh import mesh_triangles
 from horizonval.geometry.part import Outline, _distance, blocked, coverage, outline_of, polygon_coverage, triangles_cam
 from horizonval.spec.scene import SpacecraftPart as Part
 
@@ -136,8 +137,8 @@ def test_parts_on_or_round_the_camera_are_refused(part: Part, said: str) -> None
         ("gone.ply", None, "no such file|not found|does not exist"),
         ("flat.obj", "v 0 0 1\nv 1 0 1\nv 2 0 1\nf 1 2 3\n", "degenerate"),
         ("empty.obj", "# nothing\n", "mesh"),
-        ("wrong.ply", "this is no mesh\n", "cannot be read"),
-        ("latin.ply", "ply\nformat ascii 1.0\ncomment \udce9\nend_header\n", "the mesh cannot be read; expected"),
+        ("wrong.ply", "this is no mesh\n", "does not begin with ply"),
+        ("latin.ply", "ply\nformat ascii 1.0\ncomment \udce9\nend_header\n", "has no vertices or no faces"),
         ("part.stl", "solid\n", "no mesh can be read"),
     ],
 )
@@ -161,13 +162,18 @@ FLAT = base64.b64encode(np.array([[0, 0, 2], [1, 0, 2], [0, 1, 2]], "<f4").tobyt
 
 
 def _gltf(
-    uri: str = f"data:application/octet-stream;base64,{FLAT}", count: int = 3, nodes: int = 1, **more: Any
+    uri: str = f"data:application/octet-stream;base64,{FLAT}",
+    count: int = 3,
+    nodes: int = 1,
+    nodes_: Any = None,
+    index: Any = None,
+    **more: Any,
 ) -> str:
     buffers = [{"uri": uri, "byteLength": 36}]
-    accessors = [{"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"}]
-    mesh = {"primitives": [{"attributes": {"POSITION": 0}}]}
+    accessors = [{"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"}] + [index] * bool(index)
+    mesh = {"primitives": [{"attributes": {"POSITION": 0}} | ({"indices": 1} if index else {})]}
     tree = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(nodes))}], "meshes": [mesh]}
-    tree |= {"nodes": [{"mesh": 0}] * nodes, "buffers": buffers, "accessors": accessors}
+    tree |= {"nodes": [{"mesh": 0}] * nodes if nodes_ is None else nodes_, "buffers": buffers, "accessors": accessors}
     return json.dumps(tree | {"bufferViews": [{"buffer": 0, "byteLength": 36}]} | more)
 
 
@@ -185,14 +191,15 @@ def _gltf(
         ("b.gltf", _gltf("../b.bin"), "names '../b.bin'; expected a file in its own folder"),
         ("b.gltf", _gltf("/etc/passwd"), "names '/etc/passwd'"),
         ("b.gltf", _gltf(count=10**12), "an accessor of 1000000000000 elements"),
-        ("b.gltf", _gltf(nodes=200_001), "has 200001 triangles"),
+        ("b.gltf", _gltf(nodes=200_001), "has 200001 nodes; expected 10000 at most"),
         ("b.gltf", "[" * 100_000, "nested too deeply"),
         ("b.gltf", "1" * 10_000, "a number of thousands of digits"),
         ("b.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
          "announces 99999999999 elements"),
         ("b.obj", TRIANGLE.replace("1", "1e300") + "f 1 2 3\n", "not finite, or very far"),
         ("b.obj", TRIANGLE.replace("1", "1e9") + "f 1 2 3\n", "lies too far from the camera"),
-        ("b.obj", TRIANGLE + "f 1 2 99999999999999999999\n", "cannot be read"),
+        ("b.obj", TRIANGLE + "f 1 2 99999999999999999999\n",
+         "line 4: '99999999999999999999' is no number of a vertex"),
     ],
 )  # fmt: skip
 def test_a_mesh_waits_for_nothing_and_takes_no_memory_that_it_does_not_fill(tmp_path, name, text, said) -> None:
@@ -206,6 +213,82 @@ def test_a_mesh_waits_for_nothing_and_takes_no_memory_that_it_does_not_fill(tmp_
     with pytest.raises(UserError) as refused:
         triangles_cam(part, AHEAD, "part[1]")
     assert said in refused.value.line()
+
+
+def _tree(**more: Any) -> bytes:
+    return _gltf(**more).encode()
+
+
+_PLY = b"ply\nformat %s 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
+_PLY += b"property list %s int vertex_indices\nend_header\n"
+_CORNERS = np.array([[0, 0, 2], [1, 0, 2], [1, 1, 2], [0, 1, 2]])
+_FACES = ((3, 0, 1, 2), (4, 0, 1, 2, 3))
+_TEXT = "".join(" ".join(map(str, row)) + "\n" for row in (*_CORNERS.tolist(), *_FACES)).encode()
+_BYTES = _CORNERS.astype(">f4").tobytes() + b"".join(np.array(face, ">i4").tobytes() for face in _FACES)
+_INDEX = {"componentType": 5121, "count": 3, "type": "SCALAR", "bufferView": 0}
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        ("a.obj", b"v 0 0 2\r\nv 1 0 \\\n2\nv 0 1 2 # c\nf -3/1 -2//2 -1\nv 9 9 9\n", 1),
+        ("a.obj", b"v 0 0 2\nv 1 0 2\nv 1 1 2\nv 0 1 2\nf 1 2 3 4\nf 1 2 3\n", 3),
+        ("a.obj", b"v 0 0 2\nv 1 0 two\n", "line 2: '1 0 two' are not coordinates"),
+        ("a.obj", b"v 0 0 2\nv 1 0 \\\n2_0\n", "line 2: '1 0 2_0' are not coordinates"),
+        ("a.obj", TRIANGLE.encode() + b"f 1 2 4\n", "line 4: names vertex 4 of 3"),
+        ("a.obj", TRIANGLE.encode() + b"f 1 2 -4\n", "line 4: names vertex -4 of 3"),
+        ("a.obj", TRIANGLE.encode() + b"f 0 1 2\n", "line 4: '0' is no number of a vertex"),
+        ("a.obj", TRIANGLE.encode() + b"f 1 2\n", "line 4: a face of 2 corners"),
+        ("a.ply", _PLY % (b"ascii", b"int") + _TEXT, 3),
+        ("a.ply", _PLY % (b"binary_big_endian", b"int") + _BYTES, 3),
+        ("a.ply", _PLY % (b"binary_big_endian", b"uint") + _BYTES[:48] + b"\xff" * 20, "face 1: a list of 4294967295"),
+        ("a.ply", _PLY % (b"binary_big_endian", b"int") + _BYTES[:48] + b"\xff" * 20, "face 1: a list of -1 items"),
+        ("a.ply", _PLY % (b"binary_big_endian", b"int") + _BYTES[:-1], "face 2: is truncated"),
+        ("a.ply", _PLY % (b"binary_big_endian", b"int") + _BYTES + b"0", "1 bytes more than the header announces"),
+        ("a.ply", _PLY % (b"ascii", b"int") + _TEXT + b"1\n", "line 16: more rows than the header announces"),
+        ("a.ply", _PLY % (b"ascii", b"int") + _TEXT.replace(b"3 0", b"3 1e300"), "face 1: names vertex 1e+300"),
+        ("a.ply", _PLY % (b"ascii", b"int") + _TEXT.replace(b"3 0", b"3 7"), "triangle 1: names vertex 7 of 4"),
+        ("a.ply", _PLY % (b"ascii", b"int") + _TEXT.replace(b"1 0 2", b"1 0"), "line 11: vertex 2 has too few"),
+        ("a.ply", _PLY.replace(b"float x", b"list int float x") % (b"ascii", b"int") + _TEXT, "have no x, y or z"),
+        ("a.ply", _PLY.replace(b"float y", b"float x") % (b"ascii", b"int") + _TEXT, "a name that comes twice"),
+        ("a.ply", b"ply\nelement vertex -3\nend_header\n", "line 2: 'element vertex -3' is no line of a header"),
+        ("a.ply", b"ply\n" + b"comment\n" * 9000, "has no end_header in its first 64 KiB"),
+        ("a.gltf", _tree(uri="my%20numbers.bin"), 1),
+        ("a.gltf", _tree(uri="http://127.0.0.1:9/x.bin"), "names 'http://127.0.0.1:9/x.bin', an address"),
+        ("a.gltf", _tree(uri="%2e%2e/x.bin"), "names '../x.bin'; expected a file in its own folder"),
+        ("a.gltf", _tree(extensionsRequired=["KHR_draco_mesh_compression"]), "requires 'KHR_draco_mesh_compression'"),
+        ("a.gltf", _tree(extensionsRequired=["KHR_materials_unlit"]), 1),
+        ("a.gltf", _tree(nodes=2, nodes_=[{"mesh": 0, "children": [1]}, {}]), "nodes[1]: is named twice"),
+        ("a.gltf", _tree(nodes_=[{"mesh": 0}, {"children": [2]}, {"children": [1]}]), "nodes[2]: is below itself"),
+        ("a.gltf", _tree(nodes_=[{"children": [1, 1]}, {"mesh": 0}]), "nodes[1]: is a child of node 0 twice"),
+        ("a.gltf", _tree(nodes_=[{"children": [i + 1]} for i in range(300)] + [{"mesh": 0}]), "than 200 nodes deep"),
+        ("a.gltf", _tree(nodes_=[{"mesh": 9}]), "nodes[0].mesh: found 9; expected 0, the only one there is"),
+        ("a.gltf", _tree(nodes_=[{"mesh": 0}] * 10_001), "has 10001 nodes"),
+        ("a.gltf", _tree(nodes_="abc"), "nodes: is no list of objects"),
+        ("a.gltf", _tree(nodes_=[{"mesh": 0, "matrix": [1.0]}]), "nodes[0].matrix: is not 16 numbers"),
+        ("a.gltf", _tree(scene=7), "scene: found 7"),
+        ("a.gltf", _tree(meshes=[{"primitives": [{}] * 10_001}]), "has 10001 primitives"),
+        ("a.gltf", _tree(count=4), "accessors[0]: 4 elements do not fit into the 36 bytes of their view"),
+        ("a.gltf", _tree(buffers=[{"byteLength": 37, "uri": f"data:;base64,{FLAT}"}]), "byteLength: found 37"),
+        ("a.gltf", _tree(bufferViews=[{"buffer": 0, "byteLength": 36, "byteOffset": -4}]), "byteOffset: found -4"),
+        ("a.gltf", _tree(accessors=[{"componentType": [], "type": {}, "count": 3}]), "accessors[0]: numbers of type"),
+        ("a.gltf", _tree(index=_INDEX | {"count": 36}), "indices: name vertex 128 of 3"),
+        ("a.gltf", b"[1, 2]", "its JSON is no object"),
+        ("a.glb", b"glTF\2\0\0\0\x80\0\0\0", "is truncated: 12 of 128 bytes"),
+        ("a.glb", b"glTF\1\0\0\0\x0c\0\0\0", "is a binary glTF of version 1"),
+        ("a.glb", b"{}", "does not begin as a binary glTF"),
+    ],
+)  # fmt: skip
+def test_a_mesh_is_read_as_its_standard_says_or_the_wrong_place_is_named(tmp_path, name, data, said) -> None:
+    (tmp_path / "my numbers.bin").write_bytes(base64.b64decode(FLAT))
+    (tmp_path / name).write_bytes(data)
+    if isinstance(said, int):
+        assert mesh_triangles(str(tmp_path / name), "part[1]").shape == (said, 3, 3)
+        return
+    with pytest.raises(UserError) as refused:
+        mesh_triangles(str(tmp_path / name), "part[1]")
+    assert said in refused.value.line()
+    assert "\n" not in refused.value.line()
 
 
 def test_a_mesh_file_is_what_its_triangles_are(tmp_path) -> None:

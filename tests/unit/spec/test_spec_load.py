@@ -139,8 +139,6 @@ def test_a_camera_without_detector_may_have_both_kinds_of_band(folder):
 @pytest.mark.parametrize("number", ["0x" + "f" * 5000, "0o" + "7" * 5000, "0b" + "1" * 64, "-9223372036854775809"])
 def test_an_integer_beyond_64_bits_is_one_line(folder, number):
     (folder / "s.toml").write_text(f"{SCENE}pair = [1, {{ long = {number} }}]\n")
-    with pytest.raises(
-        UserError, match=r"s\.toml: platform\.pair\[2\]\.long: an integer of more than 64 bits"
-    ) as found:
+    with pytest.raises(UserError, match=r"s\.toml: platform\.pair\[2\]\.long: an integer of more than 64") as found:
         load_scene(folder / "s.toml")
     assert len(found.value.line()) < 300

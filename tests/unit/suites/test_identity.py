@@ -248,7 +248,7 @@ def test_a_result_that_cannot_be_read_protects_everything(folder):
     write_manifest(folder.root, [*folder.cases.iterdir()])
     assert garbage(folder).files
     next(folder.cases.iterdir()).unlink()
-    with pytest.raises(UserError, match="is missing, though the manifest names it"):
+    with pytest.raises(UserError, match="is missing, but the manifest names it"):
         garbage(folder)
 
 
