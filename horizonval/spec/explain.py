@@ -145,8 +145,9 @@ def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
         elif part in mapping:
             node = _resolve(root, {"$ref": mapping[part]})
         else:
-            properties = node.get("properties", {})
-            node = _resolve(root, properties.get(part, {}))
+            others = node.get("additionalProperties")
+            node = node.get("properties", {}).get(part, others if isinstance(others, dict) else {})
+            node = _resolve(root, node)
             key = f"{key}.{excerpt(str(part))}" if key else excerpt(str(part))
     return node, key
 

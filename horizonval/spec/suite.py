@@ -28,8 +28,11 @@ Metric = Literal[
     "pitch_scatter",
     "nadir_error",
     "nadir_error_median",
+    "altitude_mean",
+    "altitude_error",
     "error_over_bound",
     "honesty",
+    "claimed_sigma",
     "without_sigma",
     "limb_radiance",
     "disc_radiance",
@@ -61,8 +64,11 @@ STANDING: dict[Metric, Standing] = {
     "pitch_scatter": Standing("arcsec", 20.0, 0.1),
     "nadir_error": Standing("arcsec", 20.0, 0.1, fresh=(20.0, 0.5)),
     "nadir_error_median": Standing("arcsec", 20.0, 0.1),
+    "altitude_mean": Standing("km", 2.0),
+    "altitude_error": Standing("km", 2.0, 0.1),
     "error_over_bound": Standing("1", None),
     "honesty": Standing("factor", 1.5),
+    "claimed_sigma": Standing(POINTS, 1.5),
     "without_sigma": Standing("factor", 1.5),
     "limb_radiance": Standing("%", 1.0),
     "disc_radiance": Standing("%", 1.0),
@@ -85,14 +91,16 @@ class GateSpec(Model):
     """
     metric: Metric
     """`crashes`: frames that crash and did not before. `availability`: answers that are lost. `false_valid`: frames
-    whose answer became false. `roll_mean`, `pitch_mean`: change of the mean error. `roll_scatter`, `pitch_scatter`:
-    change of the standard deviation about it. `nadir_error`, `nadir_error_median`: change of the root mean square and
-    of the median of the angle between claimed and true nadir (`fresh`: of its mean). `error_over_bound`: change of the
-    mean of that angle over what the limb in the frame allows any method; without a gate it is not compared. `honesty`:
-    factor by which the mean squared error over the claimed covariance changes, either way. `without_sigma`: the same
-    of the number of claims without a usable covariance. `limb_radiance`, `disc_radiance`: bias of the region's mean in
-    a scene. `limb_displacement`: root mean square along the limb of a scene. `noise`: change of the detector noise's
-    standard deviation, in space.
+    whose answer became false. `roll_mean`, `pitch_mean`, `altitude_mean`: change of the mean error. `roll_scatter`,
+    `pitch_scatter`: change of the standard deviation about it. `nadir_error`, `nadir_error_median`: change of the root
+    mean square and of the median of the angle between claimed and true nadir (`fresh`: of its mean). `altitude_error`:
+    change of the root mean square of the altitude's error; an altitude that was not claimed before had none.
+    `error_over_bound`: change of the mean of that angle over what the limb in the frame allows any method; without a
+    gate it is not compared. `honesty`: factor by which the mean squared error over the claimed covariance changes,
+    either way. `claimed_sigma`: claims whose sigma changes by more than a factor of 1.5, either way. `without_sigma`:
+    the same of the number of claims without a usable covariance. `limb_radiance`, `disc_radiance`: bias of the region's
+    mean in a scene. `limb_displacement`: root mean square along the limb of a scene. `noise`: change of the detector
+    noise's standard deviation, in space.
     """
     margin: Annotated[Positive, unit("that of the key `unit`")]
     """Largest change that does not matter."""

@@ -21,10 +21,10 @@ from horizonval.studies.regression.baseline import (
     FrozenImage,
     Pack,
     accepting,
+    baseline_at,
     copy_as_release,
     finish_acceptance,
     pack_path,
-    read_baseline,
     read_pack,
     release_path,
     write_baseline,
@@ -61,9 +61,8 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False, yes
         name, error = next(iter(night["failed"].items()))
         raise UserError(f"{len(night['failed'])} units failed; {name}: {error}", where=str(run))
     finish_acceptance(baseline)
-    before = read_baseline(baseline, night["suite"]) if baseline.is_file() else None
-    older = release_path(baseline)
-    of_release = read_baseline(older, night["suite"]) if before is not None and older.is_file() else None
+    before = baseline_at(baseline, night["suite"])
+    of_release = None if before is None else baseline_at(release_path(baseline), night["suite"])
     results = GateInputs(rows=night["rows"], fresh=night["fresh"], fresh_night=night["night"])
     scenes = {
         name: {"table": record["table"], "camera": record["camera"], "bands": record["bands"]}

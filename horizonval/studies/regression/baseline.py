@@ -30,11 +30,12 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from horizonval.core import atomic, files, sealed
 from horizonval.core.errors import DamagedFileError, UserError, misfit
-from horizonval.spec.base import Model, Positive
+from horizonval.core.outcome import Outcome
+from horizonval.spec.base import Model
 from horizonval.spec.explain import explain
 from horizonval.store.folder import LARGEST_RECORD, read_json, write_json
 from horizonval.studies.regression.gates import GateInputs
@@ -49,6 +50,10 @@ MOST_EXPANSION = 50
 """Most bytes of a pack's arrays, and how many times its size comes on top: images of noise compress to a sixth."""
 LARGEST_RADIANCE = 1e12
 """Of a frozen frame [W m-2 sr-1]; the Sun has 2e7 in all its bands."""
+FullScale = Annotated[int, Field(gt=0, lt=1 << 16, strict=True)]
+RadiancePerDn = Annotated[float, Field(gt=0, le=LARGEST_RADIANCE, strict=True)] | None
+_FROZEN = TypeAdapter(tuple[FullScale, RadiancePerDn])
+"""Numbers that an image has of its own in a pack."""
 
 
 @dataclass(frozen=True)
@@ -160,6 +165,7 @@ def _read_pack(path: Path, _changed_ns: int) -> Pack:
         images: dict[tuple[str, str, int], FrozenImage] = {}
         for scene, band, replicate, full_scale, sha, name, k, radiance_per_dn in head["images"]:
             dn = _from_planes(_member(arrays, f"{name}_high", k), _member(arrays, f"{name}_low", k))
+            _FROZEN.validate_python((full_scale, radiance_per_dn))
             image = FrozenImage(scene, band, replicate, full_scale, dn, radiance_per_dn)
             if image.sha256 != sha:
                 raise DamagedFileError(f"the image {scene} {band} {replicate} is not what was frozen", where=str(path))
@@ -271,17 +277,17 @@ def release_path(path: Path) -> Path:
 
 
 class _Answerable(Model):
-    expected: str
+    expected: Outcome
     borderline: bool | None
-    bound_arcsec: Annotated[float, Field(gt=0, le=LARGEST_ARCSEC)] | None
+    bound_arcsec: Annotated[float, Field(gt=0, le=LARGEST_ARCSEC, strict=True)] | None
     images: list[str]
 
 
 class _Band(_Answerable):
     radiance_sha256: str
-    full_scale: int
-    radiance_per_dn: list[Positive | None]
-    noise_dn: Annotated[float, Field(ge=0, le=2**31)] | None
+    full_scale: FullScale
+    radiance_per_dn: list[RadiancePerDn]
+    noise_dn: Annotated[float, Field(ge=0, le=2**31, strict=True)] | None
 
 
 class _Scene(Model):
@@ -309,7 +315,7 @@ class _File(_Past):
     schema_number: Annotated[int, Field(alias="schema")]
     suite: str
     environment: dict[str, Any]
-    replicates: int
+    replicates: Annotated[int, Field(ge=1, strict=True)]
     gates: list[Any]
     covers: list[str] = []
     past: list[_Past]
@@ -321,6 +327,12 @@ class _File(_Past):
     pack_sha256: str
 
 
+def baseline_at(path: Path, suite: str) -> Baseline | None:
+    """Return :func:`read_baseline`; None where nothing is."""
+    finish_acceptance(path)
+    return read_baseline(path, suite) if files.kind_at(path) else None
+
+
 def read_baseline(path: Path, suite: str) -> Baseline:
     """Read a baseline and check that its images are the ones that were accepted with it.
 
@@ -328,7 +340,7 @@ def read_baseline(path: Path, suite: str) -> Baseline:
     another suite. Raises ``DamagedFileError``: it is not what ``baseline accept`` wrote.
     """
     finish_acceptance(path)
-    if not path.is_file():
+    if not files.kind_at(path):
         raise UserError("no accepted baseline", where=str(path), fix="see `horizonval baseline accept --help`")
     data = _sealed(path)
     if data.get("schema") != BASELINE_SCHEMA:
@@ -337,13 +349,13 @@ def read_baseline(path: Path, suite: str) -> Baseline:
         _File.model_validate(data)
     except ValidationError as error:
         mistake = explain(error, _File, str(path))
-        raise DamagedFileError(mistake.what, where=mistake.where, fix=FROM_GIT) from None
+        raise DamagedFileError(mistake.what, where=mistake.where, expected=mistake.expected, fix=FROM_GIT) from None
     if data["suite"] != suite:
         raise UserError(f"is the baseline of suite {data['suite']!r}", where=str(path), expected=f"that of {suite!r}")
     pack = pack_path(path)
-    if not pack.is_file():
+    if not files.kind_at(pack):
         raise UserError("no such file", where=str(pack), expected=f"the frozen images that belong to {path.name}")
-    if files.sha256_of(pack) != data["pack_sha256"]:
+    if files.sha256_of(pack, expected="the frozen images of a baseline") != data["pack_sha256"]:
         raise DamagedFileError("its bytes are not those that were accepted", where=str(pack), fix=FROM_GIT)
     try:
         results = GateInputs(
@@ -371,9 +383,17 @@ def _check_scenes(data: Mapping[str, Any], rows: Sequence[ReplicateRow]) -> None
     """Raise ``ValueError`` if rows are of scenes, bands or replicates that the baseline does not have."""
     for row in rows:
         about = data["together"].get(row.case) or data["scenes"].get(row.case) or {"bands": {}}
-        images = about["bands"].get(row.band, {"images": []})["images"]
+        band = about["bands"].get(row.band, {"images": []})
+        images = band["images"]
         if row.replicate >= len(images) or images[row.replicate] != row.image_address:
             raise ValueError(f"no image of {row.case}, {row.band}, replicate {row.replicate}")
+        is_due = band["expected"] == Outcome.VALID and not band["borderline"]
+        if (band["bound_arcsec"], is_due) != (row.bound_arcsec, row.is_due):
+            raise ValueError(f"bound or expected outcome of {row.case}, {row.band} is not that of its rows")
+    for scene, about in data["scenes"].items():
+        for name, band in about["bands"].items():
+            if len(band["radiance_per_dn"]) != len(band["images"]):
+                raise ValueError(f"radiance_per_dn of {scene}, {name} is not one number an image")
     for scene, about in data["together"].items():
         if unknown := [case for _, case in about["heads"] if case not in data["scenes"]]:
             raise ValueError(f"no scene {unknown[0]}, a head of {scene}")

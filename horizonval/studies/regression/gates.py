@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ ROUNDING = 1e-9
 SMALL_NEES = 0.1, 1e-6
 """Squared errors over claims below the first do not count in ratios of single frames, below the second in ratios of
 means: an error may be zero by chance."""
+SAME_SIGMA = 1.5
+"""Factor between two claimed sigmas of one image up to which they count as the same."""
 NONE_IS = 0.5
 """Number of claims in place of none, in a ratio."""
 
@@ -172,7 +174,7 @@ def _crashes(pairs: Sequence[Pair]) -> Measured:
 
 
 def _is_missed(now: ReplicateRow, base: ReplicateRow) -> bool:
-    """Whether a claim is gone, or an angle of it."""
+    """Whether a claim is gone, or an angle or the altitude of it."""
     return not now.is_claim or any(getattr(base, e) is not None and getattr(now, e) is None for e in ERRORS)
 
 
@@ -280,6 +282,30 @@ def _without_sigma(pairs: Sequence[Pair]) -> Measured | None:
     return Measured(before, now, factor, 0.0, len(own), weights)
 
 
+def _claimed_sigma(pairs: Sequence[Pair]) -> Measured | None:
+    """Share of claims whose sigma changed, either way: a mean does not show that some became useless."""
+    now, before, scenes = _errors(pairs, "sigma_total_arcsec")
+    stated = (now > 0.0) & (before > 0.0)
+    if not stated.any():
+        return None
+    factors = np.abs(np.log(now[stated] / before[stated]))
+    changed = factors > math.log(SAME_SIGMA) + ROUNDING
+    was, is_now = (float(np.median(values[stated][changed])) if changed.any() else 0.0 for values in (before, now))
+    own = [scene for scene, is_stated in zip(scenes, stated, strict=True) if is_stated]
+    weights = list(zip((factors * changed).tolist(), own, strict=True))
+    return Measured(was, is_now, PERCENT * float(np.mean(changed)), 0.0, len(own), weights)
+
+
+def _altitude(measure: Callable[[Sequence[Pair]], Measured | None]) -> Callable[[Sequence[Pair]], Measured | None]:
+    """Return a measure of the altitude's error: one that was not claimed before had none."""
+
+    def of_claims(pairs: Sequence[Pair]) -> Measured | None:
+        known = [(n, b) for n, b in pairs if b.states_altitude and n.altitude_error_km is not None]
+        return measure([(n, replace(b, altitude_error_km=b.altitude_error_km or 0.0)) for n, b in known])
+
+    return of_claims
+
+
 def _over_bound(pairs: Sequence[Pair]) -> Measured | None:
     return _grown("error_over_bound", np.mean, _difference)(pairs)
 
@@ -294,8 +320,11 @@ ROW_METRICS: Mapping[Metric, Callable[[Sequence[Pair]], Measured | None]] = {
     "pitch_scatter": _grown("pitch_error_arcsec", np.std, _squares),
     "nadir_error": _grown("nadir_error_arcsec", _rms, _squares),
     "nadir_error_median": _grown("nadir_error_arcsec", np.median, _difference),
+    "altitude_mean": _altitude(_mean("altitude_error_km")),
+    "altitude_error": _altitude(_grown("altitude_error_km", _rms, _squares)),
     "error_over_bound": _over_bound,
     "honesty": _honesty,
+    "claimed_sigma": _claimed_sigma,
     "without_sigma": _without_sigma,
 }
 

@@ -38,7 +38,7 @@ from horizonval.spec.suite import Lane, RegressionSpec
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.verify import withdraw_manifest, write_manifest
 from horizonval.studies.regression import history
-from horizonval.studies.regression.baseline import Baseline, read_baseline, release_path
+from horizonval.studies.regression.baseline import Baseline, baseline_at, release_path
 from horizonval.studies.regression.fresh import judge_fresh
 from horizonval.studies.regression.gates import GateInputs, judge_images, judge_rows
 from horizonval.studies.regression.images import compare_images
@@ -502,11 +502,11 @@ def _partners(night: Night) -> tuple[list[str], list[str]]:
     answered = {row.key for row in night.replayed} if "replay" in night.wanted.lanes and not night.failed else None
     problems += missing(promise, base.results.rows, cameras_of(base.scenes, base.together), answered)
     notes = new(promise, base.results.rows, base.scenes)
-    silent = sum(row.is_claim and not row.states_claim for row in base.results.rows)
+    silent = sum(row.nadir_error_arcsec is not None and not row.states_altitude for row in base.results.rows)
     if silent:
         notes.append(
-            f"the baseline does not hold the claimed uncertainty of its {silent} claims: honesty is compared once a "
-            "new one is accepted"
+            f"the baseline does not hold sigma and altitude of {silent} claims: they are compared once a new one is "
+            "accepted"
         )
     if "fresh" in night.wanted.lanes and not night.fresh and not night.failed:
         notes.append("no scene was drawn anew: the suite has no Sobol table")
@@ -596,10 +596,8 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
 
     suite = load_suite(wanted.suite)
     spec, plan = checked(suite)
-    accepted = read_baseline(wanted.baseline, suite.name) if wanted.baseline.is_file() else None
-    release = None
-    if accepted is not None and release_path(wanted.baseline).is_file():
-        release = read_baseline(release_path(wanted.baseline), suite.name)
+    accepted = baseline_at(wanted.baseline, suite.name)
+    release = None if accepted is None else baseline_at(release_path(wanted.baseline), suite.name)
     reference = None if wanted.reference is None else reference_of(wanted.reference, suite.name, wanted.night)
     if probe().chosen is None:
         raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
@@ -637,6 +635,6 @@ def planned(wanted: Wanted) -> tuple[Suite, NightWork, list[Task]]:
     """Return the first tasks of a night without running them. Errors as :func:`run_night`."""
     suite = load_suite(wanted.suite)
     spec, plan = checked(suite)
-    accepted = read_baseline(wanted.baseline, suite.name) if wanted.baseline.is_file() else None
+    accepted = baseline_at(wanted.baseline, suite.name)
     night = Night(suite, spec, plan, wanted, accepted, Silent())
     return suite, NightWork(plan, wanted.out / WORK), list(night.first_tasks().values())

@@ -167,7 +167,8 @@ def changed(pairs: Iterable[Pair]) -> list[dict[str, Any]]:
         for key in ERRORS:
             before, after = getattr(base, key), getattr(now, key)
             if before is not None and after is not None and abs(after - before) > ANGLE_LIMIT_ARCSEC:
-                what.append(f"{key.removesuffix('_error_arcsec')} error {before:.4g} -> {after:.4g} arcsec")
+                name, unit = key.rsplit("_", 1)
+                what.append(f"{name.replace('_', ' ')} {before:.4g} -> {after:.4g} {unit}")
         if now.is_claim and base.is_claim and now.without_sigma != base.without_sigma and base.states_claim:
             what.append("no sigma" if now.without_sigma else "a sigma")
         nees, old = now.nees_nadir_total, base.nees_nadir_total

@@ -13,9 +13,10 @@ from horizonval.scoring.row import Row
 
 DIGITS = 4
 """Decimals of stored errors: 1e-4 arcsec, 3e-8 deg."""
-ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec")
-CLAIMED = ("nees_nadir_total", "without_sigma")
-"""Columns about the claimed covariance, which baselines of earlier versions do not have."""
+ANGLES = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec")
+ERRORS = (*ANGLES, "altitude_error_km")
+CLAIMED = ("nees_nadir_total", "without_sigma", "sigma_total_arcsec")
+"""Columns about the claimed covariance, which baselines of earlier versions do not have, as the altitude."""
 COLUMNS = (
     "scene", "band", "replicate", "estimator", "image", "status", "reason", "false_valid", *ERRORS, *CLAIMED,
     "table", "due", "bound_arcsec",
@@ -44,8 +45,9 @@ class ReplicateRow(Row):
         rounded = {name: None if value is None else round(float(value), DIGITS) for name, value in errors.items()}
         about = {"scene": row.case, "band": row.band, "replicate": replicate, "estimator": row.estimator}
         found: dict[str, Any] = {"status": row.status, "reason": row.reason, "false_valid": row.false_valid}
-        nees = row.nees_nadir_total
-        found |= {"nees_nadir_total": nees and float(f"{nees:.6g}"), "without_sigma": row.without_sigma}
+        for name in CLAIMED:
+            value = getattr(row, name)
+            found[name] = float(f"{value:.6g}") if isinstance(value, float) else value
         where = {"image": image, "table": table, "due": row.is_due, "bound_arcsec": row.bound_arcsec}
         return cls.from_dict({**about, **found, **rounded, **where})
 
@@ -53,12 +55,13 @@ class ReplicateRow(Row):
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Return the row of :meth:`to_dict`. Raises ``ValueError``: a missing or unknown column, or no such value."""
         rest = dict(data)
-        wrong = sorted({*COLUMNS} - {*CLAIMED} - {*rest} | {*rest} - {*COLUMNS})
+        wrong = sorted({*COLUMNS} - {*CLAIMED, "altitude_error_km"} - {*rest} | {*rest} - {*COLUMNS})
         if wrong:
             raise ValueError(f"column {wrong[0]!r} is {'unknown' if wrong[0] in rest else 'missing'}")
         case, image, due = (rest.pop(name) for name in ("scene", "image", "due"))
         if not isinstance(due, bool):
             raise ValueError(f"due = {due!r} is not true or false")
+        rest["sigma_nadir_arcsec"] = rest.pop("sigma_total_arcsec", None)
         made = cls(case=case, camera="", image_address=image, expected=str(Outcome.VALID), borderline=not due, **rest)
         return made.against(made.bound_arcsec)
 
@@ -70,15 +73,23 @@ class ReplicateRow(Row):
             raise ValueError(f"replicate = {self.replicate!r} is not a whole number")
         if not isinstance(self.table, str):
             raise ValueError(f"table = {self.table!r} is not text")
-        limits = {**dict.fromkeys((*ERRORS, "bound_arcsec"), LARGEST_ARCSEC), "nees_nadir_total": LARGEST_NEES}
+        limits = {**dict.fromkeys((*ANGLES, "bound_arcsec"), LARGEST_ARCSEC), "nees_nadir_total": LARGEST_NEES}
         for name, limit in limits.items():
             if abs(getattr(self, name) or 0.0) > limit * (1 + 1e-9):
                 raise ValueError(f"{name} = {getattr(self, name):g} is beyond {limit:g}")
+        for name in ("nadir_error_arcsec", "bound_arcsec", "nees_nadir_total", "sigma_nadir_arcsec"):
+            if (getattr(self, name) or 0.0) < 0.0:
+                raise ValueError(f"{name} = {getattr(self, name):g} is below 0")
 
     @property
     def states_claim(self) -> bool:
         """Whether the claimed covariance is known, or known to be missing; not in baselines of earlier versions."""
         return self.nees_nadir_total is not None or self.without_sigma
+
+    @property
+    def states_altitude(self) -> bool:
+        """Whether sigma and altitude of a claim are known; not in baselines of earlier versions."""
+        return self.sigma_total_arcsec is not None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the stored columns as plain data."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from horizonval.spec.load import Suite
 from horizonval.spec.suite import IMAGE_METRICS, STANDING, Lane, Metric, RegressionSpec
-from horizonval.studies.regression.gates import PERCENT, margin_of
+from horizonval.studies.regression.gates import PERCENT, SAME_SIGMA, margin_of
 from horizonval.studies.regression.partners import Group
 from horizonval.studies.regression.words import figure
 from horizonval.suites.record import camera_name
@@ -14,6 +14,8 @@ ANGLES: dict[str, Metric] = {
     "scatter": "roll_scatter",
     "nadir error": "nadir_error",
     "its median": "nadir_error_median",
+    "altitude's mean": "altitude_mean",
+    "altitude error": "altitude_error",
 }
 
 
@@ -42,7 +44,7 @@ def unseen(suite: Suite) -> dict[str, str]:
     found["a night lets through in images"] = ", ".join(
         f"{metric.replace('_', ' ')} {_margin(spec, 'rerender', metric, anywhere)}" for metric in IMAGE_METRICS
     )
-    found["a night does not compare"] = "altitude, angular radius and limb points of answers; time and memory"
+    found["a night does not compare"] = "angular radius and limb points of answers; time and memory"
     for gate in spec.gate:
         standing, of_base = STANDING[gate.metric].margin, 0.0
         if gate.lane == "fresh" and (fresh := STANDING[gate.metric].fresh) is not None:
@@ -55,15 +57,16 @@ def unseen(suite: Suite) -> dict[str, str]:
 
 
 def _of_method(spec: RegressionSpec, group: Group, n: int) -> str:
-    lost, false = (
+    lost, false, sigmas = (
         int((margin_of(spec, "replay", metric, group, 0.0)[0] or 0.0) / PERCENT * n)
-        for metric in ("availability", "false_valid")
+        for metric in ("availability", "false_valid", "claimed_sigma")
     )
     crashes = figure(margin_of(spec, "replay", "crashes", group, 0.0)[0])
     angles = ", ".join(f"{name} by {_margin(spec, 'replay', metric, group)}" for name, metric in ANGLES.items())
     return (
-        f"of {n} images {lost} lost answers, {false} new false claims, {crashes} new crashes; {angles}, squared error "
-        f"over claim by a {_margin(spec, 'replay', 'honesty', group)}"
+        f"of {n} images {lost} lost answers, {false} new false claims, {crashes} new crashes, {sigmas} claimed sigmas "
+        f"that change by more than a factor of {SAME_SIGMA}; {angles}, squared error over claim "
+        f"by a {_margin(spec, 'replay', 'honesty', group)}"
     )
 
 

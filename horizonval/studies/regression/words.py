@@ -18,9 +18,10 @@ SIZES = {
     "pitch_scatter": "scatter of the pitch error",
     "nadir_error": "nadir error (rms)",
     "nadir_error_median": "median nadir error",
+    "altitude_error": "altitude error (rms)",
     "error_over_bound": "nadir error over the bound",
 }
-MEANS = {"roll_mean": "mean roll error", "pitch_mean": "mean pitch error"}
+MEANS = {"roll_mean": "mean roll error", "pitch_mean": "mean pitch error", "altitude_mean": "mean altitude error"}
 IMAGES = {
     "limb_radiance": "radiance of the limb",
     "disc_radiance": "radiance of the disc",
@@ -72,6 +73,11 @@ def gate_sentence(gate: Gate) -> str:
         return (
             f"squared error over claim {figure(before)} -> {figure(now)}: claims are {sense} of themselves, "
             f"by a factor of {figure(change)} (margin {margin})"
+        )
+    if metric == "claimed_sigma":
+        return (
+            f"{figure(change)} % of {n} claimed sigmas changed by more than a factor of 1.5, in the median "
+            f"{figure(before)} -> {figure(now)} arcsec (margin {margin})"
         )
     if metric == "without_sigma":
         return f"claims without a sigma {before:.0f} -> {now:.0f} of {n} (margin: a factor of {margin})"

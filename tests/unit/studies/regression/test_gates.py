@@ -21,7 +21,13 @@ Spoil = Callable[[int, ReplicateRow], ReplicateRow]
 SCENES = 60
 CAMERAS = {f"s{k}": ("wide", "narrow")[k % 2] for k in range(SCENES)}
 REFUSAL = {"nadir_error_arcsec": None, "roll_error_arcsec": None, "pitch_error_arcsec": None, "nees_nadir_total": None}
-REFUSAL |= {"status": str(Outcome.SHORT_ARC), "without_sigma": False, "false_valid": False}
+REFUSAL |= {
+    "sigma_nadir_arcsec": None,
+    "altitude_error_km": None,
+    "status": str(Outcome.SHORT_ARC),
+    "without_sigma": False,
+    "false_valid": False,
+}
 
 
 def answer(row: ReplicateRow, roll: float, pitch: float, variance: float) -> ReplicateRow:
@@ -30,6 +36,7 @@ def answer(row: ReplicateRow, roll: float, pitch: float, variance: float) -> Rep
     nees = None if variance == 0.0 else error**2 / variance
     false = error > 1800.0 or bool(nees is not None and nees > 25.0 and error > 360.0)
     about = {"nadir_error_arcsec": error, "roll_error_arcsec": roll, "pitch_error_arcsec": pitch, "false_valid": false}
+    about["sigma_nadir_arcsec"] = (2 * variance) ** 0.5
     return replace(row, **about, nees_nadir_total=nees, without_sigma=nees is None)
 
 
@@ -96,7 +103,16 @@ def not_a_number(i: int, row: ReplicateRow) -> ReplicateRow:
 
 
 def silent(i: int, row: ReplicateRow) -> ReplicateRow:
-    return replace(row, nees_nadir_total=None, without_sigma=True)
+    return replace(row, nees_nadir_total=None, sigma_nadir_arcsec=0.0, without_sigma=True)
+
+
+def useless(i: int, row: ReplicateRow) -> ReplicateRow:
+    """A sigma of 167 deg."""
+    return replace(row, nees_nadir_total=1e-8, sigma_nadir_arcsec=6e5)
+
+
+def altitude(error_km: float) -> Spoil:
+    return lambda i, row: replace(row, altitude_error_km=error_km)
 
 
 def without_roll(i: int, row: ReplicateRow) -> ReplicateRow:
@@ -119,8 +135,13 @@ FAULTS: dict[str, tuple[Spoil, set[str]]] = {
     "no number": (every(9, not_a_number), {"false_valid"}),
     "no sigma": (every(11, silent), {"without_sigma"}),
     "no roll": (every(11, without_roll), {"availability"}),
-    "claims 3 times too sure": (moved(claim=1 / 9), {"honesty"}),
-    "claims 10 times too unsure": (moved(claim=100.0), {"honesty"}),
+    "claims 3 times too sure": (moved(claim=1 / 9), {"honesty", "claimed_sigma"}),
+    "claims 10 times too unsure": (moved(claim=100.0), {"honesty", "claimed_sigma"}),
+    "a useless sigma in a tenth": (every(9, useless), {"claimed_sigma"}),
+    "a claim 1.4 times less sure in a tenth": (every(9, moved(claim=1.4**2)), set()),
+    "an altitude of 5 km claimed, 550 is true": (altitude(-545.0), {"altitude_mean", "altitude_error"}),
+    "an altitude off either way": (lambda i, row: altitude(9.0 * (-1) ** (i // 4))(i, row), {"altitude_error"}),
+    "an altitude claimed rightly": (altitude(0.5), set()),
     "30 arcsec of bias": (moved(pitch=30.0), {"pitch_mean"}),
     "noise doubled": (moved(factor=2.0), {"roll_scatter", "pitch_scatter", "nadir_error", "nadir_error_median"}),
     "60 arcsec worse": (moved(roll=80.0), {"roll_mean", "nadir_error"}),
@@ -200,11 +221,18 @@ def test_a_new_crash_without_a_partner_fails_and_other_new_rows_do_not() -> None
     assert set().union(*failed([*base, *(crashed(0, row) for row in added)], base).values()) == {"crashes"}
 
 
-def test_a_baseline_without_claims_is_silent_about_honesty_alone() -> None:
-    base = [replace(row, nees_nadir_total=None) for row in accepted()]
+def test_a_baseline_without_claims_is_silent_about_them_alone() -> None:
+    base = [replace(row, nees_nadir_total=None, sigma_nadir_arcsec=None) for row in accepted()]
     assert not any(row.states_claim for row in base)
     assert not failed(spoiled(accepted(), moved(claim=1 / 9)), base)
+    assert not failed(spoiled(accepted(), altitude(9.0)), base)
     assert failed(spoiled(accepted(), moved(roll=30.0)), base)
+
+
+def test_an_altitude_that_is_no_longer_claimed_is_lost() -> None:
+    base = spoiled(accepted(), altitude(0.5))
+    found = failed(spoiled(base, every(9, lambda i, row: replace(row, altitude_error_km=None))), base)
+    assert set().union(*found.values()) == {"availability"}
 
 
 def gate(metric: str, margin: float, lane: str = "replay", **keys: Any) -> GateSpec:

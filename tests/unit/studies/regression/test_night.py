@@ -199,6 +199,15 @@ DAMAGE = {
     "a huge error": lambda d: first_of(d["rows"]["nadir_error_arcsec"]).__setitem__(0, 1e308),
     "an error of text": lambda d: first_of(d["rows"]["nadir_error_arcsec"]).__setitem__(0, "far"),
     "a bound of zero": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(bound_arcsec=0.0),
+    "no bound beside claims that have one": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(bound_arcsec=None),
+    "a bound below 0": lambda d: first_of(d["rows"]["bound_arcsec"]).__setitem__(0, -1.0),
+    "no such outcome": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(expected="text"),
+    "another outcome": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(expected="dark"),
+    "a huge full scale": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(full_scale=10**30),
+    "a huge calibration": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(radiance_per_dn=[1e308]),
+    "true for a number": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(radiance_per_dn=[True]),
+    "a calibration of other images": lambda d: d["scenes"]["day_000"]["bands"]["vis"].update(radiance_per_dn=[]),
+    "a sigma below 0": lambda d: first_of(d["rows"]["sigma_total_arcsec"]).__setitem__(0, -1.0),
     "no such status": lambda d: first_of(d["rows"]["status"]).__setitem__(0, "splendid"),
     "a word that is not there": lambda d: d["rows"]["band"].update(at=[7] * 8),
     "a word counted from the end": lambda d: d["rows"]["band"].update(at=[-1] * 8),
@@ -221,6 +230,14 @@ def test_a_sealed_baseline_of_nonsense_is_one_line_and_exit_status_2(accepted, t
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1, lines
     assert "tiny.json" in lines[0]
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda path: os.symlink("nowhere", path)])
+def test_what_is_no_file_is_not_taken_for_no_baseline(accepted, tmp_path, capsys, make):
+    make(tmp_path / "tiny.json")
+    arguments = ["regress", accepted.suite, "--baseline", str(tmp_path / "tiny.json"), "--out", str(tmp_path / "o")]
+    assert cli.run_command_line(arguments) == 2
+    assert "tiny.json: is a" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["{}", "[1]", "no JSON", "unsealed"])
