@@ -156,6 +156,9 @@ def _holds_something(path: Path) -> bool:
 
 
 def _is_sealed(path: Path) -> bool:
+    """Whether a file is one of ours, or a folder holds one."""
+    if path.is_dir():
+        return any(_is_sealed(inside) for inside in path.glob("*.json"))
     try:
         return sealed.KEY.encode() in files.read_bytes(path, largest=LARGEST_RECORD, links=False)
     except UserError:

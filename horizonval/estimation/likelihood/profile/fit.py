@@ -157,9 +157,9 @@ the corners shows 0.36 to 0.57 and biases the nadir; one with uniform blur shows
 HELD = 10.0
 """Information on the lens in the first stage, relative to its prior: the lens then moves by a third of its prior's
 range. Less lets thin clouds soften the lens; more increases the dependence on the start."""
-PULLED, LEAST_LEARNT = 2.0, 1e-3
-"""Pull of the altitude's prior, in what chance makes of it, from which the claim is widened (1.6 at most on 60
-undisturbed frames of low orbits); and share of its variance that the image must have taken away."""
+PULLED, LEAST_LEARNT = 3.0, 1e-3
+"""Pull of the altitude's prior, in what chance makes of it, from which the claim is widened: chance alone exceeds it in
+0.3 % of frames. And share of its variance that the image must have taken away."""
 LEAST_ALIKE, SURELY_ALIKE = 1.1, 1.3
 """Correlation factor between which inflation sets in; independent residuals have 1.0 to 1.1. A ramp, since a step would
 displace the nadir."""
