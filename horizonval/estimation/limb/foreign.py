@@ -1,8 +1,8 @@
 """Light outside the limb that no air explains: the Moon, lamps, booms and their reflections.
 
 What lies farther out than the air is space, of one level but for noise. Where some pixels together differ from it, the
-limb below them cannot be told from what stands before it: that azimuth is left out of the image, and if it is most of
-the limb in view, there is nothing to fit. Single pixels are left to the fit, which knows outliers.
+limb below them cannot be distinguished from what stands before it, and that azimuth is left out of the image. Single
+pixels are left to the fit, which knows outliers.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, PIXEL_DIRECTIONS, median
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
@@ -32,8 +31,8 @@ MOST_HIDDEN = 0.5
 
 def without_foreign_light(
     image: FloatArray, camera: CameraModel, nadir_cam: FloatArray, rho_rad: float, top_rad: float
-) -> FloatArray | Refusal:
-    """Return an image (H, W) with NaN at azimuths with foreign light, or why too little is left.
+) -> FloatArray:
+    """Return an image (H, W) with NaN at azimuths with foreign light; as it is if that were most of the limb.
 
     ``nadir_cam``, ``rho_rad``: cone of the limb, right to two pixels; ``top_rad``: angle from it to the top of the air.
     """
@@ -66,7 +65,5 @@ def without_foreign_light(
         there = np.bincount(place[labels == label], minlength=bins) > 0
         wide = max(DILATED_PX, int(np.count_nonzero(there)) // 2)
         hidden |= maximum_filter1d(there, min(2 * wide + 1, bins), mode="wrap")
-    share = float(np.mean(hidden[place[limb]]))
-    if share > MOST_HIDDEN:
-        return Refusal(Outcome.NO_LIMB, f"there is light outside {share:.0%} of the limb, which no air explains")
-    return np.where(hidden[place], np.nan, image)
+    # Light all round is a veil or a glow, of which the fit has a model, or no limb, which the fit finds out.
+    return image if float(np.mean(hidden[place[limb]])) > MOST_HIDDEN else np.where(hidden[place], np.nan, image)

@@ -49,8 +49,6 @@ def run(observation: Observation) -> Fit | Refusal:
     try:
         start = known.start(observation.camera, known.tilt_sigma_rad)
         image = without_foreign_light(known.picture.unclipped, observation.camera, *known.limb(start))
-        if isinstance(image, Refusal):
-            return image
         found = fit_profile(image, observation.camera, start, knowledge)
     except NoLimbError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
