@@ -5,6 +5,7 @@ The renderer is replaced by a function that answers at once with the request's s
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import stat
@@ -195,8 +196,11 @@ def test_strangers_keep_nobody_out_and_are_dropped_after_one_wrong_token(run):
         for stranger in silent[:2]:
             # Those that have waited longest have made room.
             stranger.settimeout(5)
-            while stranger.recv(4096):
-                pass
+            with contextlib.suppress(ConnectionError):
+                while stranger.recv(4096):
+                    pass
+        # A new one: the silent ones are dropped after ten seconds, which a busy machine may have taken until here.
+        silent.append(running.raw())
         send(silent[-1], pack({"schema": SCHEMA, "kind": "status", "token": "wrong"}), 5.0)
         assert b"not the server" in (receive(silent[-1], 1 << 20, 5.0) or b"")
         assert receive(silent[-1], 1 << 20, 5.0) is None
