@@ -192,13 +192,15 @@ def test_strangers_keep_nobody_out_and_are_dropped_after_one_wrong_token(run):
     running = run(token="correct-horse-battery", address=Address(None, "127.0.0.1", 0))
     silent = [running.raw() for _ in range(MOST_CLIENTS + 4)]
     with running.client(token="correct-horse-battery") as friend:
-        assert friend.status()["clients"] <= MOST_CLIENTS + 1
         for stranger in silent[:2]:
             # Those that have waited longest have made room.
             stranger.settimeout(5)
             with contextlib.suppress(ConnectionError):
                 while stranger.recv(4096):
                     pass
+        late = time.monotonic() + 10.0
+        while friend.status()["clients"] > MOST_CLIENTS + 1:
+            assert time.monotonic() < late
         # A new one: the silent ones are dropped after ten seconds, which a busy machine may have taken until here.
         silent.append(running.raw())
         send(silent[-1], pack({"schema": SCHEMA, "kind": "status", "token": "wrong"}), 5.0)
