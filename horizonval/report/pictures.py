@@ -376,6 +376,6 @@ GALLERY_TITLE = "horizonval: gallery of scenes"
 def write_gallery(visible: Sequence[Exhibit], infrared: Sequence[Exhibit], folder: Path) -> Path:
     """Write ``folder/index.html``, a page of pictures with captions, and return its path."""
     path = folder / "index.html"
-    halls = {"visible": visible, "infrared": infrared}
-    page.write(path, page.render("gallery.html", title=GALLERY_TITLE, heading="Scenes", **halls))
+    text = page.render("gallery.html", title=GALLERY_TITLE, heading="Scenes", visible=visible, infrared=infrared)
+    page.write(path, text)
     return path
