@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.pyramid import PyramidLevel, Trace, trace_limb
+from horizonval.estimation.limb.pyramid import PyramidLevel, Trace, on_cone, trace_limb
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.rotation import tangent_basis
 
 REACH_PX = 8
 """Length of a profile to either side of the curve: twice the widest edge and the largest shift."""
@@ -58,19 +59,18 @@ class Evidence:
     """Evidence of a level along a cone, in m sectors.
 
     ``log_ratio`` (m,): likelihood of limb against none, negative for the opposite bright side; ``step`` (m,):
-    brightness of Earth minus space; ``deep`` (m,): the same of the innermost pixels read; ``uv`` (m, 2): middle of the
-    sector's limb, in pixels of the picture; ``width_px``: of the edge, in pixels of the level; ``sector_px``: sector
-    length, in pixels of the picture; ``azimuth`` (m,); ``px_rad``: angle of the level's pixel across the limb.
+    brightness of Earth minus space; ``deep`` (m,): the same of the innermost pixels read; ``los`` (m, 3): lines of
+    sight to the middle of the sector's limb; ``width_px``: of the edge, in pixels of the level; ``sector_px``: sector
+    length, in pixels of the picture; ``px_rad``: angle of the level's pixel across the limb.
     """
 
     log_ratio: FloatArray
     step: FloatArray
     deep: FloatArray
-    uv: FloatArray
+    los: FloatArray
     width_px: float
     bright_inside: bool
     sector_px: float
-    azimuth: FloatArray
     px_rad: float
 
     @property
@@ -120,18 +120,18 @@ def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_ra
     bright = bool(np.sum(np.where(log_ratio > 0.0, log_ratio, 0.0) * np.sign(step)) > 0.0)
     log_ratio = np.where((step > 0.0) == bright, log_ratio, -np.abs(log_ratio))
     first = np.flatnonzero(good) * PROFILES + PROFILES // 2
-    uv = trace.uv[first] + level.scale * shift[:, None] * trace.inwards[first]
+    rho = rho_rad - level.scale * shift * trace.px_rad[first]
+    los = on_cone(axis_cam, tangent_basis(axis_cam), rho, trace.azimuth[first])
     px_rad = trace.middle_px_rad * level.scale
     sector_px = trace.spacing * PROFILES
     return Evidence(
         log_ratio,
         step,
         mean[:, -INNERMOST:].mean(axis=1) - space,
-        uv,
+        los,
         width,
         bright,
         sector_px,
-        trace.azimuth[first],
         px_rad,
     )
 

@@ -18,7 +18,6 @@ small.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -53,14 +52,13 @@ from horizonval.estimation.limb.pyramid import (
     LARGEST_FINE_PX,
     PyramidLevel,
     levels_of,
-    on_cone,
     trace_limb,
     without_disc,
 )
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import Cone, fit_cone
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle
 
 NOTHING_KNOWN = Prior()
 LARGEST_SHARE_OF_SIDE = 0.3
@@ -265,11 +263,6 @@ class _Candidate:
     scale: float
     evidence: Evidence
 
-    @cached_property
-    def los(self) -> FloatArray:
-        """Lines of sight to the middles of its sectors, shape (m, 3)."""
-        return on_cone(self.axis_cam, tangent_basis(self.axis_cam), self.rho_rad, self.evidence.azimuth)
-
 
 def _verdicts(
     levels: list[PyramidLevel], camera: CameraModel, largest_rho_rad: float
@@ -304,45 +297,34 @@ def _proposed(level: PyramidLevel, number: int, camera: CameraModel, largest_rho
 
 def _same(one: _Candidate, other: _Candidate) -> bool:
     """Whether two cones have the same limb in view, to the pixels of the coarser one."""
-    off = off_axis_angle(one.los, other.axis_cam) - other.rho_rad
+    off = off_axis_angle(one.evidence.los, other.axis_cam) - other.rho_rad
     return bool(median(np.abs(off)) < SHIFTS_PX[-1] * max(one.evidence.px_rad, other.evidence.px_rad))
 
 
 def _followed(levels: list[PyramidLevel], camera: CameraModel, start: _Candidate) -> _Candidate:
     """Return a cone fitted to one level after another, down to the finest that still shows it."""
     best, largest = start, start.evidence.score
-    for number in range(start.number, -1, -1):
+    for number in (*[start.number] * REFITS, *range(start.number - 1, -1, -1)):
         here = _fitted(levels[number], number, camera, best)
         if here is None:
             break
-        least = STILL_SHOWN if here.evidence.width_px == WIDTHS_PX[-1] else STILL_SEEN
-        if here.evidence.score < least * largest:
+        sharp = number < best.number and here.evidence.width_px < WIDTHS_PX[-1]
+        if here.evidence.score < (STILL_SEEN if sharp else STILL_SHOWN) * largest:
             break
         best, largest = here, max(largest, here.evidence.score)
-    return best
+    # The width of the edge is that at a cone of this level.
+    return _fitted(levels[best.number], best.number, camera, best) or best
 
 
 def _fitted(level: PyramidLevel, number: int, camera: CameraModel, start: _Candidate) -> _Candidate | None:
-    """Return a cone fitted to a level, or None if it shows much less of it; the likelihood may ignore common shifts."""
-    best = start
-    if start.number != number:
-        seen = weigh(level, camera, start.axis_cam, start.rho_rad)
-        if seen is None:
-            return None
-        best = _Candidate(start.axis_cam, start.rho_rad, number, level.scale, seen)
-    for _ in range(REFITS):
-        shows = best.evidence.shows
-        los = unproject(camera, best.evidence.uv[shows])
-        los = los[np.isfinite(los).all(axis=1)]
-        if len(los) < 3:
-            break
-        axis = fit_cone(los).axis_cam
-        rho = float(off_axis_angle(los, axis).mean())
-        evidence = weigh(level, camera, axis, rho)
-        if evidence is None or evidence.score < STILL_SHOWN * best.evidence.score:
-            break
-        best = _Candidate(axis, rho, number, level.scale, evidence)
-    return best
+    """Return the cone through the sectors that show a limb, and what a level shows of it."""
+    shown = start.evidence.los[start.evidence.shows]
+    if len(shown) < 3:
+        return None
+    axis = fit_cone(shown).axis_cam
+    rho = float(off_axis_angle(shown, axis).mean())
+    evidence = weigh(level, camera, axis, rho)
+    return None if evidence is None else _Candidate(axis, rho, number, level.scale, evidence)
 
 
 def _judged(

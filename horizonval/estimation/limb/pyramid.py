@@ -159,7 +159,7 @@ def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.f
     return filled
 
 
-AZIMUTHS = 768
+AZIMUTHS = 256
 """First azimuths of a cone, dense towards the middle of the image, since a telescope sees a degree."""
 STEP_RAD = 1e-5
 """Step of differences across the limb: far above rounding, far below a pixel."""
