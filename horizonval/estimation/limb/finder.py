@@ -108,8 +108,6 @@ STILL_SHOWN = float(np.sqrt(0.5))
 resolved limb gains nothing from smaller pixels and soon exceeds the window."""
 STILL_SEEN = 0.25
 """The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
-REFITS = 2
-"""Cone fits per level; the second changes less than a pixel."""
 TRIED = 2
 """Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
 WHOLE = 0.9
@@ -290,8 +288,10 @@ def _proposed(level: PyramidLevel, number: int, camera: CameraModel, largest_rho
     found: list[_Candidate] = []
     for one in propose(level, camera, min(largest_rho_rad + LARGEST_SIGMA_RAD, 0.5 * np.pi)):
         evidence = weigh(level, camera, one.axis_cam, one.rho_rad)
-        if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL:
+        if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL and evidence.score > 0.0:
             found.append(_Candidate(one.axis_cam, one.rho_rad, number, level.scale, evidence))
+            if evidence.explained > WHOLE:
+                break
     return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
 
 
@@ -304,7 +304,7 @@ def _same(one: _Candidate, other: _Candidate) -> bool:
 def _followed(levels: list[PyramidLevel], camera: CameraModel, start: _Candidate) -> _Candidate:
     """Return a cone fitted to one level after another, down to the finest that still shows it."""
     best, largest = start, start.evidence.score
-    for number in (*[start.number] * REFITS, *range(start.number - 1, -1, -1)):
+    for number in range(start.number, -1, -1):
         here = _fitted(levels[number], number, camera, best)
         if here is None:
             break
