@@ -1,0 +1,428 @@
+"""A bundle of shots: which unknowns there are, what is shared, and the equations of all of them.
+
+A *shot* is what was seen at one instant: one pose of the body, one image or several, one air. Its unknowns are the pose
+(7), what each image has of its own, and the air. A bundle is one shot (an estimate of the attitude, from one camera or
+several heads), or many of one camera whose errors they share (a calibration): ln focal length, principal point and
+distortion, the turn of the mounting, and the common height of all limbs (8).
+
+**Elimination.** With the air's unknowns ``z`` of unit priors, the shot's other unknowns ``x`` and the shared ones ``c``
+the normal matrix of a shot is ::
+
+    [[A + 1, M^T, ..], [M, X, Z], [.., Z^T, S]],        A + 1 = L L^T
+
+The air is eliminated first (Cholesky), then ``x`` (Schur's complement; Triggs, McLauchlan, Hartley and Fitzgibbon,
+"Bundle adjustment", 2000, section 6); what remains of all shots is summed with the prior of ``c``.
+
+**Damping** adds ``lambda`` to the matrix in units of the unknowns' scales: the priors' standard deviations, or what the
+derivatives reach where nothing is known before (K. Levenberg, Q. Appl. Math. 2, 164, 1944).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.image import LENS, POSE, Chooser, Chosen, Linear, Look, ShotState
+from horizonval.estimation.fit.noise import PixelNoise
+from horizonval.estimation.fit.pose import LimbPose
+
+TURN, HEIGHT, SHARED = slice(LENS, LENS + 3), LENS + 3, LENS + 4
+"""Places of mounting and common height among the shared unknowns, and how many there are."""
+
+
+@dataclass(frozen=True)
+class ShotPrior:
+    """What is known of a shot: ``mean`` pose of its body, and ``information``, shape (7, 7), of a step from it."""
+
+    mean: LimbPose
+    information: FloatArray
+
+    def wanted(self, pose: LimbPose, shared: FloatArray) -> FloatArray:
+        """Return the step (7,) to the prior's pose, turned and raised by what all shots share."""
+        mean = self.mean
+        if shared.any():
+            turn = Rotation.from_rotvec(shared[TURN]).as_matrix()
+            mean = LimbPose(turn @ mean.cam_from_itrs, mean.r_itrs, mean.height_m + float(shared[HEIGHT]))
+        return pose.step_to(mean)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A shot as predicted: looks at its images, and minus twice its log likelihood with all priors."""
+
+    looks: Sequence[Look]
+    merit: float
+
+
+class Shot:
+    """One instant: pixels, unknowns and their equations.
+
+    ``turns``: shape (3, 3) of every image, camera from body; ``state``: the unknowns as they are.
+    """
+
+    def __init__(
+        self, chooser: Chooser, prior: ShotPrior, state: ShotState, turns: Sequence[FloatArray] = (np.eye(3),)
+    ) -> None:
+        self._chooser, self.prior, self.turns = chooser, prior, tuple(turns)
+        self.state = state
+        self.chosen: Chosen | None = None
+        self.noises: list[PixelNoise] = []
+        self.seen: Seen | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns of pose and images."""
+        return POSE + sum(len(own) for own in self.state.own)
+
+    def choose(self, shared: FloatArray, most: int | None) -> None:
+        """Choose the pixels near the limb at the present state."""
+        self.chosen = self._chooser(self.state, shared[:LENS], most, self.chosen)
+        self.state = self.chosen.state
+        self.noises = [noise for noise in self.chosen.noises if noise is not None]
+        looks = self._looks(self.state, shared, None)
+        if len(self.noises) < len(looks):
+            of_all = zip(self.chosen.models, looks, self.state.own, strict=True)
+            self.noises = [model.noise(look, own, None) for model, look, own in of_all]
+        self.seen = Seen(looks, np.nan)
+        self.seen = self.look(self.state, shared)
+
+    def weigh(self, shared: FloatArray) -> float:
+        """Estimate the noise by the residuals; return the change of the variances' logarithms, root mean square."""
+        assert self.seen is not None
+        before = self.noises
+        of_all = zip(self._chosen.models, self.seen.looks, self.state.own, before, strict=True)
+        self.noises = [model.noise(look, own, noise) for model, look, own, noise in of_all]
+        self.seen = self.look(self.state, shared)
+        changes = [np.log(new.variance / old.variance) for new, old in zip(self.noises, before, strict=True)]
+        return float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
+
+    def look(self, state: ShotState, shared: FloatArray) -> Seen:
+        """Return the images as a state predicts them, with the weights of the present residuals."""
+        looks = self._looks(state, shared, self._weights)
+        wanted = self.prior.wanted(state.pose, shared)
+        merit = float(wanted @ self.prior.information @ wanted) + float(state.air @ state.air)
+        of_all = zip(self._chosen.models, looks, self.noises, state.own, self.turns, strict=True)
+        for model, look, noise, own, turn in of_all:
+            merit += noise.improbability(look.residuals) + look.penalty
+            merit += model.prior(state.pose.of_camera(turn), own).penalty
+        return Seen(looks, merit)
+
+    def moved(self, step: FloatArray, of_air: FloatArray) -> ShotState:
+        """Return the state after a step of pose and own unknowns, and of the air."""
+        first, own = POSE, []
+        for model, one in zip(self._chosen.models, self.state.own, strict=True):
+            own.append(model.moved(one, step[first : first + len(one)]))
+            first += len(one)
+        return ShotState(self.state.pose.moved(step[:POSE]), tuple(own), self.state.air + of_air)
+
+    def reach(self, step: FloatArray, of_shared: FloatArray) -> float:
+        """Return how far a step goes, 1 where derivatives end to hold."""
+        steps = self._of_images(step, of_shared)
+        return max(model.reach(one) for model, one in zip(self._chosen.models, steps, strict=True))
+
+    def motion_px(self, step: FloatArray, of_shared: FloatArray) -> float:
+        """Return by how much a step moves the limb where it moves it most [px]."""
+        steps = self._of_images(step, of_shared)
+        return max(model.motion_px(one[: POSE + LENS]) for model, one in zip(self._chosen.models, steps, strict=True))
+
+    def equations(self, shared: FloatArray) -> ShotEquations:
+        """Return the equations at the present state."""
+        assert self.seen is not None
+        models = self._chosen.models
+        each = zip(models, self.seen.looks, self.state.own, self._weights, strict=True)
+        return ShotEquations(self, [model.linear(look, own, weights) for model, look, own, weights in each], shared)
+
+    @property
+    def _chosen(self) -> Chosen:
+        assert self.chosen is not None
+        return self.chosen
+
+    @property
+    def _weights(self) -> list[FloatArray]:
+        assert self.seen is not None
+        return [noise.weights(look.residuals) for noise, look in zip(self.noises, self.seen.looks, strict=True)]
+
+    def _looks(self, state: ShotState, shared: FloatArray, weights: Sequence[FloatArray] | None) -> list[Look]:
+        chosen = self._chosen
+        by_image: Sequence[FloatArray | None] = [None] * len(self.turns) if weights is None else weights
+        return [
+            model.look(state.pose.of_camera(turn), shared[:LENS], own, state.air[at], weight)
+            for model, turn, own, at, weight in zip(
+                chosen.models, self.turns, state.own, chosen.columns, by_image, strict=True
+            )
+        ]
+
+    def _of_images(self, step: FloatArray, of_shared: FloatArray) -> list[FloatArray]:
+        """Return the step of every image's shared unknowns (7 + 4 + own)."""
+        steps, first = [], POSE
+        for turn, own in zip(self.turns, self.state.own, strict=True):
+            last = first + len(own)
+            steps.append(np.concatenate([turn @ step[:3], step[3:POSE], of_shared[:LENS], step[first:last]]))
+            first = last
+        return steps
+
+
+class ShotEquations:
+    """Normal equations of a shot, with the derivatives of one state and the residuals of any."""
+
+    def __init__(self, shot: Shot, linears: Sequence[Linear], shared: FloatArray) -> None:
+        self._shot, self._linears = shot, linears
+        chosen, count = shot.chosen, shot.count
+        assert chosen is not None
+        size, air_count = count + SHARED, len(shot.state.air)
+        self._picked = self._picks(size)
+        normal, mixed = np.zeros((size, size)), np.zeros((size, air_count))
+        air = np.zeros((air_count, air_count))
+        for linear, picked, at, model, own, turn in zip(
+            linears, self._picked, chosen.columns, chosen.models, shot.state.own, shot.turns, strict=True
+        ):
+            prior = model.prior(shot.state.pose.of_camera(turn), own)
+            normal += picked.T @ (linear.shared + prior.information) @ picked
+            mixed[:, at] += picked.T @ linear.mixed
+            air[np.ix_(at, at)] += linear.air
+        to_prior = np.zeros((POSE, size))
+        to_prior[:, :POSE] = np.eye(POSE)
+        to_prior[:3, count + TURN.start : count + TURN.stop] = -np.eye(3)
+        to_prior[POSE - 1, count + HEIGHT] = -1.0
+        self._to_prior = to_prior
+        self.normal = normal + to_prior.T @ shot.prior.information @ to_prior
+        self.mixed, self.air = mixed, air
+        self.rights = self._rights(shared)
+
+    def again(self, shared: FloatArray) -> ShotEquations:
+        """Return the same derivatives with the residuals of the shot's present state."""
+        again = object.__new__(ShotEquations)
+        again.__dict__.update(self.__dict__)
+        again.rights = again._rights(shared)
+        return again
+
+    def _rights(self, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
+        shot = self._shot
+        assert shot.seen is not None
+        assert shot.chosen is not None
+        right, right_air = np.zeros(len(self.normal)), -shot.state.air
+        each = zip(
+            self._linears,
+            self._picked,
+            shot.chosen.columns,
+            shot.seen.looks,
+            shot._weights,
+            shot.chosen.models,
+            shot.state.own,
+            shot.turns,
+            strict=True,
+        )
+        for linear, picked, at, look, weights, model, own, turn in each:
+            of_pixels, of_air = linear.rights(look, weights)
+            prior = model.prior(shot.state.pose.of_camera(turn), own)
+            right += picked.T @ (of_pixels + prior.right)
+            right_air[at] += of_air
+        wanted = shot.prior.wanted(shot.state.pose, shared)
+        return right + self._to_prior.T @ (shot.prior.information @ wanted), right_air
+
+    def _picks(self, size: int) -> list[FloatArray]:
+        """Return how every image's shared unknowns (7 + 4 + own) follow from those of shot and bundle."""
+        picks, first = [], POSE
+        for turn, own in zip(self._shot.turns, self._shot.state.own, strict=True):
+            picked = np.zeros((POSE + LENS + len(own), size))
+            picked[:3, :3] = turn
+            picked[3:POSE, 3:POSE] = np.eye(POSE - 3)
+            picked[POSE : POSE + LENS, self._shot.count : self._shot.count + LENS] = np.eye(LENS)
+            picked[POSE + LENS :, first : first + len(own)] = np.eye(len(own))
+            first += len(own)
+            picks.append(picked)
+        return picks
+
+
+class Eliminated:
+    """A shot's equations with the air eliminated, and how steps of the air follow.
+
+    ``normal``: shape (x + 8, x + 8); raises ``LinAlgError`` where there is no solution.
+    """
+
+    def __init__(self, equations: ShotEquations, scales: FloatArray, damping: float) -> None:
+        self._equations = equations
+        if not all(np.isfinite(one).all() for one in (equations.normal, equations.air, equations.mixed)):
+            raise np.linalg.LinAlgError("the fit's equations have no solution")
+        air = equations.air.copy()
+        air[np.diag_indices(len(air))] += 1.0 + damping
+        self._root = cholesky(air, lower=True, overwrite_a=True, check_finite=False) if len(air) else air
+        self._half = self._forward(equations.mixed.T)
+        self.normal = equations.normal - self._half.T @ self._half
+        self.normal[np.diag_indices(len(scales))] += damping / scales**2
+
+    def right(self, equations: ShotEquations) -> tuple[FloatArray, FloatArray]:
+        """Return the right side (x + 8,) of equations with the same derivatives, and what the air needs of them."""
+        right, right_air = equations.rights
+        half_air = self._forward(right_air)
+        return right - self._half.T @ half_air, half_air
+
+    def air_step(self, step: FloatArray, half_air: FloatArray) -> FloatArray:
+        """Return the step of the air that belongs to one of the other unknowns, shape (x + 8,)."""
+        if not len(half_air):
+            return half_air
+        return np.asarray(
+            solve_triangular(self._root, half_air - self._half @ step, lower=True, trans=1, check_finite=False)
+        )
+
+    def air_open(self, covariance: FloatArray) -> float:
+        """Return the trace of the air's covariance: how many of its unknowns the pixels leave open.
+
+        ``covariance``: shape (x, x), of the shot's other unknowns.
+        """
+        if not len(self._root):
+            return 0.0
+        inverse = solve_triangular(self._root, np.eye(len(self._root)), lower=True, check_finite=False)
+        through = inverse.T @ self._half[:, : len(covariance)]
+        return float(np.sum(inverse**2)) + float(np.sum((through @ covariance) * through))
+
+    def _forward(self, right: FloatArray) -> FloatArray:
+        if not len(self._root):
+            return np.zeros_like(right)
+        return np.asarray(solve_triangular(self._root, right, lower=True, check_finite=False))
+
+
+@dataclass(frozen=True)
+class ShotSolution:
+    """The uncertainty of a shot.
+
+    ``covariance``: shape (x, x), of pose and own unknowns; ``known``: the same if the air were known; ``by_shared``:
+    shape (x, 8), how the shot's unknowns follow the shared ones; ``air_open``: number of the air's unknowns that the
+    pixels leave open.
+    """
+
+    covariance: FloatArray
+    known: FloatArray
+    by_shared: FloatArray
+    air_open: float
+
+
+@dataclass
+class Bundle:
+    """Shots with what they share.
+
+    ``sigmas``: shape (8,), prior standard deviations of the shared unknowns, 0 for what is exact; ``shared``: their
+    values.
+    """
+
+    shots: Sequence[Shot]
+    sigmas: FloatArray = field(default_factory=lambda: np.zeros(SHARED))
+    shared: FloatArray = field(default_factory=lambda: np.zeros(SHARED))
+
+    @property
+    def merit(self) -> float:
+        """Minus twice the log likelihood of all pixels, with all priors."""
+        free = self.sigmas > 0.0
+        prior = float(np.sum((self.shared[free] / self.sigmas[free]) ** 2))
+        return prior + sum(shot.seen.merit for shot in self.shots if shot.seen is not None)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of a bundle: of the shared unknowns, and of every shot's own and its air's.
+
+    ``square``: squared length of the pose's part (of the shared unknowns', where there are any) in its covariance;
+    ``gained``: decrease of the merit that the equations predict.
+    """
+
+    of_shared: FloatArray
+    of_shots: Sequence[tuple[FloatArray, FloatArray]]
+    square: float
+    gained: float
+
+    def shortened(self, share: float) -> Step:
+        """Return a share of the step."""
+        return Step(
+            share * self.of_shared,
+            [(share * own, share * air) for own, air in self.of_shots],
+            share**2 * self.square,
+            share * (2.0 - share) * self.gained,
+        )
+
+
+class Solved:
+    """The equations of a bundle with everything eliminated but what all shots share, damped by ``damping``."""
+
+    def __init__(self, bundle: Bundle, equations: Sequence[ShotEquations], damping: float = 0.0) -> None:
+        self._bundle, self.damping = bundle, damping
+        self._free = bundle.sigmas > 0.0
+        self._airless = [
+            Eliminated(one, _scales(shot), damping) for one, shot in zip(equations, bundle.shots, strict=True)
+        ]
+        self._inverse = [
+            scaled_inverse(one.normal[: shot.count, : shot.count])
+            for one, shot in zip(self._airless, bundle.shots, strict=True)
+        ]
+        self._gains = [
+            inverse @ one.normal[: shot.count, shot.count :]
+            for one, inverse, shot in zip(self._airless, self._inverse, bundle.shots, strict=True)
+        ]
+        # In units of the priors' sigmas: their own information is the unit matrix.
+        total = np.eye(SHARED) * (1.0 + damping)
+        for one, gain, shot in zip(self._airless, self._gains, bundle.shots, strict=True):
+            left = one.normal[shot.count :, shot.count :] - one.normal[shot.count :, : shot.count] @ gain
+            total += left * np.outer(bundle.sigmas, bundle.sigmas)
+        self._total = cho_factor(total)
+
+    def step(self, equations: Sequence[ShotEquations]) -> Step:
+        """Return the step by equations with these derivatives and the present residuals."""
+        bundle = self._bundle
+        rights = [one.right(of_shot) for one, of_shot in zip(self._airless, equations, strict=True)]
+        pull = -bundle.shared / np.where(self._free, bundle.sigmas, 1.0)
+        for shot, (right, _), gain in zip(bundle.shots, rights, self._gains, strict=True):
+            pull = pull + bundle.sigmas * (right[shot.count :] - gain.T @ right[: shot.count])
+        unit = cho_solve(self._total, pull)
+        of_shared = bundle.sigmas * unit
+        parts, square = [], float(unit @ pull)
+        gained = float(pull @ unit)
+        for k, (shot, (right, half_air)) in enumerate(zip(bundle.shots, rights, strict=True)):
+            free = self._inverse[k] @ right[: shot.count]
+            own = free - self._gains[k] @ of_shared
+            of_air = self._airless[k].air_step(np.concatenate([own, of_shared]), half_air)
+            parts.append((own, of_air))
+            gained += float(right[: shot.count] @ free) + float(half_air @ half_air)
+            if not self._free.any():
+                covariance = self._inverse[k][:POSE, :POSE]
+                square = max(square, float(own[:POSE] @ np.linalg.solve(covariance, own[:POSE])))
+        return Step(of_shared, parts, square, gained)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance of the shared unknowns, shape (8, 8); 0 of what is exact."""
+        sigmas = self._bundle.sigmas
+        return np.asarray(cho_solve(self._total, np.eye(SHARED)) * np.outer(sigmas, sigmas))
+
+    def of_shot(self, k: int, equations: ShotEquations) -> ShotSolution:
+        """Return the uncertainty of a shot, the shared unknowns at their values."""
+        count, covariance = self._bundle.shots[k].count, self._inverse[k]
+        known = scaled_inverse(equations.normal[:count, :count])
+        return ShotSolution(covariance, known, -self._gains[k], self._airless[k].air_open(covariance))
+
+
+def _scales(shot: Shot) -> FloatArray:
+    """Return the scales of a shot's unknowns, shape (x,), for the damping: of their priors, or what a step reaches."""
+    scales = np.empty(shot.count)
+    for number in range(shot.count):
+        unit = np.zeros(shot.count)
+        unit[number] = 1.0
+        scales[number] = 1.0 / max(shot.reach(unit, np.zeros(SHARED)), 1e-12)
+    information = np.diag(shot.prior.information)
+    scales[:POSE] = np.minimum(scales[:POSE], 1.0 / np.sqrt(np.maximum(information, 1e-24)))
+    return scales
+
+
+def scaled_inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a positive definite matrix whose unknowns have units of their own.
+
+    Raises ``LinAlgError``: undetermined unknowns.
+    """
+    size = np.sqrt(np.diag(matrix))
+    if not (np.isfinite(size).all() and (size > 0.0).all()):
+        raise np.linalg.LinAlgError("the limb in view does not determine the fit's unknowns")
+    return np.asarray(np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size))

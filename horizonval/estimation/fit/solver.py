@@ -1,0 +1,171 @@
+"""The solver of all fits: Levenberg and Marquardt's method on a bundle of shots, in stages.
+
+The residuals' derivatives are computed at the first step of a stage and again where a step does not gain what they
+predict; in between they are frozen, and a step costs one look at the pixels and one product. The noise is estimated
+again after every step until it no longer changes; from then on the variances are held, since a minimum is that of one
+function.
+
+**Stages** are data: how many pixels take part, whether the lens may change, how near the end must be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.progress import Progress, Silent
+from horizonval.estimation.fit.bundle import Bundle, Seen, ShotEquations, ShotSolution, Solved, Step
+from horizonval.estimation.fit.image import POSE, ShotState
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A part of the way to the most probable unknowns.
+
+    ``pixels``: about how many per image, None for all; ``tolerance``: length of a step, in its own standard deviations,
+    that ends the stage; ``settle``: whether the noise is estimated again on the way.
+    """
+
+    pixels: int | None = None
+    tolerance: float = 0.05
+    settle: bool = True
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """Settings of the solver.
+
+    ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
+    noise is held; ``good``: share of the predicted gain above which derivatives stay frozen; ``first_damping``,
+    ``damping_factor``, ``most_damping``: in units of the unknowns' scales, after a step that gains nothing;
+    ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
+    pixels are chosen again.
+    """
+
+    stages: tuple[Stage, ...] = (Stage(),)
+    most_steps: int = 30
+    steady: float = 0.05
+    good: float = 0.7
+    first_damping: float = 1.0
+    damping_factor: float = 10.0
+    most_damping: float = 1e8
+    rounding: float = 1e-3
+    reselect_px: float = 0.5
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The most probable unknowns of a bundle are its state; this is their uncertainty.
+
+    ``covariance``: shape (8, 8), of the shared unknowns; ``shots``: of every shot; ``steps``: of every shot's pose,
+    shape (k, 7) each.
+    """
+
+    covariance: FloatArray
+    shots: Sequence[ShotSolution]
+    steps: Sequence[FloatArray]
+
+
+def solve(bundle: Bundle, options: SolverOptions, progress: Progress | None = None) -> Solution:
+    """Move a bundle to its most probable unknowns.
+
+    Raises ``LinAlgError``: too little limb in view, undetermined unknowns, or no convergence.
+    """
+    return _Search(bundle, options, progress or Silent()).run()
+
+
+class _Search:
+    def __init__(self, bundle: Bundle, options: SolverOptions, progress: Progress) -> None:
+        self.bundle, self.options, self.progress = bundle, options, progress
+        self.steps: list[list[FloatArray]] = [[] for _ in bundle.shots]
+        self.moved_px = 0.0
+
+    def run(self) -> Solution:
+        bundle = self.bundle
+        for stage in self.options.stages:
+            self._stage(stage)
+        # The claim is that of the unknowns, pixels and noise as they are now; its step is still taken.
+        equations = self._equations()
+        solved = Solved(bundle, equations)
+        self._try(solved.step(equations))
+        shots = [solved.of_shot(k, one) for k, one in enumerate(equations)]
+        return Solution(solved.covariance, shots, [np.array(one).reshape(-1, POSE) for one in self.steps])
+
+    def _stage(self, stage: Stage) -> None:
+        options, bundle = self.options, self.bundle
+        self._choose(stage)
+        equations: list[ShotEquations] = []
+        solved: Solved | None = None
+        steady, step = not stage.settle, None
+        for number in range(options.most_steps):
+            if solved is None:
+                equations = self._equations()
+                solved = Solved(bundle, equations)
+            else:
+                equations = [one.again(bundle.shared) for one in equations]
+            step = self._bounded(solved.step(equations))
+            if steady and step.square < stage.tolerance**2 and step.gained < 1.0:
+                self._try(step)
+                return
+            gain = self._try(step)
+            while gain < -options.rounding:
+                damping = max(options.first_damping, options.damping_factor * solved.damping)
+                if damping > options.most_damping:
+                    # Nothing near is better: the best place is this one, to rounding.
+                    return
+                equations = self._equations() if solved.damping == 0.0 else equations
+                solved = Solved(bundle, equations, damping)
+                step = self._bounded(solved.step(equations))
+                gain = self._try(step)
+            self.progress.step(
+                "fit", f"step {number + 1} of at most {options.most_steps}, {np.sqrt(step.square):.2g} sigma long"
+            )
+            if gain < options.good * step.gained - options.rounding or solved.damping > 0.0:
+                solved = None
+            if self.moved_px > options.reselect_px:
+                self._choose(stage)
+                solved = None
+            if stage.settle and not steady:
+                steady = max(shot.weigh(bundle.shared) for shot in bundle.shots) < options.steady
+        if step is None or step.square > 1.0:
+            raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
+
+    def _choose(self, stage: Stage) -> None:
+        for shot in self.bundle.shots:
+            shot.choose(self.bundle.shared, stage.pixels)
+        self.moved_px = 0.0
+
+    def _equations(self) -> list[ShotEquations]:
+        return [shot.equations(self.bundle.shared) for shot in self.bundle.shots]
+
+    def _bounded(self, step: Step) -> Step:
+        """Return a step within the reach of the derivatives."""
+        parts = zip(self.bundle.shots, step.of_shots, strict=True)
+        over = max(shot.reach(own, step.of_shared) for shot, (own, _) in parts)
+        return step if over <= 1.0 else step.shortened(1.0 / over)
+
+    def _try(self, step: Step) -> float:
+        """Take a step if it makes nothing worse; return by how much the merit falls."""
+        bundle, before = self.bundle, self.bundle.merit
+        old: list[tuple[ShotState, Seen | None]] = [(shot.state, shot.seen) for shot in bundle.shots]
+        old_shared = bundle.shared
+        bundle.shared = bundle.shared + step.of_shared
+        for shot, (own, air) in zip(bundle.shots, step.of_shots, strict=True):
+            state = shot.moved(own, air)
+            shot.seen = shot.look(state, bundle.shared)
+            shot.state = state
+        gain = before - bundle.merit
+        if not gain >= -self.options.rounding:
+            bundle.shared = old_shared
+            for shot, (state, seen) in zip(bundle.shots, old, strict=True):
+                shot.state, shot.seen = state, seen
+            return -np.inf if np.isnan(gain) else gain
+        moved = 0.0
+        for shot, (own, _), steps in zip(bundle.shots, step.of_shots, self.steps, strict=True):
+            steps.append(own[:POSE])
+            moved = max(moved, shot.motion_px(own, step.of_shared))
+        self.moved_px += moved
+        return gain
