@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, OwnPrior, ShotState
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
+from horizonval.estimation.fit.solver import SolverOptions, Stage, solve
 
 UNITS = np.array([1e-5] * 3 + [1.0] * 4)
 """Of the pose's unknowns [rad, m]: turns so small that they add."""
@@ -48,7 +49,7 @@ class ToyLinear:
         self.shared, self.mixed, self.air = normal[:s, :s], normal[:s, s:], normal[s:, s:]
         self._rows = rows
 
-    def rights(self, look: ToyLook, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rights(self, look: Any, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         right = self._rows.T @ (weights * look.residuals)
         return right[: POSE + LENS + OWN], right[POSE + LENS + OWN :]
 
@@ -85,10 +86,10 @@ class ToyImage:
         value, slope = self.curve(self.rows @ np.concatenate([self.origin.step_to(pose), lens, own, air]))
         return ToyLook(self.values - value, slope[:, None] * self.rows)
 
-    def noise(self, look: ToyLook, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: Any, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
         return PixelNoise(np.ones_like(self.values))
 
-    def linear(self, look: ToyLook, own: FloatArray, weights: FloatArray) -> ToyLinear:
+    def linear(self, look: Any, own: FloatArray, weights: FloatArray) -> ToyLinear:
         return ToyLinear(look.by_unknowns, weights)
 
 
@@ -220,9 +221,8 @@ def test_claims_are_honest() -> None:
         pose = toy.errors()[:POSE]
         by_shared = found.shots[0].by_shared[:POSE]
         covariance = found.shots[0].covariance[:POSE, :POSE] + by_shared @ found.covariance @ by_shared.T
-        squares.append(
-            [error @ np.linalg.solve(found.covariance[np.ix_(free, free)], error), pose @ np.linalg.solve(covariance, pose)]
-        )
+        of_both = ((error, found.covariance[np.ix_(free, free)]), (pose, covariance))
+        squares.append([one @ np.linalg.solve(claimed, one) for one, claimed in of_both])
     assert np.mean(squares, axis=0) / 7.0 == pytest.approx([1.0, 1.0], abs=0.25)
 
 
