@@ -87,8 +87,8 @@ class _Search:
         bundle = self.bundle
         for stage in self.options.stages:
             self._stage(stage)
-        # Frozen derivatives end a few hundredths of a sigma from the best unknowns, so the last steps have new ones. The
-        # claim is that of unknowns, pixels and noise before the last step, which is short.
+        # Frozen derivatives end a few hundredths of a sigma from the best unknowns, so the last steps have new ones.
+        # The claim is that of unknowns, pixels and noise before the last step, which is short.
         for _ in range(self.options.most_steps):
             equations = self._equations()
             solved = Solved(bundle, equations)
