@@ -29,7 +29,7 @@ from horizonval.estimation.likelihood.calibration.shared import (
 )
 from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M
 from horizonval.estimation.likelihood.pixels import MISPLACED_PX
-from horizonval.estimation.likelihood.profile.known_profile import LIFT_SIGMA_M, KnownProfile, known_profile
+from horizonval.estimation.likelihood.profile.known_profile import KnownProfile, known_profile
 from horizonval.estimation.likelihood.start import EllipsoidStart, ellipsoid_start, limb_height_prior
 from horizonval.estimation.methods.limb_ellipsoid import ESTIMATOR
 from horizonval.estimation.observation import Observation
@@ -77,7 +77,7 @@ def main(folder: Path, run: Path | None = None) -> None:
     heights = {air: float(sigmas[HEIGHT]) if px is None else FIXED_LENGTH_M for air, px in AIRS.items()}
     found = {air: information(settled, px) for air, px in AIRS.items()}
     profiles, used = of_profiles(frames)
-    found[PROFILES], heights[PROFILES] = profiles, LIFT_SIGMA_M
+    found[PROFILES], heights[PROFILES] = profiles, hv.Prior().air_height_sigma_m
     for air, matrix in found.items():
         count = used if air == PROFILES else len(settled)
         cells = []

@@ -29,7 +29,7 @@ from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score, rounded
 from horizonval.sensor.expected_image import stated_lens
-from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
+from horizonval.sensor.knowledge import calibration_of_camera, refuse_unknown_climate, stated_prior
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import find
 from horizonval.spec.load import load_frames, load_prior, read_toml, validate
@@ -377,6 +377,7 @@ def observation_from(
     else:
         prior = Prior() if known is None else stated_prior(known, where)
     band = spec.band[0] if len(spec.band) == 1 else None
+    exact = spec.camera.uncertainty is None
     return Observation(
         image=picture.grey,
         camera=intrinsics,
@@ -388,6 +389,7 @@ def observation_from(
         band_width_um=(None if band is None else width_um(band)) if recorded is None else recorded.band_width_um,
         lens=None if isinstance(source, RadianceFrame) else stated_lens(spec, band),
         radiance_per_dn=None if recorded is None else recorded.radiance_per_dn,
+        calibration=None if exact else calibration_of_camera(spec.camera),
         oracle=None if recorded is None else recorded.oracle,
     ), [] if source is None else [source]
 

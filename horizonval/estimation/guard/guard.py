@@ -94,18 +94,16 @@ def guarded(estimator: Estimator) -> Estimator:
     if estimator.needs != "pose":
         run = with_lens_error(partial(run_heads if estimator.needs == "heads" else _run, estimator))
         of_pixels = estimator.needs == "image" and estimator.from_points is None
-        run = partial(_not_too_wide, run, limits.LARGEST_PIXEL_SIGMA_RAD if of_pixels else limits.LARGEST_SIGMA_RAD)
+        run = partial(_not_too_wide, run, limits.PIXEL_SHARE if of_pixels else 1.0)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
-def _not_too_wide(
-    run: Callable[[Observation], Fit | Refusal], largest_rad: float, observation: Observation
-) -> Fit | Refusal:
+def _not_too_wide(run: Callable[[Observation], Fit | Refusal], share: float, observation: Observation) -> Fit | Refusal:
     """Return what a guarded method claims, if it is enough for a claim with the errors of its lenses too."""
     result = run(observation)
     if isinstance(result, Refusal) or not any(lens_errors(observation)):
         return result
-    refusal = too_wide(result, largest_rad)
+    refusal = too_wide(result, share * observation.prior.accept_rad)
     return result if refusal is None else refusal
 
 
@@ -312,7 +310,7 @@ def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refu
     for refusal in (
         _too_bright(result, observation),
         doubted(result, observation),
-        too_wide(result, limits.LARGEST_PIXEL_SIGMA_RAD),
+        too_wide(result, limits.PIXEL_SHARE * observation.prior.accept_rad),
     ):
         if refusal is not None:
             return refusal
@@ -384,5 +382,7 @@ def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
     basis = tangent_basis(np.asarray(fit.nadir_cam))
     sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
     if not sigma <= largest_rad:
-        return Refusal(Outcome.SHORT_ARC, f"the method determines the nadir to {np.degrees(sigma):.2f} deg", fit.points)
+        least = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
+        reason = f"the method determines the nadir to {np.degrees(sigma):.2f} deg, {least}"
+        return Refusal(Outcome.SHORT_ARC, reason, fit.points)
     return None

@@ -159,7 +159,9 @@ def misfit(los: FloatArray, axis: FloatArray, rho_rad: float, noise_rad: FloatAr
     free = null_space(np.column_stack([across, np.ones(len(los))]).T)
     if not free.shape[1]:
         return 1.0
-    relief = relief_covariance(across, rho_rad, reliefs(seen.band_kind), seen.prior.sphere_radius_m)
+    relief = relief_covariance(
+        across, rho_rad, reliefs(seen.band_kind, seen.prior.limb_relief_m), seen.prior.sphere_radius_m
+    )
     covariance = np.diag(noise_rad**2) + relief
     w = free.T @ (off_axis_angle(los, axis) - rho_rad)
     left = w[:, None] - free.T @ oblate_limbs(across, rho_rad, seen.prior.flattening)
@@ -412,7 +414,7 @@ def _systematic(
             axis,
             rho,
             flattening=observation.prior.flattening,
-            reliefs=reliefs(observation.band_kind),
+            reliefs=reliefs(observation.band_kind, observation.prior.limb_relief_m),
             earth_radius_m=observation.prior.sphere_radius_m,
             estimates="geodetic" if estimates == "geodetic" else "geocentric",
             gain=gain,

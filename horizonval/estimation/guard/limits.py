@@ -46,8 +46,9 @@ SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
 """Largest standard deviation of the worst direction: 0.4 of the error of 0.5 deg above which a claim is false."""
 
-LARGEST_PIXEL_SIGMA_RAD = float(np.deg2rad(0.1))
-"""The same for methods that fit the pixels, whose claims are false beyond 0.25 deg."""
+PIXEL_SHARE = 0.5
+"""Share of the accepted accuracy (``Prior.accept_rad``) at which methods that fit the pixels are refused: their claims
+are false beyond half of the error that is allowed to a fit of a cone."""
 
 AGREEMENT = 5.0
 AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
@@ -114,7 +115,10 @@ def model_covariance(
         axis_cam,
         rho_rad,
         flattening=observation.prior.flattening,
-        reliefs=(*reliefs(observation.band_kind), _seen_relief(los_cam, axis_cam, rho_rad, radius)),
+        reliefs=(
+            *reliefs(observation.band_kind, observation.prior.limb_relief_m),
+            _seen_relief(los_cam, axis_cam, rho_rad, radius),
+        ),
         earth_radius_m=radius,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",
     )

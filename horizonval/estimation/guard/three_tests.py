@@ -44,7 +44,6 @@ from horizonval.estimation.guard.sunlit import sun_angles
 from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
 from horizonval.estimation.likelihood.knowledge import (
-    BLUR_PX,
     LOCAL_RADIUS_SHARE,
     LimbKnowledge,
     LimbPose,
@@ -67,7 +66,7 @@ from horizonval.estimation.likelihood.pixels import (
     near_pixels,
     pixel_at_limb_m,
 )
-from horizonval.estimation.likelihood.start import SCALE_HEIGHT_M, SCALE_SIGMA_M, knowledge_in_air
+from horizonval.estimation.likelihood.start import knowledge_in_air
 from horizonval.estimation.limb.finder import largest_rho_rad
 from horizonval.estimation.limb.picture import smaller
 from horizonval.estimation.observation import Fit, Lens, Observation
@@ -373,7 +372,9 @@ def _by_place(found: LimbLikelihoodFit, predicted: Cone, observation: Observatio
     the flattening, and errors of whole pixels.
     """
     pixel_m = pixel_at_limb_m(observation.camera, found.pose.r_itrs, observation.prior.sphere_radius_m)
-    if found.scale_height_m > max(SCALE_HEIGHT_M + SIGMAS * SCALE_SIGMA_M, TAIL_PX * pixel_m):
+    prior = observation.prior
+    softest_m = prior.limb_scale_height_m + SIGMAS * prior.limb_scale_height_sigma_m
+    if found.scale_height_m > max(softest_m, TAIL_PX * pixel_m):
         reason = f"the edge is soft as air of a scale height of {found.scale_height_m / 1e3:.0f} km"
         return Refusal(Outcome.NO_LIMB, reason, claim.points)
     los = unproject(observation.camera, found.uv)
@@ -394,7 +395,7 @@ def _by_blur(found: LimbLikelihoodFit, observation: Observation, claim: Fit, sca
     ``observation``: in pixels ``scale`` times as wide as the image's.
     """
     lens = observation.lens or Lens()
-    own = BLUR_PX / scale if lens.blur_px is None else max(lens.blur_px, LEAST_BLUR_PX / scale)
+    own = observation.prior.lens_blur_px / scale if lens.blur_px is None else max(lens.blur_px, LEAST_BLUR_PX / scale)
     own = float(np.hypot(own, DIFFRACTION_BLUR * lens.diffraction_px)) * float(lens.ratios.max())
     pixel_m = pixel_at_limb_m(observation.camera, found.pose.r_itrs, observation.prior.sphere_radius_m)
     if found.blur_px <= float(np.hypot(BLURRED * own, AIR_BLUR_M / pixel_m)):

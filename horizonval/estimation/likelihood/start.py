@@ -51,10 +51,6 @@ def position_from_limb(los_cam: FloatArray, cam_from_itrs: FloatArray, ellipsoid
     return np.asarray(-ellipsoid.axes_m * cone.axis_cam / sin_rho)
 
 
-SCALE_HEIGHT_M = 7e3
-"""Scale height of the air's density from the ground to 60 km: 6 to 8.5 km."""
-SCALE_SIGMA_M = 4e3
-"""Prior standard deviation of the radiance's scale height: zero for a bare planet, half more with haze and ozone."""
 MIDDLE_SIGMA_M = 1e3
 """Standard deviation of the middle height of a known profile: sunlit limbs of one air scatter by 0.8 km, plus a
 margin."""
@@ -95,14 +91,15 @@ def knowledge_in_air(
         planet,
         mean,
         information,
-        scale_height_m=SCALE_HEIGHT_M,
-        scale_sigma_m=SCALE_SIGMA_M,
-        reliefs=reliefs(observation.band_kind),
+        blur_px=prior.lens_blur_px,
+        scale_height_m=prior.limb_scale_height_m,
+        scale_sigma_m=prior.limb_scale_height_sigma_m,
+        reliefs=reliefs(observation.band_kind, prior.limb_relief_m),
         flattened_m=flattened_m,
     )
-    if observation.band_kind is None or observation.band_um is None:
+    if observation.band_kind is None or observation.band_um is None or prior.limb_relief_m is not None:
         return knowledge
-    heights = band_heights(observation.band_kind, observation.band_um, SCALE_HEIGHT_M)
+    heights = band_heights(observation.band_kind, observation.band_um, prior.limb_scale_height_m)
     if heights is None:
         return knowledge
     given = prior.limb_height_m is not None
@@ -113,7 +110,7 @@ def knowledge_in_air(
         sun_sigma_rad=SUN_SIGMA_RAD if prior.sun_sigma_rad is None else prior.sun_sigma_rad,
         month=month_of(prior.epoch_utc) if thermal and placed and prior.epoch_utc is not None else None,
         thermal=thermal,
-        reliefs=reliefs(observation.band_kind),
+        reliefs=knowledge.reliefs,
         typical_m=mean.height_m if of_height and not given else None,
     )
     # What bands show of the air's height is seen from above all of it.

@@ -72,6 +72,8 @@ PRIOR = Prior(
     limb_height_sigma_m=3e3 / 7,
     climate="tropical",
     sun_sigma_rad=0.01 / 3,
+    limb_relief_m=0.1 / 3,
+    accept_rad=0.1 / 3,
 )
 
 

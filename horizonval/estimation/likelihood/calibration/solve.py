@@ -50,7 +50,7 @@ from horizonval.estimation.likelihood.calibration.shared import (
 )
 from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.pixels import MISPLACED_PX
-from horizonval.estimation.likelihood.profile.known_profile import LIFT_SIGMA_M, known_profile
+from horizonval.estimation.likelihood.profile.known_profile import known_profile
 from horizonval.estimation.likelihood.start import ellipsoid_start, limb_height_prior
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel
@@ -99,7 +99,8 @@ def frames_of(observations: Sequence[Observation]) -> CalibrationFrames | Refusa
 
 def _profiles(observations: Sequence[Observation], *, bends: bool) -> CalibrationFrames | Refusal:
     first = observations[0]
-    turn_sigma = float(prior_sigmas(first, LIFT_SIGMA_M)[TURN].max())
+    height_sigma_m = first.prior.air_height_sigma_m
+    turn_sigma = float(prior_sigmas(first, height_sigma_m)[TURN].max())
     frames: list[CalibrationFrame] = []
     left_out: list[str] = []
     usable = _usable(observations, known_profile, left_out)
@@ -112,7 +113,7 @@ def _profiles(observations: Sequence[Observation], *, bends: bool) -> Calibratio
             left_out.append(f"image {number + 1}: {e}")
     if len(frames) < FEWEST_FRAMES:
         return _too_few(len(frames), left_out)
-    return CalibrationFrames(frames, tuple(left_out), np.ones(SHARED), LIFT_SIGMA_M)
+    return CalibrationFrames(frames, tuple(left_out), np.ones(SHARED), height_sigma_m)
 
 
 def _edges(observations: Sequence[Observation], *, bends: bool) -> CalibrationFrames | Refusal:

@@ -38,7 +38,7 @@ from horizonval.estimation.likelihood.templates import LimbTemplates, is_of_band
 from horizonval.estimation.limb.finder import picture_of
 from horizonval.estimation.limb.picture import PIXEL_DIRECTIONS, Picture
 from horizonval.estimation.observation import Lens, Observation
-from horizonval.estimation.prior import BY_LATITUDE_MONTH
+from horizonval.estimation.prior import BY_LATITUDE_MONTH, GAIN_SIGMA
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import angular_radius
@@ -173,13 +173,8 @@ def _likelihood(predicted: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(-len(values) * np.log(np.maximum(1.0 - alike, 1e-7)))
 
 
-LIFT_SIGMA_M = 300.0
-"""Standard deviation of the common height of a known profile: 10 hPa of sea-level pressure is 80 m, the geoid 30 m."""
 TABLE_ENDING = ".npz"
 """Suffix of a climate that is a table of profiles."""
-GAIN_SIGMA = {"thermal": 0.02, "solar": 0.05}
-"""Assumed relative standard deviation of a calibrated detector's gain and lens transmission: thermal detectors by a
-black body before the lens, visible ones by integrating spheres."""
 
 
 @dataclass(frozen=True)
@@ -242,11 +237,19 @@ def known_profile(observation: Observation, method: str) -> KnownProfile | Refus
     if observation.radiance_per_dn is not None and observation.band_width_um is not None:
         calibration = {
             "gain": sunlight * observation.band_width_um / observation.radiance_per_dn,
-            "gain_log_sigma": GAIN_SIGMA[observation.band_kind],
+            "gain_log_sigma": GAIN_SIGMA[observation.band_kind] if prior.gain_sigma is None else prior.gain_sigma,
         }
-    lens = observation.lens or Lens()
-    ellipsoid, mean, information = placed_knowledge(observation, 0.0, LIFT_SIGMA_M)
-    knowledge = ProfileKnowledge(ellipsoid, mean, information, air.heights_m, air.nodes, lens=lens, **calibration)
+    ellipsoid, mean, information = placed_knowledge(observation, 0.0, prior.air_height_sigma_m)
+    knowledge = ProfileKnowledge(
+        ellipsoid,
+        mean,
+        information,
+        air.heights_m,
+        air.nodes,
+        blur_px=prior.lens_blur_px,
+        lens=observation.lens or Lens(),
+        **calibration,
+    )
     return KnownProfile(picture, knowledge, air, float(prior.attitude_sigma_rad.max()))
 
 

@@ -23,11 +23,12 @@ from horizonval.estimation.likelihood.height import (
 )
 from horizonval.estimation.likelihood.knowledge import ArcPlaces, LimbHeights, LimbKnowledge, sphere_knowledge
 from horizonval.estimation.likelihood.light import edge_profile, light_basis, weighed
-from horizonval.estimation.likelihood.start import SCALE_HEIGHT_M
 from horizonval.estimation.methods import limb_sphere
 from horizonval.estimation.observation import Observation
+from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 
+SCALE_HEIGHT_M = Prior().limb_scale_height_m
 CO2_UM, VISIBLE_UM = (14.0, 16.3), (0.45, 0.75)
 RHO = float(np.arcsin(RADIUS_M / (RADIUS_M + 500e3)))
 OFF = np.radians(64.0)
