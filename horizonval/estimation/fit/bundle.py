@@ -121,6 +121,23 @@ class Shot:
             first += len(one)
         return ShotState(self.state.pose.moved(step[:POSE]), tuple(own), self.state.air + of_air)
 
+    def limited(self, step: FloatArray, covariance: FloatArray) -> tuple[FloatArray, float]:
+        """Return the most probable step within the limits of the images' own unknowns, and the gain that they cost.
+
+        ``covariance``: shape (x, x). An unknown that a step would take beyond its limit goes there, and the others
+        follow as the covariance says.
+        """
+        first, cost = POSE, 0.0
+        for model, own in zip(self._chosen.models, self.state.own, strict=True):
+            here = slice(first, first + len(own))
+            beyond = model.moved(own, step[here]) - own - step[here]
+            for number in np.flatnonzero(np.abs(beyond) > 0.0) + first:
+                variance = covariance[number, number]
+                cost += float(beyond[number - first] ** 2 / variance)
+                step = step + beyond[number - first] / variance * covariance[number]
+            first += len(own)
+        return step, cost
+
     def reach(self, step: FloatArray, of_shared: FloatArray) -> float:
         """Return how far a step goes, 1 where derivatives end to hold."""
         steps = self._of_images(step, of_shared)
@@ -383,10 +400,10 @@ class Solved:
         gained = float(pull @ unit)
         for k, (shot, (right, half_air)) in enumerate(zip(bundle.shots, rights, strict=True)):
             free = self._inverse[k] @ right[: shot.count]
-            own = free - self._gains[k] @ of_shared
+            own, cost = shot.limited(free - self._gains[k] @ of_shared, self._inverse[k])
             of_air = self._airless[k].air_step(np.concatenate([own, of_shared]), half_air)
             parts.append((own, of_air))
-            gained += float(right[: shot.count] @ free) + float(half_air @ half_air)
+            gained += float(right[: shot.count] @ free) + float(half_air @ half_air) - cost
             if not self._free.any():
                 covariance = self._inverse[k][:POSE, :POSE]
                 square = max(square, float(own[:POSE] @ np.linalg.solve(covariance, own[:POSE])))

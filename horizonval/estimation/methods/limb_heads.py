@@ -18,18 +18,18 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import fit_of
-from horizonval.estimation.likelihood.heads_fit import HeadImage, fit_heads
-from horizonval.estimation.likelihood.knowledge import (
+from horizonval.estimation.fit.claim import fit_of
+from horizonval.estimation.fit.known import (
     LOCAL_RADIUS_SHARE,
     LimbKnowledge,
-    LimbPose,
     placed_knowledge,
     sphere_knowledge,
     turned_to,
 )
-from horizonval.estimation.likelihood.start import knowledge_in_air, limb_height_prior, position_from_limb
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
+from horizonval.estimation.lens_error import with_lens_error
+from horizonval.estimation.likelihood.heads_fit import HeadImage, fit_heads
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
 from horizonval.estimation.limb.finder import find_limb_and_picture, wrong_size
 from horizonval.estimation.observation import Estimator, Fit, Observation

@@ -9,11 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, edge_profile, light_basis, weighed
-from horizonval.estimation.likelihood.pixels import image_scale, limb_angle, limb_bend, near_pixels
-from horizonval.estimation.likelihood.sectors import eliminated, relief_modes, solve_levels
-from horizonval.estimation.likelihood.start import position_from_limb
+from horizonval.estimation.fit.edge_pixels import relief_modes
+from horizonval.estimation.fit.levels import eliminated, solve_levels
+from horizonval.estimation.fit.light import PIXEL_VARIANCE, edge_profile, light_basis, weighed
+from horizonval.estimation.fit.pixels import image_scale, limb_angle, limb_bend, near_pixels
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.start import position_from_limb
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
 from horizonval.geometry.horizon import horizon_directions, signed_limb_angle

@@ -11,9 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
-from horizonval.estimation.likelihood.height import (
+from horizonval.estimation.fit.heights import (
     BandHeights,
     UnevenLimb,
     band_heights,
@@ -21,8 +19,10 @@ from horizonval.estimation.likelihood.height import (
     edge_height,
     lengths_along,
 )
-from horizonval.estimation.likelihood.knowledge import ArcPlaces, LimbHeights, LimbKnowledge, sphere_knowledge
-from horizonval.estimation.likelihood.light import edge_profile, light_basis, weighed
+from horizonval.estimation.fit.known import ArcPlaces, LimbHeights, LimbKnowledge, sphere_knowledge
+from horizonval.estimation.fit.light import edge_profile, light_basis, weighed
+from horizonval.estimation.fit.limb import LimbFit, fit_limb
+from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.methods import limb_sphere
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
@@ -115,13 +115,13 @@ def _camera() -> CameraModel:
     return CameraModel(SOFT.width, SOFT.height, SOFT.focal_px, SOFT.focal_px, 79.5, 59.5)
 
 
-def _fitted(image: FloatArray, uneven: LimbHeights | None) -> LimbLikelihoodFit:
+def _fitted(image: FloatArray, uneven: LimbHeights | None) -> LimbFit:
     planet, mean, information = sphere_knowledge(SOFT.nadir, RADIUS_M, SOFT.altitude_m, 0.0)
     knowledge = LimbKnowledge(planet, mean, information, scale_height_m=SCALE_HEIGHT_M, scale_sigma_m=10.0)
     return fit_limb(image, _camera(), mean, replace(knowledge, uneven=uneven), 2.6)
 
 
-def _error_and_claim(fit: LimbLikelihoodFit) -> tuple[float, float]:
+def _error_and_claim(fit: LimbFit) -> tuple[float, float]:
     claimed = fit.by_nadir @ fit.covariance @ fit.by_nadir.T
     return float(np.linalg.norm(fit.pose.nadir_cam - SOFT.nadir)), float(np.sqrt(np.trace(claimed)))
 

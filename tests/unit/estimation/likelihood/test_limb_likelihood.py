@@ -14,8 +14,8 @@ from limb_image import RADIUS_M, Sphere, bound_rad, noisy, picture
 from scipy.ndimage import gaussian_filter
 
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, sphere_knowledge
+from horizonval.estimation.fit.known import LimbKnowledge, sphere_knowledge
+from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.geometry.camera import CameraModel
 
 ARCSEC = np.radians(1.0 / 3600.0)
@@ -43,7 +43,7 @@ class Trials:
 
     errors: np.ndarray
     nees: np.ndarray
-    fits: list[LimbLikelihoodFit]
+    fits: list[LimbFit]
 
     @property
     def rms(self) -> float:

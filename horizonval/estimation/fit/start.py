@@ -26,8 +26,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.limb_heights import limb_height_m, reliefs
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD, UnevenLimb, band_heights
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, placed_knowledge, turned_to
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD, UnevenLimb, band_heights
+from horizonval.estimation.fit.known import LimbKnowledge, placed_knowledge, turned_to
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.observation import Observation
