@@ -39,7 +39,7 @@ from horizonval.estimation.fit.pose import LimbPose
 BLUR, SCALE = POSE + LENS, POSE + LENS + 1
 """Places of an image's own unknowns among those that it has with shot and camera."""
 LARGEST_MOTION_PX, LARGEST_LOG_STEP, LARGEST_SCALE_STEP_M = 2.0, 0.5, 4e3
-"""Largest step of limb, ln blur and scale height for which the derivatives hold."""
+"""Largest step of limb, ln blur and scale height for which the derivatives hold; of the last also a pixel."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -174,6 +174,8 @@ class EdgeModel:
 
     def __init__(self, pixels: EdgePixels, known: EdgeKnown, motion: FloatArray) -> None:
         self.pixels, self.known, self._motion = pixels, known, motion
+        # What moves the limb by a pixel as a height.
+        self._largest_scale_step_m = max(LARGEST_SCALE_STEP_M, 1.0 / float(np.abs(motion[POSE - 1]).max()))
         self._spread: FloatArray | None = None
         self._last: tuple[bytes, _Edge] | None = None
 
@@ -197,7 +199,7 @@ class EdgeModel:
         return max(
             self.motion_px(step[: POSE + LENS]) / LARGEST_MOTION_PX,
             abs(float(step[BLUR])) / LARGEST_LOG_STEP,
-            abs(float(step[SCALE])) / LARGEST_SCALE_STEP_M,
+            abs(float(step[SCALE])) / self._largest_scale_step_m,
         )
 
     def motion_px(self, step: FloatArray) -> float:
@@ -251,7 +253,7 @@ class EdgeModel:
         return EdgeLinear(jacobian, eliminated(jacobian, seen.basis, weights, pixels.sectors, self._spread))
 
     def _seen(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
-        unknowns = [pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own, air]
+        unknowns = [pose.cam_from_itrs.ravel(), pose.r_itrs, np.array([pose.height_m]), lens, own, air]
         key = np.concatenate(unknowns).tobytes()
         # The noise is estimated again and again at one state.
         if self._last is None or self._last[0] != key:
@@ -300,7 +302,7 @@ def sector_places(model: EdgeModel, look: EdgeLook, weights: FloatArray, air: Fl
     pixels, seen, count = model.pixels, look.seen, model.pixels.sectors
 
     def sums(values: FloatArray) -> FloatArray:
-        return values.reshape(*values.shape[:-1], count, -1).sum(axis=-1)
+        return values.reshape(*values.shape[:-1], count, len(pixels.values) // count).sum(axis=-1)
 
     slope = brightness(look.of_pixel, seen.x, pixels.along)[0] * seen.edge.slope / pixels.scale
     information = sums(weights * slope * slope)

@@ -63,11 +63,11 @@ class EdgeProfile:
     by_scale: FloatArray
 
 
-def edge_profile(x: FloatArray, blur: float, scale: FloatArray | None = None) -> EdgeProfile:
+def edge_profile(x: FloatArray, blur: float | FloatArray, scale: FloatArray | None = None) -> EdgeProfile:
     """Return the levels of pixels across the limb.
 
-    ``x``: shape (n,), distance inside the limb [px]; ``blur``: standard deviation of lens and pixel [px]; ``scale``:
-    shape (n,), apparent scale height [px], None for a hard limb.
+    ``x``: shape (n,), distance inside the limb [px]; ``blur``: standard deviation of lens and pixel [px], one or shape
+    (n,); ``scale``: shape (n,), apparent scale height [px], None for a hard limb.
     """
     z = x / blur
     bell = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)

@@ -1,7 +1,7 @@
 """The fit of a limb's edge to the pixels of one image or of several heads.
 
-One shot of images (:mod:`.bundle`) with edge models (:mod:`.edge`), solved by the solver of all fits. Levels, noise,
-blur and softness are each image's own; pose, height of the limb and its relief are common.
+One shot of images (:mod:`.bundle`) with edge models (:mod:`.edge`), solved by the solver of all fits. Levels, noise
+and blur are each image's own; pose, height and softness of the limb, and its relief, are common.
 
 Uneven ground, clouds and coasts move the limb of some sectors more than noise and relief do. The scatter of the
 sectors' positions gives chi-squared per degree of freedom; where it exceeds one by two of its standard deviations the
@@ -30,8 +30,8 @@ FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
-OPTIONS = SolverOptions(stages=(Stage(pixels=1500, tolerance=0.5), Stage()))
-"""Few pixels until the limb is within a fraction of a pixel, then all."""
+FEW_PIXELS, LARGE_PX = 1500, 100_000
+"""Pixels by which the limb in an image larger than so many pixels is found to a fraction of a pixel, before all."""
 
 
 @dataclass(frozen=True)
@@ -66,23 +66,15 @@ class LimbFit:
         return nadir_derivative(self.pose)
 
 
-def fit_limb(
-    image: FloatArray,
-    camera: CameraModel,
-    start: LimbPose,
-    knowledge: LimbKnowledge,
-    options: SolverOptions = OPTIONS,
-) -> LimbFit:
+def fit_limb(image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
     """Fit the limb in one image, shape (H, W), linear in radiance, near a pose that is right to some pixels.
 
     Raises ``LinAlgError``: too little limb in view, or no convergence.
     """
-    return fit_limbs([EdgeImage(image, camera, np.eye(3))], start, knowledge, options)
+    return fit_limbs([EdgeImage(image, camera, np.eye(3))], start, knowledge)
 
 
-def fit_limbs(
-    images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowledge, options: SolverOptions = OPTIONS
-) -> LimbFit:
+def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
     """Fit the limb in the images of one shot near a pose of the body that is right to some pixels.
 
     ``start``, ``knowledge``: of the body, whose axes take the camera's place. Raises ``LinAlgError``: too little limb
@@ -90,8 +82,9 @@ def fit_limbs(
     """
     chooser = EdgeChooser(images, knowledge)
     prior = ShotPrior(knowledge.mean, knowledge.information)
-    shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images])
-    solution = solve(Bundle([shot]), options)
+    shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images], common=1)
+    few = (Stage(pixels=FEW_PIXELS, tolerance=0.5),) if max(one.image.size for one in images) > LARGE_PX else ()
+    solution = solve(Bundle([shot]), SolverOptions(stages=(*few, Stage())))
     found, state = solution.shots[0], shot.state
     assert shot.chosen is not None
     assert shot.seen is not None
