@@ -33,7 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Refusal
+from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Calibration, Fit, Observation
 from horizonval.geometry import brown
 from horizonval.geometry.camera import CameraModel, project, unproject
@@ -143,8 +143,8 @@ def with_lens_error(run: Run, axis_of: AxisOf | None = None) -> WithLensError:
     return WithLensError(run, axis_of or cone_axis)
 
 
-def with_errors(fit: Fit, observation: Observation, axis_of: AxisOf) -> Fit:
-    """Return a fit whose claim counts the stated errors of its lenses."""
+def with_errors(fit: Fit, observation: Observation, axis_of: AxisOf) -> Fit | Refusal:
+    """Return a fit whose claim counts the stated errors of its lenses, or why they leave it no answer."""
     errors = list(lens_errors(observation))
     if not errors:
         return fit
@@ -152,8 +152,10 @@ def with_errors(fit: Fit, observation: Observation, axis_of: AxisOf) -> Fit:
     try:
         before = axis_of(views)
         moved = np.array([axis_of(_seen_with(views, head, error)) for head, error in errors]) - before
-    except np.linalg.LinAlgError:
-        return fit
+    except np.linalg.LinAlgError as e:
+        return Refusal(
+            Outcome.AMBIGUOUS, f"what errors of the lens do to the answer is not determined: {e}", fit.points
+        )
     length = float(np.linalg.norm(before))
     axis = before / length
     turns = (moved - np.outer(moved @ axis, axis)) / length @ _cam_from_body(observation).T
@@ -186,7 +188,10 @@ def lens_errors(observation: Observation) -> Iterator[tuple[int, LensError]]:
 
 def cone_axis(views: Sequence[View]) -> FloatArray:
     """Return the axis of the cone through limb points, shape (3,), as long as :data:`AxisOf` says."""
-    cone = fit_cone(np.concatenate([los_body(one, uv) for one, uv in views]))
+    los = np.concatenate([los_body(one, uv) for one, uv in views])
+    if len(los) < 3:
+        raise np.linalg.LinAlgError(f"{len(los)} limb points")
+    cone = fit_cone(los)
     if not cone.cos_rho > 0.0:
         raise np.linalg.LinAlgError("the points determine no cone")
     return np.asarray(cone.axis_cam / cone.cos_rho)

@@ -15,8 +15,8 @@
 A method that uses the whole image instead of points answers first; step 5 decides. Methods of several heads are guarded
 by :mod:`horizonval.estimation.guard.heads`.
 
-Where the calibration states errors of the lens, all steps run again with each error
-(:mod:`horizonval.estimation.lens_error`). A claim that becomes too uncertain is refused.
+Where the calibration states errors of the lens, they are part of the claim (:mod:`horizonval.estimation.lens_error`). A
+claim that becomes too uncertain is refused.
 
 The covariance of a fit from points is that of the detector's noise; ``systematic_nadir_cam`` is the covariance of what
 the method's model leaves out.
