@@ -12,8 +12,8 @@
 A method that uses the whole image instead of points answers first and is then tested against the pixels
 (:mod:`horizonval.estimation.guard.three_tests`).
 
-Where the calibration states errors of the lens, all steps run again with each error
-(:mod:`horizonval.estimation.lens_error`). A claim that becomes too uncertain is refused.
+Where the calibration states errors of the lens, they are part of the claim (:mod:`horizonval.estimation.lens_error`). A
+claim that becomes too uncertain is refused.
 
 The covariance of a fit from points of one image is that of the detector's noise; ``systematic_nadir_cam`` is the
 covariance of what the method's model leaves out.
@@ -37,7 +37,7 @@ from horizonval.estimation.guard.limits import model_covariance
 from horizonval.estimation.guard.points import TrustedPoints, read_sides, saturated, second_limb, trusted_points
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.guard.three_tests import doubted
-from horizonval.estimation.lens_error import lens_errors, with_lens_error
+from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
 from horizonval.estimation.limb.cone import arc_order, cone_uncertainty
 from horizonval.estimation.limb.finder import largest_rho_rad
 from horizonval.estimation.limb.picture import Picture
@@ -53,21 +53,18 @@ def guarded(estimator: Estimator) -> Estimator:
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
         of_points = estimator.from_points or estimator.needs == "heads"
-        largest = limits.LARGEST_SIGMA_RAD if of_points else limits.LARGEST_PIXEL_SIGMA_RAD
-        run = partial(
-            _not_too_wide, with_lens_error(partial(_run if of_points else _run_on_pixels, estimator)), largest
-        )
+        axis_of = estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None
+        run = with_lens_error(partial(_run if of_points else _run_on_pixels, estimator), axis_of)
+        run = partial(_not_too_wide, run, 1.0 if of_points else limits.PIXEL_SHARE)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
-def _not_too_wide(
-    run: Callable[[Observation], Fit | Refusal], largest_rad: float, observation: Observation
-) -> Fit | Refusal:
+def _not_too_wide(run: Callable[[Observation], Fit | Refusal], share: float, observation: Observation) -> Fit | Refusal:
     """Return what a guarded method claims, if it is enough for a claim with the errors of its lenses too."""
     result = run(observation)
     if isinstance(result, Refusal) or not any(lens_errors(observation)):
         return result
-    refusal = too_wide(result, largest_rad)
+    refusal = too_wide(result, share * observation.prior.accept_rad)
     return result if refusal is None else refusal
 
 
@@ -163,9 +160,8 @@ def _determined(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, G
         return Refusal(Outcome.NO_LIMB, f"the points bend by {1e-3 * relief_m:.0f} km along the limb", uv)
     seen_rho = float(off_axis_angle(points.seen, points.seen_cone().axis_cam).mean())
     limb = GuardLimb(axis, seen_rho, noise, systematic)
-    if not limb.sigma_rad <= limits.LARGEST_SIGMA_RAD:
-        sigma = np.degrees(limb.sigma_rad)
-        return Refusal(status, f"the limb that can be trusted determines the nadir to {sigma:.2f} deg", uv)
+    if (reason := _too_uncertain(limb.sigma_rad, observation.prior.accept_rad)) is not None:
+        return Refusal(status, f"the limb that can be trusted {reason}", uv)
     return points, limb
 
 
@@ -317,7 +313,7 @@ def _systematic(
             axis,
             rho,
             flattening=observation.prior.flattening,
-            reliefs=reliefs(observation.band_kind),
+            reliefs=reliefs(observation.band_kind, observation.prior.limb_relief_m),
             earth_radius_m=observation.prior.sphere_radius_m,
             estimates="geodetic" if estimates == "geodetic" else "geocentric",
             gain=gain,
@@ -375,7 +371,10 @@ def _confirmed(fit: Fit, limb: GuardLimb, observation: Observation, systematic: 
         angle = np.degrees(angle_between(np.asarray(fit.nadir_cam), limb.axis))
         return Refusal(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
     variance = float(limb.noise[2, 2] + limb.systematic[2, 2])
-    for refusal in (too_wide(confirmed, limits.LARGEST_SIGMA_RAD), contradicted(confirmed, observation, rho, variance)):
+    for refusal in (
+        too_wide(confirmed, observation.prior.accept_rad),
+        contradicted(confirmed, observation, rho, variance),
+    ):
         if refusal is not None:
             return refusal
     return confirmed
@@ -385,9 +384,15 @@ def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
     """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
     basis = tangent_basis(np.asarray(fit.nadir_cam))
     sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
-    if not sigma <= largest_rad:
-        return Refusal(Outcome.SHORT_ARC, f"the method determines the nadir to {np.degrees(sigma):.2f} deg", fit.points)
-    return None
+    reason = _too_uncertain(sigma, largest_rad)
+    return None if reason is None else Refusal(Outcome.SHORT_ARC, f"the method {reason}", fit.points)
+
+
+def _too_uncertain(sigma_rad: float, largest_rad: float) -> str | None:
+    if sigma_rad <= largest_rad:
+        return None
+    accepted = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
+    return f"determines the nadir to {np.degrees(sigma_rad):.2f} deg, {accepted}"
 
 
 def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refusal:
@@ -398,7 +403,7 @@ def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refu
     for refusal in (
         _too_bright(result, observation),
         doubted(result, observation),
-        too_wide(result, limits.LARGEST_PIXEL_SIGMA_RAD),
+        too_wide(result, limits.PIXEL_SHARE * observation.prior.accept_rad),
     ):
         if refusal is not None:
             return refusal

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
+from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
+from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE
 from horizonval.estimation.guard import limits
-from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE
-from horizonval.estimation.likelihood.pixels import MISPLACED_PX
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.rotation import angle_between, tangent_basis
 

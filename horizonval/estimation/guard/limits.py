@@ -26,10 +26,9 @@ SMALLEST_TRIM_PX = 0.3
 """Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
 SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 """Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
-LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
-"""Largest standard deviation of the worst direction: 0.4 of the error of 0.5 deg above which a claim is false."""
-LARGEST_PIXEL_SIGMA_RAD = float(np.deg2rad(0.1))
-"""The same for methods that fit the pixels, whose claims are false beyond 0.25 deg."""
+PIXEL_SHARE = 0.5
+"""Share of the accepted accuracy (``Prior.accept_rad``) at which methods that fit the pixels are refused: their claims
+are false beyond half of the error that is allowed to a fit of a cone."""
 MOST_SATURATED = 0.5
 """Largest saturated share of a limb that is fitted by its pixels; above it, fits are wrong by 0.03 deg and more."""
 AGREEMENT = 5.0

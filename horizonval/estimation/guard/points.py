@@ -23,9 +23,9 @@ from scipy.stats import binom
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.sunlit import SunlitLimb, sun_angles, sunlit_limb
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD
 from horizonval.estimation.limb.cone import arc_order, limb_directions
 from horizonval.estimation.limb.evidence import MOST_SECTORS, PROFILES, read_profiles
 from horizonval.estimation.limb.finder import find_limb_and_picture
