@@ -39,8 +39,9 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held; ``good``: share of the predicted gain above which derivatives stay frozen; ``first_damping``,
-    ``damping_factor``, ``most_damping``: in units of the unknowns' scales, after a step that gains nothing;
+    noise is held; ``good``: share of the predicted gain above which derivatives stay frozen; ``most_cuts``,
+    ``least_share``: how often a step that gains nothing is shortened, and to which share of it; ``first_damping``,
+    ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does not help;
     ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
     pixels are chosen again.
     """
@@ -49,6 +50,8 @@ class SolverOptions:
     most_steps: int = 30
     steady: float = 0.05
     good: float = 0.7
+    most_cuts: int = 3
+    least_share: float = 0.1
     first_damping: float = 1.0
     damping_factor: float = 10.0
     most_damping: float = 1e8
@@ -118,7 +121,15 @@ class _Search:
                 return
             bounded = self._bounded(step)
             gain = self._try(bounded)
+            cuts = 0
             while gain < -options.rounding:
+                if fresh and cuts < options.most_cuts:
+                    # The parabola through this merit and the present one, with the slope that the equations predict.
+                    cuts += 1
+                    share = bounded.gained / (2.0 * bounded.gained - gain)
+                    bounded = bounded.shortened(float(np.clip(share, options.least_share, 0.5)))
+                    gain = self._try(bounded)
+                    continue
                 if fresh:
                     damping = max(options.first_damping, options.damping_factor * damping)
                     if damping > options.most_damping:

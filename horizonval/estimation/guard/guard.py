@@ -33,13 +33,13 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.heads import run_heads
 from horizonval.estimation.guard.limits import blur_of, model_covariance
 from horizonval.estimation.guard.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted, in_wider_pixels
 from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD
 from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, Picture, in_whole, median

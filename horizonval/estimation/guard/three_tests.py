@@ -1,7 +1,7 @@
 """Three tests of a claimed nadir against the pixels.
 
 From the claim's nadir and angular radius, or altitude, a limb is predicted, and the most probable limb near it is
-fitted to the pixels (:mod:`horizonval.estimation.likelihood.fit`): a sphere's, of free altitude, with flattening and
+fitted to the pixels (:mod:`horizonval.estimation.fit.limb`): a sphere's, of free altitude, with flattening and
 relief as unknowns with priors. Limbs many pixels deep are tested in an image with wider pixels. The tests:
 
 1. *chi-squared*: across the edge the pixels may miss the fitted profile by the noise measured on both sides of it, and
@@ -39,34 +39,17 @@ from scipy.stats import binom, chi2
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
+from horizonval.estimation.fit.claim import limb_scale
+from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, LimbKnowledge, sphere_knowledge
+from horizonval.estimation.fit.light import MIDDLE_LEVEL, PIXEL_VARIANCE, EdgeProfile, edge_profile, light_basis
+from horizonval.estimation.fit.limb import LimbFit, fit_limb
+from horizonval.estimation.fit.pixels import image_scale, limb_angle, near_pixels, pixel_at_limb_m
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.start import knowledge_in_air
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.sunlit import sun_angles
-from horizonval.estimation.likelihood.claim import limb_scale
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
-from horizonval.estimation.likelihood.knowledge import (
-    LOCAL_RADIUS_SHARE,
-    LimbKnowledge,
-    LimbPose,
-    sphere_knowledge,
-)
-from horizonval.estimation.likelihood.light import (
-    MIDDLE_LEVEL,
-    PIXEL_VARIANCE,
-    EdgeProfile,
-    edge_profile,
-    light_basis,
-    weighed,
-)
-from horizonval.estimation.likelihood.pixels import (
-    MISPLACED_PX,
-    LimbPixels,
-    image_scale,
-    limb_angle,
-    limb_pixels,
-    near_pixels,
-    pixel_at_limb_m,
-)
-from horizonval.estimation.likelihood.start import knowledge_in_air
+from horizonval.estimation.likelihood.light import weighed
+from horizonval.estimation.likelihood.pixels import MISPLACED_PX, LimbPixels, limb_pixels
 from horizonval.estimation.limb.finder import largest_rho_rad
 from horizonval.estimation.limb.picture import smaller
 from horizonval.estimation.observation import Fit, Lens, Observation
@@ -123,9 +106,7 @@ class LimbPieces:
         return int((self.due & (self.steps > STEP_SIGMAS)).sum())
 
 
-def limb_pieces(
-    image: FloatArray, observation: Observation, found: LimbLikelihoodFit, knowledge: LimbKnowledge
-) -> LimbPieces:
+def limb_pieces(image: FloatArray, observation: Observation, found: LimbFit, knowledge: LimbKnowledge) -> LimbPieces:
     """Return what the pieces of a fitted limb show.
 
     Raises ``LinAlgError``: too little limb in view.
@@ -157,9 +138,7 @@ def limb_pieces(
     return LimbPieces(steps / sigmas, due, bool(sign > 0.0), misfit, rival)
 
 
-def _edge(
-    near: LimbPixels, found: LimbLikelihoodFit, knowledge: LimbKnowledge, blur: float
-) -> tuple[FloatArray, EdgeProfile]:
+def _edge(near: LimbPixels, found: LimbFit, knowledge: LimbKnowledge, blur: float) -> tuple[FloatArray, EdgeProfile]:
     """Return the pixels' distance inside the fitted limb, and its edge there."""
     pose = found.pose
     axes = knowledge.ellipsoid.axes_m + pose.height_m
@@ -202,7 +181,7 @@ def _due(los_cam: FloatArray, steps: FloatArray, nadir_cam: FloatArray, observat
 def _rival(
     image: FloatArray,
     observation: Observation,
-    found: LimbLikelihoodFit,
+    found: LimbFit,
     knowledge: LimbKnowledge,
     near: LimbPixels,
     starts: NDArray[np.intp],
@@ -365,7 +344,7 @@ def _by_share(pieces: LimbPieces, claim: Fit) -> Refusal | None:
     return None
 
 
-def _by_place(found: LimbLikelihoodFit, predicted: Cone, observation: Observation, claim: Fit) -> Refusal | None:
+def _by_place(found: LimbFit, predicted: Cone, observation: Observation, claim: Fit) -> Refusal | None:
     """Refuse a limb that is too soft for air, and one away from the claimed limb.
 
     A short arc hardly separates tilt from altitude, so the limb in view is compared. Allowed are any height in the air,
@@ -389,7 +368,7 @@ def _by_place(found: LimbLikelihoodFit, predicted: Cone, observation: Observatio
     return Refusal(Outcome.AMBIGUOUS, f"the most probable limb lies {off_px:.1f} px from the claimed one", claim.points)
 
 
-def _by_blur(found: LimbLikelihoodFit, observation: Observation, claim: Fit, scale: int) -> Refusal | None:
+def _by_blur(found: LimbFit, observation: Observation, claim: Fit, scale: int) -> Refusal | None:
     """Refuse an edge that is wider than the camera's lens and the air make it: one that motion or focus has smeared.
 
     ``observation``: in pixels ``scale`` times as wide as the image's.
@@ -407,7 +386,7 @@ def _by_blur(found: LimbLikelihoodFit, observation: Observation, claim: Fit, sca
     return Refusal(Outcome.AMBIGUOUS, reason, claim.points)
 
 
-def _by_nadir(found: LimbLikelihoodFit, observation: Observation, claim: Fit) -> Refusal | None:
+def _by_nadir(found: LimbFit, observation: Observation, claim: Fit) -> Refusal | None:
     nadir = np.asarray(claim.nadir_cam)
     basis = tangent_basis(nadir)
     by_nadir = found.by_nadir
@@ -422,9 +401,7 @@ def _by_nadir(found: LimbLikelihoodFit, observation: Observation, claim: Fit) ->
     return Refusal(Outcome.AMBIGUOUS, reason, claim.points)
 
 
-def _by_altitude(
-    found: LimbLikelihoodFit, observation: Observation, claim: Fit, seen: SeenLimb | None
-) -> Refusal | None:
+def _by_altitude(found: LimbFit, observation: Observation, claim: Fit, seen: SeenLimb | None) -> Refusal | None:
     """Refuse an angular radius that contradicts the known altitude; a limb ``h`` higher adds ``h tan(rho) / R``."""
     if (known := _known_altitude(observation)) is None:
         return None

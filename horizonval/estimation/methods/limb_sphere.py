@@ -12,10 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.claim import claim
+from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import claim
-from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE, LimbPose, sphere_knowledge
-from horizonval.estimation.likelihood.start import knowledge_in_air, limb_height_prior, position_from_limb
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere

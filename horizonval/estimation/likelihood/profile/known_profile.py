@@ -29,8 +29,9 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD
-from horizonval.estimation.likelihood.knowledge import LimbPose, placed_knowledge
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
+from horizonval.estimation.fit.known import placed_knowledge
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.profile.air import KnownAir, sun_of_time
 from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.pixels import ray_height
