@@ -93,8 +93,9 @@ def guarded(estimator: Estimator) -> Estimator:
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
         of_pixels = estimator.needs == "image" and estimator.from_points is None
-        axis_of = estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None
-        run = with_lens_error(partial(run_heads if estimator.needs == "heads" else _run, estimator), axis_of)
+        run = partial(run_heads if estimator.needs == "heads" else _run, estimator)
+        if not of_pixels:
+            run = with_lens_error(run, estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None)
         run = partial(_not_too_wide, run, limits.PIXEL_SHARE if of_pixels else 1.0)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
