@@ -53,8 +53,10 @@ def guarded(estimator: Estimator) -> Estimator:
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
         of_points = estimator.from_points or estimator.needs == "heads"
-        axis_of = estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None
-        run = with_lens_error(partial(_run if of_points else _run_on_pixels, estimator), axis_of)
+        run = partial(_run if of_points else _run_on_pixels, estimator)
+        # A fit of the pixels has the lens among its unknowns.
+        if of_points:
+            run = with_lens_error(run, estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None)
         run = partial(_not_too_wide, run, 1.0 if of_points else limits.PIXEL_SHARE)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
