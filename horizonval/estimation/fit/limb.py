@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.bundle import Bundle, Shot, ShotPrior
+from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
 from horizonval.estimation.fit.edge import LOWEST, EdgeLook, EdgeModel, SectorPlaces, sector_places
 from horizonval.estimation.fit.edge_pixels import EdgeChooser, EdgeImage
 from horizonval.estimation.fit.image import LENS, POSE
@@ -39,11 +39,11 @@ class LimbFit:
     """The most probable pose, in the axes of the first image's camera.
 
     ``covariance`` (7, 7): of turn in camera axes [rad], position [m], limb height [m], from noise, priors, relief and
-    excess scatter of the sectors; ``relief_covariance``: its part of relief and scatter; ``by_lens`` (7, 4): how the
-    pose follows errors of the lens, the same of every image. ``blur_px``, ``scale_height_m``: of the lens and the limb
-    in the first image. ``noise_sigma``: pixel noise in space and on the Earth, in grey levels. ``pixels``: number used.
-    ``uv`` (m, 2): a point on each sector's limb in the first image [px]; ``residuals_rad`` (m,): how far inside the
-    fitted limb each sector shows it, including relief; ``levels`` (m,): the Earth's brightness there above space.
+    excess scatter of the sectors and errors of the lens; ``relief_covariance``: its part of relief, scatter and lens.
+    ``blur_px``, ``scale_height_m``: of the lens and the limb in the first image. ``noise_sigma``: pixel noise in space
+    and on the Earth, in grey levels. ``pixels``: number used. ``uv`` (m, 2): a point on each sector's limb in the first
+    image [px]; ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief;
+    ``levels`` (m,): the Earth's brightness there above space.
     ``steps``: shape (k, 7).
     """
 
@@ -52,7 +52,6 @@ class LimbFit:
     scale_height_m: float
     covariance: FloatArray
     relief_covariance: FloatArray
-    by_lens: FloatArray
     noise_sigma: tuple[float, float]
     pixels: int
     uv: FloatArray
@@ -84,7 +83,10 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     prior = ShotPrior(knowledge.mean, knowledge.information)
     shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images], common=1, lowest=LOWEST)
     few = (Stage(pixels=FEW_PIXELS, tolerance=0.5),) if max(one.image.size for one in images) > LARGE_PX else ()
-    solution = solve(Bundle([shot]), SolverOptions(stages=(*few, Stage())))
+    sigmas = np.zeros(SHARED)
+    if len(images) == 1:
+        sigmas[:LENS] = knowledge.lens_sigmas
+    solution = solve(Bundle([shot], sigmas), SolverOptions(stages=(*few, Stage())))
     found, state = solution.shots[0], shot.state
     assert shot.chosen is not None
     assert shot.seen is not None
@@ -100,6 +102,9 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     covariance = turn @ found.covariance[:POSE, :POSE] @ turn.T
     # What the sectors scatter by beyond all that is in the model is no noise of the detector, and not to be averaged.
     beyond = (scatter(places) - 1.0) * covariance
+    # An error of the lens is the same in every picture of the camera.
+    by_lens = turn @ found.by_shared[:POSE, :LENS]
+    beyond += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
     space, earth, _ = noises[0].parts
     return LimbFit(
         pose=state.pose.of_camera(first.cam_from_body),
@@ -107,7 +112,6 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
         scale_height_m=float(state.own[0][1]),
         covariance=covariance + beyond,
         relief_covariance=covariance - turn @ found.known[:POSE, :POSE] @ turn.T + beyond,
-        by_lens=turn @ found.by_shared[:POSE, :LENS],
         noise_sigma=(float(np.sqrt(space)), float(np.sqrt(earth))),
         pixels=sum(int(model.pixels.counts.sum()) for model in models),
         uv=places[0].uv,

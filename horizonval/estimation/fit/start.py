@@ -30,6 +30,7 @@ from horizonval.earth.limb_heights import limb_height_m, reliefs
 from horizonval.estimation.fit.heights import SUN_SIGMA_RAD, UnevenLimb, band_heights
 from horizonval.estimation.fit.known import LimbKnowledge, placed_knowledge, turned_to
 from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.observation import Observation
@@ -103,6 +104,7 @@ def knowledge_in_air(
         scale_sigma_m=prior.limb_scale_height_sigma_m,
         reliefs=reliefs(observation.band_kind, prior.limb_relief_m),
         flattened_m=flattened_m,
+        lens_sigmas=lens_sigmas(observation.calibration),
     )
     if observation.band_kind is None or observation.band_um is None or prior.limb_relief_m is not None:
         return knowledge

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 
 OF_WHOLE_STEPS = 1.0 / 12.0
@@ -176,6 +177,15 @@ def smaller(image: FloatArray, camera: CameraModel, scale: int) -> tuple[FloatAr
         cy=(camera.cy + 0.5) / scale - 0.5,
     )
     return whole.reshape(height, scale, width, scale).mean(axis=(1, 3)), small
+
+
+def in_wider_pixels(observation: Observation, scale: int) -> Observation:
+    """Return what pixels ``scale`` times as wide would have seen; columns and rows left over are cut."""
+    if scale == 1:
+        return observation
+    image, camera = smaller(observation.image, observation.camera, scale)
+    lens = None if observation.lens is None else observation.lens.in_wider_pixels(scale)
+    return replace(observation, image=image, camera=camera, lens=lens)
 
 
 def in_whole(uv: FloatArray, scale: int) -> FloatArray:

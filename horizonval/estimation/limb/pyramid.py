@@ -203,7 +203,7 @@ def trace_limb(
     azimuth = towards + np.pi * t * np.abs(t)
     uv, _ = project(camera, on_cone(frame, rho_rad, azimuth))
     with np.errstate(invalid="ignore"):
-        seen = ((uv >= -0.5) & (uv <= (camera.width - 0.5, camera.height - 0.5))).all(axis=1)
+        seen = np.all((uv >= -0.5) & (uv <= (camera.width - 0.5, camera.height - 0.5)), axis=1)
         step = np.hypot(*np.diff(uv, axis=0).T)
     near = seen[1:] | seen[:-1]
     along = np.concatenate([[0.0], np.cumsum(np.where(near & np.isfinite(step), step, 0.0))])

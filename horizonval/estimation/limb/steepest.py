@@ -67,13 +67,14 @@ def to_steepest(
         if not len(los):
             break
         shift, good = _shift(image, camera, los, axis_cam, 1.0 if bright_inside else -1.0)
-        inwards = _inwards(los, axis_cam)
+        inwards = inwards_of(los, axis_cam)
         los = (np.cos(shift)[:, None] * los + np.sin(shift)[:, None] * inwards)[good]
         kept = kept[good]
     return los, kept
 
 
-def _inwards(los: FloatArray, axis: FloatArray) -> FloatArray:
+def inwards_of(los: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return unit vectors (n, 3) across lines of sight (n, 3) towards an axis."""
     inwards = axis - los * (los @ axis)[:, None]
     return np.asarray(inwards / np.linalg.norm(inwards, axis=1)[:, None])
 
@@ -109,7 +110,7 @@ def profile_places(
     """
     offset_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
     angle = offset_px * (1.0 / max(camera.fx, camera.fy))
-    inwards = _inwards(los_cam, axis_cam)
+    inwards = inwards_of(los_cam, axis_cam)
     rays = np.cos(angle)[None, :, None] * los_cam[:, None] + np.sin(angle)[None, :, None] * inwards[:, None]
     uv, in_front = project(camera, rays.reshape(-1, 3))
     most = (camera.width - 1.0, camera.height - 1.0)

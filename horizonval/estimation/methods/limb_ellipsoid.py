@@ -12,7 +12,6 @@ from __future__ import annotations
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.fit.claim import claim
 from horizonval.estimation.fit.start import ellipsoid_start
-from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 
@@ -27,7 +26,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-ellipsoid",
     title="Limb of the Earth's ellipsoid, maximum likelihood of the pixels, position known",
-    run=with_lens_error(run),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )

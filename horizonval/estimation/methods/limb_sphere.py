@@ -16,7 +16,6 @@ from horizonval.estimation.fit.claim import claim
 from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
-from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
@@ -50,7 +49,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-sphere",
     title="Limb of a sphere, maximum likelihood of the pixels",
-    run=with_lens_error(run),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )

@@ -12,10 +12,9 @@ from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.guard.three_tests import in_wider_pixels
 from horizonval.estimation.limb.evidence import weigh
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.picture import Picture, in_wider_pixels
 from horizonval.estimation.limb.proposals import LimbPoints
 from horizonval.estimation.limb.pyramid import levels_of
 from horizonval.estimation.methods import altitude_free
