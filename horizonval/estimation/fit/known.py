@@ -128,6 +128,19 @@ def sphere_knowledge(
     return Ellipsoid(radius_m, radius_m), pose, information
 
 
+def tilted_to(
+    mean: LimbPose, information: FloatArray, nadir_cam: FloatArray, sigma_rad: float
+) -> tuple[LimbPose, FloatArray]:
+    """Return pose and information of a sphere fit (:func:`sphere_knowledge`) with a rough direction of the nadir.
+
+    ``nadir_cam``: shape (3,), unit vector, right to ``sigma_rad`` in each of two directions across it.
+    """
+    mean = turned_to(mean, -nadir_cam * np.linalg.norm(mean.r_itrs))
+    information = information.copy()
+    information[:3, :3] += (np.eye(3) - np.outer(nadir_cam, nadir_cam)) / sigma_rad**2
+    return mean, information
+
+
 def placed_knowledge(
     observation: Observation, height_m: float, height_sigma_m: float, *, in_body_axes: bool = False
 ) -> tuple[Ellipsoid, LimbPose, FloatArray]:
