@@ -83,7 +83,7 @@ def _fitted(
 
     ``sunless``: whether the Sun may be anywhere, and a whole disc have an unlit sliver.
     """
-    scale, image = limb_scale(camera, start, knowledge), picture.grey
+    scale, image = limb_scale(camera, start, knowledge), picture.unclipped
     if scale > 1:
         image, camera = smaller(image, camera, scale)
         knowledge = knowledge.in_wider_pixels(scale)

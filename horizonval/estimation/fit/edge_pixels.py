@@ -79,7 +79,10 @@ CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
 
 @dataclass(frozen=True)
 class EdgeImage:
-    """An image, shape (H, W), linear in radiance, its camera, and ``cam_from_body``, shape (3, 3)."""
+    """An image, its camera, and ``cam_from_body``, shape (3, 3).
+
+    ``image``: shape (H, W), linear in radiance, NaN where it is not (saturated).
+    """
 
     image: FloatArray
     camera: CameraModel
@@ -184,6 +187,7 @@ def _limb(
     near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, outside, inside, most)
     angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     seen = in_view(camera, near, angle, (-whole * outside, whole * inside))
+    seen &= np.isfinite(one.image[near.rows, near.columns])
     if not seen.all():
         near, angle = near.take(seen), angle.take(seen)
     by_column, by_row = gradient(angle, near.by_column, near.by_row)
@@ -192,7 +196,7 @@ def _limb(
     limb_px = len(on_limb) * near.every
     fewest = 1 if min(one.image.shape) == 1 else FEWEST_LIMB_PX
     if limb_px < fewest or not len(on_limb):
-        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {fewest} are needed")
+        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view, not saturated; {fewest} are needed")
     across = basis_body.T @ (one.cam_from_body.T @ near.los_cam)
     # A direction is seen at another place in the image: the pixel, which stays, sees what is as far to the other side.
     to_column, to_row = _by_lens_px(camera, near)
