@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, median
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 AZIMUTHS = 7200
@@ -109,6 +111,29 @@ def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeU
     variance = float(residual @ residual) / max(len(residual) - 3.0 * length, 1.0)
     covariance = variance * length * np.linalg.inv(jacobian.T @ jacobian)
     return ConeUncertainty(basis=basis, covariance=0.5 * (covariance + covariance.T), correlation_length=length)
+
+
+OUTLIER_SIGMAS = 4.0
+"""Robust standard deviations beyond which a point is an outlier: of normal ones one of sixteen thousand is."""
+SMALLEST_TRIM_PX = 0.3
+"""Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
+TRIMS = 5
+"""Largest number of passes that leave outliers out."""
+
+
+def near_cone(los_cam: FloatArray, px_rad: float, fewest: int = 8) -> NDArray[np.intp]:
+    """Return the rows of lines of sight (n, 3) without those far from the cone through the rest."""
+    rows = np.arange(len(los_cam))
+    for _ in range(TRIMS):
+        if len(rows) < fewest:
+            break
+        off = off_axis_angle(los_cam[rows], fit_cone(los_cam[rows]).axis_cam)
+        off = np.abs(off - median(off))
+        good = off <= max(OUTLIER_SIGMAS * MEDIAN_TO_SIGMA * median(off), SMALLEST_TRIM_PX * px_rad)
+        if good.all():
+            break
+        rows = rows[good]
+    return rows
 
 
 SLOW_PX = 0.01
