@@ -41,7 +41,7 @@ from horizonval.estimation.lens_error import WithLensError, lens_errors, with_le
 from horizonval.estimation.limb.cone import arc_order, cone_uncertainty
 from horizonval.estimation.limb.finder import largest_rho_rad
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_variance
+from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_noise
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.horizon import fit_cone
@@ -171,9 +171,10 @@ def _noise_apart(fit: Fit, points: TrustedPoints) -> Fit:
     """Move the scatter beyond the detector's noise from the noise covariance to the systematic one."""
     image, camera, cone = points.picture.grey, points.observation.camera, points.seen_cone()
     rho = float(off_axis_angle(points.seen, cone.axis_cam).mean())
-    variance = pixel_variance(image, camera, cone.axis_cam, rho, points.observation.full_scale)
+    of_pixels = pixel_noise(image, camera, cone.axis_cam, rho, points.observation.full_scale)
+    sign = 1.0 if points.bright_inside else -1.0
     try:
-        noise = noise_covariance(image, camera, points.seen, cone.axis_cam, rho, variance, points.bright_inside)
+        noise = noise_covariance(image, camera, points.seen, cone.axis_cam, of_pixels, sign)
     except np.linalg.LinAlgError:
         return fit
     basis = tangent_basis(fit.nadir_cam)
