@@ -69,7 +69,7 @@ def model_covariance(
         earth_radius_m=radius,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",
     )
-    covariance = covariance + slow_error(los_cam, tangent_basis(axis_cam), 1.0 / max(camera.fx, camera.fy), slow_px)
+    covariance = covariance + slow_error(los_cam, axis_cam, 1.0 / max(camera.fx, camera.fy), slow_px)
     if patterns_m is not None:
         moved = cone_perturbation(los_cam, axis_cam, rho_rad, patterns_m, radius)
         return np.asarray(covariance + moved.T @ moved)

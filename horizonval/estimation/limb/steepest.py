@@ -38,10 +38,10 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.cone import arc_order
+from horizonval.estimation.limb.cone import arc_order, cone_gain
 from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, median, pixel_directions
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle
 
 SEARCH_PX = 6.0
 """Search range for the steepest position about a point of the limb search."""
@@ -223,9 +223,6 @@ def noise_covariance(
     step_px = np.linalg.norm(np.diff(los_cam[order], axis=0), axis=1) * max(camera.fx, camera.fy)
     # The mean distance to both neighbours; a gap is no distance.
     variance[order] /= np.clip(0.5 * (np.append(step_px, step_px[-1]) + np.insert(step_px, 0, step_px[0])), 0.1, 1.0)
-    across = los_cam @ tangent_basis(axis_cam)
-    across /= np.linalg.norm(across, axis=1)[:, None]
     # A point that the image moves inwards is seen at a smaller angle from the axis.
-    jacobian = np.column_stack([across, np.ones(len(across))])
-    gain = np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
+    gain = cone_gain(los_cam, axis_cam)
     return np.asarray((gain * variance) @ gain.T)

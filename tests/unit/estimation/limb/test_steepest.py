@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from horizonval.estimation.limb.cone import limb_directions
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.proposals import LimbPoints
+from horizonval.estimation.limb.pyramid import cone_frame, on_cone, trace_limb
 from horizonval.estimation.limb.steepest import (
     NEEDED_PX,
     PixelNoise,
@@ -18,7 +18,7 @@ from horizonval.estimation.limb.steepest import (
     pixel_noise,
     to_steepest,
 )
-from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
@@ -94,6 +94,13 @@ READ_DN, GAIN = 1.5, 0.07
 TRUE_NOISE = PixelNoise(READ_DN**2, GAIN, DARK)
 
 
+def along_limb() -> np.ndarray:
+    """Directions along the limb whose profiles are in view."""
+    los = on_cone(cone_frame(AXIS), SMALL_RHO, trace_limb(SMALL, AXIS, SMALL_RHO, 1.0).azimuth)
+    uv, _ = project(SMALL, los)
+    return los[((uv >= NEEDED_PX) & (uv <= SIZE - 1 - NEEDED_PX)).all(axis=1)]
+
+
 def noise_free(bright_inside: bool = True) -> np.ndarray:
     depth = (SMALL_RHO - off_axis_angle(unproject(SMALL, pixel_grid(SMALL)), AXIS)) * SMALL.fx
     return DARK + (BRIGHT - DARK) * ndtr((depth if bright_inside else -depth) / 1.2)
@@ -138,7 +145,7 @@ def test_saturated_ground_has_no_noise_to_read():
 def test_it_is_the_covariance_of_draws(bright_inside):
     """60 draws: the sample covariance of three unknowns is good to a fifth, its ratios' extremes to a factor of 1.7."""
     image = noise_free(bright_inside)
-    start = limb_directions(SMALL, AXIS, SMALL_RHO, NEEDED_PX)
+    start = along_limb()
     start, _ = to_steepest(image, SMALL, start, AXIS, bright_inside)
     claimed = noise_covariance(image, SMALL, start, AXIS, TRUE_NOISE, 1.0 if bright_inside else -1.0)
     basis = tangent_basis(AXIS)
@@ -155,7 +162,7 @@ def test_it_is_the_covariance_of_draws(bright_inside):
 
 def test_twice_the_variance_is_twice_the_covariance():
     image = noise_free()
-    los, _ = to_steepest(image, SMALL, limb_directions(SMALL, AXIS, SMALL_RHO, NEEDED_PX), AXIS, True)
+    los, _ = to_steepest(image, SMALL, along_limb(), AXIS, True)
     one, two = (
         noise_covariance(image, SMALL, los, AXIS, PixelNoise(k * READ_DN**2, k * GAIN, DARK), 1.0) for k in (1.0, 2.0)
     )
@@ -165,6 +172,6 @@ def test_twice_the_variance_is_twice_the_covariance():
 
 def test_points_that_determine_no_cone_raise():
     image = noise_free()
-    los = np.repeat(limb_directions(SMALL, AXIS, SMALL_RHO, NEEDED_PX)[:1], 5, axis=0)
+    los = np.repeat(along_limb()[:1], 5, axis=0)
     with pytest.raises(np.linalg.LinAlgError):
         noise_covariance(image, SMALL, los, AXIS, TRUE_NOISE, 1.0)
