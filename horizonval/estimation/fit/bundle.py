@@ -66,7 +66,8 @@ class Shot:
     """One instant: pixels, unknowns and their equations.
 
     ``turns``: shape (3, 3) of every image, camera from body; ``state``: the unknowns as they are; ``common``: how many
-    of the images' own unknowns, the last ones of each, are common to all of them.
+    of the images' own unknowns, the last ones of each, are common to all of them; ``lowest``: shape (own,), least
+    values of an image's own unknowns.
     """
 
     def __init__(
@@ -76,9 +77,10 @@ class Shot:
         state: ShotState,
         turns: Sequence[FloatArray] = (np.eye(3),),
         common: int = 0,
+        lowest: FloatArray | float = -np.inf,
     ) -> None:
         self._chooser, self.prior, self.turns = chooser, prior, tuple(turns)
-        self.state = state
+        self.state, self._lowest = state, lowest
         alone = [len(own) - common for own in state.own]
         self.count = POSE + sum(alone) + common
         """Number of unknowns of pose and images."""
@@ -137,8 +139,8 @@ class Shot:
         follow as the covariance says.
         """
         cost = 0.0
-        for model, own, at in zip(self._chosen.models, self.state.own, self.own_at, strict=True):
-            beyond = model.moved(own, step[at]) - (own + step[at])
+        for own, at in zip(self.state.own, self.own_at, strict=True):
+            beyond = np.maximum(self._lowest - own - step[at], 0.0)
             for k in np.flatnonzero(beyond):
                 by_unit = covariance[at[k]] / covariance[at[k], at[k]]
                 cost += float(beyond[k] ** 2 / covariance[at[k], at[k]])

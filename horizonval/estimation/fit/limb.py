@@ -17,7 +17,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
-from horizonval.estimation.fit.edge import EdgeLook, EdgeModel, SectorPlaces, sector_places
+from horizonval.estimation.fit.edge import LOWEST, EdgeLook, EdgeModel, SectorPlaces, sector_places
 from horizonval.estimation.fit.edge_pixels import EdgeChooser, EdgeImage
 from horizonval.estimation.fit.image import LENS, POSE
 from horizonval.estimation.fit.known import LimbKnowledge
@@ -81,7 +81,7 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     """
     chooser = EdgeChooser(images, knowledge)
     prior = ShotPrior(knowledge.mean, knowledge.information)
-    shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images], common=1)
+    shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images], common=1, lowest=LOWEST)
     few = (Stage(pixels=FEW_PIXELS, tolerance=0.5),) if max(one.image.size for one in images) > LARGE_PX else ()
     sigmas = np.zeros(SHARED)
     if len(images) == 1:

@@ -118,7 +118,11 @@ class _Search:
             step = solved.step(equations)
             if steady and damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0:
                 self._try(self._bounded(step))
-                return
+                # On the way from where the noise was steady it may have changed.
+                if not stage.settle or self._weigh() < options.steady:
+                    return
+                solved = None
+                continue
             bounded = self._bounded(step)
             gain = self._try(bounded)
             cuts = 0
@@ -153,9 +157,13 @@ class _Search:
                 self._choose(stage)
                 solved = None
             if stage.settle and not steady:
-                steady = max(shot.weigh(bundle.shared) for shot in bundle.shots) < options.steady
+                steady = self._weigh() < options.steady
         if step is None or step.square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
+
+    def _weigh(self) -> float:
+        """Estimate the noise again; return the largest change of a shot's."""
+        return max(shot.weigh(self.bundle.shared) for shot in self.bundle.shots)
 
     def _choose(self, stage: Stage) -> None:
         for shot in self.bundle.shots:

@@ -35,8 +35,8 @@ AGREEMENT = 5.0
 """Threshold of all consistency tests: two Gaussian degrees of freedom exceed it four times in a million."""
 AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
 """Smallest tolerance for methods with whole pixels or circles where the guard uses sub-pixels and cones."""
-LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 5e3, 0.5
-"""Largest relief of a limb along itself: twice that of cloud tops, and what the phases of wide pixels leave."""
+LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
+"""Largest relief of a limb along itself: cloud tops reach the tropopause; and what the phases of wide pixels leave."""
 SMOOTHED_RAD = float(np.deg2rad(4.0))
 """Length of limb, by azimuth, of a mean along it: clouds vary faster along it than sunlight."""
 SEEN_RELIEF_RAD = 0.15

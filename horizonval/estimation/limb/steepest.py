@@ -34,7 +34,7 @@ from scipy import sparse
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, PIXEL_DIRECTIONS, median
+from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, median, pixel_directions
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
@@ -171,7 +171,7 @@ def pixel_variance(
 def _beside(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:
     """Return which pixels, of the image in one row, lie beside a limb, and how far inside of it [px]."""
     px_per_rad = max(camera.fx, camera.fy)
-    directions = PIXEL_DIRECTIONS.of(camera).reshape(-1, 3)
+    directions = pixel_directions(camera).reshape(-1, 3)
     # By the cosine first, a little further than it takes: one product in place of an arc tangent for every pixel.
     reach = (FARTHEST_PX + 1.0) / px_per_rad
     nearest, farthest = np.cos(np.clip([rho_rad - reach, rho_rad + reach], 0.0, np.pi))

@@ -181,12 +181,16 @@ def test_derivatives_of_the_profile(scale: float) -> None:
     by_x = (edge_profile(x + h, blur, soft).level - edge_profile(x - h, blur, soft).level) / (2 * h)
     by_blur = (edge_profile(x, blur + h, soft).level - edge_profile(x, blur - h, soft).level) / (2 * h)
     assert edge.slope == pytest.approx(by_x, abs=1e-8)
-    if soft is None or scale > 0.1:
-        # below, the profile is held at its smallest scale height, which grows with the blur
-        assert edge.by_blur == pytest.approx(by_blur, abs=1e-8)
-    if soft is not None and scale > 0.1:
+    assert edge.by_blur == pytest.approx(by_blur, abs=1e-8)
+    if soft is not None:
         by_scale = (edge_profile(x, blur, soft + h).level - edge_profile(x, blur, soft - h).level) / (2 * h)
         assert edge.by_scale == pytest.approx(by_scale, abs=1e-8)
+
+
+def test_the_series_of_a_nearly_hard_limb_continues_the_profile() -> None:
+    x = np.linspace(-4.0, 4.0, 81)
+    below, above = (edge_profile(x, 0.8, np.full(81, scale)).level for scale in (0.04 - 1e-9, 0.04 + 1e-9))
+    assert below == pytest.approx(above, abs=1e-4)
 
 
 def _problem(spread: float) -> tuple[np.ndarray, ...]:
