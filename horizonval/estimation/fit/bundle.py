@@ -80,9 +80,9 @@ class Shot:
         """Number of unknowns of pose and images."""
         return POSE + sum(len(own) for own in self.state.own)
 
-    def choose(self, shared: FloatArray, most: int | None) -> None:
-        """Choose the pixels near the limb at the present state."""
-        self.chosen = self._chooser(self.state, shared[:LENS], most, self.chosen)
+    def choose(self, shared: FloatArray, most: int | None = None, tighter: float = 1.0) -> None:
+        """Choose the pixels near the limb at the present state; parameters as for ``Chooser``."""
+        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, self.chosen)
         self.state = self.chosen.state
         self.noises = [noise for noise in self.chosen.noises if noise is not None]
         looks = self._looks(self.state, shared, None)
@@ -202,6 +202,14 @@ class ShotEquations:
         again.rights = again._rights(shared)
         return again
 
+    def product(self, image: int, weighed: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides, shapes (x + 8,) and (k,), that weighed numbers (n,) at an image's pixels make."""
+        assert self._shot.chosen is not None
+        shared, air = self._linears[image].product(weighed)
+        right_air = np.zeros(len(self.air))
+        right_air[self._shot.chosen.columns[image]] = air
+        return self._picked[image].T @ shared, right_air
+
     def _rights(self, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
         shot = self._shot
         assert shot.seen is not None
@@ -219,7 +227,7 @@ class ShotEquations:
             strict=True,
         )
         for linear, picked, at, look, weights, model, own, turn in each:
-            of_pixels, of_air = linear.rights(look, weights)
+            of_pixels, of_air = linear.product(weights * look.residuals)
             prior = model.prior(shot.state.pose.of_camera(turn), own)
             right += picked.T @ (of_pixels + prior.right)
             right_air[at] += of_air
@@ -259,7 +267,10 @@ class Eliminated:
 
     def right(self, equations: ShotEquations) -> tuple[FloatArray, FloatArray]:
         """Return the right side (x + 8,) of equations with the same derivatives, and what the air needs of them."""
-        right, right_air = equations.rights
+        return self.without_air(*equations.rights)
+
+    def without_air(self, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return right sides with the air eliminated, as :meth:`right` does."""
         half_air = self._forward(right_air)
         return right - self._half.T @ half_air, half_air
 
@@ -391,6 +402,16 @@ class Solved:
                 covariance = self._inverse[k][:POSE, :POSE]
                 square = max(square, float(own[:POSE] @ np.linalg.solve(covariance, own[:POSE])))
         return Step(of_shared, parts, square, gained)
+
+    def answer(self, k: int, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, float]:
+        """Return how a shot's unknowns, shape (x,), follow other right sides, and the product of sides and answer.
+
+        ``right``: shape (x + 8,); ``right_air``: of the air. What all shots share is held.
+        """
+        count = self._bundle.shots[k].count
+        left, half_air = self._airless[k].without_air(right, right_air)
+        own = self._inverse[k] @ left[:count]
+        return own, float(left[:count] @ own) + float(half_air @ half_air)
 
     @cached_property
     def covariance(self) -> FloatArray:

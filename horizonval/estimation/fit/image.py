@@ -50,8 +50,8 @@ class Linear(Protocol):
     @property
     def air(self) -> FloatArray: ...
 
-    def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the right sides, shapes (s,) and (k,), of other residuals by the same derivatives."""
+    def product(self, weighed: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives times weighed numbers at the pixels (n,), shapes (s,) and (k,): right sides."""
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,12 @@ class Chosen:
 class Chooser(Protocol):
     """Chooses the pixels of all images of a shot."""
 
-    def __call__(self, state: ShotState, lens: FloatArray, most: int | None, before: Chosen | None) -> Chosen:
+    def __call__(
+        self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
+    ) -> Chosen:
         """Return the pixels near the limb at a state, about ``most`` per image.
 
-        ``lens``: shape (4,), errors of the lens; ``before``: the choice so far, from which air and noise are taken
+        ``lens``: shape (4,), errors of the lens; ``tighter``: factor on the priors' information on the blur, for a
+        first part of the way; ``before``: the choice so far, from which air and noise are taken
         over. Raises ``LinAlgError``: too little limb in view.
         """

@@ -25,11 +25,13 @@ from horizonval.estimation.fit.image import POSE, ShotState
 class Stage:
     """A part of the way to the most probable unknowns.
 
-    ``pixels``: about how many per image, None for all; ``tolerance``: length of a step, in its own standard deviations,
-    that ends the stage; ``settle``: whether the noise is estimated again on the way.
+    ``pixels``: about how many per image, None for all; ``tighter``: factor on the priors' information on the blur, above
+    1 where the lens is held at first; ``tolerance``: length of a step, in its own standard deviations, that ends the
+    stage; ``settle``: whether the noise is estimated again on the way.
     """
 
     pixels: int | None = None
+    tighter: float = 1.0
     tolerance: float = 0.05
     settle: bool = True
 
@@ -61,12 +63,14 @@ class Solution:
     """The most probable unknowns of a bundle are its state; this is their uncertainty.
 
     ``covariance``: shape (8, 8), of the shared unknowns; ``shots``: of every shot; ``steps``: of every shot's pose,
-    shape (k, 7) each.
+    shape (k, 7) each; ``equations``, ``solved``: those that it is from.
     """
 
     covariance: FloatArray
     shots: Sequence[ShotSolution]
     steps: Sequence[FloatArray]
+    equations: Sequence[ShotEquations]
+    solved: Solved
 
 
 def solve(bundle: Bundle, options: SolverOptions, progress: Progress | None = None) -> Solution:
@@ -92,7 +96,8 @@ class _Search:
         solved = Solved(bundle, equations)
         self._try(solved.step(equations))
         shots = [solved.of_shot(k, one) for k, one in enumerate(equations)]
-        return Solution(solved.covariance, shots, [np.array(one).reshape(-1, POSE) for one in self.steps])
+        steps = [np.array(one).reshape(-1, POSE) for one in self.steps]
+        return Solution(solved.covariance, shots, steps, equations, solved)
 
     def _stage(self, stage: Stage) -> None:
         options, bundle = self.options, self.bundle
@@ -135,7 +140,7 @@ class _Search:
 
     def _choose(self, stage: Stage) -> None:
         for shot in self.bundle.shots:
-            shot.choose(self.bundle.shared, stage.pixels)
+            shot.choose(self.bundle.shared, stage.pixels, stage.tighter)
         self.moved_px = 0.0
 
     def _equations(self) -> list[ShotEquations]:
