@@ -24,7 +24,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from numpy.typing import NDArray
+from scipy.linalg import lapack, solve_triangular
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -34,6 +35,7 @@ from horizonval.estimation.fit.pose import LimbPose
 
 TURN, HEIGHT, SHARED = slice(LENS, LENS + 3), LENS + 3, LENS + 4
 """Places of mounting and common height among the shared unknowns, and how many there are."""
+UNDETERMINED = "the limb in view does not determine the fit's unknowns"
 
 
 @dataclass(frozen=True)
@@ -131,12 +133,13 @@ class Shot:
         steps = self._of_images(step, of_shared)
         return max(model.motion_px(one[: POSE + LENS]) for model, one in zip(self._chosen.models, steps, strict=True))
 
-    def equations(self, shared: FloatArray) -> ShotEquations:
-        """Return the equations at the present state."""
+    def equations(self, shared: FloatArray, free: NDArray[np.intp]) -> ShotEquations:
+        """Return the equations at the present state; ``free``: indices of the shared unknowns that are not exact."""
         assert self.seen is not None
         models = self._chosen.models
         each = zip(models, self.seen.looks, self.state.own, self._weights, strict=True)
-        return ShotEquations(self, [model.linear(look, own, weights) for model, look, own, weights in each], shared)
+        linears = [model.linear(look, own, weights) for model, look, own, weights in each]
+        return ShotEquations(self, linears, shared, free)
 
     @property
     def _chosen(self) -> Chosen:
@@ -169,30 +172,38 @@ class Shot:
 
 
 class ShotEquations:
-    """Normal equations of a shot, with the derivatives of one state and the residuals of any."""
+    """Normal equations of a shot, with the derivatives of one state and the residuals of any.
 
-    def __init__(self, shot: Shot, linears: Sequence[Linear], shared: FloatArray) -> None:
+    ``normal``: shape (x + c, x + c), of pose and own unknowns and of the shared ones that are free; ``mixed``: shape
+    (x + c, a), of these and the air; ``air``: shape (a, a). All without the unit priors of air and shared unknowns.
+    """
+
+    def __init__(self, shot: Shot, linears: Sequence[Linear], shared: FloatArray, free: NDArray[np.intp]) -> None:
         self._shot, self._linears = shot, linears
         chosen, count = shot.chosen, shot.count
         assert chosen is not None
-        size, air_count = count + SHARED, len(shot.state.air)
-        self._picked = self._picks(size)
-        normal, mixed = np.zeros((size, size)), np.zeros((size, air_count))
-        air = np.zeros((air_count, air_count))
+        # How steps of the shared unknowns follow from those of which equations are made.
+        of_shared = np.zeros((SHARED, count + len(free)))
+        of_shared[free, count + np.arange(len(free))] = 1.0
+        self._picked = self._picks(of_shared)
+        air_count = len(shot.state.air)
+        to_prior = np.eye(POSE, count + len(free))
+        to_prior[:3] -= of_shared[TURN]
+        to_prior[POSE - 1] -= of_shared[HEIGHT]
+        self._to_prior = to_prior
+        self.normal = to_prior.T @ shot.prior.information @ to_prior
+        # One image's air is the shot's.
+        alone = len(linears) == 1 and np.array_equal(chosen.columns[0], np.arange(air_count))
+        self.air = linears[0].air if alone else np.zeros((air_count, air_count))
+        self.mixed = np.zeros((count + len(free), air_count))
         for linear, picked, at, model, own, turn in zip(
             linears, self._picked, chosen.columns, chosen.models, shot.state.own, shot.turns, strict=True
         ):
             prior = model.prior(shot.state.pose.of_camera(turn), own)
-            normal += picked.T @ (linear.shared + prior.information) @ picked
-            mixed[:, at] += picked.T @ linear.mixed
-            air[np.ix_(at, at)] += linear.air
-        to_prior = np.zeros((POSE, size))
-        to_prior[:, :POSE] = np.eye(POSE)
-        to_prior[:3, count + TURN.start : count + TURN.stop] = -np.eye(3)
-        to_prior[POSE - 1, count + HEIGHT] = -1.0
-        self._to_prior = to_prior
-        self.normal = normal + to_prior.T @ shot.prior.information @ to_prior
-        self.mixed, self.air = mixed, air
+            self.normal += picked.T @ (linear.shared + prior.information) @ picked
+            self.mixed[:, at] += picked.T @ linear.mixed
+            if not alone:
+                self.air[np.ix_(at, at)] += linear.air
         self.rights = self._rights(shared)
 
     def again(self, shared: FloatArray) -> ShotEquations:
@@ -202,13 +213,13 @@ class ShotEquations:
         again.rights = again._rights(shared)
         return again
 
-    def product(self, image: int, weighed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the right sides, shapes (x + 8,) and (k,), that weighed numbers (n,) at an image's pixels make."""
+    def rights_of(self, image: int, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides, shapes (x + c,) and (a,), that other residuals of one image make alone."""
         assert self._shot.chosen is not None
-        shared, air = self._linears[image].product(weighed)
+        of_pixels, of_air = self._linears[image].rights(look, weights)
         right_air = np.zeros(len(self.air))
-        right_air[self._shot.chosen.columns[image]] = air
-        return self._picked[image].T @ shared, right_air
+        right_air[self._shot.chosen.columns[image]] = of_air
+        return self._picked[image].T @ of_pixels, right_air
 
     def _rights(self, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
         shot = self._shot
@@ -227,21 +238,21 @@ class ShotEquations:
             strict=True,
         )
         for linear, picked, at, look, weights, model, own, turn in each:
-            of_pixels, of_air = linear.product(weights * look.residuals)
+            of_pixels, of_air = linear.rights(look, weights)
             prior = model.prior(shot.state.pose.of_camera(turn), own)
             right += picked.T @ (of_pixels + prior.right)
             right_air[at] += of_air
         wanted = shot.prior.wanted(shot.state.pose, shared)
         return right + self._to_prior.T @ (shot.prior.information @ wanted), right_air
 
-    def _picks(self, size: int) -> list[FloatArray]:
-        """Return how every image's shared unknowns (7 + 4 + own) follow from those of shot and bundle."""
+    def _picks(self, of_shared: FloatArray) -> list[FloatArray]:
+        """Return how the unknowns of every image (7 + 4 + own) follow from those of shot and bundle."""
         picks, first = [], POSE
         for turn, own in zip(self._shot.turns, self._shot.state.own, strict=True):
-            picked = np.zeros((POSE + LENS + len(own), size))
+            picked = np.zeros((POSE + LENS + len(own), of_shared.shape[1]))
             picked[:3, :3] = turn
             picked[3:POSE, 3:POSE] = np.eye(POSE - 3)
-            picked[POSE : POSE + LENS, self._shot.count : self._shot.count + LENS] = np.eye(LENS)
+            picked[POSE : POSE + LENS] = of_shared[:LENS]
             picked[POSE + LENS :, first : first + len(own)] = np.eye(len(own))
             first += len(own)
             picks.append(picked)
@@ -251,31 +262,34 @@ class ShotEquations:
 class Eliminated:
     """A shot's equations with the air eliminated, and how steps of the air follow.
 
-    ``normal``: shape (x + 8, x + 8); raises ``LinAlgError`` where there is no solution.
+    ``normal``: shape (x + c, x + c); raises ``LinAlgError`` where there is no solution.
     """
 
-    def __init__(self, equations: ShotEquations, scales: FloatArray, damping: float) -> None:
-        self._equations = equations
+    def __init__(self, equations: ShotEquations, damping: float, scales: FloatArray | None) -> None:
         if not all(np.isfinite(one).all() for one in (equations.normal, equations.air, equations.mixed)):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
-        air = equations.air.copy()
+        # Symmetric: the transpose is the matrix in the order that the factorisation overwrites.
+        air = equations.air.copy().T
         air[np.diag_indices(len(air))] += 1.0 + damping
-        self._root = cholesky(air, lower=True, overwrite_a=True, check_finite=False) if len(air) else air
+        self._root = root_of(air)
         self._half = self._forward(equations.mixed.T)
         self.normal = equations.normal - self._half.T @ self._half
-        self.normal[np.diag_indices(len(scales))] += damping / scales**2
+        if scales is not None:
+            self.normal[np.diag_indices(len(scales))] += damping / scales**2
 
     def right(self, equations: ShotEquations) -> tuple[FloatArray, FloatArray]:
-        """Return the right side (x + 8,) of equations with the same derivatives, and what the air needs of them."""
+        """Return the right side (x + c,) of equations with the same derivatives, and what the air needs of them."""
         return self.without_air(*equations.rights)
 
     def without_air(self, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return right sides with the air eliminated, as :meth:`right` does."""
+        if not (np.isfinite(right).all() and np.isfinite(right_air).all()):
+            raise np.linalg.LinAlgError("the fit's equations have no solution")
         half_air = self._forward(right_air)
         return right - self._half.T @ half_air, half_air
 
     def air_step(self, step: FloatArray, half_air: FloatArray) -> FloatArray:
-        """Return the step of the air that belongs to one of the other unknowns, shape (x + 8,)."""
+        """Return the step of the air that belongs to one of the other unknowns, shape (x + c,)."""
         if not len(half_air):
             return half_air
         return np.asarray(
@@ -289,7 +303,7 @@ class Eliminated:
         """
         if not len(self._root):
             return 0.0
-        inverse = solve_triangular(self._root, np.eye(len(self._root)), lower=True, check_finite=False)
+        inverse = np.tril(lapack.dtrtri(self._root, lower=1)[0])
         through = inverse.T @ self._half[:, : len(covariance)]
         return float(np.sum(inverse**2)) + float(np.sum((through @ covariance) * through))
 
@@ -327,9 +341,14 @@ class Bundle:
     shared: FloatArray = field(default_factory=lambda: np.zeros(SHARED))
 
     @property
+    def free(self) -> NDArray[np.intp]:
+        """Indices of the shared unknowns that are not exact."""
+        return np.flatnonzero(self.sigmas > 0.0)
+
+    @property
     def merit(self) -> float:
         """Minus twice the log likelihood of all pixels, with all priors."""
-        free = self.sigmas > 0.0
+        free = self.free
         prior = float(np.sum((self.shared[free] / self.sigmas[free]) ** 2))
         return prior + sum(shot.seen.merit for shot in self.shots if shot.seen is not None)
 
@@ -361,52 +380,50 @@ class Solved:
     """The equations of a bundle with everything eliminated but what all shots share, damped by ``damping``."""
 
     def __init__(self, bundle: Bundle, equations: Sequence[ShotEquations], damping: float = 0.0) -> None:
-        self._bundle, self.damping = bundle, damping
-        self._free = bundle.sigmas > 0.0
-        self._airless = [
-            Eliminated(one, _scales(shot), damping) for one, shot in zip(equations, bundle.shots, strict=True)
-        ]
-        self._inverse = [
-            scaled_inverse(one.normal[: shot.count, : shot.count])
-            for one, shot in zip(self._airless, bundle.shots, strict=True)
-        ]
-        self._gains = [
-            inverse @ one.normal[: shot.count, shot.count :]
-            for one, inverse, shot in zip(self._airless, self._inverse, bundle.shots, strict=True)
-        ]
+        self._bundle, self._free, self._sigmas = bundle, bundle.free, bundle.sigmas[bundle.free]
+        self._airless, self._inverse, self._gains, self._of_pose = [], [], [], []
         # In units of the priors' sigmas: their own information is the unit matrix.
-        total = np.eye(SHARED) * (1.0 + damping)
-        for one, gain, shot in zip(self._airless, self._gains, bundle.shots, strict=True):
-            left = one.normal[shot.count :, shot.count :] - one.normal[shot.count :, : shot.count] @ gain
-            total += left * np.outer(bundle.sigmas, bundle.sigmas)
-        self._total = cho_factor(total)
+        total = np.eye(len(self._free)) * (1.0 + damping)
+        for shot, one in zip(bundle.shots, equations, strict=True):
+            airless, count = Eliminated(one, damping, _scales(shot) if damping > 0.0 else None), shot.count
+            inverse = scaled_inverse(airless.normal[:count, :count])
+            gain = inverse @ airless.normal[:count, count:]
+            total += (airless.normal[count:, count:] - airless.normal[count:, :count] @ gain) * np.outer(
+                self._sigmas, self._sigmas
+            )
+            self._airless.append(airless)
+            self._inverse.append(inverse)
+            self._gains.append(gain)
+            self._of_pose.append(scaled_inverse(inverse[:POSE, :POSE]))
+        self._total = scaled_inverse(total)
 
     def step(self, equations: Sequence[ShotEquations]) -> Step:
         """Return the step by equations with these derivatives and the present residuals."""
         bundle = self._bundle
         rights = [one.right(of_shot) for one, of_shot in zip(self._airless, equations, strict=True)]
-        pull = -bundle.shared / np.where(self._free, bundle.sigmas, 1.0)
+        pull = -bundle.shared[self._free] / self._sigmas
         for shot, (right, _), gain in zip(bundle.shots, rights, self._gains, strict=True):
-            pull = pull + bundle.sigmas * (right[shot.count :] - gain.T @ right[: shot.count])
-        unit = cho_solve(self._total, pull)
-        of_shared = bundle.sigmas * unit
-        parts, square = [], float(unit @ pull)
-        gained = float(pull @ unit)
+            pull = pull + self._sigmas * (right[shot.count :] - gain.T @ right[: shot.count])
+        unit = self._total @ pull
+        of_free = self._sigmas * unit
+        parts = []
+        square = gained = float(unit @ pull)
         for k, (shot, (right, half_air)) in enumerate(zip(bundle.shots, rights, strict=True)):
             free = self._inverse[k] @ right[: shot.count]
-            own = free - self._gains[k] @ of_shared
-            of_air = self._airless[k].air_step(np.concatenate([own, of_shared]), half_air)
+            own = free - self._gains[k] @ of_free
+            of_air = self._airless[k].air_step(np.concatenate([own, of_free]), half_air)
             parts.append((own, of_air))
             gained += float(right[: shot.count] @ free) + float(half_air @ half_air)
-            if not self._free.any():
-                covariance = self._inverse[k][:POSE, :POSE]
-                square = max(square, float(own[:POSE] @ np.linalg.solve(covariance, own[:POSE])))
+            if not len(self._free):
+                square = max(square, float(own[:POSE] @ self._of_pose[k] @ own[:POSE]))
+        of_shared = np.zeros(SHARED)
+        of_shared[self._free] = of_free
         return Step(of_shared, parts, square, gained)
 
     def answer(self, k: int, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, float]:
         """Return how a shot's unknowns, shape (x,), follow other right sides, and the product of sides and answer.
 
-        ``right``: shape (x + 8,); ``right_air``: of the air. What all shots share is held.
+        ``right``: shape (x + c,); ``right_air``: of the air. What all shots share is held.
         """
         count = self._bundle.shots[k].count
         left, half_air = self._airless[k].without_air(right, right_air)
@@ -416,14 +433,17 @@ class Solved:
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of the shared unknowns, shape (8, 8); 0 of what is exact."""
-        sigmas = self._bundle.sigmas
-        return np.asarray(cho_solve(self._total, np.eye(SHARED)) * np.outer(sigmas, sigmas))
+        covariance = np.zeros((SHARED, SHARED))
+        covariance[np.ix_(self._free, self._free)] = self._total * np.outer(self._sigmas, self._sigmas)
+        return covariance
 
     def of_shot(self, k: int, equations: ShotEquations) -> ShotSolution:
         """Return the uncertainty of a shot, the shared unknowns at their values."""
         count, covariance = self._bundle.shots[k].count, self._inverse[k]
         known = scaled_inverse(equations.normal[:count, :count])
-        return ShotSolution(covariance, known, -self._gains[k], self._airless[k].air_open(covariance))
+        by_shared = np.zeros((count, SHARED))
+        by_shared[:, self._free] = -self._gains[k]
+        return ShotSolution(covariance, known, by_shared, self._airless[k].air_open(covariance))
 
 
 def _scales(shot: Shot) -> FloatArray:
@@ -443,7 +463,23 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
 
     Raises ``LinAlgError``: undetermined unknowns.
     """
-    size = np.sqrt(np.diag(matrix))
-    if not (np.isfinite(size).all() and (size > 0.0).all()):
-        raise np.linalg.LinAlgError("the limb in view does not determine the fit's unknowns")
-    return np.asarray(np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size))
+    square = np.diag(matrix)
+    if not (np.isfinite(matrix).all() and (square > 0.0).all()):
+        raise np.linalg.LinAlgError(UNDETERMINED)
+    size = np.sqrt(square)
+    root = root_of(np.array(matrix / np.outer(size, size), order="F"))
+    half = solve_triangular(root, np.diag(1.0 / size), lower=True, check_finite=False)
+    return half.T @ half
+
+
+def root_of(matrix: FloatArray) -> FloatArray:
+    """Return the lower root of a positive definite matrix in Fortran's order, which is overwritten (Cholesky).
+
+    Raises ``LinAlgError``: undetermined unknowns.
+    """
+    if not len(matrix):
+        return matrix
+    root, failed = lapack.dpotrf(matrix, lower=1, clean=0, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError(UNDETERMINED)
+    return np.asarray(root)

@@ -50,8 +50,8 @@ class Linear(Protocol):
     @property
     def air(self) -> FloatArray: ...
 
-    def product(self, weighed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives times weighed numbers at the pixels (n,), shapes (s,) and (k,): right sides."""
+    def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides, shapes (s,) and (k,), of other residuals by the same derivatives."""
 
 
 @dataclass(frozen=True)

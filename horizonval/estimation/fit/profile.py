@@ -29,6 +29,7 @@ so that no pixel enters or leaves a fit at once.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,7 +39,7 @@ from scipy.special import ndtr
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
 from horizonval.estimation.fit.blurred import BlurredProfiles, blur_after
-from horizonval.estimation.fit.image import LENS, POSE, Chosen, OwnPrior, ShotState
+from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile_pixels import (
@@ -80,6 +81,8 @@ LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
 derivatives."""
 EIGHTHS = 9
 """Places along a side of a grid of every eighth pixel."""
+SMALL_IMAGES = 16
+"""Pixels of an image per pixel near its limb that is asked for: the limb of a wide view has fewer."""
 LEAST_TAPER = 1e-3
 """Smallest weight of a pixel below the window: as good as none."""
 
@@ -159,7 +162,10 @@ class ProfileModel:
         tighter: float = 1.0,
     ) -> None:
         self.pose, self.lens, self.knowledge, self.camera = pose, lens.copy(), knowledge, camera
-        self.tighter, self.most = tighter, most
+        self.tighter = tighter
+        # Small images are not worth a choice of their own.
+        self.thinned = most is not None and camera.width * camera.height > SMALL_IMAGES * most
+        most = most if self.thinned else None
         _, high = knowledge.heights_m
         axes = knowledge.ellipsoid.axes_m
         to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
@@ -198,6 +204,12 @@ class ProfileModel:
         )
         self._least = rounding_variance(near.values) / near.group
         self._last: tuple[FloatArray, ProfileLook] | None = None
+
+    def held(self, tighter: float) -> ProfileModel:
+        """Return the same pixels with another factor on the information on blur and sharpness."""
+        one = copy(self)
+        one.tighter = tighter
+        return one
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
         """Return the own unknowns after a step."""
@@ -306,7 +318,7 @@ class ProfileModel:
         variance, shown = variance_of(
             look.residuals, near.light * look.level, np.array([clouds**2, per_px**2]), self._least + neglected
         )
-        if self.most is None:
+        if self.tighter == 1.0:
             in_sigmas = look.residuals * np.sqrt(PixelNoise(variance).weights(look.residuals))
             side_px = max(1.0, near.group / GROUP_PX)
             common = correlated(near.columns, near.rows, in_sigmas, side_px)
@@ -374,12 +386,9 @@ class ProfileLinear:
         self.mixed = np.einsum("ikj,ij->kj", mixed[:, :, air.function], air.wave)
         self.air = _of_waves(air, own_, next_)
 
-    def rights(self, look: ProfileLook, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the right sides of other residuals."""
-        return self.product(weights * look.residuals)
-
-    def product(self, weighed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the products of the derivatives with weighed numbers, shape (n,): by shared unknowns and air."""
+        weighed = weights * look.residuals
         near, air = self._model.near, self._model.air
         count = len(air.names)
         at_nodes = np.zeros((len(near.starts), count))
@@ -433,6 +442,7 @@ class ProfileImage:
 class ProfileChosen(Chosen):
     """Pixels of all images, and the air that they share."""
 
+    models: Sequence[ProfileModel]
     air: CommonAir
 
 
@@ -451,9 +461,8 @@ class ProfileChooser:
     ) -> ProfileChosen:
         """Return the pixels near the limb at a state."""
         if isinstance(before, ProfileChosen) and self._still_good(before, state, lens, most):
-            for model in before.models:
-                model.tighter = tighter
-            return replace(before, state=state)
+            held = [model.held(tighter) for model in before.models]
+            return replace(before, models=held, state=state, noises=[None] * len(held))
         models = []
         for one, own in zip(self._images, state.own, strict=True):
             camera = one.camera
@@ -482,7 +491,6 @@ class ProfileChooser:
         """Return whether pixels are as good as those that would be chosen now."""
         for one, model in zip(self._images, before.models, strict=True):
             step = np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens])
-            fewer = model.most != most and len(model.near.values) > (most or 0)
-            if model.motion_px(step) > NEAR_PX or (model.most != most and not self._all_taken(model, most)):
+            if (model.thinned and most is None) or model.motion_px(step) > NEAR_PX:
                 return False
         return True

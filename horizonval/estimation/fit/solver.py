@@ -91,10 +91,14 @@ class _Search:
         bundle = self.bundle
         for stage in self.options.stages:
             self._stage(stage)
-        # The claim is that of the unknowns, pixels and noise as they are now; its step is still taken.
-        equations = self._equations()
-        solved = Solved(bundle, equations)
-        self._try(solved.step(equations))
+        # Frozen derivatives end a few hundredths of a sigma from the best unknowns, so the last steps have new ones.
+        # The claim is that of unknowns, pixels and noise before the last step, which is short.
+        for _ in range(self.options.most_steps):
+            equations = self._equations()
+            solved = Solved(bundle, equations)
+            step = solved.step(equations)
+            if self._try(self._bounded(step)) < 0.0 or step.square < self.options.stages[-1].tolerance ** 2:
+                break
         shots = [solved.of_shot(k, one) for k, one in enumerate(equations)]
         steps = [np.array(one).reshape(-1, POSE) for one in self.steps]
         return Solution(solved.covariance, shots, steps, equations, solved)
@@ -104,31 +108,40 @@ class _Search:
         self._choose(stage)
         equations: list[ShotEquations] = []
         solved: Solved | None = None
-        steady, step = not stage.settle, None
+        damping, steady = 0.0, not stage.settle
+        step: Step | None = None
         for number in range(options.most_steps):
+            fresh = solved is None
             if solved is None:
                 equations = self._equations()
-                solved = Solved(bundle, equations)
+                solved = Solved(bundle, equations, damping)
             else:
                 equations = [one.again(bundle.shared) for one in equations]
-            step = self._bounded(solved.step(equations))
-            if steady and step.square < stage.tolerance**2 and step.gained < 1.0:
-                self._try(step)
+            step = solved.step(equations)
+            if steady and damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0:
+                self._try(self._bounded(step))
                 return
-            gain = self._try(step)
+            bounded = self._bounded(step)
+            gain = self._try(bounded)
             while gain < -options.rounding:
-                damping = max(options.first_damping, options.damping_factor * solved.damping)
-                if damping > options.most_damping:
-                    # Nothing near is better: the best place is this one, to rounding.
-                    return
-                equations = self._equations() if solved.damping == 0.0 else equations
+                if fresh:
+                    damping = max(options.first_damping, options.damping_factor * damping)
+                    if damping > options.most_damping:
+                        # Nothing near is better: the best place is this one, to rounding.
+                        return
+                else:
+                    equations, fresh = self._equations(), True
                 solved = Solved(bundle, equations, damping)
-                step = self._bounded(solved.step(equations))
-                gain = self._try(step)
+                step = solved.step(equations)
+                bounded = self._bounded(step)
+                gain = self._try(bounded)
             self.progress.step(
                 "fit", f"step {number + 1} of at most {options.most_steps}, {np.sqrt(step.square):.2g} sigma long"
             )
-            if gain < options.good * step.gained - options.rounding or solved.damping > 0.0:
+            if gain < options.good * bounded.gained - options.rounding:
+                solved = None
+            if damping > 0.0:
+                damping = damping / options.damping_factor if damping > options.first_damping else 0.0
                 solved = None
             if self.moved_px > options.reselect_px:
                 self._choose(stage)
@@ -144,7 +157,7 @@ class _Search:
         self.moved_px = 0.0
 
     def _equations(self) -> list[ShotEquations]:
-        return [shot.equations(self.bundle.shared) for shot in self.bundle.shots]
+        return [shot.equations(self.bundle.shared, self.bundle.free) for shot in self.bundle.shots]
 
     def _bounded(self, step: Step) -> Step:
         """Return a step within the reach of the derivatives."""
