@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, sphere
-from horizonval.geometry.rotation import rotation_vector
 
 
 @dataclass(frozen=True)
@@ -47,34 +47,6 @@ BLUR_PX = 0.7
 FIXED_ANGLE_RAD = 1e-6
 FIXED_LENGTH_M = 0.1
 """Sigmas of what is no unknown: below what an image shows (0.2 arcsec of yaw, 0.01 of altitude), above rounding."""
-
-
-@dataclass(frozen=True)
-class LimbPose:
-    """Camera pose and limb height.
-
-    ``cam_from_itrs``: shape (3, 3), rotation matrix; for a sphere any fixed axes serve as Earth-fixed. ``r_itrs``:
-    shape (3,) [m]. ``height_m``: mean limb height above the ellipsoid along the arc.
-    """
-
-    cam_from_itrs: FloatArray
-    r_itrs: FloatArray
-    height_m: float = 0.0
-
-    @property
-    def nadir_cam(self) -> FloatArray:
-        """Unit vector to the Earth's centre, shape (3,)."""
-        return np.asarray(-self.cam_from_itrs @ self.r_itrs / np.linalg.norm(self.r_itrs))
-
-    def moved(self, step: FloatArray) -> LimbPose:
-        """Return the pose after a step: rotation vector in camera axes [rad], position [m], height [m], shape (7,)."""
-        turn = Rotation.from_rotvec(step[:3]).as_matrix()
-        return LimbPose(turn @ self.cam_from_itrs, self.r_itrs + step[3:6], self.height_m + float(step[6]))
-
-    def step_to(self, other: LimbPose) -> FloatArray:
-        """Return the step, shape (7,), that leads to another pose."""
-        turn = rotation_vector(other.cam_from_itrs @ self.cam_from_itrs.T)
-        return np.concatenate([turn, other.r_itrs - self.r_itrs, [other.height_m - self.height_m]])
 
 
 @dataclass(frozen=True)
