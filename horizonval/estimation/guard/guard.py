@@ -15,8 +15,8 @@
 A method that uses the whole image instead of points answers first; step 5 decides. Methods of several heads are guarded
 by :mod:`horizonval.estimation.guard.heads`.
 
-Where the calibration states errors of the lens, all steps run again with each error
-(:mod:`horizonval.estimation.lens_error`). A claim that becomes too uncertain is refused.
+Where the calibration states errors of the lens, they are part of the claim (:mod:`horizonval.estimation.lens_error`). A
+claim that becomes too uncertain is refused.
 
 The covariance of a fit from points is that of the detector's noise; ``systematic_nadir_cam`` is the covariance of what
 the method's model leaves out.
@@ -38,7 +38,7 @@ from horizonval.estimation.guard.heads import run_heads
 from horizonval.estimation.guard.limits import blur_of, model_covariance
 from horizonval.estimation.guard.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted, in_wider_pixels
-from horizonval.estimation.lens_error import lens_errors, with_lens_error
+from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
 from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD
 from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.limb.finder import find_limb_and_picture
@@ -92,8 +92,9 @@ def guarded(estimator: Estimator) -> Estimator:
     """Return the estimator behind the guard, named ``guarded-<name>``; one that is given the pose is only renamed."""
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
-        run = with_lens_error(partial(run_heads if estimator.needs == "heads" else _run, estimator))
         of_pixels = estimator.needs == "image" and estimator.from_points is None
+        axis_of = estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None
+        run = with_lens_error(partial(run_heads if estimator.needs == "heads" else _run, estimator), axis_of)
         run = partial(_not_too_wide, run, limits.PIXEL_SHARE if of_pixels else 1.0)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 

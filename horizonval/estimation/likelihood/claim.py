@@ -29,6 +29,8 @@ from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 FEWEST_OF_DISC = 6
 """Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
+KNOWN_SIGMAS = 2.0
+"""Standard deviations of the scale height that a pixel covers where the limb's shape is known."""
 LEAST_PX = 32
 """Smallest size of a reduced copy: two windows of the fit, and a limb that bends."""
 
@@ -97,10 +99,14 @@ def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: L
 
 
 def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
-    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1."""
+    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1.
+
+    An exponential whose scale height is known is fitted in the picture's own pixels.
+    """
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
+    deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
     scale = 1
-    while scale * pixel_m < knowledge.scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
         scale *= 2
     return scale
 

@@ -18,7 +18,6 @@ small.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -53,14 +52,13 @@ from horizonval.estimation.limb.pyramid import (
     LARGEST_FINE_PX,
     PyramidLevel,
     levels_of,
-    on_cone,
     trace_limb,
     without_disc,
 )
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import Cone, fit_cone
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle
 
 NOTHING_KNOWN = Prior()
 LARGEST_SHARE_OF_SIDE = 0.3
@@ -110,8 +108,6 @@ STILL_SHOWN = float(np.sqrt(0.5))
 resolved limb gains nothing from smaller pixels and soon exceeds the window."""
 STILL_SEEN = 0.25
 """The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
-REFITS = 2
-"""Cone fits per level; the second changes less than a pixel."""
 TRIED = 2
 """Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
 WHOLE = 0.9
@@ -265,11 +261,6 @@ class _Candidate:
     scale: float
     evidence: Evidence
 
-    @cached_property
-    def los(self) -> FloatArray:
-        """Lines of sight to the middles of its sectors, shape (m, 3)."""
-        return on_cone(self.axis_cam, tangent_basis(self.axis_cam), self.rho_rad, self.evidence.azimuth)
-
 
 def _verdicts(
     levels: list[PyramidLevel], camera: CameraModel, largest_rho_rad: float
@@ -297,14 +288,16 @@ def _proposed(level: PyramidLevel, number: int, camera: CameraModel, largest_rho
     found: list[_Candidate] = []
     for one in propose(level, camera, min(largest_rho_rad + LARGEST_SIGMA_RAD, 0.5 * np.pi)):
         evidence = weigh(level, camera, one.axis_cam, one.rho_rad)
-        if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL:
+        if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL and evidence.score > 0.0:
             found.append(_Candidate(one.axis_cam, one.rho_rad, number, level.scale, evidence))
+            if evidence.explained > WHOLE:
+                break
     return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
 
 
 def _same(one: _Candidate, other: _Candidate) -> bool:
     """Whether two cones have the same limb in view, to the pixels of the coarser one."""
-    off = off_axis_angle(one.los, other.axis_cam) - other.rho_rad
+    off = off_axis_angle(one.evidence.los, other.axis_cam) - other.rho_rad
     return bool(median(np.abs(off)) < SHIFTS_PX[-1] * max(one.evidence.px_rad, other.evidence.px_rad))
 
 
@@ -315,34 +308,23 @@ def _followed(levels: list[PyramidLevel], camera: CameraModel, start: _Candidate
         here = _fitted(levels[number], number, camera, best)
         if here is None:
             break
-        least = STILL_SHOWN if here.evidence.width_px == WIDTHS_PX[-1] else STILL_SEEN
-        if here.evidence.score < least * largest:
+        sharp = number < best.number and here.evidence.width_px < WIDTHS_PX[-1]
+        if here.evidence.score < (STILL_SEEN if sharp else STILL_SHOWN) * largest:
             break
         best, largest = here, max(largest, here.evidence.score)
-    return best
+    # The width of the edge is that at a cone of this level.
+    return _fitted(levels[best.number], best.number, camera, best) or best
 
 
 def _fitted(level: PyramidLevel, number: int, camera: CameraModel, start: _Candidate) -> _Candidate | None:
-    """Return a cone fitted to a level, or None if it shows much less of it; the likelihood may ignore common shifts."""
-    best = start
-    if start.number != number:
-        seen = weigh(level, camera, start.axis_cam, start.rho_rad)
-        if seen is None:
-            return None
-        best = _Candidate(start.axis_cam, start.rho_rad, number, level.scale, seen)
-    for _ in range(REFITS):
-        shows = best.evidence.shows
-        los = unproject(camera, best.evidence.uv[shows])
-        los = los[np.isfinite(los).all(axis=1)]
-        if len(los) < 3:
-            break
-        axis = fit_cone(los).axis_cam
-        rho = float(off_axis_angle(los, axis).mean())
-        evidence = weigh(level, camera, axis, rho)
-        if evidence is None or evidence.score < STILL_SHOWN * best.evidence.score:
-            break
-        best = _Candidate(axis, rho, number, level.scale, evidence)
-    return best
+    """Return the cone through the sectors that show a limb, and what a level shows of it."""
+    shown = start.evidence.los[start.evidence.shows]
+    if len(shown) < 3:
+        return None
+    axis = fit_cone(shown).axis_cam
+    rho = float(off_axis_angle(shown, axis).mean())
+    evidence = weigh(level, camera, axis, rho)
+    return None if evidence is None else _Candidate(axis, rho, number, level.scale, evidence)
 
 
 def _judged(
