@@ -102,6 +102,11 @@ def around_of(share: FloatArray) -> tuple[FloatArray, FloatArray]:
     return weights.T / 6.0, 0.5 * steeper.T
 
 
+def bend_of(share: FloatArray) -> FloatArray:
+    """Return the weights, shape (n, 4), of the second derivative per step squared."""
+    return np.array([1.0 - share, 3.0 * share - 2.0, 1.0 - 3.0 * share, share]).T
+
+
 class BlurredProfiles:
     """k functions at m positions along the limb.
 
@@ -155,6 +160,19 @@ class BlurredProfiles:
         changes[1] = summed * (smooth_by_blur + sharpness * (sampled_by_blur - smooth_by_blur))
         changes[2] = summed * (sampled - smooth)
         return np.asarray(fft.idct(changes, type=1, overwrite_x=True))
+
+    def pull(self, weights: FloatArray, blur_px: float, sharpness: float) -> FloatArray:
+        """Return sums over the grid of the functions' coefficients times weights (m, c, n), shape (m, k, c).
+
+        The weights are transformed instead of every function.
+        """
+        smooth, sampled, _, _ = self._parts(blur_px)
+        doubled = weights.copy()
+        doubled[..., [0, -1]] *= 2.0
+        lens = (smooth + sharpness * (sampled - smooth)) / (2.0 * (weights.shape[-1] - 1))
+        lens[:, [0, -1]] *= 0.5
+        waves = fft.dct(doubled, type=1, overwrite_x=True) * lens[:, None]
+        return np.asarray(self._transform @ waves.transpose(0, 2, 1))
 
     def _parts(self, blur_px: float) -> FloatArray:
         """Return the smooth and the sampled lens's transform, and both's change by the blur, shape (4, m, f)."""

@@ -31,15 +31,17 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
-from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of, blur_after
+from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of, bend_of, blur_after
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
 from horizonval.estimation.fit.pose import LimbPose
@@ -123,16 +125,21 @@ class ProfileKnowledge:
 class ProfileLook:
     """Predicted pixels, shape (n,) each.
 
-    ``place``, ``share``: of the height grid; ``across_m``: distance across the limb; ``level``: radiance; ``changes``:
-    shape (3, n), derivatives by distance across the limb [1/m], ln blur, sharpness; ``brightest``: largest radiance of
+    ``own``: shape (4,), the image's own unknowns; ``by_turn``: shape (3, n), derivatives of the distances across the
+    limb by a turn from here; ``place``, ``share``: of the height grid; ``across_m``: distance across the limb; ``level``: radiance; ``changes``:
+    shape (3, n), derivatives by distance across the limb [1/m], ln blur, sharpness; ``bend``: second derivative by
+    distance; ``brightest``: largest radiance of
     the profile there; ``kept``: share of a radiance change that survives the converter's floor in the mean.
     """
 
-    place: np.ndarray
+    own: FloatArray
+    by_turn: FloatArray
+    place: NDArray[np.intp]
     share: FloatArray
     across_m: FloatArray
     level: FloatArray
     changes: FloatArray
+    bend: FloatArray
     brightest: FloatArray
     kept: FloatArray
     residuals: FloatArray
@@ -250,15 +257,37 @@ class ProfileModel:
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None = None
     ) -> ProfileLook:
         """Return the pixels as predicted; ``weights`` are not needed."""
-        at = np.concatenate([self.pose.step_to(pose), lens - self.lens, own, air])
+        at = np.concatenate([self.away(pose), lens - self.lens, own, air])
         if self._last is None or not np.array_equal(self._last[0], at):
             self._last = at, self._look(at[:POSE], at[POSE : POSE + LENS], own, air)
         return self._last[1]
+
+    def away(self, pose: LimbPose) -> FloatArray:
+        """Return the way to a pose, shape (7,), along which distances across the limb are linear.
+
+        The turn is a tilt after a turn about the nadir, which moves the limb little, however far it is.
+        """
+        way, nadir = self.pose.step_to(pose), self.pose.nadir_cam
+        angle = float(np.linalg.norm(way[:3]))
+        if angle > 0.0:
+            # Swing and twist: q = (sin(a / 2) axis, cos(a / 2)) = swing (twist about the nadir).
+            part, rest = np.sin(0.5 * angle) / angle * way[:3], np.cos(0.5 * angle)
+            along = float(part @ nadir)
+            size = np.hypot(rest, along)
+            swing = (rest * part - along * rest * nadir - along * np.cross(part, nadir)) / size
+            way[:3] = 2.0 * swing * (np.arcsin(min(np.linalg.norm(swing), 1.0)) / max(np.linalg.norm(swing), 1e-300))
+            way[:3] += 2.0 * np.arctan2(along, rest) * nadir
+        return way
 
     def _look(self, away: FloatArray, lens: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
         near, air = self.near, self.air
         blur, sharpness, gain = float(np.exp(own[BLUR])), float(own[SHARPNESS]), float(np.exp(own[GAIN]))
         across = near.across_m + away @ near.by_pose + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
+        # A turn after the tilt t so far, t + d - t x d / 2 - (t x n) (n . d) / 2: rotations of both kinds commute less.
+        nadir = self.pose.nadir_cam
+        tilt = away[:3] - nadir * (nadir @ away[:3])
+        after = np.eye(3) + 0.5 * np.cross(tilt, np.eye(3)) - 0.5 * np.outer(np.cross(tilt, nadir), nadir)
+        by_turn = after.T @ near.by_pose[:3]
         if lens.any():
             across = across + lens @ near.by_lens
         at = (across - air.bottom_m) / air.step_m
@@ -272,6 +301,7 @@ class ProfileModel:
         around = left + near.along[:, None, None] * (right - left)
         level, by_blur, by_sharpness = np.einsum("nic,ni->cn", around, weights)
         slope = np.einsum("ni,ni->n", around[:, :, 0], steeper) / air.step_m
+        bend = np.einsum("ni,ni->n", around[:, :, 0], bend_of(share)) / air.step_m**2
         shown = own[BACKGROUND] + gain * near.light * level
         kept = np.ones_like(shown)
         if self.floor is not None:
@@ -279,7 +309,12 @@ class ProfileModel:
         largest, i = changes[0].max(axis=1), near.sector
         brightest = largest[i] + (largest[i + 1] - largest[i]) * near.along
         by_all = np.array([slope, by_blur, by_sharpness])
-        return ProfileLook(place, share, across, level, by_all, brightest, kept, near.values - shown)
+        return ProfileLook(own, by_turn, place, share, across, level, by_all, bend, brightest, kept, near.values - shown)
+
+    def around(self, look: ProfileLook) -> NDArray[np.int32]:
+        """Return the numbers, shape (n, 4), of coefficients at the first node that a pixel's value is made of."""
+        first = self.near.sector * self.air.functions.shape[2] + look.place
+        return (first[:, None] + AROUND).astype(np.int32)
 
     def levels(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> FloatArray:
         """Return the own unknowns with the gain and background that fit best."""
@@ -293,15 +328,15 @@ class ProfileModel:
         dark[GAIN], dark[BACKGROUND] = np.log(gain), background if self.floor is None else self.floor.background
         return dark
 
-    def neglected(self, look: ProfileLook, own: FloatArray) -> FloatArray:
+    def neglected(self, look: ProfileLook) -> FloatArray:
         """Return the standard deviation of what the prediction leaves out of the pixels, shape (n,)."""
         before, after = (self.air.neglected[self.near.sector, look.place + k] for k in (0, 1))
-        return np.asarray(np.exp(own[GAIN]) * self.near.light * (before + look.share * (after - before)))
+        return np.asarray(np.exp(look.own[GAIN]) * self.near.light * (before + look.share * (after - before)))
 
     def noise(self, look: ProfileLook, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
         """Return the noise of the pixels by their residuals."""
         near = self.near
-        neglected = self.neglected(look, own) ** 2
+        neglected = self.neglected(look) ** 2
         clouds = near.light * look.brightest * self.below_clouds
         per_px = near.light * look.changes[0] * self.width_m
         variance, shown = variance_of(
@@ -321,15 +356,19 @@ class ProfileModel:
 
     def linear(self, look: ProfileLook, own: FloatArray, weights: FloatArray) -> ProfileLinear:
         """Return the normal equations at a look."""
-        return ProfileLinear(self, look, own, weights)
+        return ProfileLinear(self, look, weights)
 
-    def derivatives(self, look: ProfileLook, own: FloatArray) -> FloatArray:
+    def amplitude(self, look: ProfileLook) -> FloatArray:
+        """Return the change of the pixels by that of radiance, shape (n,)."""
+        return np.asarray(float(np.exp(look.own[GAIN])) * self.near.light * look.kept)
+
+    def derivatives(self, look: ProfileLook) -> FloatArray:
         """Return the derivatives of the pixels by pose, lens and own unknowns, shape (15, n)."""
-        near, blur = self.near, float(np.exp(own[BLUR]))
-        amplitude = float(np.exp(own[GAIN])) * near.light * look.kept
+        near, blur, amplitude = self.near, float(np.exp(look.own[BLUR])), self.amplitude(look)
         slope, by_blur, by_sharpness = look.changes * amplitude
         rows = np.empty((POSE + LENS + OWN, len(slope)))
-        np.multiply(near.by_pose, slope, out=rows[:POSE])
+        np.multiply(look.by_turn, slope, out=rows[:3])
+        np.multiply(near.by_pose[3:], slope, out=rows[3:POSE])
         np.multiply(near.by_lens, slope, out=rows[POSE : POSE + LENS])
         own_rows = rows[POSE + LENS :]
         own_rows[BLUR] = by_blur + slope * ((2.0 * blur**2) * self._variance * self._lift)
@@ -340,53 +379,68 @@ class ProfileModel:
 class ProfileLinear:
     """Normal equations at one look; see :class:`horizonval.estimation.fit.image.Linear`."""
 
-    def __init__(self, model: ProfileModel, look: ProfileLook, own: FloatArray, weights: FloatArray) -> None:
-        self._model = model
+    def __init__(self, model: ProfileModel, look: ProfileLook, weights: FloatArray) -> None:
+        self._model, self.look, self.weights = model, look, weights
         near, air = model.near, model.air
-        functions = model.tables.values(float(np.exp(own[BLUR])), float(own[SHARPNESS]))[:, 1:]
+        functions = model.tables.values(float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))[:, 1:]
         sectors, count, size = len(near.starts) - 1, functions.shape[1], functions.shape[2]
         table = np.ascontiguousarray(functions.transpose(0, 2, 1)).reshape(-1, count)
-        shared = model.derivatives(look, own)
-        amplitude = np.exp(own[GAIN]) * near.light * look.kept
-        self._rows = rows = np.empty((len(weights), 2 * count + len(shared)))
-        first, at = near.sector * size + look.place, np.arange(0, 4 * len(weights) + 1, 4)
-        around, (parts, _) = (first[:, None] + AROUND).astype(np.int32), around_of(look.share)
+        shared = model.derivatives(look)
+        root = np.sqrt(weights)
+        amplitude = model.amplitude(look) * root
+        rows = np.empty((len(weights), 2 * count + len(shared)))
+        around, ends = model.around(look), np.arange(0, 4 * len(weights) + 1, 4)
+        parts, _ = around_of(look.share)
         for node, part in enumerate((amplitude * (1.0 - near.along), amplitude * near.along)):
-            places = csr_array(
-                ((parts * part[:, None]).ravel(), around.ravel() + node * size, at), shape=(len(weights), len(table))
-            )
-            rows[:, node * count : (node + 1) * count] = places @ table
-        rows[:, 2 * count :] = shared.T
-        weighed = rows * np.sqrt(weights)[:, None]
-        own_, next_ = np.zeros((sectors + 1, count, count)), np.zeros((sectors + 1, count, count))
+            of_node = ((parts * part[:, None]).ravel(), around.ravel() + node * size, ends)
+            rows[:, node * count : (node + 1) * count] = csr_array(of_node, shape=(len(weights), len(table))) @ table
+        np.multiply(shared.T, root[:, None], out=rows[:, 2 * count :])
+        own, next_ = np.zeros((sectors + 1, count, count)), np.zeros((sectors + 1, count, count))
         mixed = np.zeros((sectors + 1, len(shared), count))
-        total = np.zeros((len(shared), len(shared)))
+        self.shared = np.zeros((len(shared), len(shared)))
         for k in range(sectors):
-            part = weighed[near.starts[k] : near.starts[k + 1]]
+            part = rows[near.starts[k] : near.starts[k + 1]]
             gram = part.T @ part
-            own_[k] += gram[:count, :count]
-            own_[k + 1] = gram[count : 2 * count, count : 2 * count]
+            own[k] += gram[:count, :count]
+            own[k + 1] = gram[count : 2 * count, count : 2 * count]
             next_[k] = gram[:count, count : 2 * count]
             mixed[k] += gram[2 * count :, :count]
             mixed[k + 1] = gram[2 * count :, count : 2 * count]
-            total += gram[2 * count :, 2 * count :]
-        self.shared = total
+            self.shared += gram[2 * count :, 2 * count :]
         self.mixed = np.einsum("ikj,ij->kj", mixed[:, :, air.function], air.wave)
-        self.air = _of_waves(air, own_, next_)
+        self.air = _of_waves(air, own, next_)
 
     def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the right sides of other residuals."""
+        """Return the right sides: the gradient at another look, exact there."""
+        assert isinstance(look, ProfileLook)
         weighed = weights * look.residuals
-        near, air = self._model.near, self._model.air
-        count = len(air.names)
-        at_nodes = np.zeros((len(near.starts), count))
-        shared = self._rows[:, 2 * count :].T @ weighed
-        for k in range(len(near.starts) - 1):
-            here = slice(near.starts[k], near.starts[k + 1])
-            both = weighed[here] @ self._rows[here, : 2 * count]
-            at_nodes[k] += both[:count]
-            at_nodes[k + 1] += both[count:]
-        return shared, np.asarray(np.einsum("ij,ij->j", at_nodes[:, air.function], air.wave))
+        values, _ = around_of(look.share)
+        of_air = self._pull(look, values * (self._model.amplitude(look) * weighed)[:, None], np.ones((1, len(weighed))))
+        return self._model.derivatives(look) @ weighed, of_air[0]
+
+    @cached_property
+    def bent(self) -> tuple[FloatArray, FloatArray]:
+        """Shared and mixed parts of the residuals' second derivatives by the height at which a pixel sees the air."""
+        look, model = self.look, self._model
+        weighed = -self.weights * look.residuals * model.amplitude(look)
+        by_pose = model.near.by_pose
+        shared, mixed = np.zeros_like(self.shared), np.zeros_like(self.mixed)
+        shared[:POSE, :POSE] = (by_pose * (weighed * look.bend)) @ by_pose.T
+        _, steeper = around_of(look.share)
+        mixed[:POSE] = self._pull(look, steeper * (weighed / model.air.step_m)[:, None], by_pose)
+        return shared, mixed
+
+    def _pull(self, look: ProfileLook, weights: FloatArray, rows: FloatArray) -> FloatArray:
+        """Return sums over pixels of coefficients around them times weights (n, 4) and rows (c, n), by air (c, k)."""
+        model, air, size = self._model, self._model.air, self._model.air.functions.shape[2]
+        first, along = model.around(look).ravel(), model.near.along[:, None]
+        places = len(model.near.starts) * size
+        both = np.concatenate([first, first + size])
+        each = np.concatenate([weights * (1.0 - along), weights * along]).reshape(2, -1, 4)
+        on_grid = np.array([np.bincount(both, (each * row[:, None]).ravel(), places) for row in rows])
+        on_grid = on_grid.reshape(len(rows), -1, size).transpose(1, 0, 2)
+        pull = model.tables.pull(on_grid, float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))
+        return np.asarray(np.einsum("ijc,ij->cj", pull[:, 1 + air.function], air.wave))
 
 
 def _of_waves(air: NodeAir, own: FloatArray, next_: FloatArray) -> FloatArray:

@@ -31,7 +31,7 @@ from horizonval.estimation.fit.bundle import Bundle, Shot, ShotPrior
 from horizonval.estimation.fit.image import LENS, POSE, ShotState
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.profile import BLUR, ProfileChooser, ProfileChosen, ProfileImage, ProfileLook, ProfileModel
+from horizonval.estimation.fit.profile import BLUR, ProfileChooser, ProfileChosen, ProfileImage, ProfileLinear, ProfileLook, ProfileModel
 from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
 
 OPTIONS = SolverOptions(stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()))
@@ -128,7 +128,7 @@ def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     growths = [_growth(shot, solution, k) for k in range(len(models))]
     growth, growth_sigma = max(growths, key=lambda one: abs(one[0]) / one[1])
     weights = [noise.weights(look.residuals) for noise, look in zip(noises, looks, strict=True)]
-    uv, off = by_sector(models[0], looks[0], state.own[0], weights[0])
+    uv, off = by_sector(models[0], looks[0], weights[0])
     airs = [(model.air, state.air[at]) for model, at in zip(models, chosen.columns, strict=True)]
     blur, _, gain, background = state.own[0]
     return ProfileFit(
@@ -181,11 +181,10 @@ def pulled(prior: ShotPrior, pose: LimbPose, covariance: FloatArray) -> FloatArr
 def _growth(shot: Shot, solution: Solution, image: int) -> tuple[float, float]:
     """Return the change of ln blur over an image's limb in view, and its standard deviation."""
     assert isinstance(shot.chosen, ProfileChosen)
-    assert shot.seen is not None
-    model, look, own = shot.chosen.models[image], shot.seen.looks[image], shot.state.own[image]
-    assert isinstance(look, ProfileLook)
-    weights = shot.noises[image].weights(look.residuals)
-    column = model.off_axis * model.derivatives(look, own)[POSE + LENS + BLUR]
+    linear = solution.equations[0].linears[image]
+    assert isinstance(linear, ProfileLinear)
+    model, look, weights = shot.chosen.models[image], linear.look, linear.weights
+    column = model.off_axis * model.derivatives(look)[POSE + LENS + BLUR]
     right = solution.equations[0].rights_of(image, replace(look, residuals=column), weights)
     _, explained_by_others = solution.solved.answer(0, *right)
     left = float(weights @ column**2) + GROWTH_SIGMA**-2 - explained_by_others
@@ -214,13 +213,11 @@ def improbable(coefficients: FloatArray, waves: Sequence[FloatArray]) -> float:
     return float(np.max(np.abs(coefficients).max(axis=0) / np.array(sizes)))
 
 
-def by_sector(
-    model: ProfileModel, look: ProfileLook, own: FloatArray, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def by_sector(model: ProfileModel, look: ProfileLook, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a place on the limb for every sector, and by how much its pixels would have the limb farther in [rad]."""
     near = model.near
     # The lift lowers all distances across the limb by as much.
-    per_rad = -model.derivatives(look, own)[POSE - 1] * near.distance_m
+    per_rad = -model.derivatives(look)[POSE - 1] * near.distance_m
     uv, off = [], []
     for first, last in pairwise(near.starts):
         here = slice(first, last)

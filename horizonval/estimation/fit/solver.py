@@ -41,7 +41,7 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held; ``good``: share of the predicted gain above which derivatives stay frozen; ``first_damping``,
+    noise is held; ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which derivatives stay frozen; ``first_damping``,
     ``damping_factor``, ``most_damping``: in units of the unknowns' scales, after a step that gains nothing;
     ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
     pixels are chosen again.
@@ -49,8 +49,10 @@ class SolverOptions:
 
     stages: tuple[Stage, ...] = (Stage(),)
     most_steps: int = 30
-    steady: float = 0.05
+    steady: float = 0.02
+    reweighed: float = 0.5
     good: float = 0.7
+    frozen: float = 0.1
     first_damping: float = 1.0
     damping_factor: float = 10.0
     most_damping: float = 1e8
@@ -90,66 +92,66 @@ class _Search:
     def run(self) -> Solution:
         bundle = self.bundle
         for stage in self.options.stages:
-            self._stage(stage)
-        # Frozen derivatives end a few hundredths of a sigma from the best unknowns, so the last steps have new ones.
-        # The claim is that of unknowns, pixels and noise before the last step, which is short.
-        for _ in range(self.options.most_steps):
-            equations = self._equations()
-            solved = Solved(bundle, equations)
-            step = solved.step(equations)
-            if self._try(self._bounded(step)) < 0.0 or step.square < self.options.stages[-1].tolerance ** 2:
-                break
+            equations = self._stage(stage, last=stage is self.options.stages[-1])
+        solved = Solved(bundle, equations)
         shots = [solved.of_shot(k, one) for k, one in enumerate(equations)]
         steps = [np.array(one).reshape(-1, POSE) for one in self.steps]
         return Solution(solved.covariance, shots, steps, equations, solved)
 
-    def _stage(self, stage: Stage) -> None:
+    def _stage(self, stage: Stage, *, last: bool) -> Sequence[ShotEquations]:
+        """Go one stage of the way; return the equations before the last step, which is short."""
         options, bundle = self.options, self.bundle
         self._choose(stage)
         equations: list[ShotEquations] = []
         solved: Solved | None = None
-        damping, steady = 0.0, not stage.settle
+        damping, steady, before = 0.0, not stage.settle, None
         step: Step | None = None
         for number in range(options.most_steps):
             fresh = solved is None
             if solved is None:
                 equations = self._equations()
-                solved = Solved(bundle, equations, damping)
+                solved = self._solved(equations, damping, newton=False)
             else:
                 equations = [one.again(bundle.shared) for one in equations]
             step = solved.step(equations)
-            if steady and damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0:
-                self._try(self._bounded(step))
-                return
-            bounded = self._bounded(step)
+            bounded = self._bounded(step if before is None or damping > 0.0 else step.after(before))
+            short = damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0
             gain = self._try(bounded)
+            if short and steady:
+                return equations
             while gain < -options.rounding:
                 if fresh:
                     damping = max(options.first_damping, options.damping_factor * damping)
                     if damping > options.most_damping:
                         # Nothing near is better: the best place is this one, to rounding.
-                        return
+                        return equations
                 else:
                     equations, fresh = self._equations(), True
-                solved = Solved(bundle, equations, damping)
+                solved = self._solved(equations, damping, newton=False)
                 step = solved.step(equations)
                 bounded = self._bounded(step)
                 gain = self._try(bounded)
+            before = bounded
             self.progress.step(
                 "fit", f"step {number + 1} of at most {options.most_steps}, {np.sqrt(step.square):.2g} sigma long"
             )
-            if gain < options.good * bounded.gained - options.rounding:
+            if gain < options.good * bounded.gained - options.rounding or bounded.square > options.frozen:
                 solved = None
             if damping > 0.0:
                 damping = damping / options.damping_factor if damping > options.first_damping else 0.0
                 solved = None
             if self.moved_px > options.reselect_px:
                 self._choose(stage)
-                solved = None
+                solved, before = None, None
             if stage.settle and not steady:
-                steady = max(shot.weigh(bundle.shared) for shot in bundle.shots) < options.steady
+                change = max(shot.weigh(bundle.shared) for shot in bundle.shots)
+                # A first stage ends as soon as it is near.
+                steady = change < (options.steady if last else options.reweighed)
+                if change > options.reweighed:
+                    solved = None
         if step is None or step.square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
+        return equations
 
     def _choose(self, stage: Stage) -> None:
         for shot in self.bundle.shots:
@@ -158,6 +160,15 @@ class _Search:
 
     def _equations(self) -> list[ShotEquations]:
         return [shot.equations(self.bundle.shared, self.bundle.free) for shot in self.bundle.shots]
+
+    def _solved(self, equations: Sequence[ShotEquations], damping: float, *, newton: bool) -> Solved:
+        """Return the equations, solved: with the second derivatives of the prediction where they leave a minimum."""
+        if newton:
+            try:
+                return Solved(self.bundle, [one.bent() for one in equations], damping)
+            except np.linalg.LinAlgError:
+                pass
+        return Solved(self.bundle, equations, damping)
 
     def _bounded(self, step: Step) -> Step:
         """Return a step within the reach of the derivatives."""
