@@ -102,11 +102,6 @@ def around_of(share: FloatArray) -> tuple[FloatArray, FloatArray]:
     return weights.T / 6.0, 0.5 * steeper.T
 
 
-def bend_of(share: FloatArray) -> FloatArray:
-    """Return the weights, shape (n, 4), of the second derivative per step squared."""
-    return np.array([1.0 - share, 3.0 * share - 2.0, 1.0 - 3.0 * share, share]).T
-
-
 class BlurredProfiles:
     """k functions at m positions along the limb.
 
@@ -162,7 +157,7 @@ class BlurredProfiles:
         return np.asarray(fft.idct(changes, type=1, overwrite_x=True))
 
     def pull(self, weights: FloatArray, blur_px: float, sharpness: float) -> FloatArray:
-        """Return sums over the grid of the functions' coefficients times weights (m, c, n), shape (m, k, c).
+        """Return sums over the grid of the functions' coefficients times weights (m, n), shape (m, k).
 
         The weights are transformed instead of every function.
         """
@@ -171,8 +166,8 @@ class BlurredProfiles:
         doubled[..., [0, -1]] *= 2.0
         lens = (smooth + sharpness * (sampled - smooth)) / (2.0 * (weights.shape[-1] - 1))
         lens[:, [0, -1]] *= 0.5
-        waves = fft.dct(doubled, type=1, overwrite_x=True) * lens[:, None]
-        return np.asarray(self._transform @ waves.transpose(0, 2, 1))
+        waves = fft.dct(doubled, type=1, overwrite_x=True) * lens
+        return np.asarray((self._transform @ waves[:, :, None])[:, :, 0])
 
     def _parts(self, blur_px: float) -> FloatArray:
         """Return the smooth and the sampled lens's transform, and both's change by the blur, shape (4, m, f)."""

@@ -177,6 +177,7 @@ class ShotEquations:
 
     ``normal``: shape (x + c, x + c), of pose and own unknowns and of the shared ones that are free; ``mixed``: shape
     (x + c, a), of these and the air; ``air``: shape (a, a). All without the unit priors of air and shared unknowns.
+    ``rights``: shapes (x + c,) and (a,), of the present state; ``first_rights``: of that of the derivatives.
     """
 
     def __init__(self, shot: Shot, linears: Sequence[Linear], shared: FloatArray, free: NDArray[np.intp]) -> None:
@@ -205,19 +206,7 @@ class ShotEquations:
             self.mixed[:, at] += picked.T @ linear.mixed
             if not alone:
                 self.air[np.ix_(at, at)] += linear.air
-        self.rights = self._rights(shared)
-
-    def bent(self) -> ShotEquations:
-        """Return the equations with second derivatives of the prediction: Newton's, for steps and not for claims."""
-        bent = copy(self)
-        bent.normal, bent.mixed = self.normal.copy(), self.mixed.copy()
-        assert self._shot.chosen is not None
-        for linear, picked, at in zip(self.linears, self._picked, self._shot.chosen.columns, strict=True):
-            if linear.bent is not None:
-                shared, mixed = linear.bent
-                bent.normal += picked.T @ shared @ picked
-                bent.mixed[:, at] += picked.T @ mixed
-        return bent
+        self.rights = self.first_rights = self._rights(shared)
 
     def again(self, shared: FloatArray) -> ShotEquations:
         """Return the same derivatives with the residuals of the shot's present state."""
@@ -474,15 +463,13 @@ class Solved:
                 square = max(square, float(own[:POSE] @ self._of_pose[k] @ own[:POSE]))
         return Step(parts, sides, square, gained, gained)
 
-    def answer(self, k: int, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, float]:
-        """Return how a shot's unknowns, shape (x,), follow other right sides, and the product of sides and answer.
-
-        ``right``: shape (x + c,); ``right_air``: of the air. What all shots share is held.
-        """
+    def product(
+        self, k: int, one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
+    ) -> float:
+        """Return the product of a shot's right sides (x + c,), (a,) with the answer to others; what is shared is held."""
         count = self._bundle.shots[k].count
-        left, half_air = self._airless[k].without_air(right, right_air)
-        own = self._inverse[k] @ left[:count]
-        return own, float(left[:count] @ own) + float(half_air @ half_air)
+        (right, half), (other_right, other_half) = (self._airless[k].without_air(*sides) for sides in (one, other))
+        return float(right[:count] @ self._inverse[k] @ other_right[:count]) + float(half @ other_half)
 
     @cached_property
     def covariance(self) -> FloatArray:

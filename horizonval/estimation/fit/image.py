@@ -49,9 +49,6 @@ class Linear(Protocol):
     def mixed(self) -> FloatArray: ...
     @property
     def air(self) -> FloatArray: ...
-    @property
-    def bent(self) -> tuple[FloatArray, FloatArray] | None:
-        """Residuals times second derivatives of the prediction, parts of ``shared`` and ``mixed``; None if small."""
 
     def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the right sides, shapes (s,) and (k,), at another look, by its derivatives or those of the first."""

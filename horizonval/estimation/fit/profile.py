@@ -31,7 +31,6 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +40,7 @@ from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
-from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of, bend_of, blur_after
+from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of, blur_after
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
 from horizonval.estimation.fit.pose import LimbPose
@@ -127,8 +126,7 @@ class ProfileLook:
 
     ``own``: shape (4,), the image's own unknowns; ``by_turn``: shape (3, n), derivatives of the distances across the
     limb by a turn from here; ``place``, ``share``: of the height grid; ``across_m``: distance across the limb; ``level``: radiance; ``changes``:
-    shape (3, n), derivatives by distance across the limb [1/m], ln blur, sharpness; ``bend``: second derivative by
-    distance; ``brightest``: largest radiance of
+    shape (3, n), derivatives by distance across the limb [1/m], ln blur, sharpness; ``brightest``: largest radiance of
     the profile there; ``kept``: share of a radiance change that survives the converter's floor in the mean.
     """
 
@@ -139,7 +137,6 @@ class ProfileLook:
     across_m: FloatArray
     level: FloatArray
     changes: FloatArray
-    bend: FloatArray
     brightest: FloatArray
     kept: FloatArray
     residuals: FloatArray
@@ -301,7 +298,6 @@ class ProfileModel:
         around = left + near.along[:, None, None] * (right - left)
         level, by_blur, by_sharpness = np.einsum("nic,ni->cn", around, weights)
         slope = np.einsum("ni,ni->n", around[:, :, 0], steeper) / air.step_m
-        bend = np.einsum("ni,ni->n", around[:, :, 0], bend_of(share)) / air.step_m**2
         shown = own[BACKGROUND] + gain * near.light * level
         kept = np.ones_like(shown)
         if self.floor is not None:
@@ -309,7 +305,7 @@ class ProfileModel:
         largest, i = changes[0].max(axis=1), near.sector
         brightest = largest[i] + (largest[i + 1] - largest[i]) * near.along
         by_all = np.array([slope, by_blur, by_sharpness])
-        return ProfileLook(own, by_turn, place, share, across, level, by_all, bend, brightest, kept, near.values - shown)
+        return ProfileLook(own, by_turn, place, share, across, level, by_all, brightest, kept, near.values - shown)
 
     def around(self, look: ProfileLook) -> NDArray[np.int32]:
         """Return the numbers, shape (n, 4), of coefficients at the first node that a pixel's value is made of."""
@@ -415,32 +411,15 @@ class ProfileLinear:
         assert isinstance(look, ProfileLook)
         weighed = weights * look.residuals
         values, _ = around_of(look.share)
-        of_air = self._pull(look, values * (self._model.amplitude(look) * weighed)[:, None], np.ones((1, len(weighed))))
-        return self._model.derivatives(look) @ weighed, of_air[0]
-
-    @cached_property
-    def bent(self) -> tuple[FloatArray, FloatArray]:
-        """Shared and mixed parts of the residuals' second derivatives by the height at which a pixel sees the air."""
-        look, model = self.look, self._model
-        weighed = -self.weights * look.residuals * model.amplitude(look)
-        by_pose = model.near.by_pose
-        shared, mixed = np.zeros_like(self.shared), np.zeros_like(self.mixed)
-        shared[:POSE, :POSE] = (by_pose * (weighed * look.bend)) @ by_pose.T
-        _, steeper = around_of(look.share)
-        mixed[:POSE] = self._pull(look, steeper * (weighed / model.air.step_m)[:, None], by_pose)
-        return shared, mixed
-
-    def _pull(self, look: ProfileLook, weights: FloatArray, rows: FloatArray) -> FloatArray:
-        """Return sums over pixels of coefficients around them times weights (n, 4) and rows (c, n), by air (c, k)."""
         model, air, size = self._model, self._model.air, self._model.air.functions.shape[2]
+        values *= (model.amplitude(look) * weighed)[:, None]
         first, along = model.around(look).ravel(), model.near.along[:, None]
         places = len(model.near.starts) * size
-        both = np.concatenate([first, first + size])
-        each = np.concatenate([weights * (1.0 - along), weights * along]).reshape(2, -1, 4)
-        on_grid = np.array([np.bincount(both, (each * row[:, None]).ravel(), places) for row in rows])
-        on_grid = on_grid.reshape(len(rows), -1, size).transpose(1, 0, 2)
-        pull = model.tables.pull(on_grid, float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))
-        return np.asarray(np.einsum("ijc,ij->cj", pull[:, 1 + air.function], air.wave))
+        on_grid = np.bincount(first, (values * (1.0 - along)).ravel(), places)
+        on_grid += np.bincount(first + size, (values * along).ravel(), places)
+        pull = model.tables.pull(on_grid.reshape(-1, size), float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))
+        of_air = np.einsum("ij,ij->j", pull[:, 1 + air.function], air.wave)
+        return model.derivatives(look) @ weighed, np.asarray(of_air)
 
 
 def _of_waves(air: NodeAir, own: FloatArray, next_: FloatArray) -> FloatArray:

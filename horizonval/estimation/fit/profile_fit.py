@@ -15,7 +15,7 @@ s^2 / (s^2 - p^2)``, and the claim has what this makes of the pose.
 **Lens.** Lenses soften towards the corners as the angle squared. The growth of ``ln s`` over the limb in view is no
 unknown of the fit; it is the step that it would take from there as one more unknown::
 
-    x = j^T W r / (j^T W j + p - j^T W J C J^T W j)
+    x = (j^T W r - j^T W J C g) / (j^T W j + p - j^T W J C J^T W j),      g = J^T W r + priors'
 """
 
 from __future__ import annotations
@@ -185,11 +185,12 @@ def _growth(shot: Shot, solution: Solution, image: int) -> tuple[float, float]:
     assert isinstance(linear, ProfileLinear)
     model, look, weights = shot.chosen.models[image], linear.look, linear.weights
     column = model.off_axis * model.derivatives(look)[POSE + LENS + BLUR]
-    right = solution.equations[0].rights_of(image, replace(look, residuals=column), weights)
-    _, explained_by_others = solution.solved.answer(0, *right)
-    left = float(weights @ column**2) + GROWTH_SIGMA**-2 - explained_by_others
+    equations, solved = solution.equations[0], solution.solved
+    right = equations.rights_of(image, replace(look, residuals=column), weights)
+    information = float(weights @ column**2) + GROWTH_SIGMA**-2 - solved.product(0, right, right)
+    pull = float(weights @ (column * look.residuals)) - solved.product(0, right, equations.first_rights)
     over = float(np.ptp(model.off_axis))
-    return over * float(weights @ (column * look.residuals)) / left, over / float(np.sqrt(left))
+    return over * pull / information, over / float(np.sqrt(information))
 
 
 def uneven_lens(growth: float, sigma: float) -> str | None:

@@ -41,7 +41,8 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held; ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which derivatives stay frozen; ``first_damping``,
+    noise is held; ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which derivatives stay frozen; ``frozen``: square of
+    a step up to which they do; ``first_damping``,
     ``damping_factor``, ``most_damping``: in units of the unknowns' scales, after a step that gains nothing;
     ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
     pixels are chosen again.
@@ -110,7 +111,7 @@ class _Search:
             fresh = solved is None
             if solved is None:
                 equations = self._equations()
-                solved = self._solved(equations, damping, newton=False)
+                solved = Solved(bundle, equations, damping)
             else:
                 equations = [one.again(bundle.shared) for one in equations]
             step = solved.step(equations)
@@ -127,7 +128,7 @@ class _Search:
                         return equations
                 else:
                     equations, fresh = self._equations(), True
-                solved = self._solved(equations, damping, newton=False)
+                solved = Solved(bundle, equations, damping)
                 step = solved.step(equations)
                 bounded = self._bounded(step)
                 gain = self._try(bounded)
@@ -160,15 +161,6 @@ class _Search:
 
     def _equations(self) -> list[ShotEquations]:
         return [shot.equations(self.bundle.shared, self.bundle.free) for shot in self.bundle.shots]
-
-    def _solved(self, equations: Sequence[ShotEquations], damping: float, *, newton: bool) -> Solved:
-        """Return the equations, solved: with the second derivatives of the prediction where they leave a minimum."""
-        if newton:
-            try:
-                return Solved(self.bundle, [one.bent() for one in equations], damping)
-            except np.linalg.LinAlgError:
-                pass
-        return Solved(self.bundle, equations, damping)
 
     def _bounded(self, step: Step) -> Step:
         """Return a step within the reach of the derivatives."""
