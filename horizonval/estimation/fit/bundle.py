@@ -102,7 +102,10 @@ class Shot:
         of_all = zip(self._chosen.models, self.seen.looks, self.state.own, before, strict=True)
         self.noises = [model.noise(look, own, noise) for model, look, own, noise in of_all]
         self.seen = self.look(self.state, shared)
-        changes = [np.log(new.variance / old.variance) for new, old in zip(self.noises, before, strict=True)]
+        changes = [
+            np.log(new.variance * new.together / (old.variance * old.together))
+            for new, old in zip(self.noises, before, strict=True)
+        ]
         return float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
 
     def look(self, state: ShotState, shared: FloatArray) -> Seen:

@@ -338,9 +338,10 @@ class ProfileModel:
         variance, shown = variance_of(
             look.residuals, near.light * look.level, np.array([clouds**2, per_px**2]), self._least + neglected
         )
-        if self.tighter == 1.0:
+        # Not of a limb that is still displaced, which would hide it.
+        if self.tighter == 1.0 or before is not None:
             in_sigmas = look.residuals * np.sqrt(PixelNoise(variance).weights(look.residuals))
-            side_px = max(1.0, near.group / GROUP_PX)
+            side_px = near.group / GROUP_PX if near.group > 1 else 1.0
             common = correlated(near.columns, near.rows, in_sigmas, side_px)
             # The mean share counts, since the ratio is that of all pixels together.
             together = 1.0 + (common - 1.0) * shown / max(float(shown.mean()), 1e-300)

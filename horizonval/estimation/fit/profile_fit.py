@@ -37,6 +37,8 @@ from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, sol
 OPTIONS = SolverOptions(stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()))
 """First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
 clouds soften it, more increases the dependence on the start. Its pixels are enough to be within a tenth of a pixel."""
+NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
+"""To about a standard deviation."""
 GROWTH_SIGMA = 0.5
 """Prior standard deviation of ln(corner blur / axis blur)."""
 MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
