@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,11 @@ class Look(Protocol):
 class Linear(Protocol):
     """Normal equations of the pixels at one look, without priors of pose, own unknowns and air.
 
-    ``shared``: shape (s, s), of pose, lens and own unknowns; ``mixed``: shape (s, k); ``air``: shape (k, k).
+    ``shared``: shape (s, s), of pose, lens and own unknowns; ``mixed``: shape (s, k); ``air``: shape (k, k); ``exact``:
+    whether the right sides at another look are the gradient there, and not by the derivatives of the first.
     """
+
+    exact: ClassVar[bool]
 
     @property
     def shared(self) -> FloatArray: ...
@@ -50,8 +53,8 @@ class Linear(Protocol):
     @property
     def air(self) -> FloatArray: ...
 
-    def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the right sides, shapes (s,) and (k,), at another look, by its derivatives or those of the first."""
+    def rights(self, look: Any, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides, shapes (s,) and (k,), at another look."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ class OwnPrior:
 
 
 class ImageModel(Protocol):
-    """The pixels of one image near the limb."""
+    """The pixels of one image near the limb; it is given back no other looks than its own."""
 
     @property
     def own_count(self) -> int:
@@ -94,10 +97,10 @@ class ImageModel(Protocol):
         ``weights``: inverse variances (n,) so far, by which the model eliminates what it does not leave to the bundle.
         """
 
-    def noise(self, look: Look, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: Any, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
         """Return the variance model of the pixels, estimated from their residuals."""
 
-    def linear(self, look: Look, own: FloatArray, weights: FloatArray) -> Linear:
+    def linear(self, look: Any, own: FloatArray, weights: FloatArray) -> Linear:
         """Return the normal equations at a look; ``weights``: inverse variances, shape (n,)."""
 
 

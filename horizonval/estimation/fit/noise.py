@@ -32,7 +32,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.special import erfcx, ndtr, ndtri
 
@@ -42,9 +41,7 @@ TAIL_FREEDOM = 10.0
 """Degrees of freedom of Student's distribution. Where the noise is normal the estimate has 0.98 of the information of
 least squares; a pixel ten sigmas off has a tenth of its weight."""
 
-OF_NORMAL = (TAIL_FREEDOM + 1.0) * float(
-    1.0 - np.sqrt(0.5 * np.pi * TAIL_FREEDOM) * erfcx(np.sqrt(0.5 * TAIL_FREEDOM))
-)
+OF_NORMAL = (TAIL_FREEDOM + 1.0) * float(1.0 - np.sqrt(0.5 * np.pi * TAIL_FREEDOM) * erfcx(np.sqrt(0.5 * TAIL_FREEDOM)))
 """Weighed mean square of normal residuals over their variance."""
 
 
@@ -86,7 +83,7 @@ def variance_of(
     """Return the variance of pixels, shape (n,), and the share of it beyond that of dark pixels.
 
     ``level``: shape (n,), predicted, of which the first component is a multiple; ``parts``: shape (k, n), the other
-    components, all of any scale; ``least``: variance that there is at least (rounding, neglected parts of a prediction).
+    components, all of any scale; ``least``: smallest variance (rounding, neglected parts of a prediction).
     """
     brightest = max(float(level.max()), 1e-300)
     level = np.clip(level / brightest, 0.0, 1.0)

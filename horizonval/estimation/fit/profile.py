@@ -48,12 +48,11 @@ from horizonval.estimation.fit.profile_pixels import (
     AXIS_CAM,
     GROUP_PX,
     NoLimbError,
-    ProfilePixels,
     level_distance,
     profile_pixels,
 )
 from horizonval.estimation.lens_error import miscalibrated
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens
 from horizonval.geometry.camera import CameraModel, unproject
@@ -73,7 +72,7 @@ GRID_RIMS = 2.0
 """Extension of the height grid beyond the window, in rims: its ends are five blurs and a lift away."""
 FINEST_STEP_M, STEPS_PER_PIXEL = 250.0, 12.0
 """Step of the height grid: a thirtieth of the air's scale height, or a seventh of the blur. Measured against 32 steps a
-pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: waves of half a pixel show in sampled lenses."""
+pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: sampled lenses show waves of half a pixel."""
 SOME = 500
 """Pixels that tell how far a step moves the limb: it moves evenly along it."""
 EDGE_BLURS = 2.5
@@ -125,9 +124,10 @@ class ProfileLook:
     """Predicted pixels, shape (n,) each.
 
     ``own``: shape (4,), the image's own unknowns; ``by_turn``: shape (3, n), derivatives of the distances across the
-    limb by a turn from here; ``place``, ``share``: of the height grid; ``across_m``: distance across the limb; ``level``: radiance; ``changes``:
-    shape (3, n), derivatives by distance across the limb [1/m], ln blur, sharpness; ``brightest``: largest radiance of
-    the profile there; ``kept``: share of a radiance change that survives the converter's floor in the mean.
+    limb by a turn from here; ``place``, ``share``: of the height grid; ``across_m``: distance across the limb;
+    ``level``: radiance; ``changes``: shape (3, n), derivatives by distance across the limb [1/m], ln blur, sharpness;
+    ``brightest``: largest radiance of the profile there; ``kept``: share of a radiance change that survives the
+    converter's floor in the mean.
     """
 
     own: FloatArray
@@ -202,9 +202,7 @@ class ProfileModel:
         self._some = slice(None, None, max(1, len(t) // SOME))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
-        self._bump_px = np.maximum(
-            BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2 / near.group, 1.0
-        )
+        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2 / near.group, 1.0)
         self._least = rounding_variance(near.values) / near.group
         self._last: tuple[FloatArray, ProfileLook] | None = None
 
@@ -225,9 +223,7 @@ class ProfileModel:
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the priors of lens and gain, and that of the background where a floor cuts space off."""
         known, information, wanted = self.knowledge, np.zeros(OWN), self.knowledge.own - own
-        information[:BACKGROUND] = (
-            np.array([known.blur_log_sigma, known.sharpness_sigma, known.gain_log_sigma]) ** -2.0
-        )
+        information[:BACKGROUND] = np.array([known.blur_log_sigma, known.sharpness_sigma, known.gain_log_sigma]) ** -2.0
         information[[BLUR, SHARPNESS]] *= self.tighter
         if self.floor is not None:
             information[BACKGROUND], wanted[BACKGROUND] = self.floor.sigma**-2, self.floor.background - own[BACKGROUND]
@@ -339,7 +335,7 @@ class ProfileModel:
             look.residuals, near.light * look.level, np.array([clouds**2, per_px**2]), self._least + neglected
         )
         # Not of a limb that is still displaced, which would hide it.
-        if self.tighter == 1.0 or before is not None:
+        if self.tighter == 1.0:
             in_sigmas = look.residuals * np.sqrt(PixelNoise(variance).weights(look.residuals))
             side_px = near.group / GROUP_PX if near.group > 1 else 1.0
             common = correlated(near.columns, near.rows, in_sigmas, side_px)
@@ -375,6 +371,8 @@ class ProfileModel:
 
 class ProfileLinear:
     """Normal equations at one look; see :class:`horizonval.estimation.fit.image.Linear`."""
+
+    exact = True
 
     def __init__(self, model: ProfileModel, look: ProfileLook, weights: FloatArray) -> None:
         self._model, self.look, self.weights = model, look, weights
@@ -492,9 +490,7 @@ class ProfileChooser:
                 camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), lens[3])
             pose = state.pose.of_camera(one.turn)
             models.append(
-                ProfileModel(
-                    one.image, camera, pose, lens, float(np.exp(own[BLUR])), one.knowledge, most, tighter
-                )
+                ProfileModel(one.image, camera, pose, lens, float(np.exp(own[BLUR])), one.knowledge, most, tighter)
             )
         air = common_air([model.air for model in models], [one.table for one in self._images])
         for model, its in zip(models, air.images, strict=True):

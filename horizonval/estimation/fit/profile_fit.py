@@ -31,12 +31,23 @@ from horizonval.estimation.fit.bundle import Bundle, Shot, ShotPrior
 from horizonval.estimation.fit.image import LENS, POSE, ShotState
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.profile import BLUR, ProfileChooser, ProfileChosen, ProfileImage, ProfileLinear, ProfileLook, ProfileModel
+from horizonval.estimation.fit.profile import (
+    BLUR,
+    ProfileChooser,
+    ProfileChosen,
+    ProfileImage,
+    ProfileLinear,
+    ProfileLook,
+    ProfileModel,
+)
 from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
 
-OPTIONS = SolverOptions(stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()))
+OPTIONS = SolverOptions(
+    stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()), reweighed=0.5, frozen=0.1
+)
 """First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
-clouds soften it, more increases the dependence on the start. Its pixels are enough to be within a tenth of a pixel."""
+clouds soften it, more increases the dependence on the start. Its pixels are enough to be within a tenth of a pixel.
+Equations are made again after a third of a sigma: what air and height have in common is seen by their difference."""
 NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
 """To about a standard deviation."""
 GROWTH_SIGMA = 0.5
@@ -97,9 +108,7 @@ class ProfileFit:
         )
 
 
-def profile_shot(
-    images: Sequence[ProfileImage], prior: ShotPrior, start: LimbPose
-) -> Shot:
+def profile_shot(images: Sequence[ProfileImage], prior: ShotPrior, start: LimbPose) -> Shot:
     """Return the shot of images, in axes of the body; ``start``: right to some kilometres of height at the limb."""
     own = tuple(image.knowledge.own for image in images)
     return Shot(ProfileChooser(images), prior, ShotState(start, own, np.zeros(0)), [image.turn for image in images])

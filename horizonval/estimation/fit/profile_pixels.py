@@ -14,10 +14,10 @@ With a turn and a shift of the ray its lowest point moves along the normal::
 
     dh = l n . dd + n . dr
 
-The change of ``g`` is smaller by ``h / a`` and neglected. Errors of the lens move the direction ``d`` of a pixel at
-``(x, y)`` from the principal point as the pixel's own motion in the image does, ``d d = d_x dx + d_y dy``: by ``-x, -y``
-for the logarithm of the focal length, by ``-1`` in a column or a row for the principal point, and outwards by
-``-(rho / rho_corner)^3`` px for the distortion, ``rho`` the radius without it.
+The change of ``g`` is smaller by ``h / a`` and neglected. Errors of the lens change the direction of a pixel at ``(x,
+y)`` from the principal point as the pixel's own motion in the image does: by ``-x, -y`` for the logarithm of the focal
+length, by ``-1`` in a column or a row for the principal point, and outwards by ``-(rho / rho_corner)^3`` px for the
+distortion, ``rho`` the radius without it.
 
 **Groups.** Beyond some thousand pixels nothing is gained by one equation each. Along a short piece of the limb, pixels
 of nearly one height are replaced by their mean: values, heights and derivatives are linear in it, and a group whose
@@ -27,16 +27,18 @@ heights differ by ``w`` pixels sees a profile that is blurred by another ``w^2 /
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.estimation.fit.edge_pixels import FEWEST_LIMB_PX
+from horizonval.estimation.fit.levels import from_widest_gap
+from horizonval.estimation.fit.pixels import NearPixels, near_pixels
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.lens_error import k1_per_px
-from horizonval.estimation.likelihood.pixels import FEWEST_LIMB_PX, NearPixels, near_pixels
-from horizonval.estimation.likelihood.sectors import divided
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.rotation import cross, off_axis_angle, tangent_basis
@@ -199,15 +201,13 @@ def profile_pixels(
         raise NoLimbError(f"{limb_px} pixels of limb in view; {FEWEST_LIMB_PX} are needed")
     seen = tangent_basis(pose.nadir_cam).T @ near.los_cam
     azimuth = np.arctan2(seen[1], seen[0])
-    sorted_ = np.sort(azimuth)
-    gap = max(float(np.diff(sorted_).max()), float(sorted_[0] - sorted_[-1]) + 2.0 * np.pi)
+    order, turned = from_widest_gap(azimuth)
     at_centre = float(np.sqrt(max(1.0 - axes[0] ** 2 / float(pose.r_itrs @ pose.r_itrs), 0.0)))
-    count = int(np.clip(np.ceil((2.0 * np.pi - gap) * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
-    sectors = divided(azimuth, count)
-    order, starts = sectors.order, sectors.starts
+    count = int(np.clip(np.ceil(turned[-1] * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
+    starts = np.linspace(0, len(order), count + 1).astype(np.intp)
     sector = np.repeat(np.arange(count), np.diff(starts))
-    borders = sectors.azimuth[np.minimum(starts, len(order) - 1)]
-    along = (sectors.azimuth - borders[sector]) / np.maximum(np.diff(borders), 1e-12)[sector]
+    borders = turned[np.minimum(starts, len(order) - 1)]
+    along = (turned - borders[sector]) / np.maximum(np.diff(borders), 1e-12)[sector]
     values = np.asarray(image[near.rows, near.columns], dtype=np.float64)
     of_each = np.concatenate(
         [
@@ -278,7 +278,7 @@ def _grouped(
     order = np.lexsort((height, piece))
     piece = piece[order]
     first = np.searchsorted(piece, np.arange((len(starts) - 1) * pieces + 1))
-    firsts = np.concatenate([np.arange(a, b, size) for a, b in zip(first[:-1], first[1:], strict=True)])
+    firsts = np.concatenate([np.arange(a, b, size) for a, b in pairwise(first)])
     counts = np.diff(np.append(firsts, len(order)))
     return np.add.reduceat(of_each[:, order], firsts, axis=1) / counts, np.searchsorted(firsts, starts)
 

@@ -25,9 +25,9 @@ from horizonval.estimation.fit.image import POSE, ShotState
 class Stage:
     """A part of the way to the most probable unknowns.
 
-    ``pixels``: about how many per image, None for all; ``tighter``: factor on the priors' information on the blur, above
-    1 where the lens is held at first; ``tolerance``: length of a step, in its own standard deviations, that ends the
-    stage; ``settle``: whether the noise is estimated again on the way.
+    ``pixels``: about how many per image, None for all; ``tighter``: factor on the priors' information on the blur,
+    above 1 where the lens is held at first; ``tolerance``: length of a step, in its own standard deviations, that ends
+    the stage; ``settle``: whether the noise is estimated again on the way.
     """
 
     pixels: int | None = None
@@ -41,9 +41,10 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held; ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which derivatives stay frozen; ``frozen``: square of
-    a step up to which they do; ``first_damping``,
-    ``damping_factor``, ``most_damping``: in units of the unknowns' scales, after a step that gains nothing;
+    noise is held, and ``near`` in all stages but the last; ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which
+    derivatives stay frozen; ``frozen``: square of a step up to which they do; ``most_cuts``, ``least_share``: how often
+    a step that gains nothing is shortened, and to which share of it; ``first_damping``, ``damping_factor``,
+    ``most_damping``: in units of the unknowns' scales, where that does not help;
     ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
     pixels are chosen again.
     """
@@ -51,9 +52,12 @@ class SolverOptions:
     stages: tuple[Stage, ...] = (Stage(),)
     most_steps: int = 30
     steady: float = 0.02
-    reweighed: float = 0.5
+    near: float = 0.2
+    reweighed: float = np.inf
     good: float = 0.7
-    frozen: float = 0.1
+    frozen: float = np.inf
+    most_cuts: int = 3
+    least_share: float = 0.1
     first_damping: float = 1.0
     damping_factor: float = 10.0
     most_damping: float = 1e8
@@ -119,8 +123,22 @@ class _Search:
             short = damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0
             gain = self._try(bounded)
             if short and steady:
-                return equations
+                # On the way from where the noise was steady it may have changed; and derivatives of elsewhere end a few
+                # hundredths of a sigma from the best unknowns.
+                good = fresh or not last or all(one.exact for one in equations)
+                if good and (not (stage.settle and last) or self._weigh() < options.steady):
+                    return equations
+                solved, before = None, None
+                continue
+            cuts = 0
             while gain < -options.rounding:
+                if fresh and cuts < options.most_cuts:
+                    # The parabola through this merit and the present one, with the slope that the equations predict.
+                    cuts += 1
+                    share = bounded.gained / (2.0 * bounded.gained - gain)
+                    bounded = bounded.shortened(float(np.clip(share, options.least_share, 0.5)))
+                    gain = self._try(bounded)
+                    continue
                 if fresh:
                     damping = max(options.first_damping, options.damping_factor * damping)
                     if damping > options.most_damping:
@@ -144,15 +162,19 @@ class _Search:
             if self.moved_px > options.reselect_px:
                 self._choose(stage)
                 solved, before = None, None
-            if stage.settle and not steady:
-                change = max(shot.weigh(bundle.shared) for shot in bundle.shots)
+            elif stage.settle and not steady:
+                change = self._weigh()
                 # A first stage ends as soon as it is near.
-                steady = change < (options.steady if last else options.reweighed)
+                steady = change < (options.steady if last else options.near)
                 if change > options.reweighed:
                     solved = None
         if step is None or step.square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
         return equations
+
+    def _weigh(self) -> float:
+        """Estimate the noise again; return the largest change of a shot's."""
+        return max(shot.weigh(self.bundle.shared) for shot in self.bundle.shots)
 
     def _choose(self, stage: Stage) -> None:
         for shot in self.bundle.shots:

@@ -24,12 +24,12 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.bundle import ShotPrior
+from horizonval.estimation.fit.claim import fit_of
 from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.profile import ProfileImage
 from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles, uneven_lens
 from horizonval.estimation.fit.profile_pixels import NoLimbError
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.limb.foreign import without_foreign_light
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -22,13 +22,13 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.bundle import ShotPrior
+from horizonval.estimation.fit.claim import fit_of
 from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import ProfileImage
 from horizonval.estimation.fit.profile_fit import NEAR, ProfileFit, fit_profiles
 from horizonval.estimation.fit.profile_pixels import NoLimbError
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.methods import limb_heads
 from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of
 from horizonval.estimation.observation import Estimator, Fit, Observation

@@ -38,8 +38,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.lens_error import View, los_body, with_lens_error
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE
 from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle
 from horizonval.estimation.limb.cone import SLOW_PX, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation

@@ -16,7 +16,6 @@ from drawn_limbs import (
     LENGTH_RAD,
     RADIUS_M,
     mean_profile,
-    mode_profiles,
     picture,
     table,
     view,
@@ -30,6 +29,7 @@ from horizonval.estimation.fit import profile_pixels as profile_pixels_module
 from horizonval.estimation.fit.air import KnownAir, common_air, sun_of_time
 from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of
 from horizonval.estimation.fit.bundle import ShotPrior
+from horizonval.estimation.fit.heights import everywhere
 from horizonval.estimation.fit.image import LENS, POSE, ShotState
 from horizonval.estimation.fit.known_profile import start_pose
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
@@ -37,7 +37,6 @@ from horizonval.estimation.fit.profile import OWN, ProfileChooser, ProfileImage,
 from horizonval.estimation.fit.profile_fit import OPTIONS, ProfileFit, fit_profiles, strained, uneven_lens
 from horizonval.estimation.fit.profile_pixels import profile_pixels, ray_height
 from horizonval.estimation.lens_error import miscalibrated
-from horizonval.estimation.likelihood.height import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates, load_templates
 from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Fit, Lens, Observation
@@ -533,7 +532,7 @@ def test_errors_of_a_lens_move_the_limb_as_another_camera_does() -> None:
 
 
 def test_groups_of_pixels_are_as_good_as_the_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A limb in 2 600 pixels or 660 groups of them: nadirs apart by less than a tenth of the claim."""
+    """A limb in 2 600 pixels or 660 groups of them: 3 % of the information are a shift of a sixth of the claim."""
     camera = replace(CAMERA, width=192, height=144, fx=240.0, fy=240.0, cx=95.5, cy=71.5)
     image, knowledge, start = knowledge_of(4, camera)
     whole = fit_profile(image, camera, start, knowledge)
@@ -542,8 +541,8 @@ def test_groups_of_pixels_are_as_good_as_the_pixels(monkeypatch: pytest.MonkeyPa
     assert len(few.looks[0].residuals) < 0.35 * len(whole.looks[0].residuals)
     by = nadir_derivative(whole.pose)
     claims = [float(np.sqrt(np.trace(by @ fit.covariance @ by.T))) for fit in (whole, few)]
-    assert np.linalg.norm(few.pose.nadir_cam - whole.pose.nadir_cam) < 0.1 * claims[0]
-    assert claims[1] == pytest.approx(claims[0], rel=0.1)
+    assert np.linalg.norm(few.pose.nadir_cam - whole.pose.nadir_cam) < 0.5 * claims[0]
+    assert claims[1] == pytest.approx(claims[0], rel=0.05)
 
 
 def test_air_is_taken_over_where_nodes_move() -> None:

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.air import POLE_ITRS, LimbNodes, NodeAir, common_air, node_air
-from horizonval.estimation.likelihood.height import correlations
+from horizonval.estimation.fit.heights import correlations
 from horizonval.estimation.methods import limb_heads, limb_profile, limb_profile_heads
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

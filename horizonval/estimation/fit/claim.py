@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb, nadir_derivative
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
+from horizonval.estimation.fit.known import LimbKnowledge
+from horizonval.estimation.fit.limb import LimbFit, fit_limb
+from horizonval.estimation.fit.pixels import pixel_at_limb_m
+from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.limb.picture import Picture, in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
@@ -57,7 +58,7 @@ of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(
 sliver is ``r (1 - cos p) = m^2 x`` wide."""
 
 
-def with_terminator(found: LimbLikelihoodFit, camera: CameraModel) -> LimbLikelihoodFit:
+def with_terminator(found: LimbFit, camera: CameraModel) -> LimbFit:
     """Return the fit of a whole disc, its covariance with what an unlit sliver may do to it; of an arc as it is.
 
     A Sun that is not quite behind the camera leaves a sliver of the disc dark, whose edge is the terminator. It shows
@@ -87,14 +88,13 @@ def with_terminator(found: LimbLikelihoodFit, camera: CameraModel) -> LimbLikeli
     return replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
 
 
-def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbLikelihoodFit:
+def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
     """Return the fit in pixels as wide as the limb is deep, or in those of the picture where they are as wide."""
     scale = limb_scale(camera, start, knowledge)
     if scale == 1:
-        return fit_limb(picture.grey, camera, start, knowledge, picture.noise_sigma)
+        return fit_limb(picture.grey, camera, start, knowledge)
     image, small = smaller(picture.grey, camera, scale)
-    copy = Picture(image, picture.full_scale)
-    found = fit_limb(copy.grey, small, start, knowledge.in_wider_pixels(scale), copy.noise_sigma)
+    found = fit_limb(image, small, start, knowledge.in_wider_pixels(scale))
     return replace(found, uv=in_whole(found.uv, scale))
 
 
@@ -112,7 +112,7 @@ def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) ->
 
 
 class PoseFit(Protocol):
-    """What is claimed from; as :class:`horizonval.estimation.likelihood.fit.LimbLikelihoodFit` says."""
+    """What is claimed from; as :class:`horizonval.estimation.fit.limb.LimbFit` says."""
 
     @property
     def pose(self) -> LimbPose: ...
