@@ -31,6 +31,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
 from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of, blur_after
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile_pixels import (
@@ -52,7 +54,6 @@ from horizonval.estimation.fit.profile_pixels import (
     profile_pixels,
 )
 from horizonval.estimation.lens_error import miscalibrated
-from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens
 from horizonval.geometry.camera import CameraModel, unproject
@@ -268,7 +269,8 @@ class ProfileModel:
             along = float(part @ nadir)
             size = np.hypot(rest, along)
             swing = (rest * part - along * rest * nadir - along * np.cross(part, nadir)) / size
-            way[:3] = 2.0 * swing * (np.arcsin(min(np.linalg.norm(swing), 1.0)) / max(np.linalg.norm(swing), 1e-300))
+            sine = max(float(np.linalg.norm(swing)), 1e-300)
+            way[:3] = 2.0 * swing * (np.arcsin(min(sine, 1.0)) / sine)
             way[:3] += 2.0 * np.arctan2(along, rest) * nadir
         return way
 
@@ -372,7 +374,7 @@ class ProfileModel:
 class ProfileLinear:
     """Normal equations at one look; see :class:`horizonval.estimation.fit.image.Linear`."""
 
-    exact = True
+    exact: ClassVar[bool] = True
 
     def __init__(self, model: ProfileModel, look: ProfileLook, weights: FloatArray) -> None:
         self._model, self.look, self.weights = model, look, weights
@@ -416,7 +418,8 @@ class ProfileLinear:
         places = len(model.near.starts) * size
         on_grid = np.bincount(first, (values * (1.0 - along)).ravel(), places)
         on_grid += np.bincount(first + size, (values * along).ravel(), places)
-        pull = model.tables.pull(on_grid.reshape(-1, size), float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))
+        on_nodes = np.asarray(on_grid.reshape(-1, size), dtype=np.float64)
+        pull = model.tables.pull(on_nodes, float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))
         of_air = np.einsum("ij,ij->j", pull[:, 1 + air.function], air.wave)
         return model.derivatives(look) @ weighed, np.asarray(of_air)
 
@@ -462,8 +465,12 @@ class ProfileImage:
 class ProfileChosen(Chosen):
     """Pixels of all images, and the air that they share."""
 
-    models: Sequence[ProfileModel]
     air: CommonAir
+
+    @property
+    def profiles(self) -> list[ProfileModel]:
+        """The models, as what they are."""
+        return [model for model in self.models if isinstance(model, ProfileModel)]
 
 
 NEAR_PX = 0.25
@@ -481,7 +488,7 @@ class ProfileChooser:
     ) -> ProfileChosen:
         """Return the pixels near the limb at a state."""
         if isinstance(before, ProfileChosen) and self._still_good(before, state, lens, most):
-            held = [model.held(tighter) for model in before.models]
+            held = [model.held(tighter) for model in before.profiles]
             return replace(before, models=held, state=state, noises=[None] * len(held))
         models = []
         for one, own in zip(self._images, state.own, strict=True):
@@ -498,16 +505,16 @@ class ProfileChooser:
         if isinstance(before, ProfileChosen):
             state = replace(state, air=air.taken_over(before.air, state.air))
         else:
-            own = tuple(
+            owns = tuple(
                 model.levels(model.pose, lens, one, np.zeros(model.air.wave.shape[1]))
                 for model, one in zip(models, state.own, strict=True)
             )
-            state = ShotState(state.pose, own, np.zeros(air.count))
+            state = ShotState(state.pose, owns, np.zeros(air.count))
         return ProfileChosen(models, air.columns, state, [None] * len(models), air)
 
     def _still_good(self, before: ProfileChosen, state: ShotState, lens: FloatArray, most: int | None) -> bool:
         """Return whether pixels are as good as those that would be chosen now."""
-        for one, model in zip(self._images, before.models, strict=True):
+        for one, model in zip(self._images, before.profiles, strict=True):
             step = np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens])
             if (model.thinned and most is None) or model.motion_px(step) > NEAR_PX:
                 return False

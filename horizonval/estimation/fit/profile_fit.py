@@ -42,9 +42,7 @@ from horizonval.estimation.fit.profile import (
 )
 from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
 
-OPTIONS = SolverOptions(
-    stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()), reweighed=0.5, frozen=0.1
-)
+OPTIONS = SolverOptions(stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()), reweighed=0.5, frozen=0.1)
 """First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
 clouds soften it, more increases the dependence on the start. Its pixels are enough to be within a tenth of a pixel.
 Equations are made again after a third of a sigma: what air and height have in common is seen by their difference."""
@@ -131,7 +129,7 @@ def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     chosen, seen, state, found = shot.chosen, shot.seen, shot.state, solution.shots[0]
     assert isinstance(chosen, ProfileChosen)
     assert seen is not None
-    models, noises = chosen.models, shot.noises
+    models, noises = chosen.profiles, shot.noises
     looks = [look for look in seen.looks if isinstance(look, ProfileLook)]
     known, covariance = found.known[:POSE, :POSE], found.covariance[:POSE, :POSE]
     squares, determined = float(state.air @ state.air), len(state.air) - found.air_open
@@ -194,7 +192,7 @@ def _growth(shot: Shot, solution: Solution, image: int) -> tuple[float, float]:
     assert isinstance(shot.chosen, ProfileChosen)
     linear = solution.equations[0].linears[image]
     assert isinstance(linear, ProfileLinear)
-    model, look, weights = shot.chosen.models[image], linear.look, linear.weights
+    model, look, weights = shot.chosen.profiles[image], linear.look, linear.weights
     column = model.off_axis * model.derivatives(look)[POSE + LENS + BLUR]
     equations, solved = solution.equations[0], solution.solved
     right = equations.rights_of(image, replace(look, residuals=column), weights)

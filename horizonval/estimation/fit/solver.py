@@ -41,10 +41,10 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held, and ``near`` in all stages but the last; ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which
-    derivatives stay frozen; ``frozen``: square of a step up to which they do; ``most_cuts``, ``least_share``: how often
-    a step that gains nothing is shortened, and to which share of it; ``first_damping``, ``damping_factor``,
-    ``most_damping``: in units of the unknowns' scales, where that does not help;
+    noise is held, and ``near`` in all stages but the last; ``reweighed``: change that asks for new equations; ``good``:
+    share of the predicted gain above which derivatives stay frozen; ``frozen``: square of a step up to which they do;
+    ``most_cuts``, ``least_share``: how often a step that gains nothing is shortened, and to which share of it;
+    ``first_damping``, ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does not help;
     ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
     pixels are chosen again.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ class ToyLook:
 
 
 class ToyLinear:
-    exact = False
+    exact: ClassVar[bool] = False
 
     def __init__(self, rows: FloatArray, weights: FloatArray) -> None:
         normal, s = rows.T @ (weights[:, None] * rows), POSE + LENS + OWN

@@ -474,7 +474,7 @@ def chosen_model(seed: int, **drawn: Any) -> tuple[ProfileModel, LimbPose, np.nd
     """A model with its air, its pose, own unknowns and drawn unknowns of the air."""
     image, knowledge, start = knowledge_of(seed, CAMERA)
     choose = ProfileChooser([ProfileImage(image, CAMERA, knowledge)])
-    model = choose(ShotState(start, (knowledge.own,), np.zeros(0)), np.zeros(LENS), None, 1.0, None).models[0]
+    model = choose(ShotState(start, (knowledge.own,), np.zeros(0)), np.zeros(LENS), None, 1.0, None).profiles[0]
     own = np.array([np.log(0.6), 0.4, np.log(900.0), 10.0])
     return model, start, own, 0.3 * np.random.default_rng(5).normal(size=model.air.wave.shape[1])
 
