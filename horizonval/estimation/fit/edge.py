@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,6 +155,7 @@ class EdgeLook:
 class EdgeLinear:
     """Normal equations of the pixels at one look; ``jacobian``: shape (13 + k, n)."""
 
+    exact: ClassVar[bool] = False
     jacobian: FloatArray
     normal: FloatArray
 

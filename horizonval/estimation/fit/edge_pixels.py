@@ -116,7 +116,9 @@ class EdgeChooser:
         """Return the unknowns before the first choice, of the body's pose."""
         return ShotState(pose, (self.known.own,) * len(self.images), np.zeros(0))
 
-    def __call__(self, state: ShotState, lens: FloatArray, most: int | None, before: Chosen | None) -> Chosen:
+    def __call__(
+        self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
+    ) -> Chosen:
         """Return the pixels near the limb at a state."""
         pose = state.pose
         if self._basis_body is None:
