@@ -68,7 +68,8 @@ GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
 EARTH_RADIUS_M = 6.371e6
 POLE_ITRS = np.array([0.0, 0.0, 1.0])
 LEAST_APART = 0.15
-"""Size, relative to a mode's standard deviation, below which its second part is neglected: 0.01 of the nadir's sigma."""
+"""Size, relative to a mode's standard deviation, below which its second part is neglected: it moves the nadir by 0.01
+of its sigma."""
 LEFT_LENGTH_RAD = 0.1
 """Correlation length along the limb of what the modes leave: between clouds and air."""
 

@@ -98,9 +98,9 @@ def start_pose(
     step = REACH_SIGMA * tilt_sigma_rad / STEPS
     best, score, reach = np.zeros(2), -np.inf, STEPS
     finest = max(FINEST_M / to_limb, FINEST_PX * pixel_rad)
+    pixels = (values, los, light, radius, bin_ * len(grid))
     first, seen = (
-        _Seen(*(part[..., :: max(1, len(values) // most) | 1] for part in (values, los, light, radius, bin_ * len(grid))))
-        for most in (FIRST_PX, FINER_PX)
+        _Seen(*(part[..., :: max(1, len(values) // most) | 1] for part in pixels)) for most in (FIRST_PX, FINER_PX)
     )
     while True:
         # Three running means are as good as a Gaussian.
