@@ -43,7 +43,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.height import (
+from horizonval.estimation.fit.heights import (
     EARTH_RADIUS_M,
     FAINTEST,
     SEEN_FROM_M,

@@ -18,7 +18,6 @@ small.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -53,14 +52,13 @@ from horizonval.estimation.limb.pyramid import (
     LARGEST_FINE_PX,
     PyramidLevel,
     levels_of,
-    on_cone,
     trace_limb,
     without_disc,
 )
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import Cone, fit_cone
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle
 
 NOTHING_KNOWN = Prior()
 LARGEST_SHARE_OF_SIDE = 0.3
@@ -110,8 +108,6 @@ STILL_SHOWN = float(np.sqrt(0.5))
 resolved limb gains nothing from smaller pixels and soon exceeds the window."""
 STILL_SEEN = 0.25
 """The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
-REFITS = 2
-"""Cone fits per level; the second changes less than a pixel."""
 TRIED = 2
 """Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
 WHOLE = 0.9
@@ -152,6 +148,8 @@ SUN_REACH = 2.0
 """Radii of a saturated blob that are left out: its bloom."""
 LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
 """Largest radius of the Sun (0.27 deg) with its glare; a larger blob may be a saturated Earth and is not left out."""
+ROUGH_SIGMAS = 3.0
+"""Standard deviations of a rough nadir, and of what a limb may be wrong by, within which the two agree."""
 LIMB_SHARE = 0.4
 """Canny's upper threshold, relative to strong gradients, where all edges count as limb; discs of 50 to 200 px have
 steep shading."""
@@ -166,7 +164,8 @@ def find_limb(
     """Return the sub-pixel points of the Earth's limb in order, or why there are none.
 
     ``image``: shape (H, W), grey levels monotonic in radiance; anything else is refused. ``camera``: of the image's
-    size; ``full_scale``: digital number of saturation; ``prior``: its altitude bounds the angular radius.
+    size; ``full_scale``: digital number of saturation; ``prior``: its altitude bounds the angular radius, and its
+    attitude decides between two curves.
     """
     found = find_limb_and_picture(image, camera, full_scale, prior)
     return found if isinstance(found, Refusal) else found[0]
@@ -179,7 +178,7 @@ def find_limb_and_picture(
     picture = picture_of(image, camera, full_scale)
     if isinstance(picture, Refusal):
         return picture
-    found = _find_limb_in(picture, camera, largest_rho_rad(prior))
+    found = _find_limb_in(picture, camera, largest_rho_rad(prior), prior.rough_nadir)
     return found if isinstance(found, Refusal) else (found, picture)
 
 
@@ -220,23 +219,26 @@ def wrong_size(image: FloatArray, camera: CameraModel) -> Refusal:
     )
 
 
-def _find_limb_in(picture: Picture, camera: CameraModel, largest_rho_rad: float) -> LimbPoints | Refusal:
+def _find_limb_in(
+    picture: Picture, camera: CameraModel, largest_rho_rad: float, rough_nadir: tuple[FloatArray, float] | None
+) -> LimbPoints | Refusal:
     """Return the limb of a picture of this camera; as :func:`find_limb`."""
     sun = find_sun(picture.saturated)
     levels = levels_of(picture, camera)
     if sun is not None and sun.radius_px / camera.fx < LARGEST_SUN_RADIUS_RAD:
         levels = without_disc(levels, sun.column, sun.row, SUN_REACH * sun.radius_px + 1.0)
-    verdicts = sorted(_verdicts(levels, camera, largest_rho_rad), key=lambda one: -one[0])
+    verdicts = sorted(_verdicts(levels, camera, largest_rho_rad, rough_nadir), key=lambda one: -one[0])
     accepted = [one for _, one in verdicts if isinstance(one, FoundLimb)]
     doubts = [(score, one) for score, one in verdicts if isinstance(one, Refusal)]
     # A refused limb that is far more probable is the right one, so that no other is returned.
     if not accepted or (doubts and accepted[0].score < RIVAL_SHARE * doubts[0][0]):
         short = (one for _, one in doubts if one.status is Outcome.SHORT_ARC)
         return _refused(picture, sun is not None, next(short, doubts[0][1] if doubts else None))
-    best = accepted[0]
-    for rival in accepted[1:]:
-        if rival.score > RIVAL_SHARE * best.score and _contradicts(best, rival):
-            return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
+    rivals = [one for one in accepted if one.score > RIVAL_SHARE * accepted[0].score]
+    rivals = [one for one in rivals if _agrees(one.cone.axis_cam, rough_nadir)] or rivals
+    best = rivals[0]
+    if any(_contradicts(best, rival) for rival in rivals[1:]):
+        return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
     return best.points if best.too_low is None else best.too_low
 
 
@@ -265,14 +267,12 @@ class _Candidate:
     scale: float
     evidence: Evidence
 
-    @cached_property
-    def los(self) -> FloatArray:
-        """Lines of sight to the middles of its sectors, shape (m, 3)."""
-        return on_cone(self.axis_cam, tangent_basis(self.axis_cam), self.rho_rad, self.evidence.azimuth)
-
 
 def _verdicts(
-    levels: list[PyramidLevel], camera: CameraModel, largest_rho_rad: float
+    levels: list[PyramidLevel],
+    camera: CameraModel,
+    largest_rho_rad: float,
+    rough_nadir: tuple[FloatArray, float] | None,
 ) -> list[tuple[float, FoundLimb | Refusal]]:
     """Return verdict and score of every level's most probable cones, smallest level first."""
     verdicts: list[tuple[float, FoundLimb | Refusal]] = []
@@ -280,31 +280,40 @@ def _verdicts(
     for number in range(len(levels) - 1, -1, -1):
         if max(levels[number].grey.shape) > LARGEST_FINE_PX and number < len(levels) - 1:
             break
-        for one in _proposed(levels[number], number, camera, largest_rho_rad):
+        for one in _proposed(levels[number], number, camera, largest_rho_rad, rough_nadir):
             if any(_same(one, other) for other in tried):
                 continue
             found = _followed(levels, camera, one)
             if not any(_same(found, other) for other in tried):
                 verdicts.append((found.evidence.score, _judged(levels, camera, found, largest_rho_rad)))
             tried += [one, found]
-        if any(isinstance(one, FoundLimb) and one.explained > WHOLE for _, one in verdicts):
+        found_limbs = [one for _, one in verdicts if isinstance(one, FoundLimb)]
+        if any(one.explained > WHOLE and _agrees(one.cone.axis_cam, rough_nadir) for one in found_limbs):
             break
     return verdicts
 
 
-def _proposed(level: PyramidLevel, number: int, camera: CameraModel, largest_rho_rad: float) -> list[_Candidate]:
+def _proposed(
+    level: PyramidLevel,
+    number: int,
+    camera: CameraModel,
+    largest_rho_rad: float,
+    rough_nadir: tuple[FloatArray, float] | None,
+) -> list[_Candidate]:
     """Return the most probable cones of a level, the most probable first."""
     found: list[_Candidate] = []
     for one in propose(level, camera, min(largest_rho_rad + LARGEST_SIGMA_RAD, 0.5 * np.pi)):
         evidence = weigh(level, camera, one.axis_cam, one.rho_rad)
-        if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL:
+        if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL and evidence.score > 0.0:
             found.append(_Candidate(one.axis_cam, one.rho_rad, number, level.scale, evidence))
+            if evidence.explained > WHOLE and _agrees(one.axis_cam, rough_nadir):
+                break
     return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
 
 
 def _same(one: _Candidate, other: _Candidate) -> bool:
     """Whether two cones have the same limb in view, to the pixels of the coarser one."""
-    off = off_axis_angle(one.los, other.axis_cam) - other.rho_rad
+    off = off_axis_angle(one.evidence.los, other.axis_cam) - other.rho_rad
     return bool(median(np.abs(off)) < SHIFTS_PX[-1] * max(one.evidence.px_rad, other.evidence.px_rad))
 
 
@@ -315,34 +324,23 @@ def _followed(levels: list[PyramidLevel], camera: CameraModel, start: _Candidate
         here = _fitted(levels[number], number, camera, best)
         if here is None:
             break
-        least = STILL_SHOWN if here.evidence.width_px == WIDTHS_PX[-1] else STILL_SEEN
-        if here.evidence.score < least * largest:
+        sharp = number < best.number and here.evidence.width_px < WIDTHS_PX[-1]
+        if here.evidence.score < (STILL_SEEN if sharp else STILL_SHOWN) * largest:
             break
         best, largest = here, max(largest, here.evidence.score)
-    return best
+    # The width of the edge is that at a cone of this level.
+    return _fitted(levels[best.number], best.number, camera, best) or best
 
 
 def _fitted(level: PyramidLevel, number: int, camera: CameraModel, start: _Candidate) -> _Candidate | None:
-    """Return a cone fitted to a level, or None if it shows much less of it; the likelihood may ignore common shifts."""
-    best = start
-    if start.number != number:
-        seen = weigh(level, camera, start.axis_cam, start.rho_rad)
-        if seen is None:
-            return None
-        best = _Candidate(start.axis_cam, start.rho_rad, number, level.scale, seen)
-    for _ in range(REFITS):
-        shows = best.evidence.shows
-        los = unproject(camera, best.evidence.uv[shows])
-        los = los[np.isfinite(los).all(axis=1)]
-        if len(los) < 3:
-            break
-        axis = fit_cone(los).axis_cam
-        rho = float(off_axis_angle(los, axis).mean())
-        evidence = weigh(level, camera, axis, rho)
-        if evidence is None or evidence.score < STILL_SHOWN * best.evidence.score:
-            break
-        best = _Candidate(axis, rho, number, level.scale, evidence)
-    return best
+    """Return the cone through the sectors that show a limb, and what a level shows of it."""
+    shown = start.evidence.los[start.evidence.shows]
+    if len(shown) < 3:
+        return None
+    axis = fit_cone(shown).axis_cam
+    rho = float(off_axis_angle(shown, axis).mean())
+    evidence = weigh(level, camera, axis, rho)
+    return None if evidence is None else _Candidate(axis, rho, number, level.scale, evidence)
 
 
 def _judged(
@@ -453,6 +451,14 @@ def _contradicts(one: FoundLimb, other: FoundLimb) -> bool:
     apart = float(off_axis_angle(one.cone.axis_cam, other.cone.axis_cam))
     sigma = np.hypot(one.uncertainty.sigma_axis_rad, other.uncertainty.sigma_axis_rad)
     return bool(apart > max(LARGEST_SIGMA_RAD, SIGMAS * sigma))
+
+
+def _agrees(axis_cam: FloatArray, rough_nadir: tuple[FloatArray, float] | None) -> bool:
+    """Whether a cone is where a rough direction of the nadir, with its sigma, has it; any where there is none."""
+    if rough_nadir is None:
+        return True
+    nadir_cam, sigma_rad = rough_nadir
+    return float(off_axis_angle(axis_cam, nadir_cam)) <= ROUGH_SIGMAS * float(np.hypot(sigma_rad, LARGEST_SIGMA_RAD))
 
 
 def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:

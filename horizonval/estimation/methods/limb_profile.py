@@ -23,8 +23,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.claim import fit_of
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.profile.fit import fit_profile, uneven_lens
 from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileFit
 from horizonval.estimation.likelihood.profile.known_profile import known_profile

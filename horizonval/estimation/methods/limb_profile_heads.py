@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.claim import fit_of
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import fit_of
-from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.fit import ProfileSearch, explained, uneven_lens
 from horizonval.estimation.likelihood.profile.heads import ProfileHead, fit_profiles
 from horizonval.estimation.likelihood.profile.knowledge import NoLimbError

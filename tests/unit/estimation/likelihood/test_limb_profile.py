@@ -25,9 +25,8 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.fit import nadir_derivative
-from horizonval.estimation.likelihood.height import everywhere
-from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.fit.heights import everywhere
+from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.likelihood.profile import fit as profile_fit
 from horizonval.estimation.likelihood.profile import known_profile
 from horizonval.estimation.likelihood.profile.air import KnownAir, sun_of_time

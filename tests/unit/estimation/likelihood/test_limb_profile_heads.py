@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.height import correlations
+from horizonval.estimation.fit.heights import correlations
 from horizonval.estimation.likelihood.profile.air import POLE_ITRS, LimbNodes, NodeAir, node_air
 from horizonval.estimation.likelihood.profile.heads import common_air
 from horizonval.estimation.methods import limb_heads, limb_profile, limb_profile_heads

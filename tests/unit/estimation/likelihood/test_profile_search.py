@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.fit import nadir_derivative
-from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.likelihood.profile.air import KnownAir
 from horizonval.estimation.likelihood.profile.fit import ProfileSearch
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge

@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb, nadir_derivative
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
+from horizonval.estimation.fit.known import LimbKnowledge
+from horizonval.estimation.fit.limb import LimbFit, fit_limb
+from horizonval.estimation.fit.pixels import pixel_at_limb_m
+from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.limb.picture import Picture, in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
@@ -29,6 +30,8 @@ from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 FEWEST_OF_DISC = 6
 """Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
+KNOWN_SIGMAS = 2.0
+"""Standard deviations of the scale height that a pixel covers where the limb's shape is known."""
 LEAST_PX = 32
 """Smallest size of a reduced copy: two windows of the fit, and a limb that bends."""
 
@@ -55,7 +58,7 @@ of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(
 sliver is ``r (1 - cos p) = m^2 x`` wide."""
 
 
-def with_terminator(found: LimbLikelihoodFit, camera: CameraModel) -> LimbLikelihoodFit:
+def with_terminator(found: LimbFit, camera: CameraModel) -> LimbFit:
     """Return the fit of a whole disc, its covariance with what an unlit sliver may do to it; of an arc as it is.
 
     A Sun that is not quite behind the camera leaves a sliver of the disc dark, whose edge is the terminator. It shows
@@ -85,28 +88,31 @@ def with_terminator(found: LimbLikelihoodFit, camera: CameraModel) -> LimbLikeli
     return replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
 
 
-def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbLikelihoodFit:
+def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
     """Return the fit in pixels as wide as the limb is deep, or in those of the picture where they are as wide."""
     scale = limb_scale(camera, start, knowledge)
     if scale == 1:
-        return fit_limb(picture.grey, camera, start, knowledge, picture.noise_sigma)
+        return fit_limb(picture.grey, camera, start, knowledge)
     image, small = smaller(picture.grey, camera, scale)
-    copy = Picture(image, picture.full_scale)
-    found = fit_limb(copy.grey, small, start, knowledge.in_wider_pixels(scale), copy.noise_sigma)
+    found = fit_limb(image, small, start, knowledge.in_wider_pixels(scale))
     return replace(found, uv=in_whole(found.uv, scale))
 
 
 def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
-    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1."""
+    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1.
+
+    An exponential whose scale height is known is fitted in the picture's own pixels.
+    """
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
+    deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
     scale = 1
-    while scale * pixel_m < knowledge.scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
         scale *= 2
     return scale
 
 
 class PoseFit(Protocol):
-    """What is claimed from; as :class:`horizonval.estimation.likelihood.fit.LimbLikelihoodFit` says."""
+    """What is claimed from; as :class:`horizonval.estimation.fit.limb.LimbFit` says."""
 
     @property
     def pose(self) -> LimbPose: ...
