@@ -10,20 +10,13 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, reliefs, systematic_covariance
-from horizonval.estimation.guard.sunlit import blur_rad, cone_perturbation, unknown_sun_covariance
+from horizonval.estimation.guard.sunlit import blur_across, cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.cone import SLOW_PX, slow_error
-from horizonval.estimation.limb.steepest import SIGMA_PX
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 FEWEST_POINTS = 12
 """Smallest number of points of an image: four for each of a cone's three unknowns."""
-TRIMS = 5
-"""Largest number of passes that leave outliers out."""
-TRIM_SIGMAS = 4.0
-"""Robust standard deviations beyond which a point is an outlier: of normal ones one of sixteen thousand is."""
-SMALLEST_TRIM_PX = 0.3
-"""Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
 SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 """Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
 PIXEL_SHARE = 0.5
@@ -75,12 +68,12 @@ def model_covariance(
         earth_radius_m=radius,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",
     )
-    covariance = covariance + slow_error(los_cam, tangent_basis(axis_cam), 1.0 / max(camera.fx, camera.fy), slow_px)
+    covariance = covariance + slow_error(los_cam, axis_cam, 1.0 / max(camera.fx, camera.fy), slow_px)
     if patterns_m is not None:
         moved = cone_perturbation(los_cam, axis_cam, rho_rad, patterns_m, radius)
         return np.asarray(covariance + moved.T @ moved)
     if observation.band_kind == "solar":
-        blur = blur_of(los_cam, axis_cam, observation)
+        blur = blur_across(camera, los_cam, axis_cam)
         return covariance + unknown_sun_covariance(los_cam, axis_cam, rho_rad, blur, radius, observation.band_um)
     return covariance
 
@@ -99,12 +92,6 @@ def seen_relief(los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, earth
     noise = float(np.var(off - waves)) / max(k - 1.0, 1.0)
     sigma = float(np.sqrt(max(float(np.var(waves)) - noise, 0.0)))
     return Relief(sigma * earth_radius_m / float(np.tan(rho_rad)), SEEN_RELIEF_RAD)
-
-
-def blur_of(los_cam: FloatArray, axis_cam: FloatArray, observation: Observation) -> FloatArray:
-    """Return the blur of a search for the steepest place across the limb [rad], shape (n,)."""
-    camera = observation.camera
-    return blur_rad(camera, los_cam, axis_cam, SIGMA_PX / max(camera.fx, camera.fy))
 
 
 def smoothed(values: FloatArray, azimuth: FloatArray) -> FloatArray:
