@@ -19,7 +19,7 @@ from horizonval.api.calibrate import images_of
 from horizonval.core.outcome import Refusal
 from horizonval.core.progress import Silent
 from horizonval.estimation.fit.bundle import HEIGHT, Bundle, Shot, ShotPrior, Solved
-from horizonval.estimation.fit.calibrate import FOCAL, POINT, TOGETHER, Gathered, edges_of, profiles_of
+from horizonval.estimation.fit.calibrate import ALL, FOCAL, POINT, Gathered, edges_of, profiles_of
 from horizonval.estimation.fit.edge import FIXED_LENGTH_M, EdgeModel
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
@@ -95,7 +95,7 @@ def settled(gathered: Gathered | Refusal) -> Bundle:
     bundle, _ = gathered
     exact = bundle.sigmas.copy()
     exact[:HEIGHT] = 0.0
-    solve(Bundle(bundle.shots, exact), TOGETHER)
+    solve(Bundle(bundle.shots, exact), ALL)
     return bundle
 
 

@@ -59,8 +59,10 @@ WHOLE = 1.0
 profile misplaces it: by 0.3 px at three pixels from the border."""
 ALONE = SolverOptions(stages=(Stage(pixels=1500, tighter=10.0, tolerance=1.0),))
 """Of an image by itself: a start for the bundle, the lens's blur held."""
-TOGETHER = SolverOptions(stages=(Stage(pixels=1500, tolerance=1.0, settle=False), Stage(tolerance=0.1)))
-"""Few pixels until the camera is right to a standard deviation, then all."""
+FEW = SolverOptions(stages=(Stage(pixels=1500, tolerance=1.0, settle=False),))
+"""Of all images, until the camera is right to about a standard deviation."""
+ALL = SolverOptions(stages=(Stage(tolerance=0.1),))
+"""To a tenth of a standard deviation, a hundredth of the claimed variance."""
 NAMES = (
     "focal length",
     "principal point u",
@@ -124,7 +126,11 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
         return gathered
     bundle, left_out = gathered
     try:
-        solution = solve(bundle, TOGETHER, progress)
+        solve(bundle, FEW, progress)
+        for shot in bundle.shots:
+            # Nodes of the air along the limb are those of the camera as it is now.
+            shot.chosen = None
+        solution = solve(bundle, ALL, progress)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"{METHOD}: {e}")
     first, shared, of_camera = observations[0], bundle.shared, slice(0, TURN.stop)
@@ -200,7 +206,7 @@ def edges_of(observations: Sequence[Observation], progress: Progress) -> Gathere
 def edge_shot(start: EllipsoidStart, camera: CameraModel) -> Shot:
     """Return the shot of an image near its limb."""
     image, knowledge = EdgeImage(start.picture.grey, camera, np.eye(3)), start.knowledge
-    chooser = EdgeChooser([image], knowledge, whole=WHOLE)
+    chooser = EdgeChooser([image], knowledge, whole=WHOLE, scaled=True)
     return Shot(chooser, ShotPrior(knowledge.mean, knowledge.information), chooser.start(start.pose))
 
 

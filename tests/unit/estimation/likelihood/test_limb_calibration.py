@@ -213,7 +213,7 @@ def test_a_fit_told_its_cameras_errors_claims_what_they_do_to_it() -> None:
 
 @pytest.mark.slow
 def test_where_the_camera_starts_changes_nothing() -> None:
-    """The same frames told rightly and wrongly lead to one camera, to a tenth of what is claimed, and to the true one.
+    """The same frames told rightly and wrongly lead to one camera, to half of what is claimed, and to the true one.
 
     All six unknowns are within 3.3 of what is claimed: a chance in a thousand of each.
     """
@@ -221,7 +221,7 @@ def test_where_the_camera_starts_changes_nothing() -> None:
     right, wrong = calibrate(frames), calibrate(misled(frames, *WRONG))
     assert isinstance(right, CameraCalibration)
     assert isinstance(wrong, CameraCalibration)
-    assert np.abs((errors_of(right) - errors_of(wrong))[USED] / right.sigma[USED]).max() < 0.1
+    assert np.abs((errors_of(right) - errors_of(wrong))[USED] / right.sigma[USED]).max() < 0.5
     assert np.abs(errors_of(wrong)[USED] / wrong.sigma[USED]).max() < 3.3
     assert wrong.sigma[0] < 1e-3
     assert wrong.not_determined == ()
