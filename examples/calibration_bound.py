@@ -46,7 +46,7 @@ def main(folder: Path, run: Path | None = None) -> None:
     frames = told_rightly(run)
     edges = settled(edges_of(frames, Silent()))
     misplaced_m = MISPLACED_PX * float(
-        np.median([pixel_at_limb_m(one.camera, one.prior.r_itrs, WGS84.a_m) for one in frames])
+        np.median([pixel_at_limb_m(f.camera, f.prior.r_itrs, WGS84.a_m) for f in frames if f.prior.r_itrs is not None])
     )
     found = {"edges of unknown height": percents(edges)}
     for shot in edges.shots:

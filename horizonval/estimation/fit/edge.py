@@ -67,8 +67,8 @@ class EdgePixels:
     Geometry: ``los_cam``: shape (3, n); ``offset``: shape (n,), angle inside the limb beyond that of the line of sight
     [rad]; ``by_lens``: shape (4, n), its change by errors of the lens; ``lens``: shape (4,), those with which the lines
     of sight are; ``scale``: shape (n,), image scale across the limb [rad/px]; ``bend``: shape (n,), divergence of the
-    distance's gradient [1/px]; ``scale_changes``: shape (11, n), relative changes of the scale by a step of ``pose`` and
-    lens, None where they are neglected.
+    distance's gradient [1/px]; ``scale_changes``: shape (11, n), relative changes of the scale by a step of ``pose``
+    and lens, None where they are neglected.
 
     Heights: ``lift_m``: shape (n,), known, above the pose's limb; ``modes``: shape (k, n), of the air's unknowns [m].
     """

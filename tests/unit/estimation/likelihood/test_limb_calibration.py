@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs
-from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.fit.calibrate import CameraCalibration, calibrate
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX, relief_modes
 from horizonval.estimation.fit.light import edge_profile
 from horizonval.estimation.fit.pixels import image_scale, limb_angle
+from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Calibration, Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.lens_error import miscalibrated
-from horizonval.estimation.fit.calibrate import CameraCalibration, calibrate, gather
 from horizonval.core.progress import Silent
+from horizonval.estimation.fit.calibrate import CameraCalibration, calibrate, gather
+from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.frames import compose
@@ -126,7 +126,19 @@ def test_the_covariance_is_honest_over_draws(climate: Path) -> None:
 
 
 def test_derivatives_by_the_lens_are_those_of_the_pixels(climate: Path) -> None:
-    """The model's rows are what pixels change by when their lines of sight are of another camera."""
+    """The pixels' distances across the limb change as those of pixels that are chosen with another camera."""
+    gathered = gather(a_pass(2, 3, climate), Silent())
+    assert not isinstance(gathered, Refusal)
+    shot = gathered[0].shots[0]
+    step = np.array([1e-3, 0.1, -0.1, 0.0])
+    before, after = (shot._chooser(shot.state, lens, None, 1.0, None).models[0].near for lens in (np.zeros(4), step))  # type: ignore[attr-defined]
+    places = {place: k for k, place in enumerate(zip(after.columns, after.rows, strict=True))}
+    i = [k for k, place in enumerate(zip(before.columns, before.rows, strict=True)) if place in places]
+    j = [places[before.columns[k], before.rows[k]] for k in i]
+    moved = step @ before.by_lens[:, i]
+    assert len(i) > 0.9 * len(before.columns)
+    # of 3 km: a tenth of a pixel bends by a hundredth of itself
+    np.testing.assert_allclose(after.across_m[j] - before.across_m[i], moved, rtol=0.0, atol=30.0)
 
 
 def test_images_without_a_limb_are_left_out_and_named(climate: Path) -> None:
