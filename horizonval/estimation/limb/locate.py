@@ -253,7 +253,7 @@ def _fitted(
 
 
 def _pooled(azimuth: FloatArray, shading: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
-    """Return the shading of all profiles as a function of the limb's direction, shape (n,), outliers left out."""
+    """Return the shading of all profiles as a linear function of the limb's direction, shape (n,)."""
     t = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     middle = t[good].mean(axis=0)
     _, size, directions = np.linalg.svd(t[good] - middle, full_matrices=False)
