@@ -11,7 +11,7 @@ height.
 **Shading.** Where air softens the limb, ``S = E x``. On bare ground the radiance an angle ``x`` inside the limb goes as
 ``L + c sqrt(x)``, because the arc from the tangent point does; a straight line in its place is off by some hundredths
 of a pixel. On an edge as sharp as the lens, ``S`` is therefore that root, blurred. Its ``c`` would raise the noise of a
-single profile several times. On a Lambert sphere it is linear in the limb's direction ``t`` about the nadir, and three
+single profile several times. On a Lambert sphere it is linear in the limb's direction about the nadir, and three
 numbers suffice for all profiles.
 
 **Edges sharper than the lens.** Between pixels that an edge cuts hard, interpolation errs by up to a tenth of a pixel,
@@ -87,11 +87,11 @@ def points_of(
     shape = _Shape(width_px, level.scale == 1.0 and width_px <= BARE_WIDTH_PX)
     fit = _fitted(profiles, offsets, shape)
     noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
-    good = _stands_out(fit, bright_inside, noise)
+    good = fit.stands_out(bright_inside, noise)
     if shape.bare and np.count_nonzero(good) >= FEWEST_POINTS:
         fit = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, fit.shading, good), fit.shift)
         # Where it is night, the shading of the day makes a step of nothing: what had none by itself has none.
-        good &= _stands_out(fit, bright_inside, noise)
+        good &= fit.stands_out(bright_inside, noise)
     shift, step = fit.shift, fit.step
     uv = trace.uv + level.scale * shift[:, None] * trace.inwards
     if shape.bare and width_px == WIDTHS_PX[0] and np.count_nonzero(good) >= FEWEST_POINTS:
@@ -103,12 +103,6 @@ def points_of(
     order = np.flatnonzero(good)
     order = order[np.argsort(trace.azimuth[order], kind="stable")]
     return uv[order], step[order], fit.deep[order]
-
-
-def _stands_out(fit: _Fitted, bright_inside: bool, noise: float) -> NDArray[np.bool_]:
-    """Return which profiles show an edge of the limb's sign near the cone, beyond their noise."""
-    near = fit.good & (np.abs(fit.shift) <= SHIFTS_PX[-1])
-    return np.asarray(near & ((fit.step > 0.0) == bright_inside) & (np.abs(fit.step) > FAINTEST * noise))
 
 
 def _scatter(uv: FloatArray, camera: CameraModel) -> float:
@@ -181,6 +175,11 @@ class _Fitted:
     shading: FloatArray
     good: NDArray[np.bool_]
 
+    def stands_out(self, bright_inside: bool, noise: float) -> NDArray[np.bool_]:
+        """Return which profiles show an edge of the limb's sign near the cone, beyond their noise."""
+        near = self.good & (np.abs(self.shift) <= SHIFTS_PX[-1])
+        return np.asarray(near & ((self.step > 0.0) == bright_inside) & (np.abs(self.step) > FAINTEST * noise))
+
 
 @dataclass(frozen=True)
 class _Shape:
@@ -201,8 +200,7 @@ class _Shape:
         place = np.clip((x - at[0]) / ROOT_STEP_PX, 0.0, len(at) - 1.000001)
         before = place.astype(np.intp)
         share = place - before
-        between = [one[before] + share * (one[before + 1] - one[before]) for one in (root, change)]
-        return between[0], between[1]
+        return tuple(one[before] + share * (one[before + 1] - one[before]) for one in (root, change))
 
 
 @cache
