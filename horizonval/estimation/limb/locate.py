@@ -129,10 +129,10 @@ def _by_area(
     half = half_window(level.grey.shape)
     rows = np.arange(len(uv))
     axis = np.argmax(np.abs(trace.inwards), axis=1)
-    along, beside = trace.inwards[rows, axis], trace.inwards[rows, 1 - axis]
+    along, across = trace.inwards[rows, axis], trace.inwards[rows, 1 - axis]
     fixed = np.rint(uv[rows, 1 - axis])
     # Where the limb crosses the row or column of whole pixels, by its own slope.
-    crossing = uv[rows, axis] + (uv[rows, 1 - axis] - fixed) * beside / along
+    crossing = uv[rows, axis] + (uv[rows, 1 - axis] - fixed) * across / along
     centre = np.rint(crossing)
     pixel = centre[:, None] + np.arange(-half, half + 1)
     values, known = level.at(np.where(np.arange(2) == axis[:, None, None], pixel[..., None], fixed[:, None, None]))
@@ -183,7 +183,7 @@ class _Fitted:
 
 @dataclass(frozen=True)
 class _Shape:
-    """What a profile is made of at places x [px], beside its level: the edge, its shading, and their slopes."""
+    """Terms of a profile at places x [px] besides its level: the edge, its shading, and their slopes."""
 
     width: float
     bare: bool
