@@ -27,7 +27,7 @@ from itertools import pairwise
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.bundle import Bundle, Shot, ShotPrior
+from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
 from horizonval.estimation.fit.image import LENS, POSE, ShotState
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pose import LimbPose
@@ -119,15 +119,22 @@ def profile_shot(images: Sequence[ProfileImage], prior: ShotPrior, start: LimbPo
 
 
 def fit_profiles(
-    images: Sequence[ProfileImage], prior: ShotPrior, start: LimbPose, options: SolverOptions = OPTIONS
+    images: Sequence[ProfileImage],
+    prior: ShotPrior,
+    start: LimbPose,
+    options: SolverOptions = OPTIONS,
+    lens_sigmas: FloatArray | None = None,
 ) -> ProfileFit:
     """Fit one pose and one air to images of one instant.
 
-    ``images``: linear in radiance, NaN where missing; ``prior``, ``start``: of the body's pose. Raises ``LinAlgError``:
-    too little limb in view, no radiance there, or no convergence.
+    ``images``: linear in radiance, NaN where missing; ``prior``, ``start``: of the body's pose; ``lens_sigmas``: shape
+    (4,), of errors of the lens that all images share. Raises ``LinAlgError``: too little limb in view, no radiance
+    there, or no convergence.
     """
-    shot = profile_shot(images, prior, start)
-    return fit_of_shot(shot, solve(Bundle([shot]), options))
+    shot, sigmas = profile_shot(images, prior, start), np.zeros(SHARED)
+    if lens_sigmas is not None:
+        sigmas[:LENS] = lens_sigmas
+    return fit_of_shot(shot, solve(Bundle([shot], sigmas), options))
 
 
 def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
@@ -140,6 +147,8 @@ def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     known, covariance = found.known[:POSE, :POSE], found.covariance[:POSE, :POSE]
     squares, determined = float(state.air @ state.air), len(state.air) - found.air_open
     of_air = (covariance - known) * strained(squares, determined) + pulled(shot.prior, state.pose, covariance)
+    by_lens = found.by_shared[:POSE, :LENS]
+    of_air += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
     growths = [_growth(shot, solution, k) for k in range(len(models))]
     growth, growth_sigma = max(growths, key=lambda one: abs(one[0]) / one[1])
     weights = [noise.weights(look.residuals) for noise, look in zip(noises, looks, strict=True)]

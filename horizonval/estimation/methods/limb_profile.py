@@ -29,7 +29,7 @@ from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.profile import ProfileImage
 from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles, uneven_lens
 from horizonval.estimation.fit.profile_pixels import NoLimbError
-from horizonval.estimation.lens_error import with_lens_error
+from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.foreign import without_foreign_light
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -52,7 +52,8 @@ def run(observation: Observation) -> Fit | Refusal:
         start = known.start(observation.camera, known.tilt_sigma_rad)
         image = without_foreign_light(known.picture.unclipped, observation.camera, *known.limb(start))
         seen = ProfileImage(image, observation.camera, knowledge)
-        found = fit_profiles([seen], ShotPrior(knowledge.mean, knowledge.information), start)
+        limb_prior = ShotPrior(knowledge.mean, knowledge.information)
+        found = fit_profiles([seen], limb_prior, start, lens_sigmas=lens_sigmas(observation.calibration))
     except NoLimbError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
     except np.linalg.LinAlgError as e:
@@ -83,7 +84,7 @@ def doubt_of(found: ProfileFit, prior: Prior, cam_from_body: np.ndarray) -> Refu
 ESTIMATOR = Estimator(
     name="limb-profile",
     title="Whole profile of the limb, maximum likelihood with rendered profiles of the air",
-    run=with_lens_error(run),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )
