@@ -9,8 +9,8 @@ the degrees of freedom that the pixels determine, ``tr(1 - C_z)``. Where the exc
 the air's part is multiplied by the ratio of the two (Birge's).
 
 **Position.** The altitude has moved by ``d`` from a prior of sigma ``s``, and is left with ``p``. By chance ``d`` has
-the variance ``s^2 - p^2``; beyond :data:`PULLED` of its roots the prior is taken to be as wrong as the image says, ``d
-s^2 / (s^2 - p^2)``, and the claim has what this makes of the pose.
+the variance ``s^2 - p^2``; beyond some of its roots (:data:`PULLED`) the prior is taken to be as wrong as the image
+says, ``d s^2 / (s^2 - p^2)``, and the claim has what this makes of the pose.
 
 **Lens.** Lenses soften towards the corners as the angle squared. The growth of ``ln s`` over the limb in view is no
 unknown of the fit; it is the step that it would take from there as one more unknown::
@@ -59,9 +59,9 @@ GROWTH_SIGMA = 0.5
 MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
 """Largest change of ln blur over the limb in view, and its significance. A lens with 0.6 px on the axis and 1.1 px in
 the corners shows 0.36 to 0.57 and biases the nadir; one with uniform blur shows below 0.12."""
-PULLED, LEAST_LEARNT = 3.0, 1e-3
-"""Pull of the altitude's prior, in what chance makes of it, from which the claim is widened: chance alone exceeds it in
-0.3 % of frames. And share of its variance that the image must have taken away."""
+PULLED, LEAST_LEARNT = (2.0, 3.0), 1e-3
+"""Pull of the altitude's prior, in what chance makes of it, from which the claim is widened and where it is in full:
+chance alone exceeds these in 5 and 0.3 % of frames. And share of its variance that the image must have taken away."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared beyond which its excess is no chance."""
 
@@ -196,9 +196,10 @@ def pulled(prior: ShotPrior, pose: LimbPose, covariance: FloatArray) -> FloatArr
     left = float(up @ along)
     learnt = 1.0 / information - left if information > 0.0 else 0.0
     moved = -float(up @ prior.wanted(pose, np.zeros(0)))
-    if not learnt > LEAST_LEARNT / information or abs(moved) <= PULLED * np.sqrt(learnt):
+    if not learnt > LEAST_LEARNT / information:
         return np.zeros((POSE, POSE))
-    wrong = moved / information / learnt * along / left
+    believed = np.clip((abs(moved) / np.sqrt(learnt) - PULLED[0]) / (PULLED[1] - PULLED[0]), 0.0, 1.0)
+    wrong = believed * moved / information / learnt * along / left
     return np.outer(wrong, wrong)
 
 
