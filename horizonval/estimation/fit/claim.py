@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.guard import guarded_fit, pulled
 from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
@@ -36,10 +37,20 @@ LEAST_PX = 32
 
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
     """Return the fit of the limb near a start; ``picture`` is the observation's image."""
+
+    def fit(image: FloatArray) -> LimbFit:
+        return _fitted(image, observation.camera, start, knowledge)
+
     try:
-        found = _fitted(picture, observation.camera, start, knowledge)
+        found = guarded_fit(fit, picture.grey, observation, knowledge.ellipsoid, in_air=False)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
+    if isinstance(found, Refusal):
+        return found
+    wrong = pulled(found.pose, found.covariance, knowledge.mean, knowledge.information, found.uv)
+    if isinstance(wrong, Refusal):
+        return wrong
+    found = replace(found, covariance=found.covariance + wrong, relief_covariance=found.relief_covariance + wrong)
     if observation.band_kind != "thermal" and observation.sun_cam is None:
         found = with_terminator(found, observation.camera)
     return fit_of(found, observation, knowledge.ellipsoid)
@@ -86,12 +97,12 @@ def with_terminator(found: LimbFit, camera: CameraModel) -> LimbFit:
     return replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
 
 
-def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
+def _fitted(image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
     """Return the fit in pixels as wide as the limb is deep, or in those of the picture where they are as wide."""
     scale = limb_scale(camera, start, knowledge)
     if scale == 1:
-        return fit_limb(picture.grey, camera, start, knowledge)
-    image, small = smaller(picture.grey, camera, scale)
+        return fit_limb(image, camera, start, knowledge)
+    image, small = smaller(image, camera, scale)
     found = fit_limb(image, small, start, knowledge.in_wider_pixels(scale))
     return replace(found, uv=in_whole(found.uv, scale))
 

@@ -180,6 +180,7 @@ def _limb(
     near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, outside, inside, most)
     angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     seen = in_view(camera, near, angle, (-whole * outside, whole * inside))
+    seen &= np.isfinite(one.image[near.rows, near.columns])
     if not seen.all():
         near, angle = near.take(seen), angle.take(seen)
     by_column, by_row = gradient(angle, near.by_column, near.by_row)

@@ -13,6 +13,7 @@ import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
+from horizonval.estimation.fit.guard import accepted
 from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
@@ -50,7 +51,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-sphere",
     title="Limb of a sphere, maximum likelihood of the pixels",
-    run=with_lens_error(run),
+    run=accepted(with_lens_error(run)),
     estimates="geocentric",
     claim="likelihood",
 )

@@ -442,7 +442,7 @@ def fit_profile(
     look, now = found.look, found.now
     uv, off = by_sector(found.model, look, now, found.inverse_variance)
     growth, growth_sigma = found.growth()
-    of_air = (found.covariance - found.known)[:POSE, :POSE] * strained(*found.strain()) + found.pulled()
+    of_air = (found.covariance - found.known)[:POSE, :POSE] * strained(*found.strain())
     return ProfileFit(
         pose=found.pose,
         blur_px=now.blur,
