@@ -377,7 +377,7 @@ def observation_from(
     else:
         prior = Prior() if known is None else stated_prior(known, where)
     band = spec.band[0] if len(spec.band) == 1 else None
-    exact = spec.camera.uncertainty is None
+    exact = source is not None and spec.camera.uncertainty is None
     return Observation(
         image=picture.grey,
         camera=intrinsics,

@@ -65,22 +65,33 @@ class Seen:
 class Shot:
     """One instant: pixels, unknowns and their equations.
 
-    ``turns``: shape (3, 3) of every image, camera from body; ``state``: the unknowns as they are.
+    ``turns``: shape (3, 3) of every image, camera from body; ``state``: the unknowns as they are; ``common``: how many
+    of the images' own unknowns, the last ones of each, are common to all of them; ``lowest``: shape (own,), least
+    values of an image's own unknowns.
     """
 
     def __init__(
-        self, chooser: Chooser, prior: ShotPrior, state: ShotState, turns: Sequence[FloatArray] = (np.eye(3),)
+        self,
+        chooser: Chooser,
+        prior: ShotPrior,
+        state: ShotState,
+        turns: Sequence[FloatArray] = (np.eye(3),),
+        common: int = 0,
+        lowest: FloatArray | float = -np.inf,
     ) -> None:
         self._chooser, self.prior, self.turns = chooser, prior, tuple(turns)
-        self.state = state
+        self.state, self._lowest = state, lowest
+        alone = [len(own) - common for own in state.own]
+        self.count = POSE + sum(alone) + common
+        """Number of unknowns of pose and images."""
+        self.own_at = [
+            np.append(POSE + sum(alone[:k]) + np.arange(one), np.arange(self.count - common, self.count))
+            for k, one in enumerate(alone)
+        ]
+        """Places of every image's own unknowns among them."""
         self.chosen: Chosen | None = None
         self.noises: list[PixelNoise] = []
         self.seen: Seen | None = None
-
-    @property
-    def count(self) -> int:
-        """Number of unknowns of pose and images."""
-        return POSE + sum(len(own) for own in self.state.own)
 
     def choose(self, shared: FloatArray, most: int | None) -> None:
         """Choose the pixels near the limb at the present state."""
@@ -117,10 +128,8 @@ class Shot:
 
     def moved(self, step: FloatArray, of_air: FloatArray) -> ShotState:
         """Return the state after a step of pose and own unknowns, and of the air."""
-        first, own = POSE, []
-        for model, one in zip(self._chosen.models, self.state.own, strict=True):
-            own.append(model.moved(one, step[first : first + len(one)]))
-            first += len(one)
+        of_all = zip(self._chosen.models, self.state.own, self.own_at, strict=True)
+        own = [model.moved(one, step[at]) for model, one, at in of_all]
         return ShotState(self.state.pose.moved(step[:POSE]), tuple(own), self.state.air + of_air)
 
     def limited(self, step: FloatArray, covariance: FloatArray) -> tuple[FloatArray, float]:
@@ -129,15 +138,13 @@ class Shot:
         ``covariance``: shape (x, x). An unknown that a step would take beyond its limit goes there, and the others
         follow as the covariance says.
         """
-        first, cost = POSE, 0.0
-        for model, own in zip(self._chosen.models, self.state.own, strict=True):
-            here = slice(first, first + len(own))
-            beyond = model.moved(own, step[here]) - own - step[here]
-            for number in np.flatnonzero(np.abs(beyond) > 0.0) + first:
-                variance = covariance[number, number]
-                cost += float(beyond[number - first] ** 2 / variance)
-                step = step + beyond[number - first] / variance * covariance[number]
-            first += len(own)
+        cost = 0.0
+        for own, at in zip(self.state.own, self.own_at, strict=True):
+            beyond = np.maximum(self._lowest - own - step[at], 0.0)
+            for k in np.flatnonzero(beyond):
+                by_unit = covariance[at[k]] / covariance[at[k], at[k]]
+                cost += float(beyond[k] ** 2 / covariance[at[k], at[k]])
+                step = step + beyond[k] * by_unit
         return step, cost
 
     def reach(self, step: FloatArray, of_shared: FloatArray) -> float:
@@ -180,12 +187,10 @@ class Shot:
 
     def _of_images(self, step: FloatArray, of_shared: FloatArray) -> list[FloatArray]:
         """Return the step of every image's shared unknowns (7 + 4 + own)."""
-        steps, first = [], POSE
-        for turn, own in zip(self.turns, self.state.own, strict=True):
-            last = first + len(own)
-            steps.append(np.concatenate([turn @ step[:3], step[3:POSE], of_shared[:LENS], step[first:last]]))
-            first = last
-        return steps
+        return [
+            np.concatenate([turn @ step[:3], step[3:POSE], of_shared[:LENS], step[at]])
+            for turn, at in zip(self.turns, self.own_at, strict=True)
+        ]
 
 
 class ShotEquations:
@@ -256,14 +261,13 @@ class ShotEquations:
 
     def _picks(self, of_shared: FloatArray) -> list[FloatArray]:
         """Return how the unknowns of every image (7 + 4 + own) follow from those of shot and bundle."""
-        picks, first = [], POSE
-        for turn, own in zip(self._shot.turns, self._shot.state.own, strict=True):
-            picked = np.zeros((POSE + LENS + len(own), of_shared.shape[1]))
+        picks = []
+        for turn, at in zip(self._shot.turns, self._shot.own_at, strict=True):
+            picked = np.zeros((POSE + LENS + len(at), of_shared.shape[1]))
             picked[:3, :3] = turn
             picked[3:POSE, 3:POSE] = np.eye(POSE - 3)
             picked[POSE : POSE + LENS] = of_shared[:LENS]
-            picked[POSE + LENS :, first : first + len(own)] = np.eye(len(own))
-            first += len(own)
+            picked[POSE + LENS + np.arange(len(at)), at] = 1.0
             picks.append(picked)
         return picks
 

@@ -21,6 +21,7 @@ from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
+from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.limb.picture import Picture, in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
@@ -31,6 +32,8 @@ from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 FEWEST_OF_DISC = 6
 """Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
+KNOWN_SIGMAS = 2.0
+"""Standard deviations of the scale height that a pixel covers where the limb's shape is known."""
 LEAST_PX = 32
 """Smallest size of a reduced copy: two windows of the fit, and a limb that bends."""
 
@@ -53,7 +56,12 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
     found = replace(found, covariance=found.covariance + wrong, relief_covariance=found.relief_covariance + wrong)
     if observation.band_kind != "thermal" and observation.sun_cam is None:
         found = with_terminator(found, observation.camera)
-    return fit_of(found, observation, knowledge.ellipsoid)
+    claimed = fit_of(found, observation, knowledge.ellipsoid)
+    # What a sphere's fit does not use of the prior must agree with it nevertheless.
+    radius, distance = observation.prior.sphere_radius_m, float(np.linalg.norm(found.pose.r_itrs))
+    rho, sigma_m = float(np.arcsin(min(radius / distance, 1.0))), claimed.sigma_altitude_m or 0.0
+    refusal = contradicted(claimed, observation, rho, (float(np.tan(rho)) / distance * sigma_m) ** 2)
+    return claimed if refusal is None else refusal
 
 
 WHOLE_RAD = float(np.deg2rad(270.0))
@@ -108,10 +116,14 @@ def _fitted(image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: 
 
 
 def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
-    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1."""
+    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1.
+
+    An exponential whose scale height is known is fitted in the picture's own pixels.
+    """
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
+    deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
     scale = 1
-    while scale * pixel_m < knowledge.scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
         scale *= 2
     return scale
 

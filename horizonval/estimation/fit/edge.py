@@ -38,8 +38,16 @@ from horizonval.estimation.fit.pose import LimbPose
 
 BLUR, SCALE = POSE + LENS, POSE + LENS + 1
 """Places of an image's own unknowns among those that it has with shot and camera."""
-LARGEST_MOTION_PX, LARGEST_LOG_STEP, LARGEST_SCALE_STEP_M = 2.0, 0.5, 4e3
-"""Largest step of limb, ln blur and scale height for which the derivatives hold."""
+LARGEST_MOTION_PX, LARGEST_LOG_STEP = 2.0, 0.5
+LARGEST_SCALE_STEP_PX, LARGEST_SCALE_STEP = 0.25, 0.5
+"""Largest step of limb, ln blur and scale height for which the derivatives hold; of the last the larger of pixels and
+a share of it."""
+LOWEST = np.array([-np.inf, 0.0])
+"""Least values of an image's own unknowns."""
+MOST_ROOM = 0.5
+"""Largest share of the blur's variance that makes room for a scale height in one step."""
+ROUNDS = 2
+"""Rounds of an estimate of the noise: by equal weights, then by those that follow from it."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -174,12 +182,21 @@ class EdgeModel:
 
     def __init__(self, pixels: EdgePixels, known: EdgeKnown, motion: FloatArray) -> None:
         self.pixels, self.known, self._motion = pixels, known, motion
+        self._px_per_m = float(np.abs(motion[POSE - 1]).max())
+        self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
-        """Return the own unknowns after a step; a scale height of less than nothing is a hard limb."""
-        return np.array([own[0] + step[0], max(own[1] + step[1], 0.0)])
+        """Return the own unknowns after a step; a scale height of less than nothing is a hard limb.
+
+        The edge's variance is that of blur and scale height together, ``s^2 + c^2``, and tells them apart badly: to
+        second order in the step of ``c`` the blur makes room for it.
+        """
+        scale_m = max(float(own[1] + step[1]), LOWEST[1])
+        blur_2 = float(np.exp(2.0 * (own[0] + step[0])))
+        blur_2 -= min((self._px_per_m * (scale_m - float(own[1]))) ** 2, MOST_ROOM * blur_2)
+        return np.array([0.5 * np.log(blur_2), scale_m])
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the prior of blur and scale height."""
@@ -197,7 +214,7 @@ class EdgeModel:
         return max(
             self.motion_px(step[: POSE + LENS]) / LARGEST_MOTION_PX,
             abs(float(step[BLUR])) / LARGEST_LOG_STEP,
-            abs(float(step[SCALE])) / LARGEST_SCALE_STEP_M,
+            abs(float(step[SCALE])) / self._largest_scale_step_m,
         )
 
     def motion_px(self, step: FloatArray) -> float:
@@ -216,18 +233,25 @@ class EdgeModel:
         return EdgeLook(seen, levels, pixels.values - levels.of_pixels(seen.basis))
 
     def noise(self, look: EdgeLook, own: FloatArray, before: PixelNoise | None) -> LightNoise:
-        """Return the variance model of the pixels, and estimate the spread of the sectors' levels."""
-        pixels, basis = self.pixels, look.seen.basis
-        found = light_noise(
-            pixels.values,
-            look.residuals,
-            basis,
-            look.levels.of_sector,
-            pixels.neighbours,
-            pixels.counts,
-            pixels.rounding,
-        )
-        weights = found.weights(look.residuals)
+        """Return the variance model of the pixels, and estimate the spread of the sectors' levels.
+
+        It follows from the profile alone, in two rounds: an estimate that leans on the weights before runs away where
+        the ground is uneven, since the faint rim of the edge then fits ever better.
+        """
+        pixels, basis, weights = self.pixels, look.seen.basis, self.pixels.counts
+        for _ in range(ROUNDS):
+            levels = solve_levels(basis, pixels.values, weights, pixels.sectors)
+            residuals = pixels.values - levels.of_pixels(basis)
+            found = light_noise(
+                pixels.values,
+                residuals,
+                basis,
+                levels.of_sector,
+                pixels.neighbours,
+                pixels.counts,
+                pixels.rounding,
+            )
+            weights = found.weights(residuals)
         self._spread = solve_levels(basis, pixels.values, weights, pixels.sectors).spread_information
         return found
 
@@ -236,6 +260,7 @@ class EdgeModel:
         pixels, seen = self.pixels, look.seen
         assert self._spread is not None
         blur = float(np.exp(own[0]))
+        self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_SCALE_STEP * float(own[1]))
         lift, change = brightness(look.of_pixel, seen.x, pixels.along)
         by_x = lift * seen.edge.slope + change * seen.edge.level
         per_rad = by_x / pixels.scale
@@ -251,7 +276,7 @@ class EdgeModel:
         return EdgeLinear(jacobian, eliminated(jacobian, seen.basis, weights, pixels.sectors, self._spread))
 
     def _seen(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
-        unknowns = [pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own, air]
+        unknowns = [pose.cam_from_itrs.ravel(), pose.r_itrs, np.array([pose.height_m]), lens, own, air]
         key = np.concatenate(unknowns).tobytes()
         # The noise is estimated again and again at one state.
         if self._last is None or self._last[0] != key:
@@ -300,7 +325,7 @@ def sector_places(model: EdgeModel, look: EdgeLook, weights: FloatArray, air: Fl
     pixels, seen, count = model.pixels, look.seen, model.pixels.sectors
 
     def sums(values: FloatArray) -> FloatArray:
-        return values.reshape(*values.shape[:-1], count, -1).sum(axis=-1)
+        return values.reshape(*values.shape[:-1], count, len(pixels.values) // count).sum(axis=-1)
 
     slope = brightness(look.of_pixel, seen.x, pixels.along)[0] * seen.edge.slope / pixels.scale
     information = sums(weights * slope * slope)

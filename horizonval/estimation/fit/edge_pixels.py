@@ -93,14 +93,16 @@ class EdgeChooser:
 
     def __init__(self, images: Sequence[EdgeImage], knowledge: LimbKnowledge, whole: float = 0.0) -> None:
         self.images, self.knowledge, self._whole = tuple(images), knowledge, whole
+        # The scale height is common to all images, each of which states its share of what is known of it.
+        share = float(np.sqrt(len(self.images)))
         self.known = EdgeKnown(
             knowledge.ellipsoid.axes_m,
             knowledge.blur_px,
             knowledge.blur_log_sigma,
             knowledge.scale_height_m,
-            knowledge.scale_sigma_m,
+            share * knowledge.scale_sigma_m,
             knowledge.mean.height_m + knowledge.scale_height_m,
-            knowledge.middle_sigma_m,
+            share * knowledge.middle_sigma_m,
         )
         self._basis_body: FloatArray | None = None
         self._heights: _Heights | None = None
@@ -300,9 +302,9 @@ def _gathered(
     arc = np.empty(len(order), dtype=np.intp)
     arc[order] = np.minimum((along / max(along[-1], 1e-300) * count).astype(np.intp), count - 1)
     number = arc * deep + across
-    pixels = np.bincount(number, minlength=count * deep)
-    used = np.flatnonzero(pixels)
-    pixels = pixels[used].astype(np.float64)
+    every = np.bincount(number, minlength=count * deep)
+    used = np.flatnonzero(every)
+    pixels = every[used].astype(np.float64)
     turned = np.empty(len(order))
     turned[order] = along
 
@@ -312,7 +314,8 @@ def _gathered(
     middle = mean(x)
     wide = np.maximum(mean(x * x) - middle**2, 0.0)
     means = np.array([mean(row) for row in each])
-    return np.mod(mean(turned) + start, 2.0 * np.pi), pixels, wide, means, np.array(np.divmod(used, deep))
+    where = np.array([used // deep, used % deep], dtype=np.intp)
+    return np.asarray(np.mod(mean(turned) + start, 2.0 * np.pi)), pixels, np.asarray(wide), means, where
 
 
 def _neighbours(columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -736,8 +736,13 @@ def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
     """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
     basis = tangent_basis(np.asarray(fit.nadir_cam))
     sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
-    if sigma <= largest_rad:
+    reason = too_uncertain(sigma, largest_rad)
+    return None if reason is None else Refusal(Outcome.SHORT_ARC, f"the method {reason}", fit.points)
+
+
+def too_uncertain(sigma_rad: float, largest_rad: float) -> str | None:
+    """Return in words that a standard deviation of the nadir is larger than what is accepted, or None."""
+    if sigma_rad <= largest_rad:
         return None
-    least = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
-    reason = f"the method determines the nadir to {np.degrees(sigma):.2f} deg, {least}"
-    return Refusal(Outcome.SHORT_ARC, reason, fit.points)
+    accepted_deg = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
+    return f"determines the nadir to {np.degrees(sigma_rad):.2f} deg, {accepted_deg}"

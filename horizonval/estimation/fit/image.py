@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class Linear(Protocol):
     @property
     def air(self) -> FloatArray: ...
 
-    def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rights(self, look: Any, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the right sides, shapes (s,) and (k,), of other residuals by the same derivatives."""
 
 
@@ -68,7 +68,7 @@ class OwnPrior:
 
 
 class ImageModel(Protocol):
-    """The pixels of one image near the limb."""
+    """The pixels of one image near the limb; it is given back no other looks than its own."""
 
     @property
     def own_count(self) -> int:
@@ -94,10 +94,10 @@ class ImageModel(Protocol):
         ``weights``: inverse variances (n,) so far, by which the model eliminates what it does not leave to the bundle.
         """
 
-    def noise(self, look: Look, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: Any, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
         """Return the variance model of the pixels, estimated from their residuals."""
 
-    def linear(self, look: Look, own: FloatArray, weights: FloatArray) -> Linear:
+    def linear(self, look: Any, own: FloatArray, weights: FloatArray) -> Linear:
         """Return the normal equations at a look; ``weights``: inverse variances, shape (n,)."""
 
 

@@ -26,7 +26,7 @@ pixels together have the weight of one (:class:`.noise.PixelNoise`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +45,7 @@ OUTSIDE_SCALES = 4.0
 PIXEL_VARIANCE = 1.0 / 12.0
 """Variance of a square pixel along any direction [px^2]."""
 SMALLEST_SCALE = 0.05
-"""Smallest scale height, relative to the blur, of a soft limb; below it a hard limb is exact to a thousandth of the
-step."""
+"""Scale height, relative to the blur, below which two terms of a series are exact to 1e-4 of the step."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +62,11 @@ class EdgeProfile:
     by_scale: FloatArray
 
 
-def edge_profile(x: FloatArray, blur: float, scale: FloatArray | None = None) -> EdgeProfile:
+def edge_profile(x: FloatArray, blur: float | FloatArray, scale: FloatArray | None = None) -> EdgeProfile:
     """Return the levels of pixels across the limb.
 
-    ``x``: shape (n,), distance inside the limb [px]; ``blur``: standard deviation of lens and pixel [px]; ``scale``:
-    shape (n,), apparent scale height [px], None for a hard limb.
+    ``x``: shape (n,), distance inside the limb [px]; ``blur``: standard deviation of lens and pixel [px], one or shape
+    (n,); ``scale``: shape (n,), apparent scale height [px], None for a hard limb.
     """
     z = x / blur
     bell = np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
@@ -81,11 +80,26 @@ def edge_profile(x: FloatArray, blur: float, scale: FloatArray | None = None) ->
     with np.errstate(over="ignore"):
         outer = np.exp(np.minimum(z * blur / c + 0.5 * (blur / c) ** 2, 0.0)) * ndtr(-y)
     g = np.where(inside, bell * np.sqrt(0.5 * np.pi) * erfcx(np.maximum(y, 0.0) / np.sqrt(2.0)), outer)
-    return EdgeProfile(
+    soft = EdgeProfile(
         level=step + g,
         slope=g / c,
         by_blur=(blur * g / c - bell) / c,
         by_scale=blur * bell / c**2 - g * (x * c + blur * blur) / c**3,
+    )
+    hard = scale < SMALLEST_SCALE * blur
+    if not hard.any():
+        return soft
+    # E = Phi + c Phi' + c^2 Phi'' + ..., by integration by parts.
+    c = scale / blur
+    bent = z * z - 1.0
+    nearly = EdgeProfile(
+        level=step + bell * c * (1.0 - c * z),
+        slope=bell / blur * (1.0 - c * z + c * c * bent),
+        by_blur=bell / blur * (-z + c * bent - c * c * z * (bent - 2.0)),
+        by_scale=bell / blur * (1.0 - 2.0 * c * z),
+    )
+    return EdgeProfile(
+        *(np.where(hard, getattr(nearly, one.name), getattr(soft, one.name)) for one in fields(EdgeProfile))
     )
 
 
@@ -103,9 +117,8 @@ FEWEST_PIXELS = 8
 """Smallest number of pixels of either side; with fewer, all residuals are used."""
 NORMAL_QUARTILE = 0.67448975
 """Half of a normal distribution lies within as many standard deviations."""
-MOST_ALIKE = 0.8
-"""Largest correlation of neighbouring residuals: above, 81 pixels would count as one, and a sector of 24 by 8 has
-two."""
+LEAST_ALONE = 2
+"""Smallest number of independent pixels of the Earth that a sector has."""
 LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
 """A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
 and above what twilight leaves; chosen."""
@@ -163,7 +176,7 @@ def light_noise(
     noisy = ~_black_night(level, edge, values)
     parts = _noise(residuals * np.sqrt(counts), edge, noisy, len(of_sector), rounding)
     depth = basis[2] / np.where(edge > EARTH_LEVEL, edge, 1.0)
-    alike = _alike(residuals, level, edge, depth, neighbours)
+    alike = _alike(residuals, level, edge, depth, neighbours, len(of_sector))
     expected = _expected(edge, parts)
     return LightNoise(expected / counts, _expected(edge, (1.0, alike, 0.0)), parts)
 
@@ -209,7 +222,12 @@ def _noise(
 
 
 def _alike(
-    residuals: FloatArray, level: FloatArray, edge: FloatArray, depth_px: FloatArray, neighbours: NDArray[np.intp]
+    residuals: FloatArray,
+    level: FloatArray,
+    edge: FloatArray,
+    depth_px: FloatArray,
+    neighbours: NDArray[np.intp],
+    sectors: int,
 ) -> float:
     """Return the number of the Earth's pixels with one common error: 1 for noise, more for clouds, coasts and snow.
 
@@ -235,10 +253,10 @@ def _alike(
     share = float(np.sum(a * b)) / max(0.5 * float(np.sum(a * a + b * b)), 1e-300)
     if share < SIGNIFICANT / float(np.sqrt(max(len(a), 1))):
         return 1.0
-    share = min(share, MOST_ALIKE)
     variance = float(np.mean(ground[within] ** 2))
     uneven = max(1.0 - EVEN**2 / variance, 0.0) if variance > 0.0 else 0.0
-    return 1.0 + (((1.0 + share) / (1.0 - share)) ** 2 - 1.0) * uneven
+    most = max(len(within) / (LEAST_ALONE * sectors), 1.0)
+    return 1.0 + (min(((1.0 + share) / max(1.0 - share, 1e-9)) ** 2, most) - 1.0) * uneven
 
 
 def _spread_of(some: FloatArray, all_of_them: FloatArray) -> float:

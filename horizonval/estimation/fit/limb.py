@@ -1,7 +1,7 @@
 """The fit of a limb's edge to the pixels of one image or of several heads.
 
-One shot of images (:mod:`.bundle`) with edge models (:mod:`.edge`), solved by the solver of all fits. Levels, noise,
-blur and softness are each image's own; pose, height of the limb and its relief are common.
+One shot of images (:mod:`.bundle`) with edge models (:mod:`.edge`), solved by the solver of all fits. Levels, noise
+and blur are each image's own; pose, height and softness of the limb, and its relief, are common.
 
 Uneven ground, clouds and coasts move the limb of some sectors more than noise and relief do. The scatter of the
 sectors' positions gives chi-squared per degree of freedom; where it exceeds one by two of its standard deviations the
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.bundle import Bundle, Shot, ShotPrior
-from horizonval.estimation.fit.edge import EdgeLook, EdgeModel, SectorPlaces, sector_places
+from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
+from horizonval.estimation.fit.edge import LOWEST, EdgeLook, EdgeModel, SectorPlaces, sector_places
 from horizonval.estimation.fit.edge_pixels import EdgeChooser, EdgeImage
 from horizonval.estimation.fit.image import LENS, POSE
 from horizonval.estimation.fit.known import LimbKnowledge
@@ -30,8 +30,8 @@ FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
-OPTIONS = SolverOptions(stages=(Stage(pixels=1500, tolerance=0.5), Stage()))
-"""Few pixels until the limb is within a fraction of a pixel, then all."""
+FEW_PIXELS, LARGE_PX = 1500, 100_000
+"""Pixels by which the limb in an image larger than so many pixels is found to a fraction of a pixel, before all."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class LimbFit:
     """The most probable pose, in the axes of the first image's camera.
 
     ``covariance`` (7, 7): of turn in camera axes [rad], position [m], limb height [m], from noise, priors, relief and
-    excess scatter of the sectors; ``relief_covariance``: its part of relief and scatter; ``by_lens`` (7, 4): how the
-    pose follows errors of the lens, the same of every image. ``blur_px``, ``scale_height_m``: of the lens and the limb
-    in the first image. ``noise_sigma``: pixel noise in space and on the Earth, in grey levels. ``pixels``: number used.
-    ``uv`` (m, 2): a point on each sector's limb in the first image [px]; ``residuals_rad`` (m,): how far inside the
-    fitted limb each sector shows it, including relief; ``levels`` (m,): the Earth's brightness there above space.
+    excess scatter of the sectors and errors of the lens; ``relief_covariance``: its part of relief, scatter and lens.
+    ``blur_px``, ``scale_height_m``: of the lens and the limb in the first image. ``noise_sigma``: pixel noise in space
+    and on the Earth, in grey levels. ``pixels``: number used. ``uv`` (m, 2): a point on each sector's limb in the first
+    image [px]; ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief;
+    ``levels`` (m,): the Earth's brightness there above space.
     ``steps``: shape (k, 7).
     """
 
@@ -52,7 +52,6 @@ class LimbFit:
     scale_height_m: float
     covariance: FloatArray
     relief_covariance: FloatArray
-    by_lens: FloatArray
     noise_sigma: tuple[float, float]
     pixels: int
     uv: FloatArray
@@ -66,23 +65,15 @@ class LimbFit:
         return nadir_derivative(self.pose)
 
 
-def fit_limb(
-    image: FloatArray,
-    camera: CameraModel,
-    start: LimbPose,
-    knowledge: LimbKnowledge,
-    options: SolverOptions = OPTIONS,
-) -> LimbFit:
+def fit_limb(image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
     """Fit the limb in one image, shape (H, W), linear in radiance, near a pose that is right to some pixels.
 
     Raises ``LinAlgError``: too little limb in view, or no convergence.
     """
-    return fit_limbs([EdgeImage(image, camera, np.eye(3))], start, knowledge, options)
+    return fit_limbs([EdgeImage(image, camera, np.eye(3))], start, knowledge)
 
 
-def fit_limbs(
-    images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowledge, options: SolverOptions = OPTIONS
-) -> LimbFit:
+def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
     """Fit the limb in the images of one shot near a pose of the body that is right to some pixels.
 
     ``start``, ``knowledge``: of the body, whose axes take the camera's place. Raises ``LinAlgError``: too little limb
@@ -90,8 +81,12 @@ def fit_limbs(
     """
     chooser = EdgeChooser(images, knowledge)
     prior = ShotPrior(knowledge.mean, knowledge.information)
-    shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images])
-    solution = solve(Bundle([shot]), options)
+    shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images], common=1, lowest=LOWEST)
+    few = (Stage(pixels=FEW_PIXELS, tolerance=0.5),) if max(one.image.size for one in images) > LARGE_PX else ()
+    sigmas = np.zeros(SHARED)
+    if len(images) == 1:
+        sigmas[:LENS] = knowledge.lens_sigmas
+    solution = solve(Bundle([shot], sigmas), SolverOptions(stages=(*few, Stage())))
     found, state = solution.shots[0], shot.state
     assert shot.chosen is not None
     assert shot.seen is not None
@@ -107,6 +102,9 @@ def fit_limbs(
     covariance = turn @ found.covariance[:POSE, :POSE] @ turn.T
     # What the sectors scatter by beyond all that is in the model is no noise of the detector, and not to be averaged.
     beyond = (scatter(places) - 1.0) * covariance
+    # An error of the lens is the same in every picture of the camera.
+    by_lens = turn @ found.by_shared[:POSE, :LENS]
+    beyond += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
     space, earth, _ = noises[0].parts
     return LimbFit(
         pose=state.pose.of_camera(first.cam_from_body),
@@ -114,7 +112,6 @@ def fit_limbs(
         scale_height_m=float(state.own[0][1]),
         covariance=covariance + beyond,
         relief_covariance=covariance - turn @ found.known[:POSE, :POSE] @ turn.T + beyond,
-        by_lens=turn @ found.by_shared[:POSE, :LENS],
         noise_sigma=(float(np.sqrt(space)), float(np.sqrt(earth))),
         pixels=sum(int(model.pixels.counts.sum()) for model in models),
         uv=places[0].uv,

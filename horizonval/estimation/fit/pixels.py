@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import PIXEL_DIRECTIONS
+from horizonval.estimation.limb.picture import pixel_directions
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.rotation import cross
 
@@ -134,7 +134,7 @@ class NearPixels:
 
     def seen_by(self, camera: CameraModel) -> NearPixels:
         """Return the same pixels with the lines of sight of another camera."""
-        return _of_camera(PIXEL_DIRECTIONS.of(camera), self.columns, self.rows)
+        return _of_camera(pixel_directions(camera), self.columns, self.rows)
 
 
 def _of_camera(directions: FloatArray, columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NearPixels:
@@ -177,7 +177,7 @@ def near_pixels(
     towards the Earth; ``most``: thin out evenly to one to two times so many squares of pixels; others as for
     :func:`limb_angle`.
     """
-    directions = PIXEL_DIRECTIONS.of(camera)
+    directions = pixel_directions(camera)
     columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)
     every = 1
     if most is not None and len(columns) > most:

@@ -39,8 +39,9 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held; ``good``: share of the predicted gain above which derivatives stay frozen; ``first_damping``,
-    ``damping_factor``, ``most_damping``: in units of the unknowns' scales, after a step that gains nothing;
+    noise is held; ``good``: share of the predicted gain above which derivatives stay frozen; ``most_cuts``,
+    ``least_share``: how often a step that gains nothing is shortened, and to which share of it; ``first_damping``,
+    ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does not help;
     ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
     pixels are chosen again.
     """
@@ -49,6 +50,8 @@ class SolverOptions:
     most_steps: int = 30
     steady: float = 0.05
     good: float = 0.7
+    most_cuts: int = 3
+    least_share: float = 0.1
     first_damping: float = 1.0
     damping_factor: float = 10.0
     most_damping: float = 1e8
@@ -115,10 +118,22 @@ class _Search:
             step = solved.step(equations)
             if steady and damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0:
                 self._try(self._bounded(step))
-                return
+                # On the way from where the noise was steady it may have changed.
+                if not stage.settle or self._weigh() < options.steady:
+                    return
+                solved = None
+                continue
             bounded = self._bounded(step)
             gain = self._try(bounded)
+            cuts = 0
             while gain < -options.rounding:
+                if fresh and cuts < options.most_cuts:
+                    # The parabola through this merit and the present one, with the slope that the equations predict.
+                    cuts += 1
+                    share = bounded.gained / (2.0 * bounded.gained - gain)
+                    bounded = bounded.shortened(float(np.clip(share, options.least_share, 0.5)))
+                    gain = self._try(bounded)
+                    continue
                 if fresh:
                     damping = max(options.first_damping, options.damping_factor * damping)
                     if damping > options.most_damping:
@@ -142,9 +157,13 @@ class _Search:
                 self._choose(stage)
                 solved = None
             if stage.settle and not steady:
-                steady = max(shot.weigh(bundle.shared) for shot in bundle.shots) < options.steady
+                steady = self._weigh() < options.steady
         if step is None or step.square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
+
+    def _weigh(self) -> float:
+        """Estimate the noise again; return the largest change of a shot's."""
+        return max(shot.weigh(self.bundle.shared) for shot in self.bundle.shots)
 
     def _choose(self, stage: Stage) -> None:
         for shot in self.bundle.shots:

@@ -148,6 +148,8 @@ SUN_REACH = 2.0
 """Radii of a saturated blob that are left out: its bloom."""
 LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
 """Largest radius of the Sun (0.27 deg) with its glare; a larger blob may be a saturated Earth and is not left out."""
+ROUGH_SIGMAS = 3.0
+"""Standard deviations of a rough nadir, and of what a limb may be wrong by, within which the two agree."""
 LIMB_SHARE = 0.4
 """Canny's upper threshold, relative to strong gradients, where all edges count as limb; discs of 50 to 200 px have
 steep shading."""
@@ -162,7 +164,8 @@ def find_limb(
     """Return the sub-pixel points of the Earth's limb in order, or why there are none.
 
     ``image``: shape (H, W), grey levels monotonic in radiance; anything else is refused. ``camera``: of the image's
-    size; ``full_scale``: digital number of saturation; ``prior``: its altitude bounds the angular radius.
+    size; ``full_scale``: digital number of saturation; ``prior``: its altitude bounds the angular radius, and its
+    attitude decides between two curves.
     """
     found = find_limb_and_picture(image, camera, full_scale, prior)
     return found if isinstance(found, Refusal) else found[0]
@@ -175,7 +178,7 @@ def find_limb_and_picture(
     picture = picture_of(image, camera, full_scale)
     if isinstance(picture, Refusal):
         return picture
-    found = _find_limb_in(picture, camera, largest_rho_rad(prior))
+    found = _find_limb_in(picture, camera, largest_rho_rad(prior), prior.rough_nadir)
     return found if isinstance(found, Refusal) else (found, picture)
 
 
@@ -216,23 +219,26 @@ def wrong_size(image: FloatArray, camera: CameraModel) -> Refusal:
     )
 
 
-def _find_limb_in(picture: Picture, camera: CameraModel, largest_rho_rad: float) -> LimbPoints | Refusal:
+def _find_limb_in(
+    picture: Picture, camera: CameraModel, largest_rho_rad: float, rough_nadir: tuple[FloatArray, float] | None
+) -> LimbPoints | Refusal:
     """Return the limb of a picture of this camera; as :func:`find_limb`."""
     sun = find_sun(picture.saturated)
     levels = levels_of(picture, camera)
     if sun is not None and sun.radius_px / camera.fx < LARGEST_SUN_RADIUS_RAD:
         levels = without_disc(levels, sun.column, sun.row, SUN_REACH * sun.radius_px + 1.0)
-    verdicts = sorted(_verdicts(levels, camera, largest_rho_rad), key=lambda one: -one[0])
+    verdicts = sorted(_verdicts(levels, camera, largest_rho_rad, rough_nadir), key=lambda one: -one[0])
     accepted = [one for _, one in verdicts if isinstance(one, FoundLimb)]
     doubts = [(score, one) for score, one in verdicts if isinstance(one, Refusal)]
     # A refused limb that is far more probable is the right one, so that no other is returned.
     if not accepted or (doubts and accepted[0].score < RIVAL_SHARE * doubts[0][0]):
         short = (one for _, one in doubts if one.status is Outcome.SHORT_ARC)
         return _refused(picture, sun is not None, next(short, doubts[0][1] if doubts else None))
-    best = accepted[0]
-    for rival in accepted[1:]:
-        if rival.score > RIVAL_SHARE * best.score and _contradicts(best, rival):
-            return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
+    rivals = [one for one in accepted if one.score > RIVAL_SHARE * accepted[0].score]
+    rivals = [one for one in rivals if _agrees(one.cone.axis_cam, rough_nadir)] or rivals
+    best = rivals[0]
+    if any(_contradicts(best, rival) for rival in rivals[1:]):
+        return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
     return best.points if best.too_low is None else best.too_low
 
 
@@ -263,7 +269,10 @@ class _Candidate:
 
 
 def _verdicts(
-    levels: list[PyramidLevel], camera: CameraModel, largest_rho_rad: float
+    levels: list[PyramidLevel],
+    camera: CameraModel,
+    largest_rho_rad: float,
+    rough_nadir: tuple[FloatArray, float] | None,
 ) -> list[tuple[float, FoundLimb | Refusal]]:
     """Return verdict and score of every level's most probable cones, smallest level first."""
     verdicts: list[tuple[float, FoundLimb | Refusal]] = []
@@ -271,26 +280,33 @@ def _verdicts(
     for number in range(len(levels) - 1, -1, -1):
         if max(levels[number].grey.shape) > LARGEST_FINE_PX and number < len(levels) - 1:
             break
-        for one in _proposed(levels[number], number, camera, largest_rho_rad):
+        for one in _proposed(levels[number], number, camera, largest_rho_rad, rough_nadir):
             if any(_same(one, other) for other in tried):
                 continue
             found = _followed(levels, camera, one)
             if not any(_same(found, other) for other in tried):
                 verdicts.append((found.evidence.score, _judged(levels, camera, found, largest_rho_rad)))
             tried += [one, found]
-        if any(isinstance(one, FoundLimb) and one.explained > WHOLE for _, one in verdicts):
+        found_limbs = [one for _, one in verdicts if isinstance(one, FoundLimb)]
+        if any(one.explained > WHOLE and _agrees(one.cone.axis_cam, rough_nadir) for one in found_limbs):
             break
     return verdicts
 
 
-def _proposed(level: PyramidLevel, number: int, camera: CameraModel, largest_rho_rad: float) -> list[_Candidate]:
+def _proposed(
+    level: PyramidLevel,
+    number: int,
+    camera: CameraModel,
+    largest_rho_rad: float,
+    rough_nadir: tuple[FloatArray, float] | None,
+) -> list[_Candidate]:
     """Return the most probable cones of a level, the most probable first."""
     found: list[_Candidate] = []
     for one in propose(level, camera, min(largest_rho_rad + LARGEST_SIGMA_RAD, 0.5 * np.pi)):
         evidence = weigh(level, camera, one.axis_cam, one.rho_rad)
         if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL and evidence.score > 0.0:
             found.append(_Candidate(one.axis_cam, one.rho_rad, number, level.scale, evidence))
-            if evidence.explained > WHOLE:
+            if evidence.explained > WHOLE and _agrees(one.axis_cam, rough_nadir):
                 break
     return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
 
@@ -435,6 +451,14 @@ def _contradicts(one: FoundLimb, other: FoundLimb) -> bool:
     apart = float(off_axis_angle(one.cone.axis_cam, other.cone.axis_cam))
     sigma = np.hypot(one.uncertainty.sigma_axis_rad, other.uncertainty.sigma_axis_rad)
     return bool(apart > max(LARGEST_SIGMA_RAD, SIGMAS * sigma))
+
+
+def _agrees(axis_cam: FloatArray, rough_nadir: tuple[FloatArray, float] | None) -> bool:
+    """Whether a cone is where a rough direction of the nadir, with its sigma, has it; any where there is none."""
+    if rough_nadir is None:
+        return True
+    nadir_cam, sigma_rad = rough_nadir
+    return float(off_axis_angle(axis_cam, nadir_cam)) <= ROUGH_SIGMAS * float(np.hypot(sigma_rad, LARGEST_SIGMA_RAD))
 
 
 def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:

@@ -34,7 +34,7 @@ from scipy import sparse
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, PIXEL_DIRECTIONS, median
+from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, median, pixel_directions
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
@@ -67,13 +67,14 @@ def to_steepest(
         if not len(los):
             break
         shift, good = _shift(image, camera, los, axis_cam, 1.0 if bright_inside else -1.0)
-        inwards = _inwards(los, axis_cam)
+        inwards = inwards_of(los, axis_cam)
         los = (np.cos(shift)[:, None] * los + np.sin(shift)[:, None] * inwards)[good]
         kept = kept[good]
     return los, kept
 
 
-def _inwards(los: FloatArray, axis: FloatArray) -> FloatArray:
+def inwards_of(los: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return unit vectors (n, 3) across lines of sight (n, 3) towards an axis."""
     inwards = axis - los * (los @ axis)[:, None]
     return np.asarray(inwards / np.linalg.norm(inwards, axis=1)[:, None])
 
@@ -109,7 +110,7 @@ def profile_places(
     """
     offset_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
     angle = offset_px * (1.0 / max(camera.fx, camera.fy))
-    inwards = _inwards(los_cam, axis_cam)
+    inwards = inwards_of(los_cam, axis_cam)
     rays = np.cos(angle)[None, :, None] * los_cam[:, None] + np.sin(angle)[None, :, None] * inwards[:, None]
     uv, in_front = project(camera, rays.reshape(-1, 3))
     most = (camera.width - 1.0, camera.height - 1.0)
@@ -170,7 +171,7 @@ def pixel_variance(
 def _beside(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:
     """Return which pixels, of the image in one row, lie beside a limb, and how far inside of it [px]."""
     px_per_rad = max(camera.fx, camera.fy)
-    directions = PIXEL_DIRECTIONS.of(camera).reshape(-1, 3)
+    directions = pixel_directions(camera).reshape(-1, 3)
     # By the cosine first, a little further than it takes: one product in place of an arc tangent for every pixel.
     reach = (FARTHEST_PX + 1.0) / px_per_rad
     nearest, farthest = np.cos(np.clip([rho_rad - reach, rho_rad + reach], 0.0, np.pi))

@@ -13,7 +13,6 @@ from horizonval.core.outcome import Refusal
 from horizonval.estimation.fit.claim import claim
 from horizonval.estimation.fit.guard import accepted
 from horizonval.estimation.fit.start import ellipsoid_start
-from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 
@@ -28,7 +27,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-ellipsoid",
     title="Limb of the Earth's ellipsoid, maximum likelihood of the pixels, position known",
-    run=accepted(with_lens_error(run)),
+    run=accepted(run),
     estimates="geocentric",
     claim="likelihood",
 )

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import fit_of
+from horizonval.estimation.fit.guard import pulled
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.profile.fit import ProfileSearch, explained, uneven_lens
@@ -58,8 +59,17 @@ def run(observation: Observation) -> Fit | Refusal:
     if next(iter(observation.heads)) not in heads:
         # Points are drawn into the image of the first head, which has none.
         fitted = replace(fitted, uv=np.empty((0, 2)), residuals_rad=np.empty(0))
-    doubt = doubt_of(fitted, observation.prior, cam_from_body)
-    return fit_of(fitted, observation, first.knowledge.ellipsoid) if doubt is None else doubt
+    doubt = doubt_of(fitted)
+    if doubt is not None:
+        return doubt
+    to_camera = np.eye(7)
+    to_camera[:3, :3] = cam_from_body
+    known = to_camera @ information @ to_camera.T
+    wrong = pulled(fitted.pose, fitted.covariance, mean.of_camera(cam_from_body), known, fitted.uv)
+    if isinstance(wrong, Refusal):
+        return wrong
+    fitted = replace(fitted, covariance=fitted.covariance + wrong, relief_covariance=fitted.relief_covariance + wrong)
+    return fit_of(fitted, observation, first.knowledge.ellipsoid)
 
 
 def _alone(head: Observation) -> ProfileHead | Refusal:

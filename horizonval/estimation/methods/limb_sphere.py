@@ -14,10 +14,9 @@ import numpy as np
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
 from horizonval.estimation.fit.guard import accepted
-from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge
+from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge, tilted_to
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
-from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
@@ -44,6 +43,8 @@ def run(observation: Observation) -> Fit | Refusal:
     planet, mean, information = sphere_knowledge(
         -r_cam / np.linalg.norm(r_cam), radius, altitude, sigma, height, height_sigma
     )
+    if prior.nadir_cam is not None and prior.rough_nadir is not None:
+        mean, information = tilted_to(mean, information, *prior.rough_nadir)
     knowledge = knowledge_in_air(observation, planet, mean, information, flattened, of_height=known)
     return claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
 
@@ -51,7 +52,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-sphere",
     title="Limb of a sphere, maximum likelihood of the pixels",
-    run=accepted(with_lens_error(run)),
+    run=accepted(run),
     estimates="geocentric",
     claim="likelihood",
 )
