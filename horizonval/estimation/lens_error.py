@@ -244,11 +244,15 @@ def _views(fit: Fit, observation: Observation) -> list[View]:
 
 
 def _in_view(head: Observation, limb_body: FloatArray) -> FloatArray:
-    """Return the pixels (n, 2) of a limb's directions that a head sees, in order along the arc."""
+    """Return the pixels (n, 2) of a limb's directions that a head sees, in order along the arc; at least the nearest.
+
+    A linear array crosses the limb between two directions.
+    """
     camera = head.camera
     uv, ahead = project(camera, limb_body @ _cam_from_body(head).T)
-    with np.errstate(invalid="ignore"):
-        seen = ahead & ((uv >= -0.5) & (uv <= (camera.width - 0.5, camera.height - 0.5))).all(axis=1)
+    beyond = np.maximum(-0.5 - uv, uv - (camera.width - 0.5, camera.height - 0.5)).max(axis=1)
+    beyond = np.where(ahead & np.isfinite(beyond), beyond, np.inf)
+    seen = beyond <= max(0.0, float(beyond.min()))
     # An arc that runs through the first azimuth begins after the last one that is not in view.
     first = -int(np.argmin(seen))
     return np.roll(uv, first, axis=0)[np.roll(seen, first)]

@@ -87,6 +87,8 @@ limb of a search, can reach it."""
 BLUR_SIGMA = 0.08
 """Relative standard deviation of a stated blur: a modulation transfer function is measured to some per cent, and
 focus changes with temperature. At :data:`SIGMAS` a lens is taken for 1.5 times as soft."""
+UNSTATED_BLUR_SIGMA = 0.3
+"""The same of a lens whose file states none."""
 AIR_BLUR_M = 7e3
 """What air adds to the blur, being no exponential: its scale height."""
 LEAST_BLUR_PX = 0.4
@@ -110,9 +112,6 @@ RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX = 0.5, 3.0, 40.0
 PULLED = float(norm.isf(0.5e-2))
 """Departure from a prior in standard deviations, which chance exceeds in one frame of a hundred, from which the claim
 is widened."""
-ACCEPTED_SHARE = 0.5
-"""Share of the accepted accuracy (``Prior.accept_rad``) at which fits of the pixels refuse: their claims are false
-beyond half of the error that is allowed to a cone."""
 LEAST_LEARNT = 0.01
 """Share of a prior's variance that the image must have taken away to say anything about the prior: a fit is converged
 to 0.05 of a standard deviation, which is half of what chance makes of a departure then."""
@@ -435,10 +434,11 @@ def rival_pieces(
     counts = np.bincount(place, minlength=pieces * depths)
     sums = np.bincount(place, values[inside], minlength=pieces * depths)
     means = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).reshape(pieces, depths)
-    # An edge lies in a strip or at its borders: the strips to both sides differ.
-    place_px = (np.arange(1, depths - 1) + 0.5) * RIVAL_WIDTH_PX - far
+    # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
+    place_px = (np.arange(3, depths - 3) + 0.5) * RIVAL_WIDTH_PX - far
     with np.errstate(invalid="ignore"):
-        step = sign * (means[:, 2:] - means[:, :-2]) >= needed[:, None]
+        change = sign * (means[:, 2:] - means[:, :-2])
+        step = change[:, 2:-2] - 0.5 * (change[:, 4:] + change[:, :-4]) >= needed[:, None]
     step &= (np.abs(place_px) >= nearest) & (np.abs(place_px) <= FARTHEST_RIVAL_PX)
     # A limb goes on at nearly the same distance in the pieces to both sides; edges of clouds are anywhere.
     near = np.pad(maximum_filter1d(step, 3, axis=1), ((1, 1), (0, 0)), mode="edge")
@@ -622,7 +622,8 @@ def _by_place(
 def _by_blur(
     view: LimbView, seen: SeenEdge, own_px: float, lens: Lens, scale: int, points: FloatArray
 ) -> Refusal | None:
-    margin = float(np.exp(SIGMAS * np.hypot(BLUR_SIGMA, seen.blur_sigma)))
+    known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
+    margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
     widest = float(np.hypot(margin * own_px * float(lens.ratios.max()), AIR_BLUR_M / view.pixel_m))
     sharpest = 0.0 if lens.blur_px is None else own_px * float(lens.ratios.min()) / margin**2
     if sharpest <= float(np.hypot(seen.blur_px, AIR_BLUR_M / view.pixel_m)) and seen.blur_px <= widest:
@@ -719,16 +720,16 @@ def guarded_fit(
     return found if seen.refusal is None else seen.refusal
 
 
-def accepted(run: Callable[[Observation], Fit | Refusal]) -> Callable[[Observation], Fit | Refusal]:
-    """Return a method that refuses what it knows less well than the prior's user accepts (``Prior.accept_rad``)."""
-    return partial(_accepted, run)
+def accepted(run: Callable[[Observation], Fit | Refusal], share: float = 1.0) -> Callable[[Observation], Fit | Refusal]:
+    """Return a method that refuses what it knows less well than is accepted: a share of ``Prior.accept_rad``."""
+    return partial(_accepted, run, share)
 
 
-def _accepted(run: Callable[[Observation], Fit | Refusal], observation: Observation) -> Fit | Refusal:
+def _accepted(run: Callable[[Observation], Fit | Refusal], share: float, observation: Observation) -> Fit | Refusal:
     found = run(observation)
     if isinstance(found, Refusal):
         return found
-    refusal = too_wide(found, ACCEPTED_SHARE * observation.prior.accept_rad)
+    refusal = too_wide(found, share * observation.prior.accept_rad)
     return found if refusal is None else refusal
 
 

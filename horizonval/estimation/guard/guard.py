@@ -30,16 +30,16 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs, systematic_covariance
-from horizonval.estimation.fit.guard import too_uncertain, too_wide
+from horizonval.estimation.fit.guard import accepted, too_uncertain, too_wide
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.guard.limits import model_covariance
 from horizonval.estimation.guard.points import TrustedPoints, second_limb, trusted_points
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
-from horizonval.estimation.limb.cone import arc_order, cone_uncertainty
+from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty
 from horizonval.estimation.limb.finder import largest_rho_rad
-from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_variance
+from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_noise
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
 from horizonval.geometry.horizon import fit_cone
@@ -49,13 +49,16 @@ from horizonval.geometry.rotation import angle_between, off_axis_angle, tangent_
 def guarded(estimator: Estimator) -> Estimator:
     """Return the estimator behind the guard, named ``guarded-<name>``.
 
-    One that is given the pose is only renamed, and so is a fit of the pixels, which is guarded as it is.
+    One that is given the pose is only renamed. A fit of the pixels has its guard within; its claims are false beyond
+    half of the error that is allowed to a cone, hence refused from half of the accepted accuracy.
     """
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.from_points or estimator.needs == "heads":
         run = partial(_run, estimator)
         run = with_lens_error(run, estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None)
         run = partial(_not_too_wide, run)
+    elif estimator.needs == "image":
+        run = accepted(run, 0.5)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
@@ -169,9 +172,10 @@ def _noise_apart(fit: Fit, points: TrustedPoints) -> Fit:
     """Move the scatter beyond the detector's noise from the noise covariance to the systematic one."""
     image, camera, cone = points.picture.grey, points.observation.camera, points.seen_cone()
     rho = float(off_axis_angle(points.seen, cone.axis_cam).mean())
-    variance = pixel_variance(image, camera, cone.axis_cam, rho, points.observation.full_scale)
+    of_pixels = pixel_noise(image, camera, cone.axis_cam, rho, points.observation.full_scale)
+    sign = 1.0 if points.bright_inside else -1.0
     try:
-        noise = noise_covariance(image, camera, points.seen, cone.axis_cam, rho, variance, points.bright_inside)
+        noise = noise_covariance(image, camera, points.seen, cone.axis_cam, of_pixels, sign)
     except np.linalg.LinAlgError:
         return fit
     basis = tangent_basis(fit.nadir_cam)
@@ -237,12 +241,10 @@ def _run_on_rows(estimator: Estimator, observation: Observation) -> Fit | Refusa
     rho = float(off_axis_angle(los, axis).mean())
     if misfit(los, axis, rho, sigma, observation) < MISFIT_CHANCE:
         return Refusal(Outcome.AMBIGUOUS, "the crossings of the heads do not lie on one limb", result.points)
-    across = los @ tangent_basis(axis)
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    gain = np.linalg.pinv(np.column_stack([across, np.ones(len(los))]))
     systematic = _systematic(los, axis, rho, observation, estimator.estimates)
     if systematic is None:
         return Refusal(Outcome.SHORT_ARC, "the heads' crossings do not determine a cone", result.points)
+    gain = cone_gain(los, axis)
     limb = GuardLimb(axis, rho, (gain * sigma**2) @ gain.T, systematic)
     return _confirmed(result, limb, observation, systematic[:2, :2])
 

@@ -18,12 +18,6 @@ from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 FEWEST_POINTS = 12
 """Smallest number of points of an image: four for each of a cone's three unknowns."""
-TRIMS = 5
-"""Largest number of passes that leave outliers out."""
-TRIM_SIGMAS = 4.0
-"""Robust standard deviations beyond which a point is an outlier: of normal ones one of sixteen thousand is."""
-SMALLEST_TRIM_PX = 0.3
-"""Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
 SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 """Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
 AGREEMENT = 5.0
@@ -70,7 +64,7 @@ def model_covariance(
         earth_radius_m=radius,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",
     )
-    covariance = covariance + slow_error(los_cam, tangent_basis(axis_cam), 1.0 / max(camera.fx, camera.fy), slow_px)
+    covariance = covariance + slow_error(los_cam, axis_cam, 1.0 / max(camera.fx, camera.fy), slow_px)
     if patterns_m is not None:
         moved = cone_perturbation(los_cam, axis_cam, rho_rad, patterns_m, radius)
         return np.asarray(covariance + moved.T @ moved)

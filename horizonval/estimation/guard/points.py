@@ -26,12 +26,12 @@ from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.sunlit import SunlitLimb, sun_angles, sunlit_limb
-from horizonval.estimation.limb.cone import arc_order, limb_directions
+from horizonval.estimation.limb.cone import arc_order, near_cone
 from horizonval.estimation.limb.evidence import MOST_SECTORS, PROFILES, read_profiles
 from horizonval.estimation.limb.finder import find_limb_and_picture
-from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, ROSE_SIGMAS, Picture, in_wider_pixels, median
-from horizonval.estimation.limb.pyramid import PyramidLevel, trace_limb
-from horizonval.estimation.limb.steepest import NEEDED_PX, inwards_of, to_steepest
+from horizonval.estimation.limb.picture import ROSE_SIGMAS, Picture, in_wider_pixels, median
+from horizonval.estimation.limb.pyramid import PyramidLevel, cone_frame, on_cone, trace_limb
+from horizonval.estimation.limb.steepest import inwards_of, to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.horizon import Cone, fit_cone
@@ -97,18 +97,8 @@ class TrustedPoints:
 
     def without_outliers(self) -> TrustedPoints:
         """Return the points near the cone through them."""
-        points, camera = self, self.observation.camera
-        smallest = limits.SMALLEST_TRIM_PX / max(camera.fx, camera.fy)
-        for _ in range(limits.TRIMS):
-            if len(points.ground) < limits.FEWEST_POINTS:
-                break
-            off = off_axis_angle(points.ground, fit_cone(points.ground).axis_cam)
-            off = np.abs(off - median(off))
-            good = off <= max(limits.TRIM_SIGMAS * MEDIAN_TO_SIGMA * median(off), smallest)
-            if good.all():
-                break
-            points = points.take(good)
-        return points
+        px_rad = 1.0 / max(self.observation.camera.fx, self.observation.camera.fy)
+        return self.take(near_cone(self.ground, px_rad, limits.FEWEST_POINTS))
 
     def seen_cone(self) -> Cone:
         """Return the cone of the limb as the image has it."""
@@ -174,12 +164,12 @@ def _into_twilight(
     """Return the points under a high Sun and, where it is low, the cone's own directions: edges fade out there."""
     cone, camera = fit_cone(los), observation.camera
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    on_cone = limb_directions(camera, cone.axis_cam, rho, NEEDED_PX)
-    low = sun_angles(on_cone, cone.axis_cam, sun)[0] > LOW_SUN_RAD
+    around = on_cone(cone_frame(cone.axis_cam), rho, trace_limb(camera, cone.axis_cam, rho, 1.0).azimuth)
+    low = sun_angles(around, cone.axis_cam, sun)[0] > LOW_SUN_RAD
     high = sun_angles(los, cone.axis_cam, sun)[0] <= LOW_SUN_RAD
     if not low.any():
         return los[high]
-    followed, _ = to_steepest(picture.grey, camera, on_cone[low], cone.axis_cam, bright_inside)
+    followed, _ = to_steepest(picture.grey, camera, around[low], cone.axis_cam, bright_inside)
     off = np.abs(off_axis_angle(followed, cone.axis_cam) - rho)
     return np.concatenate([los[high], followed[off * max(camera.fx, camera.fy) < FOLLOWED_PX]])
 

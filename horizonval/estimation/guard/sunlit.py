@@ -53,6 +53,7 @@ from horizonval.estimation.fit.heights import (
     without_clouds,
 )
 from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
+from horizonval.estimation.limb.cone import cone_gain
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
@@ -282,11 +283,7 @@ def cone_perturbation(
 
     ``los_cam``: shape (n, 3); ``axis_cam``: shape (3,); ``heights_m``: shape (k, n).
     """
-    across = los_cam @ tangent_basis(axis_cam)
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    jacobian = np.column_stack([across, np.ones(len(across))])
-    gain = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
-    return np.asarray(heights_m @ gain.T * (math.tan(rho_rad) / earth_radius_m))
+    return np.asarray(heights_m @ cone_gain(los_cam, axis_cam).T * (math.tan(rho_rad) / earth_radius_m))
 
 
 def unknown_sun_covariance(

@@ -1,10 +1,10 @@
 """The limb of a sphere by maximum likelihood of the pixels across it.
 
 A cone through the points of the search gives the start; then the pixels are fitted
-(:mod:`horizonval.estimation.likelihood.fit`): two tilts, altitude, height of the limb, blur and softness, and levels by
+(:mod:`horizonval.estimation.fit.limb`): two tilts, altitude, height of the limb, blur and softness, and levels by
 sector. Altitude and height change a sphere's limb equally, and only priors distinguish them: without a prior of the
 altitude the limb is taken for the sphere, as in the methods of a cone. The effect of the Earth's flattening, with poles
-anywhere, is a relief of the fit and part of the claim.
+anywhere, is a relief of the fit and part of the claim. A rough direction of the nadir is a prior of the tilts.
 """
 
 from __future__ import annotations
