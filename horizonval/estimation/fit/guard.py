@@ -34,7 +34,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 from scipy.stats import binom, chi2, norm
 
 from horizonval.core.arrays import FloatArray
@@ -78,6 +78,10 @@ MISPLACED_PX = 0.05
 over a slope of 0.5 of the step per pixel."""
 JUMP_PX = 0.02
 """The same for a single line and the next, which have most of it in common."""
+SURE_LINE_PX = 0.5
+"""Largest standard deviation of a line's shift against the next that counts: beyond, a few pixels decide it."""
+INDEPENDENT_LINES = 12
+"""Lines whose shifts count as independent: what the phases of pixels make of an oblique limb repeats itself."""
 PROFILE_SHARE = 0.15
 """Root-mean-square difference, as a share of the step, between a limb's profile and an exponential: 0.01 to 0.08 under
 a high Sun and in the infrared, up to 0.16 near the terminator."""
@@ -382,24 +386,32 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
 
     ``lines``: shape (n,), rows or columns; ``along``: shape (n,), change of the distance inside the limb along them.
     """
-    by_shift = -seen.by_place * along
-    count = int(lines.max()) + 1
-    known = np.bincount(lines, seen.weights * by_shift**2, count)
-    shift = np.bincount(lines, seen.weights * by_shift * seen.residuals, count) / np.maximum(known, 1e-300)
-    # What misplaces the limb across itself shifts a line by more, the more obliquely it crosses.
-    oblique = np.bincount(lines, seen.weights * by_shift**2 * np.abs(along), count) / np.maximum(known, 1e-300)
-    noise, across = 1.0 / np.maximum(known, 1e-300), np.maximum(oblique, 1e-3)
-
-    def squares(misplaced_px: float) -> FloatArray:
-        variance = noise + (misplaced_px / across) ** 2
-        both = variance[1:] + variance[:-1]
-        return np.asarray((np.diff(shift) ** 2 / both)[both < 1.0])
-
-    one, all_ = squares(JUMP_PX), squares(MISPLACED_PX)
-    if not len(all_):
+    # Where a lit limb ends, what a piece shows changes within it.
+    shown = minimum_filter1d(seen.steps > SIGMAS * seen.step_sigmas, 3, mode="nearest")[view.piece]
+    lines, along, weights = lines[shown], along[shown], seen.weights[shown]
+    if not len(lines):
         return 0.0
-    largest = float(norm.isf(0.5 * CHANCE / len(one))) ** 2
-    return max(float(all_.sum()) / float(chi2.isf(CHANCE, len(all_))), float(one.max()) / largest)
+    by_shift = -seen.by_place[shown] * along
+    count = int(lines.max()) + 1
+    information = weights * by_shift**2
+    known = np.maximum(np.bincount(lines, information, count), 1e-300)
+    shift = np.bincount(lines, weights * by_shift * seen.residuals[shown], count) / known
+    # What misplaces the limb across itself shifts a line by more, the more obliquely it crosses.
+    across = np.maximum(np.bincount(lines, information * np.abs(along), count) / known, 1e-3)
+
+    def squares(apart: int, misplaced_px: float) -> FloatArray:
+        variance = 1.0 / known + (misplaced_px / across) ** 2
+        both = variance[apart:] + variance[:-apart]
+        return np.asarray(((shift[apart:] - shift[:-apart]) ** 2 / both)[both < SURE_LINE_PX**2])
+
+    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    if not len(one) or not len(two):
+        return 0.0
+    # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
+    free = min(len(one), INDEPENDENT_LINES)
+    every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chi2.isf(CHANCE, free)) / free)
+    usual = max(float(np.median(single)) / NORMAL_QUARTILE**2, 1.0)
+    return max(every, float(single.max()) / usual / float(norm.isf(0.5 * CHANCE / len(single))) ** 2)
 
 
 def rival_pieces(

@@ -13,7 +13,6 @@ import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
-from horizonval.estimation.fit.guard import accepted
 from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge, tilted_to
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
@@ -52,7 +51,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-sphere",
     title="Limb of a sphere, maximum likelihood of the pixels",
-    run=accepted(run),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )
