@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,12 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.image import LENS, POSE, OwnPrior
 from horizonval.estimation.fit.levels import Levels, eliminated, solve_levels
 from horizonval.estimation.fit.light import (
-    EARTH_LEVEL,
     PIXEL_VARIANCE,
     EdgeProfile,
     LightNoise,
     brightness,
     edge_profile,
+    inner_levels,
     light_basis,
     light_noise,
 )
@@ -154,6 +155,7 @@ class EdgeLook:
 class EdgeLinear:
     """Normal equations of the pixels at one look; ``jacobian``: shape (13 + k, n)."""
 
+    exact: ClassVar[bool] = False
     jacobian: FloatArray
     normal: FloatArray
 
@@ -333,12 +335,10 @@ def sector_places(model: EdgeModel, look: EdgeLook, weights: FloatArray, air: Fl
     relief = sums(seen.angle.by_height * pixels.modes) * count / len(pixels.values)
     size = len(pixels.values) // count
     nearest = np.argmin(np.abs(seen.x).reshape(count, -1), axis=1) + size * np.arange(count)
-    inside = (seen.edge.level > EARTH_LEVEL).astype(float)
-    above = sums(inside * (pixels.values - look.of_pixel[0])) / np.maximum(sums(inside), 1.0)
     return SectorPlaces(
         uv=np.column_stack([pixels.columns[nearest], pixels.rows[nearest]]).astype(float),
         off_rad=shift + air @ relief,
         information=information,
         relief=relief,
-        levels=above,
+        levels=inner_levels(pixels.values, seen.edge.level, look.levels.of_sector),
     )

@@ -68,6 +68,8 @@ MISPLACED_PX = 0.05
 """Standard deviation of the common displacement between real air's limb and an exponential: residuals of 0.01 to 0.05
 of the step over a slope of 0.5 of the step per pixel. With equal pixels it acts as a height; with unequal ones it bends
 the limb."""
+DARKEST_SIGMA_RAD = 0.3
+"""Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
 MOST_PIXELS = 6000
 """Number of pixels and cells of an image from which it is fitted by cells."""
 CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
@@ -77,7 +79,10 @@ CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
 
 @dataclass(frozen=True)
 class EdgeImage:
-    """An image, shape (H, W), linear in radiance, its camera, and ``cam_from_body``, shape (3, 3)."""
+    """An image, its camera, and ``cam_from_body``, shape (3, 3).
+
+    ``image``: shape (H, W), linear in radiance, NaN where it is not (saturated).
+    """
 
     image: FloatArray
     camera: CameraModel
@@ -111,7 +116,9 @@ class EdgeChooser:
         """Return the unknowns before the first choice, of the body's pose."""
         return ShotState(pose, (self.known.own,) * len(self.images), np.zeros(0))
 
-    def __call__(self, state: ShotState, lens: FloatArray, most: int | None, before: Chosen | None) -> Chosen:
+    def __call__(
+        self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
+    ) -> Chosen:
         """Return the pixels near the limb at a state."""
         pose = state.pose
         if self._basis_body is None:
@@ -191,7 +198,7 @@ def _limb(
     limb_px = len(on_limb) * near.every
     fewest = 1 if min(one.image.shape) == 1 else FEWEST_LIMB_PX
     if limb_px < fewest or not len(on_limb):
-        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {fewest} are needed")
+        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view, not saturated; {fewest} are needed")
     across = basis_body.T @ (one.cam_from_body.T @ near.los_cam)
     # A direction is seen at another place in the image: the pixel, which stays, sees what is as far to the other side.
     to_column, to_row = _by_lens_px(camera, near)
@@ -370,18 +377,27 @@ def _heights(limbs: Sequence[_Limb], body: LimbPose, knowledge: LimbKnowledge) -
     span = float(np.mod(everywhere[order[-1]] - first, 2.0 * np.pi))
     axes = knowledge.ellipsoid.axes_m + body.height_m
     rho = float(np.arcsin(min(float(axes[0]) / float(np.linalg.norm(body.r_itrs)), 1.0)))
-    uneven = knowledge.uneven
+    uneven, sliver = knowledge.uneven, knowledge.sliver
     if uneven is None:
         nodes, modes = relief_modes(span, knowledge.reliefs, knowledge.flattened_m, rho)
-        return _Heights(first, nodes, np.zeros(len(nodes)), modes, bool(knowledge.reliefs))
-    nodes = relief_nodes(span, SHORTEST_RAD / float(np.cos(rho)))
-    seen = np.concatenate([np.mod(limb.azimuth[limb.on_limb] - first, 2.0 * np.pi) for limb in limbs])
-    pixel_m = np.concatenate([limb.pixel_m for limb in limbs])
-    order = np.argsort(seen)
-    places = _places(nodes + first, body, rho, np.interp(nodes, seen[order], pixel_m[order]))
-    lift, covariance = uneven.along(places, nodes)
-    modes = modes_of(covariance + oblate_covariance(nodes + first, knowledge.flattened_m, rho))
-    return _Heights(first, nodes, lift, modes, misplaced=False)
+        lift = np.zeros(len(nodes))
+    else:
+        nodes = relief_nodes(span, SHORTEST_RAD / float(np.cos(rho)))
+    if uneven is not None or sliver is not None:
+        seen = np.concatenate([np.mod(limb.azimuth[limb.on_limb] - first, 2.0 * np.pi) for limb in limbs])
+        order = np.argsort(seen)
+        pixel_m = np.interp(nodes, seen[order], np.concatenate([limb.pixel_m for limb in limbs])[order])
+    if uneven is not None:
+        lift, covariance = uneven.along(_places(nodes + first, body, rho, pixel_m), nodes)
+        modes = modes_of(covariance + oblate_covariance(nodes + first, knowledge.flattened_m, rho))
+    if sliver is not None:
+        u, v = sliver.darkest @ tangent_basis(body.nadir_cam)
+        away = nodes + first - np.arctan2(v, u)
+        unlit = sliver.depth_px * pixel_m * np.maximum(np.cos(away), 0.0)
+        depth = unlit * np.cos(away)
+        lift = lift - depth
+        modes = np.concatenate([modes, [depth, DARKEST_SIGMA_RAD * 2.0 * unlit * np.sin(away)]])
+    return _Heights(first, nodes, lift, modes, misplaced=uneven is None and bool(knowledge.reliefs))
 
 
 def _places(azimuth: FloatArray, pose: LimbPose, rho_rad: float, pixel_m: FloatArray) -> ArcPlaces:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,11 @@ class Look(Protocol):
 class Linear(Protocol):
     """Normal equations of the pixels at one look, without priors of pose, own unknowns and air.
 
-    ``shared``: shape (s, s), of pose, lens and own unknowns; ``mixed``: shape (s, k); ``air``: shape (k, k).
+    ``shared``: shape (s, s), of pose, lens and own unknowns; ``mixed``: shape (s, k); ``air``: shape (k, k); ``exact``:
+    whether the right sides at another look are the gradient there, and not by the derivatives of the first.
     """
+
+    exact: ClassVar[bool]
 
     @property
     def shared(self) -> FloatArray: ...
@@ -51,7 +54,7 @@ class Linear(Protocol):
     def air(self) -> FloatArray: ...
 
     def rights(self, look: Any, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the right sides, shapes (s,) and (k,), of other residuals by the same derivatives."""
+        """Return the right sides, shapes (s,) and (k,), at another look."""
 
 
 @dataclass(frozen=True)
@@ -128,9 +131,12 @@ class Chosen:
 class Chooser(Protocol):
     """Chooses the pixels of all images of a shot."""
 
-    def __call__(self, state: ShotState, lens: FloatArray, most: int | None, before: Chosen | None) -> Chosen:
+    def __call__(
+        self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
+    ) -> Chosen:
         """Return the pixels near the limb at a state, about ``most`` per image.
 
-        ``lens``: shape (4,), errors of the lens; ``before``: the choice so far, from which air and noise are taken
+        ``lens``: shape (4,), errors of the lens; ``tighter``: factor on the priors' information on the blur, for a
+        first part of the way; ``before``: the choice so far, from which air and noise are taken
         over. Raises ``LinAlgError``: too little limb in view.
         """

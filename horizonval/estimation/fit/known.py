@@ -51,6 +51,19 @@ FIXED_LENGTH_M = 0.1
 
 
 @dataclass(frozen=True)
+class Sliver:
+    """The unlit part of a disc: at the angle ``a`` from the darkest point of the limb the terminator lies ``depth cos^2
+    a`` inside of it, on that half of the disc.
+
+    ``darkest``: shape (3,), direction from the nadir to that point, in the axes of the knowledge; ``depth_px``: mean,
+    and as much for its standard deviation.
+    """
+
+    darkest: FloatArray
+    depth_px: float
+
+
+@dataclass(frozen=True)
 class LimbKnowledge:
     """What is known beside the image.
 
@@ -82,6 +95,8 @@ class LimbKnowledge:
     lens_sigmas : ndarray, shape (4,)
         Of errors of the camera: ln focal length, principal point [px], distortion at the farthest corner [px]; 0 for
         what is exact.
+    sliver : Sliver, optional
+        What of a whole disc the Sun may not light.
     """
 
     ellipsoid: Ellipsoid
@@ -96,6 +111,7 @@ class LimbKnowledge:
     uneven: LimbHeights | None = None
     middle_sigma_m: float = np.inf
     lens_sigmas: FloatArray = field(default_factory=lambda: np.zeros(LENS))
+    sliver: Sliver | None = None
 
     def in_wider_pixels(self, scale: int) -> LimbKnowledge:
         """Return what is known of the same limb in pixels ``scale`` times as wide."""

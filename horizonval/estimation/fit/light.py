@@ -122,6 +122,8 @@ LEAST_ALONE = 2
 LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
 """A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
 and above what twilight leaves; chosen."""
+UNSEEN = 1e9
+"""Number of pixels that count as one in a sector without light, which shows no limb."""
 DARKEST = 1e-3
 """Smallest ratio of the variances of space and Earth. Space may have a single grey level, known to one level only;
 pixels just above it must not determine the limb alone."""
@@ -171,22 +173,24 @@ def light_noise(
     shape (6, n), of :func:`light_basis`; ``of_sector``: shape (m, 6), levels; ``neighbours``: shape (2, k), pairs of
     adjacent pixels; ``rounding``: smallest variance of a pixel.
     """
-    edge = basis[1]
-    level = np.repeat(of_sector[:, 1], len(values) // len(of_sector))
-    noisy = ~_black_night(level, edge, values)
-    parts = _noise(residuals * np.sqrt(counts), edge, noisy, len(of_sector), rounding)
+    edge, count = basis[1], len(of_sector)
+    each = len(values) // count
+    lit = np.abs(inner_levels(values, edge, of_sector))
+    seen = np.repeat(lit >= LIT_SHARE * np.quantile(lit, BRIGHT_QUANTILE), each)
+    level = np.repeat(of_sector[:, 1], each)
+    parts = _noise((residuals * np.sqrt(counts))[seen], edge[seen], int(seen.sum()) // each, rounding)
     depth = basis[2] / np.where(edge > EARTH_LEVEL, edge, 1.0)
-    alike = _alike(residuals, level, edge, depth, neighbours, len(of_sector))
-    expected = _expected(edge, parts)
-    return LightNoise(expected / counts, _expected(edge, (1.0, alike, 0.0)), parts)
+    alike = _alike(residuals, level, np.where(seen, edge, 0.0), depth, neighbours, count)
+    together = np.where(seen, _expected(edge, (1.0, alike, 0.0)), UNSEEN)
+    return LightNoise(_expected(edge, parts) / counts, together, parts)
 
 
-def _black_night(level: FloatArray, edge: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
-    """Return which pixels lie in dark sectors of a single grey level, whose noise cannot be measured; else none."""
-    level = np.abs(level)
-    dark = level < LIT_SHARE * np.quantile(level, BRIGHT_QUANTILE)
-    seen = values[dark & (edge > EARTH_LEVEL)]
-    return dark if len(seen) and 2 * np.count_nonzero(seen == median(seen)) > len(seen) else np.zeros_like(dark)
+def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) -> FloatArray:
+    """Return how much brighter than space sectors are inside the limb, shape (m,); parameters as of light_noise."""
+    count = len(of_sector)
+    inside = (edge > EARTH_LEVEL).reshape(count, -1).astype(float)
+    above = values.reshape(count, -1) - of_sector[:, :1]
+    return np.asarray((inside * above).sum(axis=1) / np.maximum(inside.sum(axis=1), 1.0))
 
 
 def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatArray:
@@ -194,12 +198,10 @@ def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatAr
     return np.asarray(variance[0] + (variance[1] - variance[0]) * level + variance[2] * 4.0 * level * (1.0 - level))
 
 
-def _noise(
-    residuals: FloatArray, edge: FloatArray, noisy: NDArray[np.bool_], sectors: int, rounding: float
-) -> tuple[float, float, float]:
+def _noise(residuals: FloatArray, edge: FloatArray, sectors: int, rounding: float) -> tuple[float, float, float]:
     """Return the variances in space and on the Earth, at least rounding's, and the excess at the edge."""
     floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
-    where = (edge < SPACE_LEVEL, (edge > EARTH_LEVEL) & noisy)
+    where = (edge < SPACE_LEVEL, edge > EARTH_LEVEL)
     space, earth = (_spread_of(residuals[there], residuals) for there in where)
     # Every sector has spent one of its pixels' freedom on the level to either side.
     counts = [float(there.sum()) for there in where]

@@ -142,7 +142,8 @@ def ellipsoid_start(observation: Observation, method: str) -> EllipsoidStart | R
     if prior.r_itrs is None or prior.position_sigma_m is None:
         return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the position (position_itrs_km)")
     if prior.q_cam_from_itrs is None or prior.attitude_sigma_rad is None:
-        return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the attitude (q_cam_from_itrs)")
+        open_ = "" if prior.nadir_cam is None else "; nadir_cam leaves the turn about the vertical open"
+        return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the attitude (q_cam_from_itrs){open_}")
     searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
     if isinstance(searched, Refusal):
         return searched

@@ -10,9 +10,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, reliefs, systematic_covariance
-from horizonval.estimation.guard.sunlit import blur_rad, cone_perturbation, unknown_sun_covariance
+from horizonval.estimation.guard.sunlit import blur_across, cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.cone import SLOW_PX, slow_error
-from horizonval.estimation.limb.steepest import SIGMA_PX
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
@@ -69,7 +68,7 @@ def model_covariance(
         moved = cone_perturbation(los_cam, axis_cam, rho_rad, patterns_m, radius)
         return np.asarray(covariance + moved.T @ moved)
     if observation.band_kind == "solar":
-        blur = blur_of(los_cam, axis_cam, observation)
+        blur = blur_across(camera, los_cam, axis_cam)
         return covariance + unknown_sun_covariance(los_cam, axis_cam, rho_rad, blur, radius, observation.band_um)
     return covariance
 
@@ -88,12 +87,6 @@ def seen_relief(los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, earth
     noise = float(np.var(off - waves)) / max(k - 1.0, 1.0)
     sigma = float(np.sqrt(max(float(np.var(waves)) - noise, 0.0)))
     return Relief(sigma * earth_radius_m / float(np.tan(rho_rad)), SEEN_RELIEF_RAD)
-
-
-def blur_of(los_cam: FloatArray, axis_cam: FloatArray, observation: Observation) -> FloatArray:
-    """Return the blur of a search for the steepest place across the limb [rad], shape (n,)."""
-    camera = observation.camera
-    return blur_rad(camera, los_cam, axis_cam, SIGMA_PX / max(camera.fx, camera.fy))
 
 
 def smoothed(values: FloatArray, azimuth: FloatArray) -> FloatArray:

@@ -25,7 +25,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
 from horizonval.estimation.guard import limits
-from horizonval.estimation.guard.sunlit import SunlitLimb, sun_angles, sunlit_limb
+from horizonval.estimation.guard.sunlit import SunlitLimb, blur_across, sun_angles, sunlit_limb
 from horizonval.estimation.limb.cone import arc_order, near_cone
 from horizonval.estimation.limb.evidence import MOST_SECTORS, PROFILES, read_profiles
 from horizonval.estimation.limb.finder import find_limb_and_picture
@@ -177,7 +177,7 @@ def _into_twilight(
 def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> SunlitLimb:
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    blur = limits.blur_of(los, cone.axis_cam, observation)
+    blur = blur_across(observation.camera, los, cone.axis_cam)
     sigma = observation.prior.sun_sigma_rad
     sun_sigma = SUN_SIGMA_RAD if sigma is None else sigma
     return sunlit_limb(los, cone.axis_cam, rho, sun, blur, sun_sigma, observation.band_um)

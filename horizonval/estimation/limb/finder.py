@@ -291,11 +291,11 @@ class _Search:
         """Return the most probable cones of a level, the most probable first."""
         found: list[_Candidate] = []
         largest = min(self.largest_rho_rad + LARGEST_SIGMA_RAD, 0.5 * np.pi)
-        for one in propose(self.levels[number], self.camera, largest):
-            evidence = weigh(self.levels[number], self.camera, one.axis_cam, one.rho_rad)
+        for axis, rho in propose(self.levels[number], self.camera, largest):
+            evidence = weigh(self.levels[number], self.camera, axis, rho)
             if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL and evidence.score > 0.0:
-                found.append(_Candidate(one.axis_cam, one.rho_rad, number, evidence))
-                if evidence.explained > WHOLE and self._agrees(one.axis_cam):
+                found.append(_Candidate(axis, rho, number, evidence))
+                if evidence.explained > WHOLE and self._agrees(axis):
                     break
         return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
 

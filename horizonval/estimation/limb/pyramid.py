@@ -86,12 +86,11 @@ def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
     low, high = (percentile(greys[-1], q) for q in (1.0, 99.0))
     # A picture of one level but for some pixels has a range of its own.
     floor = NOISE_FLOOR * ((high - low) or picture.brightest - picture.darkest)
-    share = None if known is None else known.astype(np.float32)
-    levels = []
-    for grey, scale in zip(greys, scales, strict=True):
-        levels.append(PyramidLevel(grey, None if share is None else share > KNOWN_SHARE, scale, floor))
-        share = None if share is None else np.asarray(cv2.pyrDown(share), dtype=np.float32)
-    return levels
+    shares = [None if known is None else known.astype(np.float32)]
+    while len(shares) < len(greys):
+        shares.append(None if shares[-1] is None else np.asarray(cv2.pyrDown(shares[-1]), dtype=np.float32))
+    knowns = [None if share is None else share > KNOWN_SHARE for share in shares]
+    return [PyramidLevel(*one, floor) for one in zip(greys, knowns, scales, strict=True)]
 
 
 def without_disc(levels: list[PyramidLevel], column: float, row: float, radius_px: float) -> list[PyramidLevel]:

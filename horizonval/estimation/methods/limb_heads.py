@@ -79,7 +79,7 @@ def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched
-    return picture.grey, found.uv
+    return picture.unclipped, found.uv
 
 
 def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, LimbKnowledge]:

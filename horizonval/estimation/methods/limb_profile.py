@@ -25,12 +25,14 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.bundle import ShotPrior
 from horizonval.estimation.fit.claim import fit_of
 from horizonval.estimation.fit.guard import accepted, guarded_fit, pulled
-from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.profile.fit import fit_profile, uneven_lens
-from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileFit
-from horizonval.estimation.likelihood.profile.known_profile import known_profile
+from horizonval.estimation.fit.known_profile import known_profile
+from horizonval.estimation.fit.profile import ProfileImage
+from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles, uneven_lens
+from horizonval.estimation.fit.profile_pixels import NoLimbError
+from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.foreign import without_foreign_light
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
@@ -51,9 +53,11 @@ def run(observation: Observation) -> Fit | Refusal:
     try:
         start = known.start(observation.camera, known.tilt_sigma_rad)
         image = without_foreign_light(known.picture.unclipped, observation.camera, *known.limb(start))
+        sigmas = lens_sigmas(observation.calibration)
 
         def fit(image: FloatArray) -> ProfileFit:
-            return fit_profile(image, observation.camera, start, knowledge)
+            seen = ProfileImage(image, observation.camera, knowledge)
+            return fit_profiles([seen], ShotPrior(knowledge.mean, knowledge.information), start, lens_sigmas=sigmas)
 
         found = guarded_fit(fit, image, observation, knowledge.ellipsoid, in_air=True)
     except NoLimbError as e:
@@ -89,7 +93,7 @@ def doubt_of(found: ProfileFit) -> Refusal | None:
 ESTIMATOR = Estimator(
     name="limb-profile",
     title="Whole profile of the limb, maximum likelihood with rendered profiles of the air",
-    run=accepted(with_lens_error(run)),
+    run=accepted(run),
     estimates="geocentric",
     claim="likelihood",
 )
