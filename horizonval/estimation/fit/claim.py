@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.fit.guard import guarded_fit, pulled
+from horizonval.estimation.fit.guard import LEAST_LEARNT_BY_EDGE, guarded_fit, pulled
 from horizonval.estimation.fit.known import LimbKnowledge, Sliver
 from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
@@ -51,7 +51,8 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
     if isinstance(found, Refusal):
         return found
-    wrong = pulled(found.pose, found.covariance, knowledge.mean, knowledge.information, found.uv)
+    known = knowledge.mean, knowledge.information
+    wrong = pulled(found.pose, found.covariance, *known, found.uv, LEAST_LEARNT_BY_EDGE)
     if isinstance(wrong, Refusal):
         return wrong
     found = replace(found, covariance=found.covariance + wrong, relief_covariance=found.relief_covariance + wrong)

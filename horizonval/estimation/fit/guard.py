@@ -116,9 +116,10 @@ RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX = 0.5, 3.0, 40.0
 PULLED = float(norm.isf(0.5e-2))
 """Departure from a prior in standard deviations, which chance exceeds in one frame of a hundred, from which the claim
 is widened."""
-LEAST_LEARNT = 0.01
-"""Share of a prior's variance that the image must have taken away to say anything about the prior: a fit is converged
-to 0.05 of a standard deviation, which is half of what chance makes of a departure then."""
+LEAST_LEARNT, LEAST_LEARNT_BY_EDGE = 0.0025, 0.01
+"""Share of a prior's variance that the image must have taken away to say anything about the prior. A fit is converged
+to 0.05 of a standard deviation, the root of the first; the second is of an edge in place of a profile, whose model
+errors look like as much."""
 MOST_LEFT = 0.5
 """Share of a prior's variance that is left where the image determines more than the prior: there the two must agree,
 since nothing would widen the claim."""
@@ -654,7 +655,12 @@ def _by_lines(view: LimbView, seen: SeenEdge, points: FloatArray) -> Refusal | N
 
 
 def pulled(
-    pose: LimbPose, covariance: FloatArray, mean: LimbPose, information: FloatArray, points: FloatArray
+    pose: LimbPose,
+    covariance: FloatArray,
+    mean: LimbPose,
+    information: FloatArray,
+    points: FloatArray,
+    least_learnt: float = LEAST_LEARNT,
 ) -> Refusal | FloatArray:
     """Return by what the departure from the prior widens the claim, shape (7, 7), or why the claim is refused.
 
@@ -667,9 +673,13 @@ def pulled(
     free = values > 1e-12 * values[-1]
     root = (vectors[:, free] * np.sqrt(values[free])).T * np.sqrt(np.diag(information)).clip(1e-300)
     left, axes = np.linalg.eigh(root @ covariance @ root.T)
+    # What scatters beyond chance has widened the covariance, that of unseen directions beyond their prior: a prior that
+    # is wrong is no reason to know less of it.
+    widened = max(float(left[-1]), 1.0)
+    left, covariance = left / widened, covariance / widened
     learnt = 1.0 - left
     off = axes.T @ (root @ -pose.step_to(mean))
-    square = np.where(learnt > LEAST_LEARNT, off**2 / np.maximum(learnt, LEAST_LEARNT), 0.0)
+    square = np.where(learnt > least_learnt, off**2 / np.maximum(learnt, least_learnt), 0.0)
     seen = left < MOST_LEFT
     total = float(square[seen].sum())
     if seen.any() and total > float(chi2.isf(CHANCE, np.count_nonzero(seen))):
