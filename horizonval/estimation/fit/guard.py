@@ -67,8 +67,12 @@ MOST_PIXELS = 6000
 """Pixels of a large image that are looked at."""
 LEAST_PX = 32
 """Smallest size of a copy with wider pixels: two windows, and a limb that bends."""
-HELD_STEPS, MOST_STEPS = 3, 10
+HELD_STEPS, MOST_STEPS = 3, 12
 """Steps of an edge's place and blur alone, and of all."""
+HELD = 1e12
+"""Information that holds the softness."""
+LEAST_WIDTH_PX = 0.3
+"""Smallest blur with the pixel's own, which is 0.29 px."""
 STEADY_PX = 0.01
 """Steps of the edge's place and blur end below this: a fifth of what real air's edge is misplaced by."""
 LARGEST_STEP = (1.0, 0.4, 0.5)
@@ -103,6 +107,11 @@ TAIL_PX = 1.0
 """Softness that wings of a lens and a bolometer's lag make [px]; softer than this and than any air is no limb."""
 PLACED_PX = 3.0
 """How far a claim may place the limb beyond the air: methods with whole pixels."""
+LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
+"""Largest relief of a limb along itself: cloud tops reach the tropopause; and what an exponential edge misses of a
+limb whose softness changes."""
+FEW_PIECES = 0.1
+"""Share of the pieces to either side that may be farther off than any relief: what a body or a boom hides."""
 NEIGHBOURS = 9
 """Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
 MOST_HIDDEN = 0.5
@@ -227,38 +236,41 @@ def seen_edge(
     ``blur_px``: of the lens, to start from; ``scale_m``, ``scale_sigma_m``: scale height of the limb and what is known
     of it; ``between_px``: range of places.
     """
-    place = _steepest(view, between_px)
-    log_blur, scale = 0.5 * float(np.log(blur_px**2 + PIXEL_VARIANCE)), max(scale_m, 0.0)
     unit_m = max(scale_m, 1.0)
-    information = np.diag([0.0, 0.0, (unit_m / max(scale_sigma_m, 1e-3 * unit_m)) ** 2])
+    known = unit_m / max(scale_sigma_m, 1e-3 * unit_m)
+    least = np.array([between_px[0], np.log(LEAST_WIDTH_PX), 0.0])
+    most = np.array([between_px[1], np.log(OUTSIDE_PX), np.inf])
+    now = np.array([_steepest(view, between_px), 0.5 * np.log(blur_px**2 + PIXEL_VARIANCE), scale_m / unit_m])
+    best, before = np.inf, now
     levels = _Levels(view)
     for number in range(MOST_STEPS):
-        blur, x = float(np.exp(log_blur)), view.x - place
+        place, blur, scale = float(now[0]), float(np.exp(now[1])), unit_m * float(now[2])
+        x = view.x - place
         edge = edge_profile(x, blur, scale * view.soft if scale > 0.0 else None)
-        levels.solve(edge.level, x)
+        merit = levels.solve(edge.level, x) + (known * (now[2] - scale_m / unit_m)) ** 2
+        if merit > best and number < MOST_STEPS - 1:
+            now = 0.5 * (now + before)
+            continue
+        best, before = merit, now
         by_x = levels.step * edge.slope + levels.shading * edge.level
         rows = np.array([-by_x, levels.step * edge.by_blur * blur, levels.step * edge.by_scale * view.soft * unit_m])
         rows = levels.without(rows)
-        normal = (rows * levels.weights) @ rows.T + information
-        right = rows @ (levels.weights * levels.residuals)
-        right[2] += information[2, 2] * (scale_m - scale) / unit_m
+        normal, right = (rows * levels.weights) @ rows.T, rows @ (levels.weights * levels.residuals)
+        # A soft limb and a blurred one are alike from afar: the softness is held until the edge is in its place.
+        of_scale = known**2 if number >= HELD_STEPS else HELD
+        normal[2, 2] += of_scale
+        right[2] += of_scale * (scale_m / unit_m - now[2])
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
-        if number < HELD_STEPS:
-            # A soft limb and a blurred one are alike from afar: the softness is held until the edge is in its place.
-            inverse = np.diag([*np.zeros(2), 1e-30])
-            inverse[:2, :2] = np.linalg.pinv(normal[:2, :2], rcond=1e-12, hermitian=True)
         step = np.clip(inverse @ right, -np.array(LARGEST_STEP), LARGEST_STEP)
         if not np.isfinite(step).all():
             raise np.linalg.LinAlgError("the pixels about the limb show no edge")
-        if number == MOST_STEPS - 1 or (number >= HELD_STEPS and np.abs(step).max() < STEADY_PX):
+        if number >= HELD_STEPS and np.abs(step).max() < STEADY_PX:
             break
-        place = float(np.clip(place + step[0], *between_px))
-        log_blur = float(np.clip(log_blur + step[1], np.log(0.3), np.log(OUTSIDE_PX)))
-        scale = max(scale + unit_m * float(step[2]), 0.0)
+        now = np.clip(now + step, least, most)
     starts = view.starts[:-1]
     weighted = levels.weights * rows[0]
-    known = np.maximum(np.add.reduceat(weighted * rows[0], starts), 1e-300)
+    information = np.maximum(np.add.reduceat(weighted * rows[0], starts), 1e-300)
     steps, step_sigmas = levels.steps()
     sign = float(np.sign(np.sum(steps / step_sigmas**2))) or 1.0
     share = np.clip(edge.level, 0.0, 1.0)
@@ -268,14 +280,14 @@ def seen_edge(
     typical = float(np.median(np.abs(steps[shown]))) if shown.any() else 0.0
     return SeenEdge(
         place_px=place,
-        blur_px=float(np.sqrt(max(np.exp(2.0 * log_blur) - PIXEL_VARIANCE, 0.0))),
+        blur_px=float(np.sqrt(max(blur**2 - PIXEL_VARIANCE, 0.0))),
         blur_sigma=float(np.sqrt(max(inverse[1, 1], 0.0))),
         scale_height_m=scale,
         bright_inside=sign > 0.0,
         steps=sign * steps,
         step_sigmas=step_sigmas,
-        off_px=np.add.reduceat(weighted * levels.residuals, starts) / known,
-        off_sigmas=known**-0.5,
+        off_px=np.add.reduceat(weighted * levels.residuals, starts) / information,
+        off_sigmas=information**-0.5,
         misfit=max(beyond, 0.0) / typical**2 if typical > 0.0 else np.inf,
         by_place=-by_x,
         residuals=levels.residuals,
@@ -304,8 +316,11 @@ class _Levels:
         self.weights = np.ones_like(view.values)
         self.residuals = self.variance = self.weights
 
-    def solve(self, level: FloatArray, x: FloatArray) -> None:
-        """Solve for the levels, with the weights of the residuals so far and then with those of the new ones."""
+    def solve(self, level: FloatArray, x: FloatArray) -> float:
+        """Solve for the levels with the weights of the residuals so far, then with those of the new ones.
+
+        Return -2 ln likelihood.
+        """
         basis = np.array([np.ones_like(x), level, level * x])
         self._fit(basis)
         space, earth = (self._median_square(there) for there in (level < 0.1, level > 0.9))
@@ -315,6 +330,8 @@ class _Levels:
         self._fit(basis)
         self.shading = self._found[self._piece, 2]
         self.step = self._found[self._piece, 1] + self.shading * x
+        tails = (TAIL_FREEDOM + 1.0) * np.log1p(self.residuals**2 / (TAIL_FREEDOM * self.variance))
+        return float(np.sum(tails + np.log(self.variance)))
 
     def without(self, rows: FloatArray) -> FloatArray:
         """Return rows (k, n) without what levels can make of them."""
@@ -530,8 +547,10 @@ def examined(
     disturbed = disturbed_pieces(view, seen, due, relief)
     if float(np.mean(disturbed)) > MOST_HIDDEN:
         return refused(Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed")
+    # What stands before the limb rarely ends with a piece.
+    hidden = maximum_filter1d(disturbed, 3, mode="nearest")
     borders = view.azimuth + view.first_rad
-    return Verdict(None, np.column_stack([borders[:-1], borders[1:]])[disturbed])
+    return Verdict(None, np.column_stack([borders[:-1], borders[1:]])[hidden])
 
 
 def without_azimuths(
@@ -626,9 +645,16 @@ def _by_place(
     if seen.scale_height_m > max(softest_m, TAIL_PX * view.pixel_m):
         reason = f"the edge is soft as air of a scale height of {seen.scale_height_m / 1e3:.0f} km"
         return Refusal(Outcome.NO_LIMB, reason, points)
-    if between_px[0] < seen.place_px < between_px[1]:
+    if not between_px[0] < seen.place_px < between_px[1]:
+        reason = f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
+        return Refusal(Outcome.AMBIGUOUS, reason, points)
+    shown = seen.steps > SIGMAS * seen.step_sigmas
+    # A body before a few pieces is left out of a second fit.
+    lowest, highest = np.quantile(seen.off_px[shown], (FEW_PIECES, 1.0 - FEW_PIECES))
+    far = float(highest - lowest - SIGMAS * np.median(seen.off_sigmas[shown]))
+    if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX:
         return None
-    reason = f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
+    reason = f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
     return Refusal(Outcome.AMBIGUOUS, reason, points)
 
 
@@ -726,6 +752,7 @@ def guarded_fit(
 
     ``fit``: of an image with NaN where it has no pixels; others as for :func:`examined`.
     """
+    image = without_lost_lines(image)
     found = fit(image)
     seen = examined(image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv)
     if seen.refusal is None and len(seen.disturbed):
