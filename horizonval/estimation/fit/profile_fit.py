@@ -38,10 +38,16 @@ from horizonval.estimation.fit.profile import (
 )
 from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
 
-OPTIONS = SolverOptions(stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()), reweighed=0.5, frozen=0.1)
+OPTIONS = SolverOptions(
+    stages=(Stage(pixels=2400, tighter=10.0, tolerance=1.0, reselect_px=3.0), Stage()),
+    near=0.5,
+    reweighed=0.5,
+    frozen=0.3,
+)
 """First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
-clouds soften it, more increases the dependence on the start. Its pixels are enough to be within a tenth of a pixel.
-Equations are made again after a third of a sigma: what air and height have in common is seen by their difference."""
+clouds soften it, more increases the dependence on the start. A third of its pixels see the profile, enough to be within
+a tenth of a pixel. Equations are made again after half a sigma: what air and height have in common is large, and seen
+by its difference."""
 NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
 """To about a standard deviation."""
 GROWTH_SIGMA = 0.5

@@ -34,7 +34,7 @@ from horizonval.estimation.fit.guard import accepted, too_uncertain, too_wide
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.guard.limits import model_covariance
-from horizonval.estimation.guard.points import TrustedPoints, second_limb, trusted_points
+from horizonval.estimation.guard.points import MUCH_LOST, TrustedPoints, second_limb, trusted_points
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
 from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty
@@ -83,8 +83,8 @@ def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
 class GuardLimb:
     """The cone through the limb of all images, in the first camera's axes.
 
-    ``seen_axis``, ``seen_rho_rad``: of the limb as the images have it, ``axis``: without the known height of a sunlit
-    limb; ``noise``, ``systematic``: covariances (3, 3) [rad^2] of (axis along the tangent basis, half-angle).
+    ``axis``: without the known height of a sunlit limb, ``seen_rho_rad``: with it; ``noise``, ``systematic``:
+    covariances (3, 3) [rad^2] of (axis along the tangent basis, half-angle).
     """
 
     axis: FloatArray
@@ -121,22 +121,15 @@ def _best_reach(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, G
     """Return the points under the Sun's zenith angles up to which they determine the nadir best, and their limb."""
     if points.zenith_rad is None:
         return _determined(points, estimates)
-    best: tuple[TrustedPoints, GuardLimb] | Refusal | None = None
-    tried = -1
+    found: dict[int, tuple[TrustedPoints, GuardLimb] | Refusal] = {}
     for reach in REACHES_RAD:
         within = points.zenith_rad <= reach
-        if int(within.sum()) == tried:
-            continue
-        tried = int(within.sum())
         much_lost = points.cause is None and within.mean() < 1.0 - MUCH_LOST
         some = replace(points, cause=Outcome.DARK) if much_lost else points
-        result = _determined(some.take(within), estimates)
-        if best is None or isinstance(best, Refusal):
-            best = best if best is not None and isinstance(result, Refusal) else result
-        elif not isinstance(result, Refusal) and result[1].sigma_rad < best[1].sigma_rad:
-            best = result
-    assert best is not None
-    return best
+        if (count := int(within.sum())) not in found:
+            found[count] = _determined(some.take(within), estimates)
+    good = [one for one in found.values() if not isinstance(one, Refusal)]
+    return min(good, key=lambda one: one[1].sigma_rad) if good else next(iter(found.values()))
 
 
 def _determined(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, GuardLimb] | Refusal:
@@ -194,8 +187,6 @@ def _noise_apart(fit: Fit, points: TrustedPoints) -> Fit:
 
 REACHES_RAD = tuple(float(np.deg2rad(angle)) for angle in (83.0, 86.0, 88.0, 90.0, 91.0, 92.0, 93.0, 94.0))
 """Sun's zenith angles up to which points may be used; the one that determines the nadir best is taken."""
-MUCH_LOST = 0.3
-"""Share of the points beyond which what took them is named as the reason of a refusal."""
 HEAD_LOWEST_SUN_RAD = REACHES_RAD[0]
 """Sun's zenith angle at which the limb has risen by 0.7 km (5 km at 91 deg). Short arcs cannot tell a rise from a
 tilt."""

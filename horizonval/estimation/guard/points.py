@@ -298,7 +298,7 @@ COIN = 0.1
 
 
 def second_limb(points: TrustedPoints) -> Refusal | None:
-    """Refuse a limb that has a second one of its kind beside it, out of reach of the air.
+    """Refuse a limb with a second one parallel to it, out of reach of the air.
 
     The limb in view is cut into sectors. A sector shows a second limb where its mean profile has a step of at least
     half of that at the limb and of the same sign.
@@ -331,4 +331,4 @@ def second_limb(points: TrustedPoints) -> Refusal | None:
     due, rivals = int(lit.sum()), int(maximum_filter1d(shown, RIVAL_PLACES, axis=1).sum(axis=0).max())
     if rivals <= binom.isf(COIN, due, 0.5):
         return None
-    return Refusal(Outcome.AMBIGUOUS, f"{rivals} of {due} sectors show a second limb beside the first")
+    return Refusal(Outcome.AMBIGUOUS, f"{rivals} of {due} sectors show a second limb next to the first")

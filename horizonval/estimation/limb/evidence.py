@@ -108,12 +108,13 @@ def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_ra
     reach = inner_reach(trace, rho_rad, level.scale)
     offsets = np.arange(-REACH_PX, reach + 1.0)
     profiles, known = read_profiles(level, trace, offsets)
-    used = sectors * PROFILES
-    mean, good = _sector_means(
-        profiles[:used].reshape(sectors, PROFILES, -1), known[:used].reshape(sectors, PROFILES, -1), offsets
-    )
+    shape = (sectors, PROFILES, len(offsets))
+    known = known[: sectors * PROFILES].reshape(shape)
+    middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
+    good = (known.mean(axis=(1, 2)) >= FEWEST_KNOWN) & np.all(known[:, :, middle].any(axis=1), axis=1)
     if not good.any():
         return None
+    mean = profiles[: sectors * PROFILES].reshape(shape).mean(axis=1)[good]
     widths = allowed_widths(trace, rho_rad, level.scale)
     log_ratio, step, space, shift, width = _compared(mean, reach, widths, level.noise / np.sqrt(PROFILES))
     bright = bool(np.sum(np.where(log_ratio > 0.0, log_ratio, 0.0) * np.sign(step)) > 0.0)
@@ -153,29 +154,6 @@ def read_profiles(level: PyramidLevel, trace: Trace, offsets: FloatArray) -> tup
     """Return the level at offsets (k,) [px of the level] inside the limb, shape (n, k), and which are known."""
     places = trace.uv[:, None, :] / level.scale + offsets[None, :, None] * trace.inwards[:, None, :]
     return level.at(places)
-
-
-def _sector_means(
-    profiles: FloatArray, known: NDArray[np.bool_], offsets: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the means (g, k) of sectors' profiles (m, p, k) where enough of them is known, and where that is, (m,)."""
-    if known.all():
-        return profiles.mean(axis=1), np.ones(len(profiles), dtype=bool)
-    count = known.sum(axis=1)
-    total = np.where(known, profiles, 0.0).sum(axis=1)
-    middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
-    good = (count > 0).mean(axis=1) >= FEWEST_KNOWN
-    good &= (count[:, middle] > 0).all(axis=1)
-    return _without_gaps(total[good] / np.maximum(count[good], 1), count[good] > 0), good
-
-
-def _without_gaps(mean: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """Return profiles with unknown samples at the level of the nearest known one."""
-    place = np.arange(mean.shape[1])
-    before = np.maximum.accumulate(np.where(known, place, -1), axis=1)
-    behind = np.minimum.accumulate(np.where(known, place, 10**6)[:, ::-1], axis=1)[:, ::-1]
-    nearest = np.where((before >= 0) & (place - before <= behind - place), before, np.minimum(behind, place[-1]))
-    return np.take_along_axis(mean, nearest, axis=1)
 
 
 @cache

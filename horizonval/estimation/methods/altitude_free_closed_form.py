@@ -7,7 +7,7 @@ Raeisy and Ghofrani's (8) is ``u . n = cos rho`` (see :mod:`horizonval.estimatio
 
 Ordinary least squares: no start, no steps.
 
-**What it pays.** Noise is in ``u``, which stands where least squares expects exact numbers, so ``U^T U`` grows with the
+**Bias.** Noise is in ``u``, where least squares expects exact numbers, so ``U^T U`` grows with the
 noise and ``m`` shrinks (attenuation). A point displaced by the angle ``e`` across the limb moves along ``w = cos rho t
 - sin rho n`` (``t`` from the nadir towards the point), and to second order in ``e``, of variance ``s^2``::
 
