@@ -649,6 +649,8 @@ def _by_place(
         reason = f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
         return Refusal(Outcome.AMBIGUOUS, reason, points)
     shown = seen.steps > SIGMAS * seen.step_sigmas
+    if not shown.any():
+        return Refusal(Outcome.NO_LIMB, "no piece of the predicted limb shows an edge", points)
     # A body before a few pieces is left out of a second fit.
     lowest, highest = np.quantile(seen.off_px[shown], (FEW_PIECES, 1.0 - FEW_PIECES))
     far = float(highest - lowest - SIGMAS * np.median(seen.off_sigmas[shown]))

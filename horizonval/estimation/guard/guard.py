@@ -30,7 +30,8 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs, systematic_covariance
-from horizonval.estimation.fit.guard import accepted, too_uncertain, too_wide
+from horizonval.estimation.fit.guard import examined, too_uncertain, too_wide
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.guard.limits import model_covariance
@@ -42,6 +43,7 @@ from horizonval.estimation.limb.finder import largest_rho_rad
 from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_noise
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
+from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import angle_between, off_axis_angle, tangent_basis
 
@@ -49,8 +51,7 @@ from horizonval.geometry.rotation import angle_between, off_axis_angle, tangent_
 def guarded(estimator: Estimator) -> Estimator:
     """Return the estimator behind the guard, named ``guarded-<name>``.
 
-    One that is given the pose is only renamed. A fit of the pixels has its guard within; its claims are false beyond
-    half of the error that is allowed to a cone, hence refused from half of the accepted accuracy.
+    One that is given the pose is only renamed.
     """
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.from_points or estimator.needs == "heads":
@@ -58,7 +59,7 @@ def guarded(estimator: Estimator) -> Estimator:
         run = with_lens_error(run, estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None)
         run = partial(_not_too_wide, run)
     elif estimator.needs == "image":
-        run = accepted(run, 0.5)
+        run = partial(_run_on_pixels, estimator)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
@@ -371,3 +372,27 @@ def _confirmed(fit: Fit, limb: GuardLimb, observation: Observation, systematic: 
         if refusal is not None:
             return refusal
     return confirmed
+
+
+def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refusal:
+    """Run a method that takes the whole image, and test its claim; a fit of the pixels has most of its guard within."""
+    result = estimator.run(observation)
+    if isinstance(result, Refusal):
+        return result
+    prior, nadir = observation.prior, np.asarray(result.nadir_cam)
+    rho = result.angular_radius_rad
+    if rho is None:
+        altitude = result.altitude_m or 0.0
+        rho = float(np.arcsin(prior.sphere_radius_m / (prior.sphere_radius_m + max(altitude, 1.0))))
+    if prior.angular_radius is None and rho < limits.SMALLEST_RHO_RAD:
+        return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is not the Earth", result.points)
+    if estimator.claim == "likelihood":
+        # Claims of a fit are false beyond half of the error that is allowed to a cone.
+        refusal = too_wide(result, 0.5 * prior.accept_rad)
+        return result if refusal is None else refusal
+    pose = LimbPose(np.eye(3), -prior.sphere_radius_m / float(np.sin(rho)) * nadir)
+    image, planet = np.asarray(observation.image, dtype=np.float64), sphere(prior.sphere_radius_m)
+    refusal = examined(image, observation, pose, planet, in_air=True, points=result.points).refusal
+    if refusal is None:
+        refusal = too_wide(result, prior.accept_rad)
+    return result if refusal is None else refusal
