@@ -15,7 +15,7 @@ from horizonval.api.camera import Camera, camera_of
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
-from horizonval.estimation.likelihood.templates import templates_of
+from horizonval.estimation.fit.templates import templates_of
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
 from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior

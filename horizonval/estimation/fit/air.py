@@ -50,7 +50,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.fit.heights import correlations, everywhere, lengths_along
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.estimation.fit.templates import LimbTemplates
 from horizonval.geometry.rotation import off_axis_angle
 
 LEFT_OUT = 1e-4

@@ -122,9 +122,9 @@ SATURATION_PX = 4.0
 """Depth inside the limb at which a piece is tested for saturation."""
 RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX = 0.5, 3.0, 40.0
 """A second limb: least step relative to the first, half-width of its window and how far from the first it is sought."""
-PULLED = float(norm.isf(0.5e-2))
-"""Departure from a prior in standard deviations, which chance exceeds in one frame of a hundred, from which the claim
-is widened."""
+PULLED = 2.0, 3.0
+"""Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
+alone exceeds these in 5 and 0.3 % of frames."""
 LEAST_LEARNT, LEAST_LEARNT_BY_EDGE = 0.0025, 0.01
 """Share of a prior's variance that the image must have taken away to say anything about the prior. A fit is converged
 to 0.05 of a standard deviation, the root of the first; the second is of an edge in place of a profile, whose model
@@ -716,8 +716,8 @@ def pulled(
             Outcome.AMBIGUOUS, f"the limb lies {sigmas:.0f} sigma from the position and attitude of the prior", points
         )
     added = np.zeros((7, 7))
-    for k in np.flatnonzero(square > PULLED**2):
-        beyond = float(np.sqrt(1.0 - PULLED**2 / square[k]))
+    for k in np.flatnonzero(square > PULLED[0] ** 2):
+        beyond = min((float(np.sqrt(square[k])) - PULLED[0]) / (PULLED[1] - PULLED[0]), 1.0)
         wrong = (beyond * float(off[k] / learnt[k])) * (covariance @ root.T @ axes[:, k])
         added += np.outer(wrong, wrong)
     return added

@@ -35,7 +35,7 @@ from horizonval.estimation.fit.known import placed_knowledge
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import ProfileKnowledge
 from horizonval.estimation.fit.profile_pixels import NoLimbError, ray_height
-from horizonval.estimation.likelihood.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
+from horizonval.estimation.fit.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
 from horizonval.estimation.limb.finder import picture_of
 from horizonval.estimation.limb.picture import Picture, pixel_directions
 from horizonval.estimation.observation import Lens, Observation

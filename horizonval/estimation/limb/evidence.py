@@ -44,7 +44,7 @@ PROFILES = 4
 MOST_SECTORS = 64
 """More would tell no more of three unknowns and cost more: 256 profiles."""
 FEWEST_KNOWN = 0.75
-"""Smallest share of known samples in a sector."""
+"""Smallest share of known samples in a profile."""
 INNERMOST = 2
 """Pixels of a profile that tell the Earth from a bright line."""
 MISFIT_SHARE = 0.03
@@ -109,9 +109,7 @@ def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_ra
     offsets = np.arange(-REACH_PX, reach + 1.0)
     profiles, known = read_profiles(level, trace, offsets)
     shape = (sectors, PROFILES, len(offsets))
-    known = known[: sectors * PROFILES].reshape(shape)
-    middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
-    good = (known.mean(axis=(1, 2)) >= FEWEST_KNOWN) & np.all(known[:, :, middle].any(axis=1), axis=1)
+    good = enough_known(np.asarray(known[: sectors * PROFILES].reshape(shape).any(axis=1)), offsets)
     if not good.any():
         return None
     mean = profiles[: sectors * PROFILES].reshape(shape).mean(axis=1)[good]
@@ -154,6 +152,12 @@ def read_profiles(level: PyramidLevel, trace: Trace, offsets: FloatArray) -> tup
     """Return the level at offsets (k,) [px of the level] inside the limb, shape (n, k), and which are known."""
     places = trace.uv[:, None, :] / level.scale + offsets[None, :, None] * trace.inwards[:, None, :]
     return level.at(places)
+
+
+def enough_known(known: NDArray[np.bool_], offsets: FloatArray) -> NDArray[np.bool_]:
+    """Return which profiles (n, k) are measured at their middle and mostly elsewhere."""
+    middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
+    return np.asarray((known.mean(axis=1) >= FEWEST_KNOWN) & np.all(known[:, middle], axis=1))
 
 
 @cache

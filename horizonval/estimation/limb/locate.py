@@ -37,6 +37,7 @@ from horizonval.estimation.limb.evidence import (
     REACH_PX,
     SHIFTS_PX,
     WIDTHS_PX,
+    enough_known,
     inner_reach,
     read_profiles,
 )
@@ -82,8 +83,8 @@ def points_of(
         return np.empty((0, 2)), np.empty(0), np.empty(0)
     offsets = np.arange(-REACH_PX, inner_reach(trace, rho_rad, level.scale) + 1.0)
     profiles, known = read_profiles(level, trace, offsets)
-    whole = np.asarray(known.all(axis=1))
-    trace, profiles = trace.take(whole), profiles[whole]
+    enough = enough_known(known, offsets)
+    trace, profiles = trace.take(enough), profiles[enough]
     shape = _Shape(width_px, level.scale == 1.0 and width_px <= BARE_WIDTH_PX)
     fit = _fitted(profiles, offsets, shape)
     noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
