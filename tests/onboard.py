@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.api.estimate import mission_table
 from horizonval.earth.atmosphere.climate import month_of
-from horizonval.estimation.likelihood.profile import known_profile
+from horizonval.estimation.fit import known_profile
 from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Observation
-from horizonval.estimation.prior import Prior
+from horizonval.estimation.prior import GAIN_SIGMA, Prior
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 from horizonval.renderer.frame import render_frame
@@ -151,7 +151,7 @@ def sent(observation: Observation) -> list[Any]:
     if observation.radiance_per_dn is not None and observation.band_width_um is not None:
         sunlight = (AU_M / distance_m) ** 2 if observation.band_kind == "solar" else 1.0
         gain = sunlight * observation.band_width_um / observation.radiance_per_dn
-        gain_log_sigma = known_profile.GAIN_SIGMA[observation.band_kind]
+        gain_log_sigma = GAIN_SIGMA[observation.band_kind]
     return [
         *(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy),
         *(*prior.r_itrs, prior.position_sigma_m),

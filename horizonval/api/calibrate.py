@@ -16,11 +16,11 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Refusal
 from horizonval.core.progress import Progress
-from horizonval.estimation.likelihood.calibration.shared import FOCAL, POINT, TURN
-from horizonval.estimation.likelihood.calibration.solve import CameraCalibration
-from horizonval.estimation.likelihood.calibration.solve import calibrate as calibrate_camera
+from horizonval.estimation.fit.bundle import TURN
+from horizonval.estimation.fit.calibrate import BEND, FOCAL, POINT, CameraCalibration
+from horizonval.estimation.fit.calibrate import calibrate as calibrate_camera
 from horizonval.estimation.methods import limb_ellipsoid
-from horizonval.estimation.observation import Observation
+from horizonval.estimation.observation import Calibration, Observation
 from horizonval.formats.csv_table import CsvTable, read_csv
 from horizonval.formats.lens import read_camera
 from horizonval.geometry.camera import (
@@ -83,8 +83,9 @@ def calibrate(
     report = report_of(found)
     if isinstance(found, Refusal):
         return report, None
-    text = camera_file(replace(observations[0], camera=found.camera))
     sigma = report["principal_point_sigma_px"]
+    left = Calibration(float(found.sigma[FOCAL]), max(sigma), float(found.sigma[BEND]))
+    text = camera_file(replace(observations[0], camera=found.camera, calibration=left))
     lines = [
         f"# Focal length to {report['focal_length_sigma_percent']:.2g} %, principal point to {sigma[0]:.2g} and "
         f"{sigma[1]:.2g} px, of {found.frames} frames.",
@@ -123,7 +124,11 @@ def observations_of(
 ) -> list[Observation]:
     """Return the observations of a calibration; parameters as for :func:`calibrate`."""
     method = limb_ellipsoid.ESTIMATOR
-    return [observation_from(path, method, camera, known, part, orientation)[0] for path in images_of(paths)]
+    found = [observation_from(path, method, camera, known, part, orientation)[0] for path in images_of(paths)]
+    if camera is not None and camera.spec.camera.uncertainty is None:
+        # The defaults are of a calibrated camera, which this one is not yet.
+        found = [replace(one, calibration=None) for one in found]
+    return found
 
 
 def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:

@@ -15,21 +15,21 @@ from horizonval.api.camera import Camera, camera_of
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
-from horizonval.estimation.likelihood.templates import templates_of
+from horizonval.estimation.fit.templates import templates_of
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
-from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.estimation.onnx_model import is_model, model_estimator
+from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.plugins import registry, supervisor
+from horizonval.plugins.onnx_model import is_model, model_estimator
 from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.bound import NO_BOUND, known_bound
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score, rounded
 from horizonval.sensor.expected_image import stated_lens
-from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
+from horizonval.sensor.knowledge import calibration_of_camera, refuse_unknown_climate, stated_prior
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import find
 from horizonval.spec.load import load_frames, load_prior, read_toml, validate
@@ -135,7 +135,7 @@ def estimate_report(
     observation, sources = _observed(image, method, camera, prior, part, orientation)
     start = time.perf_counter()
     result = registry.run_safely(method, observation)
-    return _report(method, result, time.perf_counter() - start, sources, observation.prior)
+    return _report(method, result, time.perf_counter() - start, sources, observation)
 
 
 def score(fit: Fit | Refusal, frame: RadianceFrame | DetectorImage) -> Score:
@@ -377,6 +377,7 @@ def observation_from(
     else:
         prior = Prior() if known is None else stated_prior(known, where)
     band = spec.band[0] if len(spec.band) == 1 else None
+    exact = source is not None and spec.camera.uncertainty is None
     return Observation(
         image=picture.grey,
         camera=intrinsics,
@@ -388,6 +389,7 @@ def observation_from(
         band_width_um=(None if band is None else width_um(band)) if recorded is None else recorded.band_width_um,
         lens=None if isinstance(source, RadianceFrame) else stated_lens(spec, band),
         radiance_per_dn=None if recorded is None else recorded.radiance_per_dn,
+        calibration=None if exact else calibration_of_camera(spec.camera),
         oracle=None if recorded is None else recorded.oracle,
     ), [] if source is None else [source]
 
@@ -426,7 +428,7 @@ def _report(
     result: Fit | Refusal,
     seconds: float,
     sources: Sequence[Source],
-    prior: Prior,
+    observation: Observation,
 ) -> dict[str, Any]:
     """Return the keys of the command contract; only this function, after the answer, uses the truth."""
     report: dict[str, Any] = {
@@ -441,13 +443,15 @@ def _report(
         "sigma_nadir_arcsec": None,
         "n_points": len(result.points),
         "seconds": round(seconds, 6),
-        "assumed": prior.in_words,
+        "assumed": "; ".join(
+            filter(None, [observation.prior.in_words, (observation.calibration or Calibration()).in_words])
+        ),
         **dict.fromkeys((*ERRORS, *BOUNDS)),
     }
     if sources:
         truth = sources[0].truth
         report |= _bounds(sources)
-        errors = scored(truth, estimator, result, earth_radius_m=prior.sphere_radius_m)
+        errors = scored(truth, estimator, result, earth_radius_m=observation.prior.sphere_radius_m)
         report |= {name: getattr(errors, name) for name in ERRORS}
     if isinstance(result, Refusal):
         return report | {"reason": result.reason} | ({"output": result.output} if result.output else {})

@@ -28,8 +28,9 @@ the ellipsoid). Horizontal gradients of the air are neglected: they tilt the hor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -71,9 +72,18 @@ SOLAR_HEIGHT_M = (-2e3, 40e3)
 THERMAL_HEIGHT_M = (-2e3, 70e3)
 
 
-def reliefs(band_kind: Literal["solar", "thermal"] | None) -> tuple[Relief, ...]:
-    """Return how the limb's height varies along it; the larger variation if the band is unknown."""
-    return SOLAR_RELIEF if band_kind == "solar" else THERMAL_RELIEF
+def reliefs(band_kind: Literal["solar", "thermal"] | None, sigma_m: float | None = None) -> tuple[Relief, ...]:
+    """Return how the limb's height varies along it; the larger variation if the band is unknown.
+
+    ``sigma_m``: total standard deviation in place of the band's, with the same correlation; 0 for none.
+    """
+    usual = SOLAR_RELIEF if band_kind == "solar" else THERMAL_RELIEF
+    if sigma_m is None:
+        return usual
+    if sigma_m == 0.0:
+        return ()
+    total = math.hypot(*(relief.sigma_m for relief in usual))
+    return tuple(replace(relief, sigma_m=sigma_m / total * relief.sigma_m) for relief in usual)
 
 
 def limb_height_m(band_kind: Literal["solar", "thermal"] | None) -> tuple[float, float]:

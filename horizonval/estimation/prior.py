@@ -5,14 +5,17 @@ of the pixels: ``(x - m) / sigma``, of unit variance. Nothing here is the truth:
 as its sigma lets it.
 
 The error of an attitude is a turn about the body's own axes, x (roll), y (pitch), z (yaw): with the true quaternion
-``q``, ``q_body_from_itrs = exp(error) q``, so that a fit's row is ``log(q_prior q_fit^-1) / sigma`` by components.
+``q``, ``q_body_from_itrs = exp(error) q``, so that a fit's row is ``log(q_prior q_fit^-1) / sigma`` by components. A
+rough direction of the nadir is an attitude whose turn about the nadir is unknown.
+
+Assumptions about air, lens and detector are fields with defaults: a method reads them here and has none of its own.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from typing import Literal
 
@@ -47,6 +50,14 @@ FILE_KEYS: tuple[tuple[str, str, float | None], ...] = (
     ("limb_height_sigma_km", "limb_height_sigma_m", 1e3),
     ("climate", "climate", None),
     ("sun_sigma_deg", "sun_sigma_rad", math.pi / 180.0),
+    ("nadir_cam", "nadir_cam", 1.0),
+    ("limb_scale_height_km", "limb_scale_height_m", 1e3),
+    ("limb_scale_height_sigma_km", "limb_scale_height_sigma_m", 1e3),
+    ("limb_relief_km", "limb_relief_m", 1e3),
+    ("air_height_sigma_km", "air_height_sigma_m", 1e3),
+    ("lens_blur_px", "lens_blur_px", 1.0),
+    ("gain_sigma_percent", "gain_sigma", 1e-2),
+    ("accept_deg", "accept_rad", math.pi / 180.0),
 )
 """Key of a table ``[prior]``, its name here, and what turns a number of the key into SI; None for what is no number."""
 
@@ -56,18 +67,27 @@ _PAIRS = {
     "q_cam_from_itrs": "attitude_sigma_rad",
     "limb_height_m": "limb_height_sigma_m",
 }
-"""A value, and the standard deviation that it cannot be without."""
+"""A value, and the standard deviation that it cannot be without. A rough nadir may take the attitude's place."""
 
-_NUMBERS = (
+_ABOVE_0 = (
     "radius_m",
     "altitude_m",
     "altitude_sigma_m",
     "position_sigma_m",
-    "limb_height_m",
     "limb_height_sigma_m",
     "sun_sigma_rad",
+    "air_height_sigma_m",
+    "lens_blur_px",
+    "gain_sigma",
+    "accept_rad",
 )
-"""All above 0 but the limb's height, which may have either sign over a sphere in place of the ellipsoid."""
+_NOT_BELOW_0 = ("limb_scale_height_m", "limb_scale_height_sigma_m", "limb_relief_m")
+_ANY_SIGN = ("limb_height_m",)
+"""Of a sphere in place of the ellipsoid the limb may lie below."""
+
+GAIN_SIGMA = {"thermal": 0.02, "solar": 0.05}
+"""Relative standard deviation of a calibrated detector's gain and lens transmission, where ``gain_sigma`` is None:
+thermal detectors are calibrated by a black body before the lens, visible ones by integrating spheres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +95,8 @@ class Prior:
     """What a flight computer knows beside the image and the camera. All of it can be missing.
 
     Raises ``UserError``: a value without its sigma or the other way round, a sigma that is not above 0, a vector of
-    another shape, a position inside the planet, a quaternion that is not of length 1, a radius for anything but a
-    sphere.
+    another shape, a position inside the planet, a quaternion that is not of length 1, a rough nadir in addition to an
+    attitude, a radius for anything but a sphere.
 
     Attributes
     ----------
@@ -106,6 +126,24 @@ class Prior:
     sun_sigma_rad : float or None
         Of the observation's ``sun_cam``, in each of two directions across it. None where ``sun_cam`` is that of a
         coarse Sun sensor, right to a degree.
+    nadir_cam : ndarray, shape (3,), or None
+        Rough direction of the nadir in camera axes, of any length, in place of ``q_cam_from_itrs``: right to
+        ``attitude_sigma_rad`` across it.
+    limb_scale_height_m, limb_scale_height_sigma_m : float
+        Scale height with which the limb's radiance falls outwards. By default that of the air's density from the ground
+        to 60 km (6 to 8.5 km), with a sigma that covers a bare planet as well as haze and ozone. Both 0: a hard limb.
+    limb_relief_m : float or None
+        Standard deviation of the limb's height along itself. None for that of the band in any weather. 0: a sphere
+        without relief.
+    air_height_sigma_m : float
+        Of the common height of the air whose profiles a method knows: 10 hPa of sea-level pressure is 80 m, the geoid
+        30 m.
+    lens_blur_px : float
+        Standard deviation of the lens's blur that fits start from.
+    gain_sigma : float or None
+        Relative standard deviation of the calibration from digital numbers to radiance. None for :data:`GAIN_SIGMA`.
+    accept_rad : float
+        Standard deviation of the nadir up to which an answer is of use. Guarded methods refuse a less certain one.
 
     Examples
     --------
@@ -131,9 +169,21 @@ class Prior:
     limb_height_sigma_m: float | None = None
     climate: str | None = None
     sun_sigma_rad: float | None = None
+    nadir_cam: FloatArray | None = None
+    limb_scale_height_m: float = 7e3
+    limb_scale_height_sigma_m: float = 4e3
+    limb_relief_m: float | None = None
+    air_height_sigma_m: float = 300.0
+    lens_blur_px: float = 0.7
+    gain_sigma: float | None = None
+    accept_rad: float = math.radians(0.2)
 
     def __post_init__(self) -> None:
+        if self.nadir_cam is not None and self.q_cam_from_itrs is not None:
+            raise UserError("nadir_cam beside q_cam_from_itrs", where="Prior", expected="one of the two")
         for value, sigma in _PAIRS.items():
+            if value == "q_cam_from_itrs" and self.nadir_cam is not None:
+                value = "nadir_cam"
             if (getattr(self, value) is None) != (getattr(self, sigma) is None):
                 given, other = (value, sigma) if getattr(self, sigma) is None else (sigma, value)
                 raise UserError(f"{given} without {other}", where="Prior", expected="both or neither")
@@ -141,10 +191,21 @@ class Prior:
             raise UserError(f"found {self.shape!r}", where="Prior: shape", expected="'wgs84' or 'sphere'")
         if self.radius_m is not None and self.shape != "sphere":
             raise UserError(f"found {self.radius_m!r}", where="Prior: radius_m", expected="shape = 'sphere' beside it")
-        for name in _NUMBERS:
-            self._number(name, above_0=name != "limb_height_m")
-        for name, length in (("r_itrs", 3), ("q_cam_from_itrs", 4), ("attitude_sigma_rad", 3)):
+        for names, least, words in (
+            (_ABOVE_0, np.nextafter(0.0, 1.0), "a number above 0"),
+            (_NOT_BELOW_0, 0.0, "a number of 0 or more"),
+            (_ANY_SIGN, -np.inf, "a finite number"),
+        ):
+            for name in names:
+                self._number(name, float(least), words)
+        for name, length in (("r_itrs", 3), ("q_cam_from_itrs", 4), ("attitude_sigma_rad", 3), ("nadir_cam", 3)):
             self._vector(name, length)
+        if self.nadir_cam is not None:
+            norm = float(np.linalg.norm(self.nadir_cam))
+            if norm == 0.0:
+                raise UserError("found no direction", where="Prior: nadir_cam", expected="a vector other than 0")
+            if abs(norm - 1.0) > ROUNDING:
+                self._keep("nadir_cam", self.nadir_cam / norm)
         if self.r_itrs is not None:
             distance, least = float(np.linalg.norm(self.r_itrs)), self._least_radius_m
             if distance <= least:
@@ -200,6 +261,25 @@ class Prior:
         return rho, (math.tan(rho) / distance * self.altitude_sigma_m) ** 2
 
     @property
+    def rough_nadir(self) -> tuple[FloatArray, float] | None:
+        """Direction of the nadir in camera axes, shape (3,), and its largest standard deviation [rad]; None without.
+
+        From ``nadir_cam``, or from attitude and position together.
+        """
+        if self.attitude_sigma_rad is None:
+            return None
+        sigma = float(self.attitude_sigma_rad.max())
+        if self.nadir_cam is not None:
+            return self.nadir_cam, sigma
+        if self.q_cam_from_itrs is None or self.r_itrs is None or self.position_sigma_m is None:
+            return None
+        distance = float(np.linalg.norm(self.r_itrs))
+        x, y, z, w = self.q_cam_from_itrs
+        axis, down = np.array([x, y, z]), -self.r_itrs / distance
+        across = 2.0 * np.cross(axis, down)
+        return down + w * across + np.cross(axis, across), math.hypot(sigma, self.position_sigma_m / distance)
+
+    @property
     def known(self) -> tuple[str, ...]:
         """What is known, in words."""
         words = {
@@ -207,12 +287,16 @@ class Prior:
             "altitude_m": "altitude",
             "r_itrs": "position",
             "q_cam_from_itrs": "attitude",
+            "nadir_cam": "rough nadir",
             "epoch_utc": "time",
             "limb_height_m": "limb height",
             "climate": "climate",
             "sun_sigma_rad": "Sun",
         }
-        return tuple(word for name, word in words.items() if getattr(self, name) is not None)
+        known = [word for name, word in words.items() if getattr(self, name) is not None]
+        if self._stated("limb_scale_height_m") or self._stated("limb_scale_height_sigma_m"):
+            known.append("softness of the limb")
+        return tuple(known + ["relief of the limb"] * self._stated("limb_relief_m"))
 
     @property
     def in_words(self) -> str:
@@ -233,6 +317,9 @@ class Prior:
         if self.q_cam_from_itrs is not None and self.attitude_sigma_rad is not None:
             sigmas = " ".join(f"{x:g}" for x in np.degrees(self.attitude_sigma_rad))
             parts.append(f"attitude to {sigmas} deg (roll, pitch, yaw)")
+        if self.nadir_cam is not None and self.attitude_sigma_rad is not None:
+            towards = " ".join(f"{x:.3f}" for x in self.nadir_cam)
+            parts.append(f"nadir near {towards} to {math.degrees(self.attitude_sigma_rad.max()):g} deg")
         if self.epoch_utc is not None:
             parts.append(f"time {self.epoch_utc:%Y-%m-%d %H:%M:%S} UTC")
         if self.limb_height_m is not None and self.limb_height_sigma_m is not None:
@@ -241,19 +328,36 @@ class Prior:
             parts.append(f"air {self.climate}")
         if self.sun_sigma_rad is not None:
             parts.append(f"Sun to {math.degrees(self.sun_sigma_rad):g} deg")
+        if self._stated("limb_scale_height_m") or self._stated("limb_scale_height_sigma_m"):
+            soft_km, sigma_km = self.limb_scale_height_m / 1e3, self.limb_scale_height_sigma_m / 1e3
+            parts.append(f"limb's scale height {soft_km:g} km to {sigma_km:g} km")
+        if self.limb_relief_m is not None:
+            parts.append(f"relief of the limb {self.limb_relief_m / 1e3:g} km")
+        if self._stated("air_height_sigma_m"):
+            parts.append(f"height of the air to {self.air_height_sigma_m / 1e3:g} km")
+        if self._stated("lens_blur_px"):
+            parts.append(f"blur of the lens {self.lens_blur_px:g} px")
+        if self.gain_sigma is not None:
+            parts.append(f"gain to {100.0 * self.gain_sigma:g} %")
+        if self._stated("accept_rad"):
+            parts.append(f"accuracy of use {math.degrees(self.accept_rad):g} deg")
         return "; ".join(parts)
 
     def __repr__(self) -> str:
         return f"<Prior {', '.join(self.known) or 'of nothing'}>"
 
-    def _number(self, name: str, *, above_0: bool) -> None:
+    def _stated(self, name: str) -> bool:
+        """Whether a field differs from its default."""
+        return bool(getattr(self, name) != DEFAULTS[name])
+
+    def _number(self, name: str, least: float, expected: str) -> None:
         value = getattr(self, name)
-        if value is None:
+        if value is None and DEFAULTS[name] is None:
             return
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
             raise UserError(f"found {value!r}", where=f"Prior: {name}", expected="a finite number")
-        if above_0 and value <= 0:
-            raise UserError(f"found {value!r}", where=f"Prior: {name}", expected="a number above 0")
+        if value < least:
+            raise UserError(f"found {value!r}", where=f"Prior: {name}", expected=expected)
         object.__setattr__(self, name, float(value))
 
     def _vector(self, name: str, length: int) -> None:
@@ -271,3 +375,7 @@ class Prior:
     def _keep(self, name: str, array: FloatArray) -> None:
         array.flags.writeable = False
         object.__setattr__(self, name, array)
+
+
+DEFAULTS = {field.name: field.default for field in fields(Prior)}
+"""Default of every field: None for what is not known, a number for an assumption."""

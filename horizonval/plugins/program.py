@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from horizonval.core.errors import excerpt
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.answer import crash
-from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.estimation.prior import FILE_KEYS, Prior
+from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
+from horizonval.estimation.prior import DEFAULTS, FILE_KEYS, Prior
 from horizonval.geometry.camera import camera_table
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
+from horizonval.plugins.answer import crash
 from horizonval.spec.suite import ProgramSpec
 
 LONGEST_ANSWER = 1 << 20
@@ -89,6 +89,13 @@ def camera_file(observation: Observation) -> str:
     height, width = observation.image.shape
     table = camera_table(camera) | {"width": width, "height": height}
     lines = ["[camera]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+    said = observation.calibration or Calibration()
+    lines += [
+        "[camera.uncertainty]",
+        f"focal_length_sigma_percent = {100.0 * said.focal_length_sigma!r}",
+        f"principal_point_sigma_px = {said.principal_point_sigma_px!r}",
+        f"distortion_sigma_px = {said.distortion_sigma_px!r}",
+    ]
     prior = observation.prior
     if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
         lines += ["[platform]", f"altitude_km = {prior.altitude_m / 1e3!r}"]
@@ -101,7 +108,7 @@ def prior_file(prior: Prior) -> str:
     lines = ["[prior]"]
     for key, name, factor in FILE_KEYS:
         value = getattr(prior, name)
-        if value is None:
+        if value is None or (isinstance(value, float) and value == DEFAULTS[name]):
             continue
         if isinstance(value, datetime):
             text = value.isoformat()

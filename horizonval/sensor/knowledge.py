@@ -56,6 +56,7 @@ from horizonval.geometry.ellipsoid import WGS84, geodetic_height
 from horizonval.geometry.frames import compose, inverse, rotate
 from horizonval.sensor.motion import GM_M3_PER_S2, rate_cam_rad_s
 from horizonval.sensor.streams import stream
+from horizonval.spec.camera import CameraGeometry, CameraUncertainty
 from horizonval.spec.prior import PAIRS, CalibrationSpec, PriorSpec, is_climate_file
 
 
@@ -65,6 +66,8 @@ def stated_prior(spec: PriorSpec, where: str = "prior") -> Prior:
     UserError: a sigma without its value, or a climate by place without a time.
     """
     for value, sigma in PAIRS.items():
+        if value == "q_cam_from_itrs" and spec.nadir_cam is not None:
+            continue
         if getattr(spec, sigma) is not None and getattr(spec, value) is None:
             raise UserError(
                 f"{sigma} without {value}",
@@ -98,7 +101,7 @@ def drawn_prior(spec: PriorSpec, truth: FrameTruth, band: str | None = None) -> 
         known["altitude_m"] = altitude
     if spec.position_sigma_km is not None and spec.position_itrs_km is None:
         known["r_itrs"] = r + known["position_sigma_m"] * _stream(truth, "position").standard_normal(3)
-    if spec.attitude_sigma_deg is not None and spec.q_cam_from_itrs is None:
+    if spec.attitude_sigma_deg is not None and spec.q_cam_from_itrs is None and spec.nadir_cam is None:
         turn = Rotation.from_rotvec(known["attitude_sigma_rad"] * _stream(truth, "attitude").standard_normal(3))
         mount = np.array(truth.q_cam_from_body)
         known["q_cam_from_itrs"] = compose(mount, turn.as_quat(), inverse(mount), np.array(truth.q_cam_from_itrs))
@@ -212,8 +215,26 @@ class CalibrationErrors:
 
 
 def calibration_of(truth: FrameTruth) -> CalibrationSpec:
-    """Return the table ``[calibration]`` of a frame's scene."""
-    return CalibrationSpec.model_validate(truth.scene.get("calibration") or {})
+    """Return the table ``[calibration]`` of a frame's scene, its missing sigmas those of the camera's file."""
+    spec = CalibrationSpec.model_validate(truth.scene.get("calibration") or {})
+    camera = truth.camera_spec.camera
+    if camera.uncertainty is None:
+        return spec
+    stated = _camera_sigmas(camera)
+    return spec.model_copy(update={key: value for key, value in stated.items() if not getattr(spec, key)})
+
+
+def calibration_of_camera(camera: CameraGeometry) -> Calibration | None:
+    """Return how well a camera's calibration is known; by default values where its file states none."""
+    return stated_sigmas(CalibrationSpec.model_validate(_camera_sigmas(camera)))
+
+
+def _camera_sigmas(camera: CameraGeometry) -> dict[str, float]:
+    """Return the sigmas of a camera's calibration by their keys in ``[calibration]``."""
+    sigmas: dict[str, float] = (camera.uncertainty or CameraUncertainty()).model_dump()
+    if camera.projection == "equal_angle":
+        sigmas["distortion_sigma_px"] = 0.0
+    return sigmas
 
 
 def errors_of(truth: FrameTruth) -> CalibrationErrors:

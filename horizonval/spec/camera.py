@@ -29,7 +29,7 @@ from pydantic import Field, model_validator
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.spec.base import Angle, Finite, Fraction, Model, PlainName, Positive, unit
+from horizonval.spec.base import Angle, Finite, Fraction, Model, NonNegative, PlainName, Positive, unit
 from horizonval.spec.detector import Cmos, Detector, ThermalDetector
 from horizonval.spec.optics import Optics
 
@@ -110,6 +110,22 @@ Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
 """Of a distortion; those of real lenses are some thousand at most, where a long lens has the image's edge near 0.01."""
 
 
+class CameraUncertainty(Model):
+    """Standard deviations of a camera's calibration, which add to what methods claim.
+
+    Without the table a picture of another program has these defaults, those of a careful calibration with a target. The
+    camera of a scene is exact without the table; with it, these are the scene's `[calibration]` sigmas, unless the
+    scene states others.
+    """
+
+    focal_length_sigma_percent: Annotated[float, Field(ge=0, le=20)] = 0.05
+    """Of both focal lengths, of a fisheye of its scale."""
+    principal_point_sigma_px: NonNegative = 0.2
+    """Of the principal point's column and row, each."""
+    distortion_sigma_px: NonNegative = 0.1
+    """Of the radial distortion at the image's farthest corner, as a change of `k1`. `equal_angle` has none."""
+
+
 class CameraGeometry(Model):
     """Image size, projection and scale.
 
@@ -117,7 +133,9 @@ class CameraGeometry(Model):
     it.
     """
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"focal_length_mm", "image_circle_deg", "skew", *SHAPE})
+    later_keys: ClassVar[frozenset[str]] = frozenset(
+        {"focal_length_mm", "image_circle_deg", "skew", "uncertainty", *SHAPE}
+    )
 
     name: str = ""
     """Name of the camera; noise and fixed patterns are drawn from it."""
@@ -168,6 +186,8 @@ class CameraGeometry(Model):
     """
     focal_length_mm: Positive | None = None
     """Focal length of the lens. With `detector.pixel_pitch_um` it gives `fx`, and may not contradict it."""
+    uncertainty: CameraUncertainty | None = None
+    """How well the calibration is known."""
 
     @model_validator(mode="after")
     def _one_scale(self) -> CameraGeometry:

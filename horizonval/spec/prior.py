@@ -10,7 +10,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from horizonval.spec.base import Epoch, Finite, FrameName, Listed, Model, NonNegative, Positive, Quaternion, Vector
+from horizonval.spec.base import (
+    Epoch,
+    Finite,
+    FrameName,
+    Listed,
+    Model,
+    NonNegative,
+    Positive,
+    Quaternion,
+    Vector,
+    unit,
+)
 
 BY_LATITUDE_MONTH = "by_latitude_month"
 
@@ -28,7 +39,18 @@ class PriorSpec(Model):
     A value next to it is used as it is. What has neither is unknown, but for the planet's shape.
     """
 
-    later_keys = frozenset({"accept_deg"})
+    later_keys = frozenset(
+        {
+            "accept_deg",
+            "nadir_cam",
+            "limb_scale_height_km",
+            "limb_scale_height_sigma_km",
+            "limb_relief_km",
+            "air_height_sigma_km",
+            "lens_blur_px",
+            "gain_sigma_percent",
+        }
+    )
 
     shape: Literal["wgs84", "sphere"] | None = None
     """Shape of the planet. Without the key a scene's own; with a picture a sphere whose flattening counts as an error.
@@ -64,9 +86,31 @@ class PriorSpec(Model):
     gives whole degrees.
     """
 
+    nadir_cam: Annotated[Vector, unit("1")] | None = None
+    """Rough direction of the nadir in camera axes (x right, y down, z along the boresight), of any length, in place of
+    `q_cam_from_itrs` and right to `attitude_sigma_deg` across it. The turn about it is unknown.
+    """
+    limb_scale_height_km: NonNegative | None = None
+    """Scale height with which the limb's radiance falls outwards; 7 km without the key. 0 with a sigma of 0 is a hard
+    limb.
+    """
+    limb_scale_height_sigma_km: NonNegative | None = None
+    """Standard deviation of its error; 4 km without the key."""
+    limb_relief_km: NonNegative | None = None
+    """Standard deviation of the limb's height along itself; 0 for a sphere without relief. Without the key that of the
+    band in any weather.
+    """
+    air_height_sigma_km: Positive | None = None
+    """Standard deviation of the common height of the air whose profiles a method knows; 0.3 km without the key."""
+    lens_blur_px: Positive | None = None
+    """Standard deviation of the lens's blur that fits start from; 0.7 px without the key."""
+    gain_sigma_percent: Positive | None = None
+    """Relative standard deviation of the calibration from digital numbers to radiance; without the key 2 in thermal and
+    5 in solar bands.
+    """
     accept_deg: SigmaAngle | None = None
-    """Accuracy of the nadir that is of use. A frame whose information allows it must be answered; 0.2 deg without the
-    key.
+    """Accuracy of the nadir that is of use; 0.2 deg without the key. A frame whose information allows it must be
+    answered, and guarded methods refuse what is less certain.
     """
 
     @field_validator("q_cam_from_itrs")
@@ -81,6 +125,15 @@ class PriorSpec(Model):
         for value, sigma in PAIRS.items():
             if getattr(self, value) is not None and getattr(self, sigma) is None:
                 raise ValueError(f"{value} without {sigma}; say how well it is known")
+        if (self.limb_scale_height_km is None) != (self.limb_scale_height_sigma_km is None):
+            raise ValueError("give limb_scale_height_km and limb_scale_height_sigma_km, or neither")
+        if self.nadir_cam is not None:
+            if self.q_cam_from_itrs is not None:
+                raise ValueError("nadir_cam and q_cam_from_itrs; give one of the two")
+            if self.attitude_sigma_deg is None:
+                raise ValueError("nadir_cam without attitude_sigma_deg; say how well it is known")
+            if not any(self.nadir_cam):
+                raise ValueError("nadir_cam is no direction: all of it is 0")
         if self.radius_km is not None and self.shape != "sphere":
             raise ValueError('radius_km applies to shape = "sphere" only')
         if self.climate == "":

@@ -20,11 +20,13 @@ derivatives reach where nothing is known before (K. Levenberg, Q. Appl. Math. 2,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from numpy.typing import NDArray
+from scipy.linalg import lapack, solve_triangular
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -34,6 +36,7 @@ from horizonval.estimation.fit.pose import LimbPose
 
 TURN, HEIGHT, SHARED = slice(LENS, LENS + 3), LENS + 3, LENS + 4
 """Places of mounting and common height among the shared unknowns, and how many there are."""
+UNDETERMINED = "the limb in view does not determine the fit's unknowns"
 
 
 @dataclass(frozen=True)
@@ -63,26 +66,37 @@ class Seen:
 class Shot:
     """One instant: pixels, unknowns and their equations.
 
-    ``turns``: shape (3, 3) of every image, camera from body; ``state``: the unknowns as they are.
+    ``turns``: shape (3, 3) of every image, camera from body; ``state``: the unknowns as they are; ``common``: how many
+    of the images' own unknowns, the last ones of each, are common to all of them; ``lowest``: shape (own,), least
+    values of an image's own unknowns.
     """
 
     def __init__(
-        self, chooser: Chooser, prior: ShotPrior, state: ShotState, turns: Sequence[FloatArray] = (np.eye(3),)
+        self,
+        chooser: Chooser,
+        prior: ShotPrior,
+        state: ShotState,
+        turns: Sequence[FloatArray] = (np.eye(3),),
+        common: int = 0,
+        lowest: FloatArray | float = -np.inf,
     ) -> None:
         self._chooser, self.prior, self.turns = chooser, prior, tuple(turns)
-        self.state = state
+        self.state, self._lowest = state, lowest
+        alone = [len(own) - common for own in state.own]
+        self.count = POSE + sum(alone) + common
+        """Number of unknowns of pose and images."""
+        self.own_at = [
+            np.append(POSE + sum(alone[:k]) + np.arange(one), np.arange(self.count - common, self.count))
+            for k, one in enumerate(alone)
+        ]
+        """Places of every image's own unknowns among them."""
         self.chosen: Chosen | None = None
         self.noises: list[PixelNoise] = []
         self.seen: Seen | None = None
 
-    @property
-    def count(self) -> int:
-        """Number of unknowns of pose and images."""
-        return POSE + sum(len(own) for own in self.state.own)
-
-    def choose(self, shared: FloatArray, most: int | None) -> None:
-        """Choose the pixels near the limb at the present state."""
-        self.chosen = self._chooser(self.state, shared[:LENS], most, self.chosen)
+    def choose(self, shared: FloatArray, most: int | None = None, tighter: float = 1.0) -> None:
+        """Choose the pixels near the limb at the present state; parameters as for ``Chooser``."""
+        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, self.chosen)
         self.state = self.chosen.state
         self.noises = [noise for noise in self.chosen.noises if noise is not None]
         looks = self._looks(self.state, shared, None)
@@ -99,7 +113,10 @@ class Shot:
         of_all = zip(self._chosen.models, self.seen.looks, self.state.own, before, strict=True)
         self.noises = [model.noise(look, own, noise) for model, look, own, noise in of_all]
         self.seen = self.look(self.state, shared)
-        changes = [np.log(new.variance / old.variance) for new, old in zip(self.noises, before, strict=True)]
+        changes = [
+            np.log(new.variance * new.together / (old.variance * old.together))
+            for new, old in zip(self.noises, before, strict=True)
+        ]
         return float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
 
     def look(self, state: ShotState, shared: FloatArray) -> Seen:
@@ -115,11 +132,24 @@ class Shot:
 
     def moved(self, step: FloatArray, of_air: FloatArray) -> ShotState:
         """Return the state after a step of pose and own unknowns, and of the air."""
-        first, own = POSE, []
-        for model, one in zip(self._chosen.models, self.state.own, strict=True):
-            own.append(model.moved(one, step[first : first + len(one)]))
-            first += len(one)
+        of_all = zip(self._chosen.models, self.state.own, self.own_at, strict=True)
+        own = [model.moved(one, step[at]) for model, one, at in of_all]
         return ShotState(self.state.pose.moved(step[:POSE]), tuple(own), self.state.air + of_air)
+
+    def limited(self, step: FloatArray, covariance: FloatArray) -> tuple[FloatArray, float]:
+        """Return the most probable step within the limits of the images' own unknowns, and the gain that they cost.
+
+        ``covariance``: shape (x, x). An unknown that a step would take beyond its limit goes there, and the others
+        follow as the covariance says.
+        """
+        cost = 0.0
+        for own, at in zip(self.state.own, self.own_at, strict=True):
+            beyond = np.maximum(self._lowest - own - step[at], 0.0)
+            for k in np.flatnonzero(beyond):
+                by_unit = covariance[at[k]] / covariance[at[k], at[k]]
+                cost += float(beyond[k] ** 2 / covariance[at[k], at[k]])
+                step = step + beyond[k] * by_unit
+        return step, cost
 
     def reach(self, step: FloatArray, of_shared: FloatArray) -> float:
         """Return how far a step goes, 1 where derivatives end to hold."""
@@ -131,12 +161,13 @@ class Shot:
         steps = self._of_images(step, of_shared)
         return max(model.motion_px(one[: POSE + LENS]) for model, one in zip(self._chosen.models, steps, strict=True))
 
-    def equations(self, shared: FloatArray) -> ShotEquations:
-        """Return the equations at the present state."""
+    def equations(self, shared: FloatArray, free: NDArray[np.intp]) -> ShotEquations:
+        """Return the equations at the present state; ``free``: indices of the shared unknowns that are not exact."""
         assert self.seen is not None
         models = self._chosen.models
         each = zip(models, self.seen.looks, self.state.own, self._weights, strict=True)
-        return ShotEquations(self, [model.linear(look, own, weights) for model, look, own, weights in each], shared)
+        linears = [model.linear(look, own, weights) for model, look, own, weights in each]
+        return ShotEquations(self, linears, shared, free)
 
     @property
     def _chosen(self) -> Chosen:
@@ -160,47 +191,63 @@ class Shot:
 
     def _of_images(self, step: FloatArray, of_shared: FloatArray) -> list[FloatArray]:
         """Return the step of every image's shared unknowns (7 + 4 + own)."""
-        steps, first = [], POSE
-        for turn, own in zip(self.turns, self.state.own, strict=True):
-            last = first + len(own)
-            steps.append(np.concatenate([turn @ step[:3], step[3:POSE], of_shared[:LENS], step[first:last]]))
-            first = last
-        return steps
+        return [
+            np.concatenate([turn @ step[:3], step[3:POSE], of_shared[:LENS], step[at]])
+            for turn, at in zip(self.turns, self.own_at, strict=True)
+        ]
 
 
 class ShotEquations:
-    """Normal equations of a shot, with the derivatives of one state and the residuals of any."""
+    """Normal equations of a shot, with the derivatives of one state and the residuals of any.
 
-    def __init__(self, shot: Shot, linears: Sequence[Linear], shared: FloatArray) -> None:
-        self._shot, self._linears = shot, linears
+    ``normal``: shape (x + c, x + c), of pose and own unknowns and of the shared ones that are free; ``mixed``: shape
+    (x + c, a), of these and the air; ``air``: shape (a, a). All without the unit priors of air and shared unknowns.
+    ``rights``: shapes (x + c,) and (a,), of the present state; ``first_rights``: of that of the derivatives;
+    ``exact``: see :class:`.image.Linear`.
+    """
+
+    def __init__(self, shot: Shot, linears: Sequence[Linear], shared: FloatArray, free: NDArray[np.intp]) -> None:
+        self._shot, self.linears = shot, linears
+        self.exact = all(linear.exact for linear in linears)
         chosen, count = shot.chosen, shot.count
         assert chosen is not None
-        size, air_count = count + SHARED, len(shot.state.air)
-        self._picked = self._picks(size)
-        normal, mixed = np.zeros((size, size)), np.zeros((size, air_count))
-        air = np.zeros((air_count, air_count))
+        # How steps of the shared unknowns follow from those of which equations are made.
+        of_shared = np.zeros((SHARED, count + len(free)))
+        of_shared[free, count + np.arange(len(free))] = 1.0
+        self._picked = self._picks(of_shared)
+        air_count = len(shot.state.air)
+        to_prior = np.eye(POSE, count + len(free))
+        to_prior[:3] -= of_shared[TURN]
+        to_prior[POSE - 1] -= of_shared[HEIGHT]
+        self._to_prior = to_prior
+        self.normal = to_prior.T @ shot.prior.information @ to_prior
+        # One image's air is the shot's.
+        alone = len(linears) == 1 and np.array_equal(chosen.columns[0], np.arange(air_count))
+        self.air = linears[0].air if alone else np.zeros((air_count, air_count))
+        self.mixed = np.zeros((count + len(free), air_count))
         for linear, picked, at, model, own, turn in zip(
             linears, self._picked, chosen.columns, chosen.models, shot.state.own, shot.turns, strict=True
         ):
             prior = model.prior(shot.state.pose.of_camera(turn), own)
-            normal += picked.T @ (linear.shared + prior.information) @ picked
-            mixed[:, at] += picked.T @ linear.mixed
-            air[np.ix_(at, at)] += linear.air
-        to_prior = np.zeros((POSE, size))
-        to_prior[:, :POSE] = np.eye(POSE)
-        to_prior[:3, count + TURN.start : count + TURN.stop] = -np.eye(3)
-        to_prior[POSE - 1, count + HEIGHT] = -1.0
-        self._to_prior = to_prior
-        self.normal = normal + to_prior.T @ shot.prior.information @ to_prior
-        self.mixed, self.air = mixed, air
-        self.rights = self._rights(shared)
+            self.normal += picked.T @ (linear.shared + prior.information) @ picked
+            self.mixed[:, at] += picked.T @ linear.mixed
+            if not alone:
+                self.air[np.ix_(at, at)] += linear.air
+        self.rights = self.first_rights = self._rights(shared)
 
     def again(self, shared: FloatArray) -> ShotEquations:
         """Return the same derivatives with the residuals of the shot's present state."""
-        again = object.__new__(ShotEquations)
-        again.__dict__.update(self.__dict__)
+        again = copy(self)
         again.rights = again._rights(shared)
         return again
+
+    def rights_of(self, image: int, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides, shapes (x + c,) and (a,), that other residuals of one image make alone."""
+        assert self._shot.chosen is not None
+        of_pixels, of_air = self.linears[image].rights(look, weights)
+        right_air = np.zeros(len(self.air))
+        right_air[self._shot.chosen.columns[image]] = of_air
+        return self._picked[image].T @ of_pixels, right_air
 
     def _rights(self, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
         shot = self._shot
@@ -208,7 +255,7 @@ class ShotEquations:
         assert shot.chosen is not None
         right, right_air = np.zeros(len(self.normal)), -shot.state.air
         each = zip(
-            self._linears,
+            self.linears,
             self._picked,
             shot.chosen.columns,
             shot.seen.looks,
@@ -226,16 +273,15 @@ class ShotEquations:
         wanted = shot.prior.wanted(shot.state.pose, shared)
         return right + self._to_prior.T @ (shot.prior.information @ wanted), right_air
 
-    def _picks(self, size: int) -> list[FloatArray]:
-        """Return how every image's shared unknowns (7 + 4 + own) follow from those of shot and bundle."""
-        picks, first = [], POSE
-        for turn, own in zip(self._shot.turns, self._shot.state.own, strict=True):
-            picked = np.zeros((POSE + LENS + len(own), size))
+    def _picks(self, of_shared: FloatArray) -> list[FloatArray]:
+        """Return how the unknowns of every image (7 + 4 + own) follow from those of shot and bundle."""
+        picks = []
+        for turn, at in zip(self._shot.turns, self._shot.own_at, strict=True):
+            picked = np.zeros((POSE + LENS + len(at), of_shared.shape[1]))
             picked[:3, :3] = turn
             picked[3:POSE, 3:POSE] = np.eye(POSE - 3)
-            picked[POSE : POSE + LENS, self._shot.count : self._shot.count + LENS] = np.eye(LENS)
-            picked[POSE + LENS :, first : first + len(own)] = np.eye(len(own))
-            first += len(own)
+            picked[POSE : POSE + LENS] = of_shared[:LENS]
+            picked[POSE + LENS + np.arange(len(at)), at] = 1.0
             picks.append(picked)
         return picks
 
@@ -243,28 +289,34 @@ class ShotEquations:
 class Eliminated:
     """A shot's equations with the air eliminated, and how steps of the air follow.
 
-    ``normal``: shape (x + 8, x + 8); raises ``LinAlgError`` where there is no solution.
+    ``normal``: shape (x + c, x + c); raises ``LinAlgError`` where there is no solution.
     """
 
-    def __init__(self, equations: ShotEquations, scales: FloatArray, damping: float) -> None:
-        self._equations = equations
+    def __init__(self, equations: ShotEquations, damping: float, scales: FloatArray | None) -> None:
         if not all(np.isfinite(one).all() for one in (equations.normal, equations.air, equations.mixed)):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
-        air = equations.air.copy()
+        # Symmetric: the transpose is the matrix in the order that the factorisation overwrites.
+        air = equations.air.copy().T
         air[np.diag_indices(len(air))] += 1.0 + damping
-        self._root = cholesky(air, lower=True, overwrite_a=True, check_finite=False) if len(air) else air
+        self._root = root_of(air)
         self._half = self._forward(equations.mixed.T)
         self.normal = equations.normal - self._half.T @ self._half
-        self.normal[np.diag_indices(len(scales))] += damping / scales**2
+        if scales is not None:
+            self.normal[np.diag_indices(len(scales))] += damping / scales**2
 
     def right(self, equations: ShotEquations) -> tuple[FloatArray, FloatArray]:
-        """Return the right side (x + 8,) of equations with the same derivatives, and what the air needs of them."""
-        right, right_air = equations.rights
+        """Return the right side (x + c,) of equations with the same derivatives, and what the air needs of them."""
+        return self.without_air(*equations.rights)
+
+    def without_air(self, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return right sides with the air eliminated, as :meth:`right` does."""
+        if not (np.isfinite(right).all() and np.isfinite(right_air).all()):
+            raise np.linalg.LinAlgError("the fit's equations have no solution")
         half_air = self._forward(right_air)
         return right - self._half.T @ half_air, half_air
 
     def air_step(self, step: FloatArray, half_air: FloatArray) -> FloatArray:
-        """Return the step of the air that belongs to one of the other unknowns, shape (x + 8,)."""
+        """Return the step of the air that belongs to one of the other unknowns, shape (x + c,)."""
         if not len(half_air):
             return half_air
         return np.asarray(
@@ -278,7 +330,7 @@ class Eliminated:
         """
         if not len(self._root):
             return 0.0
-        inverse = solve_triangular(self._root, np.eye(len(self._root)), lower=True, check_finite=False)
+        inverse = np.tril(lapack.dtrtri(self._root, lower=1)[0])
         through = inverse.T @ self._half[:, : len(covariance)]
         return float(np.sum(inverse**2)) + float(np.sum((through @ covariance) * through))
 
@@ -316,93 +368,147 @@ class Bundle:
     shared: FloatArray = field(default_factory=lambda: np.zeros(SHARED))
 
     @property
+    def free(self) -> NDArray[np.intp]:
+        """Indices of the shared unknowns that are not exact."""
+        return np.flatnonzero(self.sigmas > 0.0)
+
+    @property
     def merit(self) -> float:
         """Minus twice the log likelihood of all pixels, with all priors."""
-        free = self.sigmas > 0.0
+        free = self.free
         prior = float(np.sum((self.shared[free] / self.sigmas[free]) ** 2))
         return prior + sum(shot.seen.merit for shot in self.shots if shot.seen is not None)
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step of a bundle: of the shared unknowns, and of every shot's own and its air's.
+    """A step of a bundle.
 
-    ``square``: squared length of the pose's part (of the shared unknowns', where there are any) in its covariance;
-    ``gained``: decrease of the merit that the equations predict.
+    ``parts``: of the shared unknowns (8,), then of every shot's own and its air's in turn; ``sides``: the right sides
+    that undamped equations make of it, in the same order; ``square``: squared length of the pose's part (of the shared
+    unknowns', where there are any) in its covariance; ``slope``: half the decrease of the merit per step; ``gained``:
+    decrease that the equations predict.
     """
 
-    of_shared: FloatArray
-    of_shots: Sequence[tuple[FloatArray, FloatArray]]
+    parts: Sequence[FloatArray]
+    sides: Sequence[FloatArray]
     square: float
+    slope: float
     gained: float
+
+    @property
+    def of_shared(self) -> FloatArray:
+        """Step of the shared unknowns, shape (8,)."""
+        return self.parts[0]
+
+    @property
+    def of_shots(self) -> Sequence[tuple[FloatArray, FloatArray]]:
+        """Step of every shot's own unknowns and of its air."""
+        return list(zip(self.parts[1::2], self.parts[2::2], strict=True))
 
     def shortened(self, share: float) -> Step:
         """Return a share of the step."""
         return Step(
-            share * self.of_shared,
-            [(share * own, share * air) for own, air in self.of_shots],
+            [share * part for part in self.parts],
+            [share * side for side in self.sides],
             share**2 * self.square,
+            share * self.slope,
             share * (2.0 - share) * self.gained,
         )
+
+    def after(self, last: Step) -> Step:
+        """Return this step, corrected by what the last one says of the curvature along it (secant).
+
+        Equations by first derivatives have the curvature ``s N s`` along a step ``s``. The gradients before and after
+        it differ by the true ``s H s``, which the second derivatives of the prediction are part of.
+        """
+        left, metric = _product(self.sides, last.parts), _product(last.sides, last.parts)
+        true = last.slope - left
+        if not (true > 0.0 and metric > 0.0):
+            return self
+        more = (np.clip(metric / true, *SECANT) - 1.0) * left / metric
+        parts = [part + more * before for part, before in zip(self.parts, last.parts, strict=True)]
+        sides = [side + more * before for side, before in zip(self.sides, last.sides, strict=True)]
+        slope = _product(self.sides, parts)
+        return Step(parts, sides, self.square, slope, slope)
+
+
+SECANT = (0.3, 3.0)
+"""Limits of the ratio of curvatures that one step is believed about."""
+
+
+def _product(sides: Sequence[FloatArray], parts: Sequence[FloatArray]) -> float:
+    return sum(float(side @ part) for side, part in zip(sides, parts, strict=True))
 
 
 class Solved:
     """The equations of a bundle with everything eliminated but what all shots share, damped by ``damping``."""
 
     def __init__(self, bundle: Bundle, equations: Sequence[ShotEquations], damping: float = 0.0) -> None:
-        self._bundle, self.damping = bundle, damping
-        self._free = bundle.sigmas > 0.0
-        self._airless = [
-            Eliminated(one, _scales(shot), damping) for one, shot in zip(equations, bundle.shots, strict=True)
-        ]
-        self._inverse = [
-            scaled_inverse(one.normal[: shot.count, : shot.count])
-            for one, shot in zip(self._airless, bundle.shots, strict=True)
-        ]
-        self._gains = [
-            inverse @ one.normal[: shot.count, shot.count :]
-            for one, inverse, shot in zip(self._airless, self._inverse, bundle.shots, strict=True)
-        ]
+        self._bundle, self._free, self._sigmas = bundle, bundle.free, bundle.sigmas[bundle.free]
+        self._airless, self._inverse, self._gains, self._of_pose = [], [], [], []
         # In units of the priors' sigmas: their own information is the unit matrix.
-        total = np.eye(SHARED) * (1.0 + damping)
-        for one, gain, shot in zip(self._airless, self._gains, bundle.shots, strict=True):
-            left = one.normal[shot.count :, shot.count :] - one.normal[shot.count :, : shot.count] @ gain
-            total += left * np.outer(bundle.sigmas, bundle.sigmas)
-        self._total = cho_factor(total)
+        total = np.eye(len(self._free)) * (1.0 + damping)
+        for shot, one in zip(bundle.shots, equations, strict=True):
+            airless, count = Eliminated(one, damping, _scales(shot) if damping > 0.0 else None), shot.count
+            inverse = scaled_inverse(airless.normal[:count, :count])
+            gain = inverse @ airless.normal[:count, count:]
+            total += (airless.normal[count:, count:] - airless.normal[count:, :count] @ gain) * np.outer(
+                self._sigmas, self._sigmas
+            )
+            self._airless.append(airless)
+            self._inverse.append(inverse)
+            self._gains.append(gain)
+            self._of_pose.append(scaled_inverse(inverse[:POSE, :POSE]))
+        self._total = scaled_inverse(total)
 
     def step(self, equations: Sequence[ShotEquations]) -> Step:
         """Return the step by equations with these derivatives and the present residuals."""
         bundle = self._bundle
         rights = [one.right(of_shot) for one, of_shot in zip(self._airless, equations, strict=True)]
-        pull = -bundle.shared / np.where(self._free, bundle.sigmas, 1.0)
+        pull = -bundle.shared[self._free] / self._sigmas
         for shot, (right, _), gain in zip(bundle.shots, rights, self._gains, strict=True):
-            pull = pull + bundle.sigmas * (right[shot.count :] - gain.T @ right[: shot.count])
-        unit = cho_solve(self._total, pull)
-        of_shared = bundle.sigmas * unit
-        parts, square = [], float(unit @ pull)
-        gained = float(pull @ unit)
+            pull = pull + self._sigmas * (right[shot.count :] - gain.T @ right[: shot.count])
+        unit = self._total @ pull
+        of_free = self._sigmas * unit
+        of_shared, of_sides = np.zeros(SHARED), np.zeros(SHARED)
+        of_shared[self._free] = of_free
+        of_sides[self._free] = -bundle.shared[self._free] / self._sigmas**2
+        parts, sides = [of_shared], [of_sides]
+        square = gained = float(unit @ pull)
         for k, (shot, (right, half_air)) in enumerate(zip(bundle.shots, rights, strict=True)):
             free = self._inverse[k] @ right[: shot.count]
-            own = free - self._gains[k] @ of_shared
-            of_air = self._airless[k].air_step(np.concatenate([own, of_shared]), half_air)
-            parts.append((own, of_air))
-            gained += float(right[: shot.count] @ free) + float(half_air @ half_air)
-            if not self._free.any():
-                covariance = self._inverse[k][:POSE, :POSE]
-                square = max(square, float(own[:POSE] @ np.linalg.solve(covariance, own[:POSE])))
-        return Step(of_shared, parts, square, gained)
+            own, cost = shot.limited(free - self._gains[k] @ of_free, self._inverse[k])
+            of_air = self._airless[k].air_step(np.concatenate([own, of_free]), half_air)
+            whole, whole_air = equations[k].rights
+            of_sides[self._free] += whole[shot.count :]
+            parts += [own, of_air]
+            sides += [whole[: shot.count], whole_air]
+            gained += float(right[: shot.count] @ free) + float(half_air @ half_air) - cost
+            if not len(self._free):
+                square = max(square, float(own[:POSE] @ self._of_pose[k] @ own[:POSE]))
+        return Step(parts, sides, square, gained, gained)
+
+    def product(self, k: int, one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> float:
+        """Return the product of a shot's right sides (x + c,), (a,) with the answer to others, what is shared held."""
+        count = self._bundle.shots[k].count
+        (right, half), (other_right, other_half) = (self._airless[k].without_air(*sides) for sides in (one, other))
+        return float(right[:count] @ self._inverse[k] @ other_right[:count]) + float(half @ other_half)
 
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of the shared unknowns, shape (8, 8); 0 of what is exact."""
-        sigmas = self._bundle.sigmas
-        return np.asarray(cho_solve(self._total, np.eye(SHARED)) * np.outer(sigmas, sigmas))
+        covariance = np.zeros((SHARED, SHARED))
+        covariance[np.ix_(self._free, self._free)] = self._total * np.outer(self._sigmas, self._sigmas)
+        return covariance
 
     def of_shot(self, k: int, equations: ShotEquations) -> ShotSolution:
         """Return the uncertainty of a shot, the shared unknowns at their values."""
         count, covariance = self._bundle.shots[k].count, self._inverse[k]
         known = scaled_inverse(equations.normal[:count, :count])
-        return ShotSolution(covariance, known, -self._gains[k], self._airless[k].air_open(covariance))
+        by_shared = np.zeros((count, SHARED))
+        by_shared[:, self._free] = -self._gains[k]
+        return ShotSolution(covariance, known, by_shared, self._airless[k].air_open(covariance))
 
 
 def _scales(shot: Shot) -> FloatArray:
@@ -422,7 +528,23 @@ def scaled_inverse(matrix: FloatArray) -> FloatArray:
 
     Raises ``LinAlgError``: undetermined unknowns.
     """
-    size = np.sqrt(np.diag(matrix))
-    if not (np.isfinite(size).all() and (size > 0.0).all()):
-        raise np.linalg.LinAlgError("the limb in view does not determine the fit's unknowns")
-    return np.asarray(np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size))
+    square = np.diag(matrix)
+    if not (np.isfinite(matrix).all() and (square > 0.0).all()):
+        raise np.linalg.LinAlgError(UNDETERMINED)
+    size = np.sqrt(square)
+    root = root_of(np.array(matrix / np.outer(size, size), order="F"))
+    half = solve_triangular(root, np.diag(1.0 / size), lower=True, check_finite=False)
+    return half.T @ half
+
+
+def root_of(matrix: FloatArray) -> FloatArray:
+    """Return the lower root of a positive definite matrix in Fortran's order, which is overwritten (Cholesky).
+
+    Raises ``LinAlgError``: undetermined unknowns.
+    """
+    if not len(matrix):
+        return matrix
+    root, failed = lapack.dpotrf(matrix, lower=1, clean=0, overwrite_a=1)
+    if failed:
+        raise np.linalg.LinAlgError(UNDETERMINED)
+    return np.asarray(root)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
 from horizonval.estimation.prior import Prior
@@ -20,7 +21,14 @@ def test_nothing_is_known_without_being_given() -> None:
     prior = Prior()
     assert prior.known == ()
     assert repr(prior) == "<Prior of nothing>"
-    assert all(value is None for value in vars(prior).values())
+    assumed = {name for name, value in vars(prior).items() if value is not None}
+    assert assumed == {
+        "limb_scale_height_m",
+        "limb_scale_height_sigma_m",
+        "air_height_sigma_m",
+        "lens_blur_px",
+        "accept_rad",
+    }
     assert prior.angular_radius is None
     # (2 a + b) / 3 of WGS84's 6378137.0 and 6356752.3142 m.
     assert prior.sphere_radius_m == pytest.approx((2 * 6378137.0 + 6356752.3142) / 3, abs=0.1)
@@ -69,6 +77,13 @@ def test_a_time_is_utc() -> None:
         ({"q_cam_from_itrs": TURN, "attitude_sigma_rad": [0.1, 0.0, 0.1]}, "angles above 0"),
         ({"q_cam_from_itrs": TURN, "attitude_sigma_rad": 0.1}, "3 finite numbers"),
         ({"shape": "flat"}, "'wgs84' or 'sphere'"),
+        ({"nadir_cam": [0.0, 1.0, 0.0]}, "nadir_cam without attitude_sigma_rad"),
+        ({"nadir_cam": [0.0, 0.0, 0.0], "attitude_sigma_rad": [1, 1, 1]}, "a vector other than 0"),
+        ({"nadir_cam": [0, 1, 0], "q_cam_from_itrs": TURN, "attitude_sigma_rad": [1, 1, 1]}, "one of the two"),
+        ({"limb_scale_height_m": -1.0}, "a number of 0 or more"),
+        ({"limb_scale_height_m": None}, "limb_scale_height_m: found None"),
+        ({"limb_relief_m": -1.0}, "a number of 0 or more"),
+        ({"accept_rad": 0.0}, "accept_rad: found 0.0"),
         ({"radius_m": 6e6}, "shape = 'sphere'"),
         ({"shape": "wgs84", "radius_m": 6e6}, "shape = 'sphere'"),
     ],
@@ -83,3 +98,19 @@ def test_a_mistake_is_one_line(values: dict[str, Any], message: str) -> None:
 def test_a_place_inside_the_planet_is_refused(place: tuple[float, float, float]) -> None:
     with pytest.raises(UserError, match=r"r_itrs: found a place .* km from the Earth's centre; expected one outside"):
         Prior(r_itrs=np.array(place), position_sigma_m=1e3)
+
+
+def test_a_rough_nadir_is_stated_or_follows_from_attitude_and_position() -> None:
+    stated = Prior(nadir_cam=[0.0, 3.0, 4.0], attitude_sigma_rad=[0.1, 0.2, 0.3])
+    assert stated.known == ("rough nadir",)
+    assert stated.rough_nadir is not None
+    assert stated.rough_nadir[0] == pytest.approx([0.0, 0.6, 0.8])
+    assert stated.rough_nadir[1] == 0.3
+    turn = Rotation.from_euler("xyz", [0.3, -1.0, 2.0])
+    place = np.array([7e6, -1e6, 2e5])
+    posed = Prior(
+        r_itrs=place, position_sigma_m=1e3, q_cam_from_itrs=turn.as_quat(), attitude_sigma_rad=[0.1, 0.1, 0.1]
+    )
+    assert posed.rough_nadir is not None
+    assert posed.rough_nadir[0] == pytest.approx(turn.apply(-place / np.linalg.norm(place)))
+    assert Prior().rough_nadir is None

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.answer import checked
 from horizonval.estimation.observation import Calibration, Fit, Lens, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
+from horizonval.plugins.answer import checked
 from horizonval.plugins.messages import (
     LENGTH,
     LONGEST_ANSWER,
@@ -72,6 +72,8 @@ PRIOR = Prior(
     limb_height_sigma_m=3e3 / 7,
     climate="tropical",
     sun_sigma_rad=0.01 / 3,
+    limb_relief_m=0.1 / 3,
+    accept_rad=0.1 / 3,
 )
 
 

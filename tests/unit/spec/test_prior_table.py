@@ -10,7 +10,7 @@ import pytest
 
 from horizonval.api.estimate import prior_from
 from horizonval.core.errors import UserError
-from horizonval.estimation.likelihood import templates
+from horizonval.estimation.fit import templates
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import shipped_path
 from horizonval.spec.load import Case, Suite, load_prior, load_scene, load_suite
@@ -35,6 +35,13 @@ limb_height_km = -1.5
 limb_height_sigma_km = 0.3
 climate = "by_latitude_month"
 sun_sigma_deg = 0.5
+limb_scale_height_km = 0
+limb_scale_height_sigma_km = 0.0
+limb_relief_km = 0.0
+air_height_sigma_km = 0.1
+lens_blur_px = 0.5
+gain_sigma_percent = 3.0
+accept_deg = 1.0
 """
 
 SCENE = """[camera]

@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import SOLAR_RELIEF
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD, UnevenLimb, band_heights
-from horizonval.estimation.likelihood.knowledge import ArcPlaces
-from horizonval.estimation.likelihood.start import SCALE_HEIGHT_M
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD, UnevenLimb, band_heights
+from horizonval.estimation.fit.known import ArcPlaces
 from horizonval.estimation.methods.limb_heads import run
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -24,6 +23,7 @@ from horizonval.scoring.information import limb_information
 from horizonval.sensor.expected_image import ExpectedImage
 
 ALTITUDE_M = 500e3
+SCALE_HEIGHT_M = Prior().limb_scale_height_m
 ARCSEC = math.radians(1.0 / 3600.0)
 LEVELS = {"a": (200.0, 20.0), "b": (150.0, 30.0), "c": (220.0, 25.0), "d": (180.0, 15.0)}
 """Every head has an Earth and a space of its own."""

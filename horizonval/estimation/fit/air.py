@@ -37,7 +37,8 @@ nearer by that angle. Sunlit tables are read at the lowest point of every line::
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
 
@@ -47,14 +48,14 @@ from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
-from horizonval.estimation.likelihood.height import correlations, everywhere, lengths_along
-from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.estimation.fit.heights import correlations, everywhere, lengths_along
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.templates import LimbTemplates
 from horizonval.geometry.rotation import off_axis_angle
 
-LEFT_OUT = 1e-5
-"""Neglected share of a mode's variance: 0.3 % of its standard deviation, below pixel noise. It moves the nadir by less
-than 0.003 standard deviations."""
+LEFT_OUT = 1e-4
+"""Neglected share of a mode's variance: 1 % of its standard deviation. It moves the nadir by up to 0.03 of its sigma in
+eleven frames, 1e-3 by up to 0.24."""
 BUMP_M = 6e3
 """Spacing of bumps: the correlation height of clouds and layers."""
 BUMP_HEIGHTS_M = (-15e3, 75e3)
@@ -66,61 +67,51 @@ LEAST_LEFT = 5e-5
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
 EARTH_RADIUS_M = 6.371e6
 POLE_ITRS = np.array([0.0, 0.0, 1.0])
-LEAST_APART = 0.05
-"""Size, relative to a mode's standard deviation, below which its second part is neglected."""
+LEAST_APART = 0.15
+"""Size, relative to a mode's standard deviation, below which its second part is neglected: it moves the nadir by 0.01
+of its sigma."""
 LEFT_LENGTH_RAD = 0.1
 """Correlation length along the limb of what the modes leave: between clouds and air."""
 
 
 @dataclass(frozen=True)
 class NodeAir:
-    """Profiles at m nodes along the limb.
+    """Profiles at m nodes along the limb of one image.
 
     ``bottom_m``, ``step_m``: first distance across the limb and step of the grid. ``functions``: shape (m, 1 + k, n),
-    the mean and k functions added to it. ``waves``: shape (m, j) per added function, its coefficient at the nodes per
-    unit unknown. ``names``: (kind, number) per added function, independent of nodes and grid. ``up_itrs``: shape (m,
-    3), unit vectors from the Earth's centre. ``lengths_rad``: shape (m, k, 2), correlation lengths along meridian and
-    parallel. ``neglected``: shape (m, n), standard deviation of the neglected bumps.
+    the mean and k functions added to it. ``names``: (kind, number) per added function, independent of nodes and grid.
+    ``up_itrs``: shape (m, 3), unit vectors from the Earth's centre. ``lengths_rad``: shape (m, k, 2), correlation
+    lengths along meridian and parallel. ``neglected``: shape (m, n), standard deviation of the neglected bumps.
+    ``waves``: shape (m, j) per added function, its coefficient at the nodes per unit unknown (:func:`common_air`).
     """
 
     bottom_m: float
     step_m: float
     functions: FloatArray
-    waves: tuple[FloatArray, ...]
     names: tuple[tuple[str, int], ...]
     up_itrs: FloatArray
     lengths_rad: FloatArray
     neglected: FloatArray
+    waves: tuple[FloatArray, ...] = ()
 
     @cached_property
     def wave(self) -> FloatArray:
-        """All waves beside each other, shape (m, count)."""
+        """All waves side by side, shape (m, count)."""
         return np.concatenate(self.waves, axis=1)
-
-    @property
-    def count(self) -> int:
-        """Unknowns of all functions together."""
-        return sum(wave.shape[1] for wave in self.waves)
 
     @cached_property
     def function(self) -> NDArray[np.intp]:
         """Number of every unknown's function, from 0 without the mean, shape (count,)."""
         return np.repeat(np.arange(len(self.waves)), [wave.shape[1] for wave in self.waves])
 
-    def coefficients(self, unknowns: FloatArray) -> FloatArray:
-        """Return what the functions are multiplied with at the nodes, shape (m, 1 + k): 1 of the mean."""
-        product = self.wave * unknowns
-        starts = np.cumsum([0] + [wave.shape[1] for wave in self.waves[:-1]])
-        return np.concatenate([np.ones((len(product), 1)), np.add.reduceat(product, starts, axis=1)], axis=1)
+    @cached_property
+    def _starts(self) -> NDArray[np.intp]:
+        return np.cumsum([0] + [wave.shape[1] for wave in self.waves[:-1]])
 
-    def taken_over(self, before: NodeAir, unknowns: FloatArray) -> FloatArray:
-        """Return the unknowns that say what those of other nodes and another grid, both little elsewhere, said."""
-        nodes, old_nodes = len(self.wave), len(before.wave)
-        known = dict(zip(before.names, before.coefficients(unknowns)[:, 1:].T, strict=True))
-        places, old_places = np.linspace(0.0, 1.0, nodes), np.linspace(0.0, 1.0, old_nodes)
-        said = np.array([np.interp(places, old_places, known.get(name, np.zeros(old_nodes))) for name in self.names])
-        along = np.einsum("ij,ji->j", self.wave, said[self.function])
-        return np.asarray(along / np.maximum(np.einsum("ij,ij->j", self.wave, self.wave), 1e-300))
+    def coefficients(self, unknowns: FloatArray) -> FloatArray:
+        """Return the factors of the functions at the nodes, shape (m, 1 + k): 1 of the mean."""
+        added = np.add.reduceat(self.wave * unknowns, self._starts, axis=1)
+        return np.concatenate([np.ones((len(added), 1)), added], axis=1)
 
 
 @dataclass(frozen=True)
@@ -164,10 +155,6 @@ def node_air(
     second = np.flatnonzero((elsewhere[:, :, inside] > LEAST_APART).any(axis=(0, 2)))
     modes = np.concatenate([modes * alike, (modes * elsewhere)[:, second]], axis=1)
     mean, modes, left = even(mean), even(modes), even(left_sigma)
-    apart = np.sum((places.up_itrs[:, None] - places.up_itrs[None, :]) ** 2, axis=-1)
-    different, which = np.unique(lengths_rad, axis=1, return_inverse=True)
-    different_waves = waves_of(correlations(different, places.up_itrs, POLE_ITRS))
-    waves = [different_waves[i] for i in [*which, *which[second]]]
     functions = [mean[:, None], modes]
     lengths = [lengths_rad, lengths_rad[:, second]]
     names = [("limb", i) for i in range(lengths_rad.shape[1])] + [("end", int(i)) for i in second]
@@ -183,16 +170,13 @@ def node_air(
         functions.append(bumps)
         names += [("bump", int(i)) for i in kept]
         lengths.append(everywhere(np.full(len(kept), LEFT_LENGTH_RAD), len(mean)))
-        waves += waves_of(np.exp(-0.5 * apart / LEFT_LENGTH_RAD**2)[None]) * bumps.shape[1]
-    functions.append(mean[:, None])
-    waves.append(GAIN_SIGMA * waves_of(np.exp(-0.5 * apart / GAIN_LENGTH_RAD**2)[None])[0])
+    functions.append(GAIN_SIGMA * mean[:, None])
     names.append(("gain", 0))
     lengths.append(everywhere([GAIN_LENGTH_RAD], len(mean)))
     return NodeAir(
         grid_m[0],
         grid_m[2],
         np.concatenate(functions, axis=1),
-        tuple(waves),
         tuple(names),
         places.up_itrs,
         np.concatenate(lengths, axis=1),
@@ -216,14 +200,77 @@ def alike_at_ends(height_m: FloatArray, mean: FloatArray, along_rad: FloatArray)
     return np.asarray(np.exp(-0.5 * (away[:, None] / along_rad[:, :, None]) ** 2))
 
 
-def waves_of(covariances: FloatArray) -> list[FloatArray]:
-    """Return the square roots (m, j) of covariances (k, m, m), each with as many columns as it needs."""
-    variances, all_vectors = np.linalg.eigh(covariances)
-    roots = []
-    for variance, vectors in zip(np.maximum(variances[:, ::-1], 0.0), all_vectors[:, :, ::-1], strict=True):
-        kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
-        roots.append(vectors[:, :kept] * np.sqrt(variance[:kept]))
-    return roots
+def wave_of(covariance: FloatArray) -> FloatArray:
+    """Return the square root (m, j) of a covariance (m, m), with as many columns as it needs."""
+    variances, vectors = np.linalg.eigh(covariance)
+    variances, vectors = np.maximum(variances[::-1], 0.0), vectors[:, ::-1]
+    kept = int(np.searchsorted(np.cumsum(variances), (1.0 - LEFT_OUT) * variances.sum())) + 1
+    return np.asarray(vectors[:, :kept] * np.sqrt(variances[:kept]))
+
+
+Name = tuple[Hashable, tuple[str, int]]
+
+
+@dataclass(frozen=True)
+class CommonAir:
+    """The air of all images of a shot.
+
+    ``images``: air of each, with the common waves at its nodes; ``columns``: indices of each image's unknowns among the
+    common ones; ``waves``: by function, shape (nodes, unknowns) over the nodes of all images that have it; ``owners``:
+    those images, by function; ``count``: number of unknowns.
+    """
+
+    images: Sequence[NodeAir]
+    columns: Sequence[NDArray[np.intp]]
+    waves: dict[Name, FloatArray]
+    owners: dict[Name, list[int]]
+    count: int
+
+    def taken_over(self, before: CommonAir, unknowns: FloatArray) -> FloatArray:
+        """Return the unknowns whose coefficients along the limbs are nearest to those of other nodes and grids."""
+        known = [
+            dict(zip(air.names, air.coefficients(unknowns[at])[:, 1:].T, strict=True))
+            for air, at in zip(before.images, before.columns, strict=True)
+        ]
+        found = []
+        for name, wave in self.waves.items():
+            said = []
+            for image in self.owners[name]:
+                values = known[image].get(name[1], np.zeros(2))
+                places = np.linspace(0.0, 1.0, len(self.images[image].up_itrs))
+                said.append(np.interp(places, np.linspace(0.0, 1.0, len(values)), values))
+            found.append(wave.T @ np.concatenate(said) / np.maximum((wave**2).sum(axis=0), 1e-300))
+        return np.concatenate(found)
+
+
+def common_air(airs: Sequence[NodeAir], tables: Sequence[Hashable]) -> CommonAir:
+    """Combine the air of all images; those with equal ``tables`` share their functions, but for the optics' gain."""
+    owners: dict[Name, list[int]] = {}
+    for image, (air, table) in enumerate(zip(airs, tables, strict=True)):
+        for name in air.names:
+            owners.setdefault((image if name[0] == "gain" else table, name), []).append(image)
+    roots: dict[tuple[tuple[int, ...], bytes], FloatArray] = {}
+    waves: dict[Name, FloatArray] = {}
+    parts: list[dict[tuple[str, int], tuple[FloatArray, int]]] = [{} for _ in airs]
+    count = 0
+    for key, images in owners.items():
+        lengths = np.concatenate([airs[i].lengths_rad[:, airs[i].names.index(key[1])] for i in images])
+        same = (tuple(images), lengths.tobytes())
+        if same not in roots:
+            up = np.concatenate([airs[i].up_itrs for i in images])
+            roots[same] = wave_of(correlations(lengths[:, None], up, POLE_ITRS)[0])
+        waves[key] = wave = roots[same]
+        first = 0
+        for i in images:
+            last = first + len(airs[i].up_itrs)
+            parts[i][key[1]] = (wave[first:last], count)
+            first = last
+        count += wave.shape[1]
+    own, columns = [], []
+    for air, part in zip(airs, parts, strict=True):
+        own.append(replace(air, waves=tuple(part[name][0] for name in air.names)))
+        columns.append(np.concatenate([part[name][1] + np.arange(part[name][0].shape[1]) for name in air.names]))
+    return CommonAir(own, columns, waves, owners, count)
 
 
 def _means(height_m: FloatArray, borders: FloatArray) -> csr_array:

@@ -17,7 +17,7 @@ Equal lengths give ``exp(-d^2 / (2 l^2))``. Both matrices have the same form, so
     D = (1 + b_i / a) (1 + b_j / a) - b_i b_j g^2 / a^2,      |S_m| = a^3 D
     d^T S_m^-1 d = d^2 / a - (b_i (1 + b_j / a) p^2 - 2 b_i b_j g p q / a + b_j (1 + b_i / a) q^2) / (a^2 D)
 
-**Sunlit profiles as one camera sees them.** The profiles (:mod:`horizonval.estimation.likelihood.templates`) are
+**Sunlit profiles as one camera sees them.** The profiles (:mod:`horizonval.estimation.fit.templates`) are
 tabulated by the Sun's angles at the *lowest point* of each line. The lowest point of a line at the height ``h`` lies
 the angle ::
 
@@ -25,9 +25,9 @@ the angle ::
 
 farther from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon.
 
-**Height of the fitted edge** (:func:`edge_height`). A fit (:mod:`horizonval.estimation.likelihood.fit`) explains the
+**Height of the fitted edge** (:func:`edge_height`). A fit (:mod:`horizonval.estimation.fit.edge`) explains the
 pixels across a limb by ``b + (a + c x + d x^2) E(x)``, with the edge ``E`` of
-:mod:`horizonval.estimation.likelihood.light` and the scale height of the fit's prior. For a rendered profile, blurred
+:mod:`horizonval.estimation.fit.light` and the scale height of the fit's prior. For a rendered profile, blurred
 by lens and pixel, the levels are solved for at every height of a grid; the height is that of the least residual,
 refined by a parabola. The residual adds a variance (:data:`MISFIT_PX`): the profile is no exponential.
 
@@ -60,10 +60,16 @@ from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.likelihood.knowledge import BLUR_PX, ArcPlaces
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, edge_profile, light_basis
-from horizonval.estimation.likelihood.pixels import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES
-from horizonval.estimation.likelihood.templates import MONTHS, LimbTemplates, shipped_templates
+from horizonval.estimation.fit.known import BLUR_PX, ArcPlaces
+from horizonval.estimation.fit.light import (
+    INSIDE_PX,
+    OUTSIDE_PX,
+    OUTSIDE_SCALES,
+    PIXEL_VARIANCE,
+    edge_profile,
+    light_basis,
+)
+from horizonval.estimation.fit.templates import MONTHS, LimbTemplates, shipped_templates
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
 AT_POLE = 1e-9

@@ -23,22 +23,23 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD
-from horizonval.estimation.likelihood.knowledge import LimbPose, placed_knowledge
-from horizonval.estimation.likelihood.profile.air import KnownAir, sun_of_time
-from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileKnowledge
-from horizonval.estimation.likelihood.profile.pixels import ray_height
-from horizonval.estimation.likelihood.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
+from horizonval.estimation.fit.air import KnownAir, sun_of_time
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
+from horizonval.estimation.fit.known import placed_knowledge
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.profile import ProfileKnowledge
+from horizonval.estimation.fit.profile_pixels import NoLimbError, ray_height
+from horizonval.estimation.fit.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
 from horizonval.estimation.limb.finder import picture_of
-from horizonval.estimation.limb.picture import PIXEL_DIRECTIONS, Picture
+from horizonval.estimation.limb.picture import Picture, pixel_directions
 from horizonval.estimation.observation import Lens, Observation
-from horizonval.estimation.prior import BY_LATITUDE_MONTH
+from horizonval.estimation.prior import BY_LATITUDE_MONTH, GAIN_SIGMA
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import angular_radius
@@ -47,8 +48,9 @@ from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
 COARSE_PX = 56
 """Longer side of the coarse copy [px], with some thousand pixels."""
-FIRST_PX = 500
-"""Number of pixels of the coarse copy compared with the first grid; blurred by the grid's step it shows no more."""
+FIRST_PX, FINER_PX = 250, 800
+"""Numbers of pixels of the coarse copy compared with the first grid and the finer ones; blurred by the grid's step it
+shows no more."""
 REACH_SIGMA = 3.5
 """Range of the tilt search in prior sigmas: all but one of five hundred."""
 STEPS = 10
@@ -96,11 +98,16 @@ def start_pose(
     step = REACH_SIGMA * tilt_sigma_rad / STEPS
     best, score, reach = np.zeros(2), -np.inf, STEPS
     finest = max(FINEST_M / to_limb, FINEST_PX * pixel_rad)
-    every = max(1, len(values) // FIRST_PX) | 1
-    seen = _Seen(values, los, light, radius, bin_ * len(grid))
-    first = _Seen(*(part[..., ::every] for part in (values, los, light, radius, bin_ * len(grid))))
+    pixels = (values, los, light, radius, bin_ * len(grid))
+    first, seen = (
+        _Seen(*(part[..., :: max(1, len(values) // most) | 1] for part in pixels)) for most in (FIRST_PX, FINER_PX)
+    )
     while True:
-        blurred = gaussian_filter1d(table, max(step, pixel_rad) * to_limb * 0.5 / GRID_M, axis=1, mode="nearest")
+        # Three running means are as good as a Gaussian.
+        width = 1 + int(max(step, pixel_rad) * to_limb / GRID_M)
+        blurred = table
+        for _ in range(3):
+            blurred = uniform_filter1d(blurred, width, axis=1, mode="nearest")
         offsets = step * np.arange(-reach, reach + 1)
         tilts = best + np.array(np.meshgrid(offsets, offsets)).reshape(2, -1).T
         nadirs = n + tilts @ across.T
@@ -150,7 +157,7 @@ def _coarse(image: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatAr
     rows, columns = camera.height // factor, camera.width // factor
     cut = image[: rows * factor, : columns * factor]
     values = np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float64).ravel()
-    directions = PIXEL_DIRECTIONS.of(camera)
+    directions = pixel_directions(camera)
     middle = (factor - 1) // 2
     los = directions[middle : rows * factor : factor, middle : columns * factor : factor].reshape(-1, 3)
     seen = np.isfinite(los).all(axis=1)
@@ -173,13 +180,8 @@ def _likelihood(predicted: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(-len(values) * np.log(np.maximum(1.0 - alike, 1e-7)))
 
 
-LIFT_SIGMA_M = 300.0
-"""Standard deviation of the common height of a known profile: 10 hPa of sea-level pressure is 80 m, the geoid 30 m."""
 TABLE_ENDING = ".npz"
 """Suffix of a climate that is a table of profiles."""
-GAIN_SIGMA = {"thermal": 0.02, "solar": 0.05}
-"""Assumed relative standard deviation of a calibrated detector's gain and lens transmission: thermal detectors by a
-black body before the lens, visible ones by integrating spheres."""
 
 
 @dataclass(frozen=True)
@@ -242,11 +244,19 @@ def known_profile(observation: Observation, method: str) -> KnownProfile | Refus
     if observation.radiance_per_dn is not None and observation.band_width_um is not None:
         calibration = {
             "gain": sunlight * observation.band_width_um / observation.radiance_per_dn,
-            "gain_log_sigma": GAIN_SIGMA[observation.band_kind],
+            "gain_log_sigma": GAIN_SIGMA[observation.band_kind] if prior.gain_sigma is None else prior.gain_sigma,
         }
-    lens = observation.lens or Lens()
-    ellipsoid, mean, information = placed_knowledge(observation, 0.0, LIFT_SIGMA_M)
-    knowledge = ProfileKnowledge(ellipsoid, mean, information, air.heights_m, air.nodes, lens=lens, **calibration)
+    ellipsoid, mean, information = placed_knowledge(observation, 0.0, prior.air_height_sigma_m)
+    knowledge = ProfileKnowledge(
+        ellipsoid,
+        mean,
+        information,
+        air.heights_m,
+        air.nodes,
+        blur_px=prior.lens_blur_px,
+        lens=observation.lens or Lens(),
+        **calibration,
+    )
     return KnownProfile(picture, knowledge, air, float(prior.attitude_sigma_rad.max()))
 
 
