@@ -50,6 +50,7 @@ from horizonval.estimation.fit.profile_pixels import (
     AXIS_CAM,
     GROUP_PX,
     NoLimbError,
+    ProfilePixels,
     level_distance,
     profile_pixels,
 )
