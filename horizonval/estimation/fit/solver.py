@@ -43,13 +43,12 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held, and ``near`` in all stages but the last; ``most_weighs``: how often it is
-    estimated in a stage; ``reweighed``: change that asks for new equations; ``good``:
-    share of the predicted gain above which derivatives stay frozen; ``frozen``: square of a step up to which they do;
-    ``secant``: square of a step up to which it corrects the next one; ``most_cuts``, ``least_share``: how often a step
-    that gains nothing is shortened, and to which share of it;
-    ``first_damping``, ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does not help;
-    ``rounding``: loss of merit that counts as none [sigma^2].
+    noise is held, and ``near`` in all stages but the last; ``most_weighs``: how often it is estimated in a stage;
+    ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which derivatives
+    stay frozen; ``frozen``: square of a step up to which they do; ``secant``: square of a step up to which it corrects
+    the next one; ``most_cuts``, ``least_share``: how often a step that gains nothing is shortened, and to which share
+    of it; ``first_damping``, ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does
+    not help; ``rounding``: loss of merit that counts as none [sigma^2].
     """
 
     stages: tuple[Stage, ...] = (Stage(),)
@@ -97,7 +96,6 @@ class _Search:
         self.bundle, self.options, self.progress = bundle, options, progress
         self.steps: list[list[FloatArray]] = [[] for _ in bundle.shots]
         self.moved_px, self.weighed = 0.0, 0
-        self.chosen: tuple[int | None, float] | None = None
 
     def run(self) -> Solution:
         bundle = self.bundle
@@ -111,10 +109,7 @@ class _Search:
     def _stage(self, stage: Stage, *, last: bool) -> Sequence[ShotEquations]:
         """Go one stage of the way; return the equations before the last step, which is short."""
         options, bundle = self.options, self.bundle
-        if self.chosen is not None and self.chosen == (stage.pixels, stage.tighter) and stage.settle:
-            self._weigh()
-        else:
-            self._choose(stage)
+        self._choose(stage)
         equations: list[ShotEquations] = []
         solved: Solved | None = None
         damping, steady, before = 0.0, not stage.settle, None
@@ -136,9 +131,8 @@ class _Search:
                 # On the way from where the noise was steady it may have changed; and derivatives of elsewhere end a few
                 # hundredths of a sigma from the best unknowns.
                 good = fresh or not last or all(one.exact for one in equations)
-                if good and (
-                    not (stage.settle and last) or self.weighed >= options.most_weighs or self._weigh() < options.steady
-                ):
+                held = not (stage.settle and last) or self.weighed >= options.most_weighs
+                if good and (held or self._weigh() < options.steady):
                     return equations
                 solved, before = None, None
                 continue
@@ -196,7 +190,6 @@ class _Search:
     def _choose(self, stage: Stage) -> None:
         for shot in self.bundle.shots:
             shot.choose(self.bundle.shared, stage.pixels, stage.tighter)
-        self.chosen = (stage.pixels, stage.tighter)
         self.moved_px = 0.0
 
     def _equations(self) -> list[ShotEquations]:
