@@ -592,6 +592,9 @@ def _lost(lines: FloatArray) -> BoolArray:
     even = lines.min(axis=1) == lines.max(axis=1)
     same = np.zeros(len(lines), dtype=bool)
     same[1:] = (lines[1:] == lines[:-1]).all(axis=1) & ~even[1:]
+    # Black space with a hot column is the same everywhere, too.
+    for row in np.flatnonzero(same):
+        same[row] = float(np.mean(lines[row] == np.median(lines[row]))) < 0.5
     lost = same
     edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]]).astype(np.int8)))
     for first, last in edges.reshape(-1, 2):
