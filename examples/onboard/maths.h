@@ -1,4 +1,4 @@
-/* Vectors, turns, sorting, cosine transforms, splines, and a small quadratic programme; C99, no allocation. */
+/* Vectors, turns, sums of rows, cosine transforms, splines, and a small quadratic programme; C99, no allocation. */
 #ifndef MATHS_H
 #define MATHS_H
 #include <math.h>
@@ -7,6 +7,7 @@
 #define PI 3.14159265358979323846
 #define HALF 512
 #define GRID (HALF + 1)
+#define WIDE 8
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static double clip(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
@@ -88,23 +89,33 @@ static void to_quaternion(double R[3][3], double *q) {
   for (int i = 0; i < 4; i++) q[i] = 0.5 * twice[k][i] / sqrt(squares[k]);
 }
 
-/* Shell's sort. */
-static void sort(double *x, int n) {
-  int gap = 1;
-  while (gap < n / 3) gap = 3 * gap + 1;
-  for (; gap > 0; gap /= 3)
-    for (int i = gap; i < n; i++) {
-      double v = x[i];
-      int j = i;
-      for (; j >= gap && x[j - gap] > v; j -= gap) x[j] = x[j - gap];
-      x[j] = v;
+/* The median by halves, as Hoare finds it; changes the order. */
+static double median(double *x, int n) {
+  double found[2];
+  for (int which = 0; which < 2; which++) {
+    int k = which ? n / 2 : (n - 1) / 2;
+    for (int low = 0, high = n - 1; low < high;) {
+      double middle = x[k];
+      int i = low, j = high;
+      while (i <= j) {
+        while (x[i] < middle) i++;
+        while (x[j] > middle) j--;
+        if (i > j) break;
+        double t = x[i];
+        x[i++] = x[j], x[j--] = t;
+      }
+      if (j < k) low = i;
+      if (k < i) high = j;
     }
+    found[which] = x[k];
+  }
+  return 0.5 * (found[0] + found[1]);
 }
 
-/* Sorts the numbers. */
-static double median(double *x, int n) {
-  sort(x, n);
-  return 0.5 * (x[(n - 1) / 2] + x[n / 2]);
+static double largest_of(const double *x, int stride, int n) {
+  double largest = x[0];
+  for (int i = 1; i < n; i++) largest = x[i * stride] > largest ? x[i * stride] : largest;
+  return largest;
 }
 
 /* Share of a normal number's values that are below z. */
@@ -120,15 +131,22 @@ static double product(const double *a, const double *b, int n) {
   return s[0] + s[1] + s[2] + s[3];
 }
 
-/* Cosine transform of two even sequences at once: radix 2 of 2 HALF complex numbers, of which the second half mirrors
-   the first. General sequences (re, im) go through fft alone. */
-static void fft(double *re, double *im) {
-  enum { SIZE = 2 * HALF };
-  static double cosine[SIZE / 2], sine[SIZE / 2];
+/* Adds multiples of four rows to another. Up to WIDE - 1 numbers beyond n are changed too, so that a compiler has whole
+   vectors. */
+static void add_rows(double *restrict out, const double *share, const double *restrict row, int stride, int n) {
+  const double a = share[0], b = share[1], c = share[2], d = share[3];
+  const double *restrict second = row + stride, *restrict third = second + stride, *restrict fourth = third + stride;
+  for (int i = 0; i < n; i += WIDE)
+    for (int j = i; j < i + WIDE; j++) out[j] += a * row[j] + b * second[j] + c * third[j] + d * fourth[j];
+}
+
+/* Fourier transform of a power of 2 of complex numbers. */
+static void fft(double *re, double *im, int size) {
+  static double cosine[HALF], sine[HALF];
   if (cosine[0] == 0.0)
-    for (int i = 0; i < SIZE / 2; i++) cosine[i] = cos(2.0 * PI * i / SIZE), sine[i] = -sin(2.0 * PI * i / SIZE);
-  for (int i = 1, j = 0; i < SIZE; i++) {
-    int bit = SIZE / 2;
+    for (int i = 0; i < HALF; i++) cosine[i] = cos(PI * i / HALF), sine[i] = -sin(PI * i / HALF);
+  for (int i = 1, j = 0; i < size; i++) {
+    int bit = size / 2;
     for (; j & bit; bit /= 2) j ^= bit;
     j ^= bit;
     if (i < j) {
@@ -137,25 +155,26 @@ static void fft(double *re, double *im) {
       t = im[i], im[i] = im[j], im[j] = t;
     }
   }
-  for (int size = 2; size <= SIZE; size *= 2)
-    for (int first = 0; first < SIZE; first += size)
-      for (int k = 0; k < size / 2; k++) {
-        int a = first + k, b = a + size / 2, w = k * (SIZE / size);
+  for (int part = 2; part <= size; part *= 2)
+    for (int first = 0; first < size; first += part)
+      for (int k = 0; k < part / 2; k++) {
+        int a = first + k, b = a + part / 2, w = k * (2 * HALF / part);
         double x = re[b] * cosine[w] - im[b] * sine[w], y = re[b] * sine[w] + im[b] * cosine[w];
         re[b] = re[a] - x, im[b] = im[a] - y;
         re[a] += x, im[a] += y;
       }
 }
 
-static void cosines(double *a, double *b, double scale) {
+/* Cosine transform of two even sequences of half + 1 numbers at once: their mirror images complete them. */
+static void cosines(double *a, double *b, int half, double scale) {
   static double re[2 * HALF], im[2 * HALF];
-  for (int i = 0; i <= HALF; i++) {
-    int mirror = (2 * HALF - i) % (2 * HALF);
+  for (int i = 0; i <= half; i++) {
+    int mirror = (2 * half - i) % (2 * half);
     re[i] = re[mirror] = a[i];
     im[i] = im[mirror] = b[i];
   }
-  fft(re, im);
-  for (int i = 0; i <= HALF; i++) a[i] = scale * re[i], b[i] = scale * im[i];
+  fft(re, im, 2 * half);
+  for (int i = 0; i <= half; i++) a[i] = scale * re[i], b[i] = scale * im[i];
 }
 
 static double sinc(double x) { return fabs(x) < 1e-8 ? 1.0 : sin(PI * x) / (PI * x); }
