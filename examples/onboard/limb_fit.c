@@ -91,8 +91,8 @@ static const double LEAST_COMMON = 1.1, SURELY_COMMON = 1.3, LEAST_SHARE_DARK = 
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 /* Steps: lengths in standard deviations of the pose, changes of ln variance, gains in squared sigmas. */
 enum { MOST_STEPS = 30, MOST_CUTS = 5, MOST_PAIRS = 10 };
-static const double FIRST_TOLERANCE = 1.0, TOLERANCE = 0.03, STEADY = 0.05, GOOD = 0.7, ROUNDING = 1e-3, HELD = 10.0;
-static const double RESELECT_PX = 0.5, LEAST_SHARE = 0.1;
+static const double TOLERANCE = 0.03, STEADY = 0.02, REWEIGHED = 0.5, GOOD = 0.7, ROUNDING = 1e-3, HELD = 10.0;
+static const double RESELECT_PX = 0.5, NEAR_PX = 0.25, LEAST_SHARE = 0.1;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5;
 static const double FINEST_M = 4e3, FINEST_PX = 0.5;
 /* What is believed. */
@@ -603,7 +603,7 @@ static void functions_of_air(void) {
     even(node[m].mean, transform[m][0]);
     even(node[m].left, left[m]);
     largest[m] = largest_of(transform[m][0], 1, size);
-    for (double g = 0.0; g < half; g += fmax(FINEST_STEP_M, pixel_m / 8.0) / grid_step) {
+    for (double g = 0.0; g < half; g += fmax(FINEST_STEP_M, pixel_m / 12.0) / grid_step) {
       double h = height_of(g);
       int at = before(limb_height_m, LIMB_H, h, &share);
       double here = h > limb_height_m[LIMB_H - 1] ? 0.0 : (1.0 - share) * node[m].left[at] + share * node[m].left[at + 1];
@@ -859,7 +859,7 @@ static double correlated(void) {
   static double sum[MOST_SQUARES], number[MOST_SQUARES];
   double most = 1.0;
   for (int side = 4; side <= 32; side *= 2) {
-    double side_px = side * fmax(1.0, group / GROUP_PX), total = 0.0, pixels = 0.0;
+    double side_px = group > 1 ? side * group / GROUP_PX : side, total = 0.0, pixels = 0.0;
     int in_row = (int)((width - 1) / side_px) + 1, squares = in_row * ((int)((height - 1) / side_px) + 1);
     for (int i = 0; i < squares; i++) sum[i] = number[i] = 0.0;
     for (int i = 0; i < count; i++) {
@@ -884,23 +884,22 @@ static void take_weights(void) {
 }
 
 /* Estimates the noise, and how many pixels count as one: what residuals show beyond dark pixels has the correlation of
-   their sums over squares, neglected air that of a bump's height and length. Returns the change of ln variance (rms). */
-static double weigh(const State *s) {
+   their sums over squares, neglected air that of a bump's height and length. A limb that is still displaced, as at the
+   beginning, would hide in that. Returns the change of the variances' logarithms (rms). */
+static double weigh(const State *s, int beginning) {
   static double before[ROWS];
   double changed = 0.0, shown = 0.0;
-  for (int i = 0; i < count; i++) before[i] = near_[i].variance;
+  for (int i = 0; i < count; i++) before[i] = near_[i].variance * near_[i].together;
   estimate_noise(s);
-  for (int i = 0; i < count; i++) {
-    shown += fmin(near_[i].beyond / near_[i].variance, 1.0) / count;
-    changed += pow(log(near_[i].variance / before[i]), 2.0) / count;
-  }
-  double more = first_stage ? 0.0 : (correlated() - 1.0) / fmax(shown, 1e-300);
+  for (int i = 0; i < count; i++) shown += fmin(near_[i].beyond / near_[i].variance, 1.0) / count;
+  double more = beginning ? 0.0 : (correlated() - 1.0) / fmax(shown, 1e-300);
   for (int i = 0; i < count; i++) {
     Pixel *p = &near_[i];
     double bump_px = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0) / group, 1.0);
     p->together = 1.0 + more * fmin(p->beyond / p->variance, 1.0);
-    if (!first_stage) p->together += (bump_px - 1.0) * fmin(p->left / p->variance, 1.0);
+    if (!beginning) p->together += (bump_px - 1.0) * fmin(p->left / p->variance, 1.0);
     p->together /= fmax(p->depth * p->depth * (3.0 - 2.0 * p->depth), LEAST_TAPER);
+    changed += pow(log(p->variance * p->together / before[i]), 2.0) / count;
   }
   take_weights();
   return sqrt(changed);
@@ -1170,16 +1169,19 @@ static double try_step(State *s, const double *step) {
 }
 
 /* One stage of the search; returns the steps it took, 0 without an answer, and says why. A step that gains nothing is cut
-   to the minimum of the parabola through both merits. The noise is estimated after every step until it is steady. */
-static int stage(State *s, double tolerance, const char **reason) {
+   to the minimum of the parabola through both merits. The noise is estimated after every step until it is steady, and
+   again at the end. */
+static int stage(State *s, double tolerance, double steady, const char **reason) {
   static double step[MOST_UNKNOWNS], before[MOST_UNKNOWNS];
-  double square = INFINITY;
-  int pairs = 0, built = 0, steady = 0;
+  double square = INFINITY, changed = INFINITY;
+  int pairs = 0, built = 0;
   *reason = "too little limb in view, or more pixels of it than this program holds";
-  if (!select_pixels(s)) return 0;
-  *reason = "the image is not brighter where the limb should be";
-  if (first_stage && !levels(s)) return 0;
-  weigh(s);
+  if (first_stage || motion_px(s->away) > NEAR_PX) {
+    if (!select_pixels(s)) return 0;
+    *reason = "the image is not brighter where the limb should be";
+    if (first_stage && !levels(s)) return 0;
+    weigh(s, first_stage);
+  }
   *reason = "the limb in view does not determine the fit's unknowns";
   for (int number = 1; number <= MOST_STEPS; number++) {
     if (!built) {
@@ -1196,13 +1198,15 @@ static int stage(State *s, double tolerance, const char **reason) {
       for (int i = 0; i < unknowns; i++) step[i] *= share;
       promised *= share * (2.0 - share), gain = try_step(s, step);
     }
-    if (steady && (close || gain < -ROUNDING)) return number;
     if (motion_px(s->away) > RESELECT_PX) {
       if (!select_pixels(s)) return 0;
-      weigh(s), built = 0;
-    } else if (!steady) {
-      steady = weigh(s) < STEADY, pairs = 0;
-      built = gain > GOOD * promised;
+      weigh(s, first_stage), changed = INFINITY, built = 0;
+    } else if (changed < steady && (close || gain < -ROUNDING)) {
+      if (first_stage || (changed = weigh(s, 0)) < steady) return number;
+      pairs = 0;
+    } else if (changed >= steady) {
+      changed = weigh(s, 0), pairs = 0;
+      built = gain > GOOD * promised && changed < REWEIGHED;
     } else {
       if (pairs == MOST_PAIRS) pairs = 0;
       gradient(s, right_);
@@ -1217,9 +1221,9 @@ static int stage(State *s, double tolerance, const char **reason) {
 /* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
 static int search(State *s, const char **reason) {
   first_stage = 1;
-  int first = stage(s, FIRST_TOLERANCE, reason);
+  int first = stage(s, 1.0, REWEIGHED, reason);
   first_stage = 0;
-  int second = first ? stage(s, TOLERANCE, reason) : 0;
+  int second = first ? stage(s, TOLERANCE, STEADY, reason) : 0;
   equations(s);
   if (!cholesky()) return 0;
   return second ? first + second : 0;
