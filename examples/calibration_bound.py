@@ -17,6 +17,9 @@ import numpy as np
 import horizonval as hv
 from horizonval.api.calibrate import images_of
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
+from horizonval.estimation.fit.known import FIXED_LENGTH_M
+from horizonval.estimation.fit.start import EllipsoidStart, ellipsoid_start, limb_height_prior
 from horizonval.estimation.likelihood.calibration.edge_frame import EdgeFrame
 from horizonval.estimation.likelihood.calibration.profile_frame import ProfileFrame
 from horizonval.estimation.likelihood.calibration.shared import (
@@ -27,10 +30,7 @@ from horizonval.estimation.likelihood.calibration.shared import (
     SharedUnknowns,
     prior_sigmas,
 )
-from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M
-from horizonval.estimation.likelihood.pixels import MISPLACED_PX
 from horizonval.estimation.likelihood.profile.known_profile import KnownProfile, known_profile
-from horizonval.estimation.likelihood.start import EllipsoidStart, ellipsoid_start, limb_height_prior
 from horizonval.estimation.methods.limb_ellipsoid import ESTIMATOR
 from horizonval.estimation.observation import Observation
 from horizonval.suites.observation import observation_of

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 
-from horizonval.estimation.likelihood.height import everywhere
+from horizonval.estimation.fit.heights import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.geometry.camera import CameraModel
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.api.estimate import mission_table
 from horizonval.earth.atmosphere.climate import month_of
-from horizonval.estimation.likelihood.profile import known_profile
+from horizonval.estimation.fit import known_profile
 from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import GAIN_SIGMA, Prior

@@ -17,7 +17,7 @@ from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation.likelihood.templates import templates_of
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
-from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
 from horizonval.estimation.onnx_model import is_model, model_estimator
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
@@ -135,7 +135,7 @@ def estimate_report(
     observation, sources = _observed(image, method, camera, prior, part, orientation)
     start = time.perf_counter()
     result = registry.run_safely(method, observation)
-    return _report(method, result, time.perf_counter() - start, sources, observation.prior)
+    return _report(method, result, time.perf_counter() - start, sources, observation)
 
 
 def score(fit: Fit | Refusal, frame: RadianceFrame | DetectorImage) -> Score:
@@ -377,7 +377,7 @@ def observation_from(
     else:
         prior = Prior() if known is None else stated_prior(known, where)
     band = spec.band[0] if len(spec.band) == 1 else None
-    exact = spec.camera.uncertainty is None
+    exact = source is not None and spec.camera.uncertainty is None
     return Observation(
         image=picture.grey,
         camera=intrinsics,
@@ -428,7 +428,7 @@ def _report(
     result: Fit | Refusal,
     seconds: float,
     sources: Sequence[Source],
-    prior: Prior,
+    observation: Observation,
 ) -> dict[str, Any]:
     """Return the keys of the command contract; only this function, after the answer, uses the truth."""
     report: dict[str, Any] = {
@@ -443,13 +443,15 @@ def _report(
         "sigma_nadir_arcsec": None,
         "n_points": len(result.points),
         "seconds": round(seconds, 6),
-        "assumed": prior.in_words,
+        "assumed": "; ".join(
+            filter(None, [observation.prior.in_words, (observation.calibration or Calibration()).in_words])
+        ),
         **dict.fromkeys((*ERRORS, *BOUNDS)),
     }
     if sources:
         truth = sources[0].truth
         report |= _bounds(sources)
-        errors = scored(truth, estimator, result, earth_radius_m=prior.sphere_radius_m)
+        errors = scored(truth, estimator, result, earth_radius_m=observation.prior.sphere_radius_m)
         report |= {name: getattr(errors, name) for name in ERRORS}
     if isinstance(result, Refusal):
         return report | {"reason": result.reason} | ({"output": result.output} if result.output else {})

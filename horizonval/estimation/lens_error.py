@@ -6,35 +6,42 @@ a fisheye the angle from the boresight), and q the denominator of a rational dis
 
     dk1 = error_px q / (f r^3)
 
-A method treats its camera as exact, so that its covariance is that of the image. Where the calibration states standard
-deviations, each is an unknown with a prior, independent of the others and of every other head's. With ``n(c)`` the
-nadir in camera axes that the method finds with the camera ``c``::
+A fit of the pixels has them as unknowns with priors (:func:`lens_sigmas`). A method of points treats its camera as
+exact; where the calibration states standard deviations, the same pixels are given the lines of sight of a camera that
+is off by one of them. With ``n(c)`` the axis of the cone through these lines of sight, for every error ``k`` of every
+head, all independent ::
 
     C = C_image + sum_k d_k d_k^T,        d_k = n(c + sigma_k e_k) - n(c)
 
-The altitude's variance grows in the same way. A central difference would cost twice the time and differs to second
-order of a small sigma. If one sigma, either way, removes the answer, the method is refused.
+The altitude's variance grows in the same way.
 
-**Neglected.** The mounting, which turns roll and pitch and not the nadir in camera axes; clock and exposure, which are
-in the sigmas of the prior; second-order products of two errors.
+**Heads** show their limbs where the answer's cone lies in their images, which gives the pixels; four linear arrays have
+one crossing each.
+
+**Neglected.** Which pixels a search takes for the limb; the mounting, which turns roll and pitch and not the nadir in
+camera axes; clock and exposure, which are in the sigmas of the prior; second-order products of two errors.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Calibration, Fit, Observation
 from horizonval.geometry import brown
-from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.camera import CameraModel, project, unproject
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import tangent_basis
 from horizonval.spec.camera import unified_radius
+
+EXACT = Calibration()
 
 
 def miscalibrated(
@@ -98,90 +105,101 @@ def k1_per_px(camera: CameraModel) -> float:
 
 
 Run = Callable[[Observation], Fit | Refusal]
-SHORTER = 0.25
-"""Share of a sigma used where a whole one removes the answer."""
-
-
-def with_lens_error(run: Run) -> Run:
-    """Return a method that adds to its covariance what the stated errors of its lenses do to its answer."""
-    return partial(_allowed, run)
-
-
-def _allowed(run: Run, observation: Observation) -> Fit | Refusal:
-    asked = _held_exact(observation)
-    found = run(asked)
-    if isinstance(found, Refusal):
-        return found
-    along = found.nadir_cam
-    spread, of_altitude = np.zeros((3, 3)), 0.0
-    for name, head, error in lens_errors(observation):
-        moved = _moved(run, asked, found, head, error)
-        if moved is None:
-            return Refusal(
-                Outcome.AMBIGUOUS, f"an error of the {name} of its own sigma leaves the method no answer", found.points
-            )
-        step, altitude_m = moved
-        step = step - along * (along @ step)
-        spread += np.outer(step, step)
-        of_altitude += altitude_m**2
-    if not spread.any():
-        return found
-    systematic = spread if found.systematic_nadir_cam is None else found.systematic_nadir_cam + spread
-    sigma = found.sigma_altitude_m
-    return replace(
-        found,
-        systematic_nadir_cam=systematic,
-        sigma_altitude_m=None if sigma is None else float(np.hypot(sigma, np.sqrt(of_altitude))),
-    )
-
 
 LensError = tuple[float, tuple[float, float], float]
 """Errors of focal length, principal point and distortion, as :func:`miscalibrated` takes them."""
 
+View = tuple[Observation, FloatArray]
+"""An image, and the pixels (n, 2) of the limb in it."""
 
-def lens_errors(observation: Observation) -> Iterator[tuple[str, str | None, LensError]]:
-    """Yield the name of every error with a sigma, the head that has it (None of a single camera), and one sigma."""
-    heads: list[tuple[str | None, Observation]] = [*observation.heads.items()] or [(None, observation)]
-    for head, one in heads:
-        said = one.calibration
-        if said is None:
-            continue
-        point = said.principal_point_sigma_px
-        if said.focal_length_sigma > 0.0:
-            yield "focal length", head, (said.focal_length_sigma, (0.0, 0.0), 0.0)
+AxisOf = Callable[[Sequence[View]], FloatArray]
+"""Nadir of limb points in the body's axes, its length ``1 / cos`` of the angular radius; ``LinAlgError`` for none."""
+
+
+def lens_sigmas(calibration: Calibration | None) -> FloatArray:
+    """Return the standard deviations (4,) of ln focal length, principal point [px] and corner [px]; 0 of exact ones."""
+    said = calibration or EXACT
+    point = said.principal_point_sigma_px
+    return np.array([said.focal_length_sigma, point, point, said.distortion_sigma_px])
+
+
+@dataclass(frozen=True)
+class WithLensError:
+    """A method of points that adds to its covariance what the stated errors of its lenses do to its answer.
+
+    ``run``: takes the camera for exact; ``axis_of``: the method behind its search for points.
+    """
+
+    run: Run
+    axis_of: AxisOf
+
+    def __call__(self, observation: Observation) -> Fit | Refusal:
+        found = self.run(_held_exact(observation))
+        return found if isinstance(found, Refusal) else with_errors(found, observation, self.axis_of)
+
+
+def with_lens_error(run: Run, axis_of: AxisOf | None = None) -> WithLensError:
+    """Return a method that claims the errors of its lenses, too; by default it is one of cones through points."""
+    return WithLensError(run, axis_of or cone_axis)
+
+
+def with_errors(fit: Fit, observation: Observation, axis_of: AxisOf) -> Fit | Refusal:
+    """Return a fit whose claim counts the stated errors of its lenses, or why they leave it no answer."""
+    errors = list(lens_errors(observation))
+    if not errors:
+        return fit
+    views = _views(fit, observation)
+    try:
+        before = axis_of(views)
+        moved = np.array([axis_of(_seen_with(views, head, error)) for head, error in errors]) - before
+    except np.linalg.LinAlgError as e:
+        return Refusal(
+            Outcome.AMBIGUOUS, f"what errors of the lens do to the answer is not determined: {e}", fit.points
+        )
+    length = float(np.linalg.norm(before))
+    axis = before / length
+    turns = (moved - np.outer(moved @ axis, axis)) / length @ _cam_from_body(observation).T
+    added = turns.T @ turns
+    sigma = fit.sigma_altitude_m
+    if sigma is not None and fit.altitude_m is not None and length > 1.0:
+        # altitude = R / sin rho - R, with cos rho = 1 / length
+        sine_2 = 1.0 - length**-2
+        by_length = (fit.altitude_m + observation.prior.sphere_radius_m) / (sine_2 * length**3)
+        sigma = float(np.hypot(sigma, by_length * np.linalg.norm(moved @ axis)))
+    return replace(
+        fit,
+        systematic_nadir_cam=added if fit.systematic_nadir_cam is None else fit.systematic_nadir_cam + added,
+        sigma_altitude_m=sigma,
+    )
+
+
+def lens_errors(observation: Observation) -> Iterator[tuple[int, LensError]]:
+    """Yield every error with a sigma, one sigma large, with the number of the head that has it."""
+    for head, one in enumerate(_heads(observation)):
+        focal, point, _, bend = (float(sigma) for sigma in lens_sigmas(one.calibration))
+        if focal > 0.0:
+            yield head, (focal, (0.0, 0.0), 0.0)
         if point > 0.0:
-            yield "principal point", head, (0.0, (point, 0.0), 0.0)
-            yield "principal point", head, (0.0, (0.0, point), 0.0)
-        if said.distortion_sigma_px > 0.0:
-            yield "distortion", head, (0.0, (0.0, 0.0), said.distortion_sigma_px)
+            yield head, (0.0, (point, 0.0), 0.0)
+            yield head, (0.0, (0.0, point), 0.0)
+        if bend > 0.0:
+            yield head, (0.0, (0.0, 0.0), bend)
 
 
-def _moved(
-    run: Run, asked: Observation, found: Fit, head: str | None, error: LensError
-) -> tuple[FloatArray, float] | None:
-    """Return by how much nadir and altitude [m] change with an error of one sigma; None where no answer is left."""
-    for share in (1.0, -1.0, SHORTER, -SHORTER):
-        other = run(_seen_with(asked, head, share, error))
-        if isinstance(other, Fit):
-            known = other.altitude_m is not None and found.altitude_m is not None
-            higher_m = (other.altitude_m or 0.0) - (found.altitude_m or 0.0) if known else 0.0
-            return (other.nadir_cam - found.nadir_cam) / share, higher_m / share
-    return None
+def cone_axis(views: Sequence[View]) -> FloatArray:
+    """Return the axis of the cone through limb points, shape (3,), as long as :data:`AxisOf` says."""
+    los = np.concatenate([los_body(one, uv) for one, uv in views])
+    if len(los) < 3:
+        raise np.linalg.LinAlgError(f"{len(los)} limb points")
+    cone = fit_cone(los)
+    if not cone.cos_rho > 0.0:
+        raise np.linalg.LinAlgError("the points determine no cone")
+    return np.asarray(cone.axis_cam / cone.cos_rho)
 
 
-def _seen_with(asked: Observation, head: str | None, share: float, error: LensError) -> Observation:
-    focal, (u, v), bend = error
-
-    def changed(one: Observation) -> Observation:
-        camera = miscalibrated(one.camera, share * focal, (share * u, share * v), share * bend)
-        return replace(one, camera=camera)
-
-    if head is None:
-        return changed(asked)
-    heads = {name: changed(one) if name == head else one for name, one in asked.heads.items()}
-    # The fields of an observation of several heads are those of its first.
-    first = next(iter(heads.values()))
-    return replace(asked, camera=first.camera, heads=heads)
+def los_body(head: Observation, uv: FloatArray) -> FloatArray:
+    """Return unit lines of sight of pixels in the body's axes, shape (n, 3)."""
+    return unproject(head.camera, uv) @ _cam_from_body(head)
 
 
 def _held_exact(observation: Observation) -> Observation:
@@ -194,3 +212,55 @@ def _held_exact(observation: Observation) -> Observation:
 
     heads = {name: replace(one, calibration=exact(one.calibration)) for name, one in observation.heads.items()}
     return replace(observation, calibration=exact(observation.calibration), heads=heads)
+
+
+MOST_POINTS = 64
+"""Largest number of a fit's points whose lines of sight are moved: the errors of a lens are smooth over the image."""
+HEAD_POINTS = 256
+"""Points round the whole limb, of which every head sees some."""
+
+
+def _heads(observation: Observation) -> list[Observation]:
+    return [*observation.heads.values()] or [observation]
+
+
+def _cam_from_body(observation: Observation) -> FloatArray:
+    return Rotation.from_quat(observation.q_cam_from_body).as_matrix()
+
+
+def _views(fit: Fit, observation: Observation) -> list[View]:
+    heads = _heads(observation)
+    if len(heads) == 1:
+        return [(heads[0], fit.points[:: -(-len(fit.points) // MOST_POINTS) or 1])]
+    if len(fit.points) == len(heads):
+        return [(head, fit.points[k : k + 1]) for k, head in enumerate(heads)]
+    nadir_body = fit.nadir_cam @ _cam_from_body(observation)
+    rho = 0.5 * math.pi if fit.angular_radius_rad is None else fit.angular_radius_rad
+    azimuth = np.linspace(0.0, 2.0 * np.pi, HEAD_POINTS, endpoint=False)
+    first, second = tangent_basis(nadir_body).T
+    outwards = np.cos(azimuth)[:, None] * first + np.sin(azimuth)[:, None] * second
+    limb = math.cos(rho) * nadir_body + math.sin(rho) * outwards
+    return [(head, _in_view(head, limb)) for head in heads]
+
+
+def _in_view(head: Observation, limb_body: FloatArray) -> FloatArray:
+    """Return the pixels (n, 2) of a limb's directions that a head sees, in order along the arc; at least the nearest.
+
+    A linear array crosses the limb between two directions.
+    """
+    camera = head.camera
+    uv, ahead = project(camera, limb_body @ _cam_from_body(head).T)
+    beyond = np.maximum(-0.5 - uv, uv - (camera.width - 0.5, camera.height - 0.5)).max(axis=1)
+    beyond = np.where(ahead & np.isfinite(beyond), beyond, np.inf)
+    seen = beyond <= max(0.0, float(beyond.min()))
+    # An arc that runs through the first azimuth begins after the last one that is not in view.
+    first = -int(np.argmin(seen))
+    return np.roll(uv, first, axis=0)[np.roll(seen, first)]
+
+
+def _seen_with(views: Sequence[View], wrong: int, error: LensError) -> list[View]:
+    focal, point, bend = error
+    return [
+        (replace(head, camera=miscalibrated(head.camera, focal, point, bend)) if k == wrong else head, uv)
+        for k, (head, uv) in enumerate(views)
+    ]

@@ -35,6 +35,18 @@ class Calibration:
     exposure_offset_sigma_s: float = 0.0
     clock_sigma_s: float = 0.0
 
+    @property
+    def in_words(self) -> str:
+        """What is uncertain of the camera itself, as one line; empty where it is exact."""
+        parts = []
+        if self.focal_length_sigma > 0.0:
+            parts.append(f"focal length to {100.0 * self.focal_length_sigma:g} %")
+        if self.principal_point_sigma_px > 0.0:
+            parts.append(f"principal point to {self.principal_point_sigma_px:g} px")
+        if self.distortion_sigma_px > 0.0:
+            parts.append(f"distortion to {self.distortion_sigma_px:g} px")
+        return ", ".join(parts)
+
 
 @dataclass(frozen=True, eq=False)
 class Lens:

@@ -47,7 +47,7 @@ from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.weather import real_states
-from horizonval.estimation.likelihood.height import everywhere
+from horizonval.estimation.fit.heights import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.earth import Atmosphere, CloudLayer, Surface

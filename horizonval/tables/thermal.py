@@ -50,7 +50,7 @@ from horizonval.earth.surface import surface_temperature
 from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.earth.weather import field
 from horizonval.earth.weather.field import WeatherField
-from horizonval.estimation.likelihood.height import everywhere
+from horizonval.estimation.fit.heights import everywhere
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import rays_along_parallels

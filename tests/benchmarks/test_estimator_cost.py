@@ -18,9 +18,9 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
-from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.air import KnownAir
-from horizonval.estimation.likelihood.profile.pixels import ray_height
+from horizonval.estimation.fit.air import KnownAir
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.profile_pixels import ray_height
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -51,13 +51,14 @@ def test_a_picture_says_what_was_assumed_and_can_be_given_more(horizonval, image
     picture = ("i.png", "--camera", "mini-camera.toml", *METHOD)
     bare = _report(horizonval("estimate", *picture, "--json"))
     assert bare["status"] == "valid"
-    assert bare["assumed"] == "the Earth as a sphere of 6371.0088 km, its flattening as an error"
+    camera = "; focal length to 0.05 %, principal point to 0.2 px, distortion to 0.1 px"
+    assert bare["assumed"] == f"the Earth as a sphere of 6371.0088 km, its flattening as an error{camera}"
 
     (tmp_path / "p.toml").write_text('[prior]\nshape = "sphere"\nradius_km = 6300.0\n')
     small = _report(horizonval("estimate", *picture, "--prior", "p.toml", "--json"))
     # The cone's half-angle is asin(R / (R + h)): distances go with the radius.
     assert small["altitude_km"] / 6300.0 == pytest.approx(bare["altitude_km"] / 6371.0088, rel=1e-6)
-    assert small["assumed"] == "a sphere of 6300.0000 km"
+    assert small["assumed"] == f"a sphere of 6300.0000 km{camera}"
 
     (tmp_path / "p.toml").write_text("[prior]\naltitude_km = 900.0\naltitude_sigma_km = 1.0\n")
     known = _report(horizonval("estimate", *picture, "--prior", "p.toml", "--json"))

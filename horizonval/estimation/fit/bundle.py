@@ -20,6 +20,7 @@ derivatives reach where nothing is known before (K. Levenberg, Q. Appl. Math. 2,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -65,26 +66,37 @@ class Seen:
 class Shot:
     """One instant: pixels, unknowns and their equations.
 
-    ``turns``: shape (3, 3) of every image, camera from body; ``state``: the unknowns as they are.
+    ``turns``: shape (3, 3) of every image, camera from body; ``state``: the unknowns as they are; ``common``: how many
+    of the images' own unknowns, the last ones of each, are common to all of them; ``lowest``: shape (own,), least
+    values of an image's own unknowns.
     """
 
     def __init__(
-        self, chooser: Chooser, prior: ShotPrior, state: ShotState, turns: Sequence[FloatArray] = (np.eye(3),)
+        self,
+        chooser: Chooser,
+        prior: ShotPrior,
+        state: ShotState,
+        turns: Sequence[FloatArray] = (np.eye(3),),
+        common: int = 0,
+        lowest: FloatArray | float = -np.inf,
     ) -> None:
         self._chooser, self.prior, self.turns = chooser, prior, tuple(turns)
-        self.state = state
+        self.state, self._lowest = state, lowest
+        alone = [len(own) - common for own in state.own]
+        self.count = POSE + sum(alone) + common
+        """Number of unknowns of pose and images."""
+        self.own_at = [
+            np.append(POSE + sum(alone[:k]) + np.arange(one), np.arange(self.count - common, self.count))
+            for k, one in enumerate(alone)
+        ]
+        """Places of every image's own unknowns among them."""
         self.chosen: Chosen | None = None
         self.noises: list[PixelNoise] = []
         self.seen: Seen | None = None
 
-    @property
-    def count(self) -> int:
-        """Number of unknowns of pose and images."""
-        return POSE + sum(len(own) for own in self.state.own)
-
-    def choose(self, shared: FloatArray, most: int | None) -> None:
-        """Choose the pixels near the limb at the present state."""
-        self.chosen = self._chooser(self.state, shared[:LENS], most, self.chosen)
+    def choose(self, shared: FloatArray, most: int | None = None, tighter: float = 1.0) -> None:
+        """Choose the pixels near the limb at the present state; parameters as for ``Chooser``."""
+        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, self.chosen)
         self.state = self.chosen.state
         self.noises = [noise for noise in self.chosen.noises if noise is not None]
         looks = self._looks(self.state, shared, None)
@@ -101,7 +113,10 @@ class Shot:
         of_all = zip(self._chosen.models, self.seen.looks, self.state.own, before, strict=True)
         self.noises = [model.noise(look, own, noise) for model, look, own, noise in of_all]
         self.seen = self.look(self.state, shared)
-        changes = [np.log(new.variance / old.variance) for new, old in zip(self.noises, before, strict=True)]
+        changes = [
+            np.log(new.variance * new.together / (old.variance * old.together))
+            for new, old in zip(self.noises, before, strict=True)
+        ]
         return float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
 
     def look(self, state: ShotState, shared: FloatArray) -> Seen:
@@ -117,11 +132,24 @@ class Shot:
 
     def moved(self, step: FloatArray, of_air: FloatArray) -> ShotState:
         """Return the state after a step of pose and own unknowns, and of the air."""
-        first, own = POSE, []
-        for model, one in zip(self._chosen.models, self.state.own, strict=True):
-            own.append(model.moved(one, step[first : first + len(one)]))
-            first += len(one)
+        of_all = zip(self._chosen.models, self.state.own, self.own_at, strict=True)
+        own = [model.moved(one, step[at]) for model, one, at in of_all]
         return ShotState(self.state.pose.moved(step[:POSE]), tuple(own), self.state.air + of_air)
+
+    def limited(self, step: FloatArray, covariance: FloatArray) -> tuple[FloatArray, float]:
+        """Return the most probable step within the limits of the images' own unknowns, and the gain that they cost.
+
+        ``covariance``: shape (x, x). An unknown that a step would take beyond its limit goes there, and the others
+        follow as the covariance says.
+        """
+        cost = 0.0
+        for own, at in zip(self.state.own, self.own_at, strict=True):
+            beyond = np.maximum(self._lowest - own - step[at], 0.0)
+            for k in np.flatnonzero(beyond):
+                by_unit = covariance[at[k]] / covariance[at[k], at[k]]
+                cost += float(beyond[k] ** 2 / covariance[at[k], at[k]])
+                step = step + beyond[k] * by_unit
+        return step, cost
 
     def reach(self, step: FloatArray, of_shared: FloatArray) -> float:
         """Return how far a step goes, 1 where derivatives end to hold."""
@@ -163,12 +191,10 @@ class Shot:
 
     def _of_images(self, step: FloatArray, of_shared: FloatArray) -> list[FloatArray]:
         """Return the step of every image's shared unknowns (7 + 4 + own)."""
-        steps, first = [], POSE
-        for turn, own in zip(self.turns, self.state.own, strict=True):
-            last = first + len(own)
-            steps.append(np.concatenate([turn @ step[:3], step[3:POSE], of_shared[:LENS], step[first:last]]))
-            first = last
-        return steps
+        return [
+            np.concatenate([turn @ step[:3], step[3:POSE], of_shared[:LENS], step[at]])
+            for turn, at in zip(self.turns, self.own_at, strict=True)
+        ]
 
 
 class ShotEquations:
@@ -176,10 +202,13 @@ class ShotEquations:
 
     ``normal``: shape (x + c, x + c), of pose and own unknowns and of the shared ones that are free; ``mixed``: shape
     (x + c, a), of these and the air; ``air``: shape (a, a). All without the unit priors of air and shared unknowns.
+    ``rights``: shapes (x + c,) and (a,), of the present state; ``first_rights``: of that of the derivatives;
+    ``exact``: see :class:`.image.Linear`.
     """
 
     def __init__(self, shot: Shot, linears: Sequence[Linear], shared: FloatArray, free: NDArray[np.intp]) -> None:
-        self._shot, self._linears = shot, linears
+        self._shot, self.linears = shot, linears
+        self.exact = all(linear.exact for linear in linears)
         chosen, count = shot.chosen, shot.count
         assert chosen is not None
         # How steps of the shared unknowns follow from those of which equations are made.
@@ -204,14 +233,21 @@ class ShotEquations:
             self.mixed[:, at] += picked.T @ linear.mixed
             if not alone:
                 self.air[np.ix_(at, at)] += linear.air
-        self.rights = self._rights(shared)
+        self.rights = self.first_rights = self._rights(shared)
 
     def again(self, shared: FloatArray) -> ShotEquations:
         """Return the same derivatives with the residuals of the shot's present state."""
-        again = object.__new__(ShotEquations)
-        again.__dict__.update(self.__dict__)
+        again = copy(self)
         again.rights = again._rights(shared)
         return again
+
+    def rights_of(self, image: int, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides, shapes (x + c,) and (a,), that other residuals of one image make alone."""
+        assert self._shot.chosen is not None
+        of_pixels, of_air = self.linears[image].rights(look, weights)
+        right_air = np.zeros(len(self.air))
+        right_air[self._shot.chosen.columns[image]] = of_air
+        return self._picked[image].T @ of_pixels, right_air
 
     def _rights(self, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
         shot = self._shot
@@ -219,7 +255,7 @@ class ShotEquations:
         assert shot.chosen is not None
         right, right_air = np.zeros(len(self.normal)), -shot.state.air
         each = zip(
-            self._linears,
+            self.linears,
             self._picked,
             shot.chosen.columns,
             shot.seen.looks,
@@ -239,14 +275,13 @@ class ShotEquations:
 
     def _picks(self, of_shared: FloatArray) -> list[FloatArray]:
         """Return how the unknowns of every image (7 + 4 + own) follow from those of shot and bundle."""
-        picks, first = [], POSE
-        for turn, own in zip(self._shot.turns, self._shot.state.own, strict=True):
-            picked = np.zeros((POSE + LENS + len(own), of_shared.shape[1]))
+        picks = []
+        for turn, at in zip(self._shot.turns, self._shot.own_at, strict=True):
+            picked = np.zeros((POSE + LENS + len(at), of_shared.shape[1]))
             picked[:3, :3] = turn
             picked[3:POSE, 3:POSE] = np.eye(POSE - 3)
             picked[POSE : POSE + LENS] = of_shared[:LENS]
-            picked[POSE + LENS :, first : first + len(own)] = np.eye(len(own))
-            first += len(own)
+            picked[POSE + LENS + np.arange(len(at)), at] = 1.0
             picks.append(picked)
         return picks
 
@@ -271,7 +306,10 @@ class Eliminated:
 
     def right(self, equations: ShotEquations) -> tuple[FloatArray, FloatArray]:
         """Return the right side (x + c,) of equations with the same derivatives, and what the air needs of them."""
-        right, right_air = equations.rights
+        return self.without_air(*equations.rights)
+
+    def without_air(self, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return right sides with the air eliminated, as :meth:`right` does."""
         if not (np.isfinite(right).all() and np.isfinite(right_air).all()):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
         half_air = self._forward(right_air)
@@ -344,25 +382,63 @@ class Bundle:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of a bundle: of the shared unknowns, and of every shot's own and its air's.
+    """A step of a bundle.
 
-    ``square``: squared length of the pose's part (of the shared unknowns', where there are any) in its covariance;
-    ``gained``: decrease of the merit that the equations predict.
+    ``parts``: of the shared unknowns (8,), then of every shot's own and its air's in turn; ``sides``: the right sides
+    that undamped equations make of it, in the same order; ``square``: squared length of the pose's part (of the shared
+    unknowns', where there are any) in its covariance; ``slope``: half the decrease of the merit per step; ``gained``:
+    decrease that the equations predict.
     """
 
-    of_shared: FloatArray
-    of_shots: Sequence[tuple[FloatArray, FloatArray]]
+    parts: Sequence[FloatArray]
+    sides: Sequence[FloatArray]
     square: float
+    slope: float
     gained: float
+
+    @property
+    def of_shared(self) -> FloatArray:
+        """Step of the shared unknowns, shape (8,)."""
+        return self.parts[0]
+
+    @property
+    def of_shots(self) -> Sequence[tuple[FloatArray, FloatArray]]:
+        """Step of every shot's own unknowns and of its air."""
+        return list(zip(self.parts[1::2], self.parts[2::2], strict=True))
 
     def shortened(self, share: float) -> Step:
         """Return a share of the step."""
         return Step(
-            share * self.of_shared,
-            [(share * own, share * air) for own, air in self.of_shots],
+            [share * part for part in self.parts],
+            [share * side for side in self.sides],
             share**2 * self.square,
+            share * self.slope,
             share * (2.0 - share) * self.gained,
         )
+
+    def after(self, last: Step) -> Step:
+        """Return this step, corrected by what the last one says of the curvature along it (secant).
+
+        Equations by first derivatives have the curvature ``s N s`` along a step ``s``. The gradients before and after
+        it differ by the true ``s H s``, which the second derivatives of the prediction are part of.
+        """
+        left, metric = _product(self.sides, last.parts), _product(last.sides, last.parts)
+        true = last.slope - left
+        if not (true > 0.0 and metric > 0.0):
+            return self
+        more = (np.clip(metric / true, *SECANT) - 1.0) * left / metric
+        parts = [part + more * before for part, before in zip(self.parts, last.parts, strict=True)]
+        sides = [side + more * before for side, before in zip(self.sides, last.sides, strict=True)]
+        slope = _product(self.sides, parts)
+        return Step(parts, sides, self.square, slope, slope)
+
+
+SECANT = (0.3, 3.0)
+"""Limits of the ratio of curvatures that one step is believed about."""
+
+
+def _product(sides: Sequence[FloatArray], parts: Sequence[FloatArray]) -> float:
+    return sum(float(side @ part) for side, part in zip(sides, parts, strict=True))
 
 
 class Solved:
@@ -395,19 +471,29 @@ class Solved:
             pull = pull + self._sigmas * (right[shot.count :] - gain.T @ right[: shot.count])
         unit = self._total @ pull
         of_free = self._sigmas * unit
-        parts = []
+        of_shared, of_sides = np.zeros(SHARED), np.zeros(SHARED)
+        of_shared[self._free] = of_free
+        of_sides[self._free] = -bundle.shared[self._free] / self._sigmas**2
+        parts, sides = [of_shared], [of_sides]
         square = gained = float(unit @ pull)
         for k, (shot, (right, half_air)) in enumerate(zip(bundle.shots, rights, strict=True)):
             free = self._inverse[k] @ right[: shot.count]
-            own = free - self._gains[k] @ of_free
+            own, cost = shot.limited(free - self._gains[k] @ of_free, self._inverse[k])
             of_air = self._airless[k].air_step(np.concatenate([own, of_free]), half_air)
-            parts.append((own, of_air))
-            gained += float(right[: shot.count] @ free) + float(half_air @ half_air)
+            whole, whole_air = equations[k].rights
+            of_sides[self._free] += whole[shot.count :]
+            parts += [own, of_air]
+            sides += [whole[: shot.count], whole_air]
+            gained += float(right[: shot.count] @ free) + float(half_air @ half_air) - cost
             if not len(self._free):
                 square = max(square, float(own[:POSE] @ self._of_pose[k] @ own[:POSE]))
-        of_shared = np.zeros(SHARED)
-        of_shared[self._free] = of_free
-        return Step(of_shared, parts, square, gained)
+        return Step(parts, sides, square, gained, gained)
+
+    def product(self, k: int, one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> float:
+        """Return the product of a shot's right sides (x + c,), (a,) with the answer to others, what is shared held."""
+        count = self._bundle.shots[k].count
+        (right, half), (other_right, other_half) = (self._airless[k].without_air(*sides) for sides in (one, other))
+        return float(right[:count] @ self._inverse[k] @ other_right[:count]) + float(half @ other_half)
 
     @cached_property
     def covariance(self) -> FloatArray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,11 @@ class Look(Protocol):
 class Linear(Protocol):
     """Normal equations of the pixels at one look, without priors of pose, own unknowns and air.
 
-    ``shared``: shape (s, s), of pose, lens and own unknowns; ``mixed``: shape (s, k); ``air``: shape (k, k).
+    ``shared``: shape (s, s), of pose, lens and own unknowns; ``mixed``: shape (s, k); ``air``: shape (k, k); ``exact``:
+    whether the right sides at another look are the gradient there, and not by the derivatives of the first.
     """
+
+    exact: ClassVar[bool]
 
     @property
     def shared(self) -> FloatArray: ...
@@ -50,8 +53,8 @@ class Linear(Protocol):
     @property
     def air(self) -> FloatArray: ...
 
-    def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the right sides, shapes (s,) and (k,), of other residuals by the same derivatives."""
+    def rights(self, look: Any, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides, shapes (s,) and (k,), at another look."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ class OwnPrior:
 
 
 class ImageModel(Protocol):
-    """The pixels of one image near the limb."""
+    """The pixels of one image near the limb; it is given back no other looks than its own."""
 
     @property
     def own_count(self) -> int:
@@ -94,10 +97,10 @@ class ImageModel(Protocol):
         ``weights``: inverse variances (n,) so far, by which the model eliminates what it does not leave to the bundle.
         """
 
-    def noise(self, look: Look, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+    def noise(self, look: Any, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
         """Return the variance model of the pixels, estimated from their residuals."""
 
-    def linear(self, look: Look, own: FloatArray, weights: FloatArray) -> Linear:
+    def linear(self, look: Any, own: FloatArray, weights: FloatArray) -> Linear:
         """Return the normal equations at a look; ``weights``: inverse variances, shape (n,)."""
 
 
@@ -128,9 +131,12 @@ class Chosen:
 class Chooser(Protocol):
     """Chooses the pixels of all images of a shot."""
 
-    def __call__(self, state: ShotState, lens: FloatArray, most: int | None, before: Chosen | None) -> Chosen:
+    def __call__(
+        self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
+    ) -> Chosen:
         """Return the pixels near the limb at a state, about ``most`` per image.
 
-        ``lens``: shape (4,), errors of the lens; ``before``: the choice so far, from which air and noise are taken
+        ``lens``: shape (4,), errors of the lens; ``tighter``: factor on the priors' information on the blur, for a
+        first part of the way; ``before``: the choice so far, from which air and noise are taken
         over. Raises ``LinAlgError``: too little limb in view.
         """

@@ -7,6 +7,24 @@ Stars, hot pixels and other light that no model has make residuals that noise do
 
 (K. L. Lange, R. J. A. Little and J. M. G. Taylor, J. Am. Stat. Assoc. 84, 881, 1989). No pixel is left out by a rule,
 and no marginal one goes in and out during a fit.
+
+**Variance.** It is that of dark pixels plus components fitted to the squared residuals: one proportional to the level
+(photons), others to squares of what a model may be wrong in. The squares count with the same weights, over what these
+make of a normal residual's, so that normal noise has its own variance::
+
+    E[w v r^2] / v = (nu + 1) (1 - sqrt(pi nu / 2) exp(nu / 2) erfc(sqrt(nu / 2)))
+
+**Floor.** For a normally distributed pixel of mean ``mu`` and standard deviation ``s``, cut off by a converter at
+``f``, the expectation is ::
+
+    E = f + s (phi(z) + z Phi(z)),      dE / dmu = Phi(z),      z = (mu - f) / s
+
+Space at the floor itself reads 0.4 s too high, which matters for cameras without a black level. ``s`` and the
+background come from the pixels that see space only, by their share at the floor and their mean.
+
+**Correlation.** Where neighbouring residuals are correlated (clouds, missing modes), their sums over squares scatter
+more than independent residuals. The correlated part is what exceeds the noise of dark pixels; the larger its share of a
+pixel's variance, the smaller the pixel's weight.
 """
 
 from __future__ import annotations
@@ -14,12 +32,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
+from scipy.special import erfcx, ndtr, ndtri
 
 from horizonval.core.arrays import FloatArray
 
 TAIL_FREEDOM = 10.0
 """Degrees of freedom of Student's distribution. Where the noise is normal the estimate has 0.98 of the information of
 least squares; a pixel ten sigmas off has a tenth of its weight."""
+
+OF_NORMAL = (TAIL_FREEDOM + 1.0) * float(1.0 - np.sqrt(0.5 * np.pi * TAIL_FREEDOM) * erfcx(np.sqrt(0.5 * TAIL_FREEDOM)))
+"""Weighed mean square of normal residuals over their variance."""
 
 
 @dataclass(frozen=True)
@@ -42,3 +65,129 @@ class PixelNoise:
         """Return -2 ln likelihood of residuals (n,), up to a constant that depends on the variances alone."""
         square = residuals**2 / self.variance
         return float(np.sum((TAIL_FREEDOM + 1.0) * np.log1p(square / TAIL_FREEDOM) / self.together))
+
+
+WEIGHINGS = 3
+"""Rounds in which weights and variances agree, each to a tenth of the round before."""
+DARK_LEVEL, BRIGHT_LEVEL = 0.05, 0.5
+"""Shares of the brightest level below and above which pixels give a first guess of the noise of space and Earth."""
+FEWEST_PIXELS = 20
+"""Of which a variance is known to a third."""
+NORMAL_QUARTILE = 0.67448975
+"""Median of the absolute value of a unit normal."""
+
+
+def variance_of(
+    residuals: FloatArray, level: FloatArray, parts: FloatArray, least: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the variance of pixels, shape (n,), and the share of it beyond that of dark pixels.
+
+    ``level``: shape (n,), predicted, of which the first component is a multiple; ``parts``: shape (k, n), the other
+    components, all of any scale; ``least``: smallest variance (rounding, neglected parts of a prediction).
+    """
+    brightest = max(float(level.max()), 1e-300)
+    level = np.clip(level / brightest, 0.0, 1.0)
+    squares = residuals**2
+    dark, bright = (_mean_square(squares[there], squares) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
+    components = np.concatenate([level[None], parts])
+    components /= np.maximum(components.max(axis=1), 1e-300)[:, None]
+    variance = np.maximum(dark + max(bright - dark, 0.0) * level, least)
+    for _ in range(WEIGHINGS):
+        weighed = squares * ((TAIL_FREEDOM + 1.0) / OF_NORMAL / (TAIL_FREEDOM + squares / variance))
+        beyond = _components(weighed - dark, variance, components) @ components
+        variance = np.maximum(dark + beyond, least)
+    return variance, np.minimum(beyond / variance, 1.0)
+
+
+def _mean_square(squares: FloatArray, otherwise: FloatArray) -> float:
+    """Return the mean of squared residuals with the weights of their own distribution."""
+    some = squares if len(squares) > FEWEST_PIXELS else otherwise
+    mean = float(np.median(some)) / NORMAL_QUARTILE**2
+    if not mean > 0.0:
+        mean = float(np.mean(some))
+    for _ in range(WEIGHINGS):
+        mean = max(mean, 1e-300)
+        mean = float(np.mean(some * ((TAIL_FREEDOM + 1.0) / OF_NORMAL / (TAIL_FREEDOM + some / mean))))
+    return max(mean, 1e-300)
+
+
+def _components(squares: FloatArray, variance: FloatArray, parts: FloatArray) -> FloatArray:
+    """Return variance components of parts (k, n), at least 0, by least squares for squared normals."""
+    rows = parts / variance
+    normal, pull = rows @ rows.T, rows @ (squares / variance)
+    if not (np.isfinite(normal).all() and np.isfinite(pull).all()):
+        raise np.linalg.LinAlgError("the residuals are not finite")
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    root = np.linalg.cholesky(normal / np.outer(size, size) + 1e-9 * np.eye(len(parts)))
+    return np.asarray(nnls(root.T, np.linalg.solve(root, pull / size))[0] / size)
+
+
+SQUARES_PX = (4, 8, 16, 32)
+"""Sides of the squares over which residuals are summed: scales of clouds and of charge spread."""
+LEAST_COMMON, SURELY_COMMON = 1.1, 1.3
+"""Range of the factor in which correlation comes to count; independent residuals have 1.0 to 1.1. A ramp, since a step
+would displace the nadir."""
+
+
+def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, side_px: float = 1.0) -> float:
+    """Return how much larger the variance of residual sums over squares is than of independent ones, at least 1.
+
+    ``columns``, ``rows``, ``in_sigmas``: shape (n,); ``side_px``: of the area that one residual is the mean of. The
+    square size is the one at which the ratio is largest.
+    """
+    most = 1.0
+    for side in SQUARES_PX:
+        column, row = ((part / (side * side_px)).astype(np.intp) for part in (columns, rows))
+        square = row * (int(column.max()) + 1) + column
+        sums, count = np.bincount(square, in_sigmas), np.bincount(square)
+        full = count > side
+        most = max(most, float(np.sum(sums[full] ** 2) / max(float(np.sum(count[full])), 1.0)))
+    counts = float(np.clip((most - LEAST_COMMON) / (SURELY_COMMON - LEAST_COMMON), 0.0, 1.0))
+    return 1.0 + counts * (most - 1.0)
+
+
+LEAST_SHARE, MOST_SHARE = 0.01, 0.99
+"""Range of the share of dark pixels at the floor: fewer lose nothing, more determine nothing."""
+FEWEST = 50
+"""Dark pixels: the share is then known to a seventh, and so the noise."""
+ROUNDS = 20
+HALF_STEP = 0.5
+"""Half a grey level: the floor includes values up to the middle of the next level."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Lowest level that there is, the standard deviation of the noise, and what space shines above the level."""
+
+    level: float
+    sigma: float
+    space: float = 0.0
+
+    @property
+    def background(self) -> float:
+        """Grey level of space, without the floor."""
+        return self.level + self.space
+
+    def expected(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what pixels of these levels show in the mean, and its derivative by the level."""
+        z = (level - self.level) / self.sigma
+        above = ndtr(z)
+        beside = self.sigma * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+        return self.level + beside + (level - self.level) * above, above
+
+
+def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
+    """Return the floor of pixels (n,) that see space, None if it clips no noise; ``lowest``: of the image."""
+    if len(dark) < FEWEST:
+        return None
+    share = float(np.mean(dark <= lowest))
+    mean = float(np.mean(dark)) - lowest
+    if not (LEAST_SHARE < share < MOST_SHARE and mean > 0.0):
+        return None
+    below, sigma = float(ndtri(share)), mean
+    for _ in range(ROUNDS):
+        z = HALF_STEP / sigma - below
+        sigma = mean / float(np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) + z * ndtr(z))
+    if not (np.isfinite(sigma) and sigma > HALF_STEP):
+        return None
+    return Floor(lowest, sigma, HALF_STEP - below * sigma)

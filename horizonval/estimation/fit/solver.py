@@ -25,11 +25,13 @@ from horizonval.estimation.fit.image import POSE, ShotState
 class Stage:
     """A part of the way to the most probable unknowns.
 
-    ``pixels``: about how many per image, None for all; ``tolerance``: length of a step, in its own standard deviations,
-    that ends the stage; ``settle``: whether the noise is estimated again on the way.
+    ``pixels``: about how many per image, None for all; ``tighter``: factor on the priors' information on the blur,
+    above 1 where the lens is held at first; ``tolerance``: length of a step, in its own standard deviations, that ends
+    the stage; ``settle``: whether the noise is estimated again on the way.
     """
 
     pixels: int | None = None
+    tighter: float = 1.0
     tolerance: float = 0.05
     settle: bool = True
 
@@ -39,16 +41,23 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held; ``good``: share of the predicted gain above which derivatives stay frozen; ``first_damping``,
-    ``damping_factor``, ``most_damping``: in units of the unknowns' scales, after a step that gains nothing;
+    noise is held, and ``near`` in all stages but the last; ``reweighed``: change that asks for new equations; ``good``:
+    share of the predicted gain above which derivatives stay frozen; ``frozen``: square of a step up to which they do;
+    ``most_cuts``, ``least_share``: how often a step that gains nothing is shortened, and to which share of it;
+    ``first_damping``, ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does not help;
     ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
     pixels are chosen again.
     """
 
     stages: tuple[Stage, ...] = (Stage(),)
     most_steps: int = 30
-    steady: float = 0.05
+    steady: float = 0.02
+    near: float = 0.2
+    reweighed: float = np.inf
     good: float = 0.7
+    frozen: float = np.inf
+    most_cuts: int = 3
+    least_share: float = 0.1
     first_damping: float = 1.0
     damping_factor: float = 10.0
     most_damping: float = 1e8
@@ -61,12 +70,14 @@ class Solution:
     """The most probable unknowns of a bundle are its state; this is their uncertainty.
 
     ``covariance``: shape (8, 8), of the shared unknowns; ``shots``: of every shot; ``steps``: of every shot's pose,
-    shape (k, 7) each.
+    shape (k, 7) each; ``equations``, ``solved``: those that it is from.
     """
 
     covariance: FloatArray
     shots: Sequence[ShotSolution]
     steps: Sequence[FloatArray]
+    equations: Sequence[ShotEquations]
+    solved: Solved
 
 
 def solve(bundle: Bundle, options: SolverOptions, progress: Progress | None = None) -> Solution:
@@ -86,24 +97,19 @@ class _Search:
     def run(self) -> Solution:
         bundle = self.bundle
         for stage in self.options.stages:
-            self._stage(stage)
-        # Frozen derivatives end a few hundredths of a sigma from the best unknowns, so the last steps have new ones.
-        # The claim is that of unknowns, pixels and noise before the last step, which is short.
-        for _ in range(self.options.most_steps):
-            equations = self._equations()
-            solved = Solved(bundle, equations)
-            step = solved.step(equations)
-            if self._try(self._bounded(step)) < 0.0 or step.square < self.options.stages[-1].tolerance ** 2:
-                break
+            equations = self._stage(stage, last=stage is self.options.stages[-1])
+        solved = Solved(bundle, equations)
         shots = [solved.of_shot(k, one) for k, one in enumerate(equations)]
-        return Solution(solved.covariance, shots, [np.array(one).reshape(-1, POSE) for one in self.steps])
+        steps = [np.array(one).reshape(-1, POSE) for one in self.steps]
+        return Solution(solved.covariance, shots, steps, equations, solved)
 
-    def _stage(self, stage: Stage) -> None:
+    def _stage(self, stage: Stage, *, last: bool) -> Sequence[ShotEquations]:
+        """Go one stage of the way; return the equations before the last step, which is short."""
         options, bundle = self.options, self.bundle
         self._choose(stage)
         equations: list[ShotEquations] = []
         solved: Solved | None = None
-        damping, steady = 0.0, not stage.settle
+        damping, steady, before = 0.0, not stage.settle, None
         step: Step | None = None
         for number in range(options.most_steps):
             fresh = solved is None
@@ -113,42 +119,66 @@ class _Search:
             else:
                 equations = [one.again(bundle.shared) for one in equations]
             step = solved.step(equations)
-            if steady and damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0:
-                self._try(self._bounded(step))
-                return
-            bounded = self._bounded(step)
+            bounded = self._bounded(step if before is None or damping > 0.0 else step.after(before))
+            short = damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0
             gain = self._try(bounded)
+            if short and steady:
+                # On the way from where the noise was steady it may have changed; and derivatives of elsewhere end a few
+                # hundredths of a sigma from the best unknowns.
+                good = fresh or not last or all(one.exact for one in equations)
+                if good and (not (stage.settle and last) or self._weigh() < options.steady):
+                    return equations
+                solved, before = None, None
+                continue
+            cuts = 0
             while gain < -options.rounding:
+                if fresh and cuts < options.most_cuts:
+                    # The parabola through this merit and the present one, with the slope that the equations predict.
+                    cuts += 1
+                    share = bounded.gained / (2.0 * bounded.gained - gain)
+                    bounded = bounded.shortened(float(np.clip(share, options.least_share, 0.5)))
+                    gain = self._try(bounded)
+                    continue
                 if fresh:
                     damping = max(options.first_damping, options.damping_factor * damping)
                     if damping > options.most_damping:
                         # Nothing near is better: the best place is this one, to rounding.
-                        return
+                        return equations
                 else:
                     equations, fresh = self._equations(), True
                 solved = Solved(bundle, equations, damping)
                 step = solved.step(equations)
                 bounded = self._bounded(step)
                 gain = self._try(bounded)
+            before = bounded
             self.progress.step(
                 "fit", f"step {number + 1} of at most {options.most_steps}, {np.sqrt(step.square):.2g} sigma long"
             )
-            if gain < options.good * bounded.gained - options.rounding:
+            if gain < options.good * bounded.gained - options.rounding or bounded.square > options.frozen:
                 solved = None
             if damping > 0.0:
                 damping = damping / options.damping_factor if damping > options.first_damping else 0.0
                 solved = None
             if self.moved_px > options.reselect_px:
                 self._choose(stage)
-                solved = None
-            if stage.settle and not steady:
-                steady = max(shot.weigh(bundle.shared) for shot in bundle.shots) < options.steady
+                solved, before = None, None
+            elif stage.settle and not steady:
+                change = self._weigh()
+                # A first stage ends as soon as it is near.
+                steady = change < (options.steady if last else options.near)
+                if change > options.reweighed:
+                    solved = None
         if step is None or step.square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
+        return equations
+
+    def _weigh(self) -> float:
+        """Estimate the noise again; return the largest change of a shot's."""
+        return max(shot.weigh(self.bundle.shared) for shot in self.bundle.shots)
 
     def _choose(self, stage: Stage) -> None:
         for shot in self.bundle.shots:
-            shot.choose(self.bundle.shared, stage.pixels)
+            shot.choose(self.bundle.shared, stage.pixels, stage.tighter)
         self.moved_px = 0.0
 
     def _equations(self) -> list[ShotEquations]:

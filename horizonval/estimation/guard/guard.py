@@ -1,100 +1,63 @@
 """A guard around any method: it tests what published methods take for granted, before and after the method runs.
 
-1. *The limb* is the curve whose predicted profile makes the pixels most probable
-   (:mod:`horizonval.estimation.limb.finder`). A limb many pixels deep is searched in a smaller copy.
-2. *Points* are moved to the steepest position of the soft limb (:mod:`horizonval.estimation.limb.steepest`). Points on
-   saturated, faded or restless pieces, isolated points, and outliers from the cone are left out
-   (:mod:`horizonval.estimation.limb.trusted`). Where the Sun's direction is known, the known height of the sunlit limb
-   is subtracted (:mod:`horizonval.estimation.guard.sunlit`).
-3. *Sufficiency*: the remaining pieces must determine the nadir to the accuracy of a claim, given noise and all that
-   makes the limb no circle (:mod:`horizonval.estimation.guard.limits`). The body must be too large for the Moon.
-4. *The method* runs on the remaining points (``Estimator.from_points``). Its answer must agree with the guard's cone
-   within the uncertainty of both.
-5. *The answer* is tested against the pixels (:mod:`horizonval.estimation.guard.three_tests`).
+1. *Points* of the limb that may be trusted are found in every image (:mod:`horizonval.estimation.guard.points`). Rows
+   of linear arrays have one crossing each (:mod:`horizonval.estimation.guard.rows`).
+2. *Sufficiency*: the points of all images together must determine the nadir to the accuracy of a claim, given noise and
+   all that makes the limb no circle (:mod:`horizonval.estimation.guard.limits`). The body must be too large for the
+   Moon.
+3. *The method* runs on these points (``Estimator.from_points``, ``Estimator.from_heads``); of rows, on the images.
+4. *The answer* must agree with the cone through the points, and with what is known of altitude and attitude, each by
+   the Mahalanobis distance. No second limb may run beside the first.
 
-A method that uses the whole image instead of points answers first; step 5 decides. Methods of several heads are guarded
-by :mod:`horizonval.estimation.guard.heads`.
+A method that uses the whole image instead of points answers first and is then tested against the pixels
+(:mod:`horizonval.estimation.guard.three_tests`).
 
-Where the calibration states errors of the lens, all steps run again with each error
-(:mod:`horizonval.estimation.lens_error`). A claim that becomes too uncertain is refused.
+Where the calibration states errors of the lens, they are part of the claim (:mod:`horizonval.estimation.lens_error`). A
+claim that becomes too uncertain is refused.
 
-The covariance of a fit from points is that of the detector's noise; ``systematic_nadir_cam`` is the covariance of what
-the method's model leaves out.
+The covariance of a fit from points of one image is that of the detector's noise; ``systematic_nadir_cam`` is the
+covariance of what the method's model leaves out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.earth.limb_heights import reliefs, systematic_covariance
 from horizonval.estimation.guard import limits
-from horizonval.estimation.guard.heads import run_heads
-from horizonval.estimation.guard.limits import blur_of, model_covariance
-from horizonval.estimation.guard.sunlit import SunlitLimb, sun_angles, sunlit_limb
-from horizonval.estimation.guard.three_tests import SeenLimb, doubted, in_wider_pixels
-from horizonval.estimation.lens_error import lens_errors, with_lens_error
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD
-from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty, limb_directions
-from horizonval.estimation.limb.finder import find_limb_and_picture
-from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, Picture, in_whole, median
-from horizonval.estimation.limb.proposals import LimbPoints
-from horizonval.estimation.limb.steepest import NEEDED_PX, noise_covariance, pixel_variance, to_steepest
-from horizonval.estimation.limb.trusted import alone, faded, faint, read_sides, restless, saturated
+from horizonval.estimation.guard.knowledge import contradicted
+from horizonval.estimation.guard.limits import model_covariance
+from horizonval.estimation.guard.points import TrustedPoints, read_sides, saturated, second_limb, trusted_points
+from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
+from horizonval.estimation.guard.three_tests import doubted
+from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
+from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty
+from horizonval.estimation.limb.finder import largest_rho_rad
+from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_noise
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
-from horizonval.geometry.horizon import Cone, fit_cone
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
-
-
-@dataclass(frozen=True)
-class TrustedLimb:
-    """Limb points that passed every test, and how well a cone through them is determined.
-
-    Attributes
-    ----------
-    seen_cam : ndarray, shape (n, 3)
-        Lines of sight as the image has them.
-    los_cam : ndarray, shape (n, 3)
-        The same without the known height of a sunlit limb.
-    uv : ndarray, shape (n, 2)
-    cone : Cone
-        Through ``los_cam``, of half-angle ``rho_rad``.
-    noise : ConeUncertainty
-        From the points' scatter, whatever makes it.
-    systematic : ndarray, shape (3, 3)
-        Covariance of what is not known of the limb's shape, as of (axis, axis, half-angle).
-    bright_inside : bool
-        Whether the Earth is the brighter side.
-    """
-
-    seen_cam: FloatArray
-    los_cam: FloatArray
-    uv: FloatArray
-    cone: Cone
-    rho_rad: float
-    noise: ConeUncertainty
-    systematic: FloatArray
-    bright_inside: bool
-
-    @property
-    def sigma_rad(self) -> float:
-        """Standard deviation of the nadir in its worst direction."""
-        return float(np.sqrt(np.linalg.eigvalsh((self.noise.covariance + self.systematic)[:2, :2])[-1]))
+from horizonval.geometry.horizon import fit_cone
+from horizonval.geometry.rotation import angle_between, off_axis_angle, tangent_basis
 
 
 def guarded(estimator: Estimator) -> Estimator:
     """Return the estimator behind the guard, named ``guarded-<name>``; one that is given the pose is only renamed."""
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
-        run = with_lens_error(partial(run_heads if estimator.needs == "heads" else _run, estimator))
-        of_pixels = estimator.needs == "image" and estimator.from_points is None
-        run = partial(_not_too_wide, run, limits.PIXEL_SHARE if of_pixels else 1.0)
+        of_points = estimator.from_points or estimator.needs == "heads"
+        run = partial(_run if of_points else _run_on_pixels, estimator)
+        # A fit of the pixels has the lens among its unknowns.
+        if of_points:
+            run = with_lens_error(run, estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None)
+        run = partial(_not_too_wide, run, 1.0 if of_points else limits.PIXEL_SHARE)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
@@ -107,199 +70,330 @@ def _not_too_wide(run: Callable[[Observation], Fit | Refusal], share: float, obs
     return result if refusal is None else refusal
 
 
-def _trusted(picture: Picture, found: LimbPoints, observation: Observation, estimates: str) -> TrustedLimb | Refusal:
-    """Return what may be trusted of a limb that the search has found."""
-    image, camera = picture.grey, observation.camera
-    cone = fit_cone(found.los_cam)
-    sides = read_sides(picture, camera, found.los_cam, cone.axis_cam)
-    bright_inside = bool(median(sides.inner - sides.outer) > 0.0)
-    los, _ = to_steepest(image, camera, found.los_cam, cone.axis_cam, bright_inside)
-    if len(los) < limits.FEWEST_POINTS:
-        return Refusal(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", found.uv)
-    sun = observation.sun_cam if observation.band_kind == "solar" else None
-    if sun is not None:
-        los = _into_twilight(los, image, observation, sun, bright_inside)
-        if len(los) < limits.FEWEST_POINTS:
-            return Refusal(Outcome.DARK, f"{len(los)} limb points are followed towards the terminator", found.uv)
-    axis = fit_cone(los).axis_cam
-    sides = read_sides(picture, camera, los, axis)
-    tests = {Outcome.SUN_GLARE: restless(sides)}
-    if sun is not None:
-        tests[Outcome.DARK] = faint(sides, picture.noise_sigma, bright_inside) | ~np.isfinite(
-            _sunlit(los, observation, sun).height_m
-        )
-    elif observation.band_kind == "thermal":
-        # The infrared limb shines all round; what fades is the lens towards the corners of a wide field.
-        tests[Outcome.DARK] = faint(sides, picture.noise_sigma, bright_inside)
-    else:
-        tests[Outcome.DARK] = faded(sides)
-    if observation.full_scale is not None:
-        tests[Outcome.SATURATED] = saturated(sides, observation.full_scale)
-    bad = np.any(list(tests.values()), axis=0)
-    worst = max(tests, key=lambda outcome: int(tests[outcome].sum())) if bad.any() else Outcome.SHORT_ARC
-    trusted = los[~bad]
-    if len(trusted) >= limits.FEWEST_POINTS:
-        trusted = trusted[~alone(trusted, camera)]
-    lost = 1.0 - len(trusted) / len(los)
-    los = trusted
-    if len(los) < limits.FEWEST_POINTS:
-        return Refusal(worst, _too_few(lost, axis, found.los_cam, observation), project(camera, los)[0])
-    cause = worst if lost > limits.MUCH_LOST else None
-    if sun is None:
-        return _determined(_GuardPoints(los, los, None, bright_inside), observation, estimates, cause)
-    return _best_reach(los, observation, sun, estimates, cause, bright_inside)
+def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
+    if estimator.needs != "heads":
+        return _run_on_points(estimator, observation)
+    if observation.heads and all(is_row(head) for head in observation.heads.values()):
+        return _run_on_rows(estimator, observation)
+    return _run_on_arcs(estimator, observation)
 
 
 @dataclass(frozen=True)
-class _GuardPoints:
-    """Points on their way through the guard: as seen, as they would be on the ground, and what is not known of that."""
+class GuardLimb:
+    """The cone through the limb of all images, in the first camera's axes.
 
-    seen: FloatArray
-    los: FloatArray
-    patterns: FloatArray | None
-    bright_inside: bool
+    ``seen_axis``, ``seen_rho_rad``: of the limb as the images have it, ``axis``: without the known height of a sunlit
+    limb; ``noise``, ``systematic``: covariances (3, 3) [rad^2] of (axis along the tangent basis, half-angle).
+    """
 
-    def take(self, rows: NDArray[np.bool_]) -> _GuardPoints:
-        patterns = None if self.patterns is None else self.patterns[:, rows]
-        return _GuardPoints(self.seen[rows], self.los[rows], patterns, self.bright_inside)
+    axis: FloatArray
+    seen_rho_rad: float
+    noise: FloatArray
+    systematic: FloatArray
 
-
-def _into_twilight(
-    los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray, bright_inside: bool
-) -> FloatArray:
-    """Return the points under a high Sun and, where it is low, the cone's own directions: edges fade out there."""
-    cone = fit_cone(los)
-    rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    on_cone = limb_directions(observation.camera, cone.axis_cam, rho, NEEDED_PX)
-    low = sun_angles(on_cone, cone.axis_cam, sun)[0] > limits.LOW_SUN_RAD
-    followed, _ = to_steepest(image, observation.camera, on_cone[low], cone.axis_cam, bright_inside)
-    off = np.abs(off_axis_angle(followed, cone.axis_cam) - rho)
-    followed = followed[off * max(observation.camera.fx, observation.camera.fy) < limits.FOLLOWED_PX]
-    high = sun_angles(los, cone.axis_cam, sun)[0] <= limits.LOW_SUN_RAD
-    return np.concatenate([los[high], followed])
+    @property
+    def sigma_rad(self) -> float:
+        """Standard deviation of the nadir in its worst direction."""
+        return float(np.sqrt(np.linalg.eigvalsh((self.noise + self.systematic)[:2, :2])[-1]))
 
 
-def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> SunlitLimb:
-    cone = fit_cone(los)
-    rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    blur = blur_of(los, cone.axis_cam, observation)
-    sigma = observation.prior.sun_sigma_rad
-    sun_sigma = SUN_SIGMA_RAD if sigma is None else sigma
-    return sunlit_limb(los, cone.axis_cam, rho, sun, blur, sun_sigma, observation.band_um)
+def _run_on_points(estimator: Estimator, observation: Observation) -> Fit | Refusal:
+    assert estimator.from_points is not None
+    found = trusted_points(observation)
+    if isinstance(found, Refusal):
+        return found
+    determined = _best_reach(found, estimator.estimates)
+    if isinstance(determined, Refusal):
+        return determined
+    points, limb = determined
+    result = estimator.from_points(points.ground, project(observation.camera, points.seen)[0], points.observation)
+    if isinstance(result, Refusal):
+        return result
+    confirmed = _confirmed(replace(result, systematic_nadir_cam=None), limb, observation, limb.systematic[:2, :2])
+    if isinstance(confirmed, Refusal):
+        return confirmed
+    refusal = second_limb(points)
+    return _noise_apart(confirmed, points) if refusal is None else refusal
 
 
-def _best_reach(
-    los: FloatArray,
-    observation: Observation,
-    sun: FloatArray,
-    estimates: str,
-    cause: Outcome | None,
-    bright_inside: bool,
-) -> TrustedLimb | Refusal:
-    """Lower the points to the ground, and keep the Sun's zenith angles up to which the nadir is determined best."""
-    limb = _sunlit(los, observation, sun)
-    cone = fit_cone(los)
-    rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    drop = limb.height_m * np.tan(rho) / observation.prior.sphere_radius_m
-    inwards = cone.axis_cam - los * (los @ cone.axis_cam)[:, None]
-    inwards /= np.linalg.norm(inwards, axis=1)[:, None]
-    ground = np.cos(drop)[:, None] * los + np.sin(drop)[:, None] * inwards
-    points = _GuardPoints(los, ground, limb.patterns_m, bright_inside)
-    best: TrustedLimb | Refusal | None = None
+def _best_reach(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, GuardLimb] | Refusal:
+    """Return the points under the Sun's zenith angles up to which they determine the nadir best, and their limb."""
+    if points.zenith_rad is None:
+        return _determined(points, estimates)
+    best: tuple[TrustedPoints, GuardLimb] | Refusal | None = None
     tried = -1
-    for reach in limits.REACHES_RAD:
-        within = limb.zenith_rad <= reach
+    for reach in REACHES_RAD:
+        within = points.zenith_rad <= reach
         if int(within.sum()) == tried:
             continue
         tried = int(within.sum())
-        lost = cause or (Outcome.DARK if within.mean() < 1.0 - limits.MUCH_LOST else None)
-        result = _determined(points.take(within), observation, estimates, lost)
-        if best is None or (isinstance(result, TrustedLimb) and _is_better(result, best)):
+        much_lost = points.cause is None and within.mean() < 1.0 - MUCH_LOST
+        some = replace(points, cause=Outcome.DARK) if much_lost else points
+        result = _determined(some.take(within), estimates)
+        if best is None or isinstance(best, Refusal):
+            best = best if best is not None and isinstance(result, Refusal) else result
+        elif not isinstance(result, Refusal) and result[1].sigma_rad < best[1].sigma_rad:
             best = result
     assert best is not None
     return best
 
 
-def _too_few(lost: float, axis: FloatArray, los: FloatArray, observation: Observation) -> str:
-    """Return why too few points are left, with the width of a pixel at the limb where it is what prevents them."""
-    text = f"{lost:.0%} of the limb points fail the guard's tests"
-    rho = float(off_axis_angle(los, axis).mean())
-    focal_px = max(observation.camera.fx, observation.camera.fy)
-    pixel_km = 1e-3 * observation.prior.sphere_radius_m / max(np.tan(rho), 1e-9) / focal_px
-    if pixel_km < limits.COARSE_PIXEL_KM:
-        return text
-    return f"{text}: a pixel spans {pixel_km:.0f} km at the limb; limb-profile, with a position, can use such pixels"
-
-
-def _is_better(one: TrustedLimb, other: TrustedLimb | Refusal) -> bool:
-    return isinstance(other, Refusal) or one.sigma_rad < other.sigma_rad
-
-
-def _without_outliers(points: _GuardPoints, observation: Observation) -> _GuardPoints:
-    smallest = limits.SMALLEST_TRIM_PX / max(observation.camera.fx, observation.camera.fy)
-    for _ in range(limits.TRIMS):
-        if len(points.los) < limits.FEWEST_POINTS:
-            break
-        cone = fit_cone(points.los)
-        off = off_axis_angle(points.los, cone.axis_cam)
-        off = np.abs(off - median(off))
-        good = off <= max(limits.TRIM_SIGMAS * MEDIAN_TO_SIGMA * median(off), smallest)
-        if good.all():
-            break
-        points = points.take(good)
-    return points
-
-
-def _determined(
-    points: _GuardPoints, observation: Observation, estimates: str, cause: Outcome | None
-) -> TrustedLimb | Refusal:
-    """Refuse points that leave the nadir open; ``cause``: what took the points that are missing."""
-    points = _without_outliers(points, observation)
+def _determined(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, GuardLimb] | Refusal:
+    """Return points without outliers and the cone through them; refuse points that leave the nadir open."""
+    points = points.without_outliers()
+    observation, los = points.observation, points.ground
     uv = project(observation.camera, points.seen)[0]
-    status = cause or Outcome.SHORT_ARC
-    if len(points.los) < limits.FEWEST_POINTS:
-        return Refusal(status, f"{len(points.los)} limb points are left", uv)
-    los = points.los
-    cone = fit_cone(los)
-    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    status = points.cause or Outcome.SHORT_ARC
+    if len(los) < limits.FEWEST_POINTS:
+        return Refusal(status, f"{len(los)} limb points are left", uv)
+    axis = fit_cone(los).axis_cam
+    rho = float(off_axis_angle(los, axis).mean())
     if observation.prior.angular_radius is None and rho < limits.SMALLEST_RHO_RAD:
         return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is not the Earth", uv)
     try:
-        noise = cone_uncertainty(los, cone.axis_cam, rho)
-        systematic = model_covariance(los, cone.axis_cam, rho, observation, estimates, points.patterns)
+        noise = cone_uncertainty(los, axis, rho).covariance
+        systematic = model_covariance(los, axis, rho, observation, estimates, points.patterns_m)
     except np.linalg.LinAlgError:
         return Refusal(status, "the points do not determine a cone", uv)
-    limb = TrustedLimb(points.seen, los, uv, cone, rho, noise, systematic, points.bright_inside)
-    if not limb.sigma_rad <= limits.LARGEST_SIGMA_RAD:
-        sigma = np.degrees(limb.sigma_rad)
-        return Refusal(status, f"the limb that can be trusted determines the nadir to {sigma:.2f} deg", uv)
-    return limb
+    radius = observation.prior.sphere_radius_m
+    pixel_m = radius / np.tan(rho) / max(observation.camera.fx, observation.camera.fy)
+    relief_m = limits.seen_relief(los, axis, rho, radius).sigma_m
+    if relief_m > max(limits.LARGEST_RELIEF_M, limits.LARGEST_RELIEF_PX * pixel_m):
+        return Refusal(Outcome.NO_LIMB, f"the points bend by {1e-3 * relief_m:.0f} km along the limb", uv)
+    seen_rho = float(off_axis_angle(points.seen, points.seen_cone().axis_cam).mean())
+    limb = GuardLimb(axis, seen_rho, noise, systematic)
+    if (reason := _too_uncertain(limb.sigma_rad, observation.prior.accept_rad)) is not None:
+        return Refusal(status, f"the limb that can be trusted {reason}", uv)
+    return points, limb
 
 
-def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
-    if estimator.from_points is None:
-        return _run_on_pixels(estimator, observation)
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
-    if isinstance(searched, Refusal):
-        return searched
-    found, picture = searched
-    if found.scale > 1:
-        # A limb that is many pixels deep is an edge in a smaller copy, where the whole guard then works.
-        result = _run(estimator, in_wider_pixels(observation, found.scale))
-        return replace(result, points=in_whole(result.points, found.scale))
-    limb = _trusted(picture, found, observation, estimator.estimates)
-    if isinstance(limb, Refusal):
-        return limb
-    result = estimator.from_points(limb.los_cam, limb.uv, observation)
+def _noise_apart(fit: Fit, points: TrustedPoints) -> Fit:
+    """Move the scatter beyond the detector's noise from the noise covariance to the systematic one."""
+    image, camera, cone = points.picture.grey, points.observation.camera, points.seen_cone()
+    rho = float(off_axis_angle(points.seen, cone.axis_cam).mean())
+    of_pixels = pixel_noise(image, camera, cone.axis_cam, rho, points.observation.full_scale)
+    sign = 1.0 if points.bright_inside else -1.0
+    try:
+        noise = noise_covariance(image, camera, points.seen, cone.axis_cam, of_pixels, sign)
+    except np.linalg.LinAlgError:
+        return fit
+    basis = tangent_basis(fit.nadir_cam)
+    turned = basis.T @ tangent_basis(cone.axis_cam)
+    noise = turned @ noise[:2, :2] @ turned.T
+    values, vectors = np.linalg.eigh(basis.T @ fit.covariance_nadir_cam @ basis - noise)
+    rest = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    assert fit.systematic_nadir_cam is not None
+    systematic = rest + basis.T @ fit.systematic_nadir_cam @ basis
+    return replace(
+        fit,
+        covariance_nadir_cam=basis @ noise @ basis.T,
+        systematic_nadir_cam=basis @ systematic @ basis.T,
+    )
+
+
+REACHES_RAD = tuple(float(np.deg2rad(angle)) for angle in (83.0, 86.0, 88.0, 90.0, 91.0, 92.0, 93.0, 94.0))
+"""Sun's zenith angles up to which points may be used; the one that determines the nadir best is taken."""
+MUCH_LOST = 0.3
+"""Share of the points beyond which what took them is named as the reason of a refusal."""
+HEAD_LOWEST_SUN_RAD = REACHES_RAD[0]
+"""Sun's zenith angle at which the limb has risen by 0.7 km (5 km at 91 deg). Short arcs cannot tell a rise from a
+tilt."""
+HEAD_ARC_SHARE = 0.15
+"""Smallest arc in every head, relative to the image's shorter side; less is a chord of a few pixels."""
+HEADS_MISFIT_RAD = float(np.deg2rad(0.25))
+HEADS_MISFIT_PX = 1.5
+"""Root mean square by which the limbs of all heads may miss one cone: oblateness, and the search's scatter."""
+HEAD_KNOTS = 6
+"""Places along a head's arc at which the limb is moved to see what the method makes of it."""
+MOVED_RAD = 1e-4
+"""How far the limb is moved for that: a hundredth of a pixel and more, a hundredth of rho."""
+MISFIT_CHANCE = 1e-6
+"""Probability of the crossings' misfit below which they are not of one limb."""
+
+
+def _turns(observation: Observation) -> dict[str, Rotation]:
+    """Return the turns from the axes of the first head to those of each one, by way of the body."""
+    first = Rotation.from_quat(next(iter(observation.heads.values())).q_cam_from_body)
+    return {name: Rotation.from_quat(head.q_cam_from_body) * first.inv() for name, head in observation.heads.items()}
+
+
+def _run_on_rows(estimator: Estimator, observation: Observation) -> Fit | Refusal:
+    rows: dict[str, RowLimb] = {}
+    for name, head in observation.heads.items():
+        found = row_limb(head)
+        if isinstance(found, Refusal):
+            return found.of_head(name)
+        rows[name] = found
+    result = estimator.run(observation)
     if isinstance(result, Refusal):
         return result
-    basis = limb.noise.basis
-    result = replace(result, systematic_nadir_cam=basis @ limb.systematic[:2, :2] @ basis.T)
-    if (refusal := check_fit(result, limb)) is not None:
+    turns = _turns(observation)
+    down = {name: row.bright_side_down(turns[name].apply(result.nadir_cam)) for name, row in rows.items()}
+    # If the band is unknown, the Earth may be the darker side, in all heads.
+    wanted = observation.band_kind is not None or 2 * sum(down.values()) >= len(down)
+    for name, one in down.items():
+        if one != wanted:
+            return Refusal(Outcome.NO_LIMB, f"head {name}: the bright side lies away from the Earth", result.points)
+    los = np.array([turns[name].inv().apply(row.los_cam) for name, row in rows.items()])
+    sigma = np.array([row.sigma_rad for row in rows.values()])
+    axis = fit_cone(los).axis_cam
+    rho = float(off_axis_angle(los, axis).mean())
+    if misfit(los, axis, rho, sigma, observation) < MISFIT_CHANCE:
+        return Refusal(Outcome.AMBIGUOUS, "the crossings of the heads do not lie on one limb", result.points)
+    systematic = _systematic(los, axis, rho, observation, estimator.estimates)
+    if systematic is None:
+        return Refusal(Outcome.SHORT_ARC, "the heads' crossings do not determine a cone", result.points)
+    gain = cone_gain(los, axis)
+    limb = GuardLimb(axis, rho, (gain * sigma**2) @ gain.T, systematic)
+    return _confirmed(result, limb, observation, systematic[:2, :2])
+
+
+def _run_on_arcs(estimator: Estimator, observation: Observation) -> Fit | Refusal:
+    if estimator.from_heads is None:
+        return Refusal(Outcome.BAD_INPUT, "the guard of several images needs a method of points (from_heads)")
+    seen: dict[str, FloatArray] = {}
+    for name, head in observation.heads.items():
+        found = _arc_in_head(head)
+        if isinstance(found, Refusal):
+            return found.of_head(name)
+        seen[name] = found
+    turns = _turns(observation)
+    los = np.concatenate([turns[name].inv().apply(one) for name, one in seen.items()])
+    axis = fit_cone(los).axis_cam
+    off = off_axis_angle(los, axis)
+    rho, missed = float(off.mean()), float(off.std())
+    if missed > HEADS_MISFIT_PX / max(observation.camera.fx, observation.camera.fy) + HEADS_MISFIT_RAD:
+        return Refusal(Outcome.AMBIGUOUS, f"the limbs of the heads miss one cone by {np.degrees(missed):.2f} deg")
+    systematic = _systematic(los, axis, rho, observation, estimator.estimates)
+    if systematic is None:
+        return Refusal(Outcome.SHORT_ARC, "the heads' limbs do not determine a cone")
+    limb = GuardLimb(axis, rho, cone_uncertainty(los, axis, rho).covariance, systematic)
+    points = {name: project(observation.heads[name].camera, one)[0] for name, one in seen.items()}
+    result = estimator.from_heads(points, observation)
+    if isinstance(result, Refusal):
+        return result
+    of_method = _of_method(estimator, result, seen, limb, observation)
+    if of_method is None:
+        return Refusal(Outcome.NOT_CONVERGED, "the method jumps where the limb is moved a little", result.points)
+    return _confirmed(result, limb, observation, of_method)
+
+
+def _arc_in_head(head: Observation) -> FloatArray | Refusal:
+    """Return lines of sight to a head's limb in its own axes, shape (n, 3), or why there is none to trust."""
+    points = trusted_points(head)
+    if isinstance(points, Refusal):
+        return points
+    if head.band_kind is not None and not points.bright_inside:
+        return Refusal(Outcome.NO_LIMB, "the limb has its bright side in space")
+    if (refusal := second_limb(points)) is not None:
         return refusal
-    if (refusal := doubted(result, observation, _as_seen(limb))) is not None:
-        return refusal
-    return _noise_apart(result, limb, observation)
+    if points.zenith_rad is not None:
+        points = points.take(points.zenith_rad <= HEAD_LOWEST_SUN_RAD)
+    # Limbs of several heads have no common height to be lowered by.
+    points = replace(points, ground=points.seen, patterns_m=None).without_outliers()
+    los, uv = points.seen, project(head.camera, points.seen)[0]
+    shortest = HEAD_ARC_SHARE * min(head.camera.width, head.camera.height)
+    length = float(np.linalg.norm(np.ptp(uv, axis=0))) if len(uv) else 0.0
+    if len(los) < limits.FEWEST_POINTS or length < shortest:
+        reason = f"{length:.0f} px of limb are to be trusted, {shortest:.0f} are needed"
+        return Refusal(points.cause or Outcome.SHORT_ARC, reason, uv)
+    return los[arc_order(los, fit_cone(los).axis_cam)]
+
+
+def _systematic(
+    los: FloatArray,
+    axis: FloatArray,
+    rho: float,
+    observation: Observation,
+    estimates: str,
+    gain: FloatArray | None = None,
+) -> FloatArray | None:
+    try:
+        return systematic_covariance(
+            los,
+            axis,
+            rho,
+            flattening=observation.prior.flattening,
+            reliefs=reliefs(observation.band_kind, observation.prior.limb_relief_m),
+            earth_radius_m=observation.prior.sphere_radius_m,
+            estimates="geodetic" if estimates == "geodetic" else "geocentric",
+            gain=gain,
+        )
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _of_method(
+    estimator: Estimator, fit: Fit, seen: Mapping[str, FloatArray], limb: GuardLimb, observation: Observation
+) -> FloatArray | None:
+    """Return the covariance (2, 2) of a method's nadir from oblateness and relief, in the limb's basis.
+
+    A method may weigh its points differently from a cone fit. The limb is therefore raised at one place of each arc
+    after another, falling to zero at the next place, and the method runs again each time.
+    """
+    assert estimator.from_heads is not None
+    turns, basis = _turns(observation), tangent_basis(limb.axis)
+    knots: list[FloatArray] = []
+    gain: list[FloatArray] = []
+    for name, los in seen.items():
+        axis = turns[name].apply(limb.axis)
+        places = np.linspace(0.0, len(los) - 1.0, HEAD_KNOTS)
+        for place in places:
+            hat = np.clip(1.0 - np.abs(np.arange(len(los)) - place) / (places[1] - places[0]), 0.0, None)
+            moved = los - MOVED_RAD * hat[:, None] * inwards_of(los, axis)
+            points = {
+                other: project(observation.heads[other].camera, moved if other == name else one)[0]
+                for other, one in seen.items()
+            }
+            again = estimator.from_heads(points, observation)
+            if isinstance(again, Refusal):
+                return None
+            knots.append(turns[name].inv().apply(los[round(place)]))
+            gain.append((again.nadir_cam - fit.nadir_cam) @ basis / MOVED_RAD)
+    moves = np.vstack([np.array(gain).T, np.zeros(len(gain))])
+    systematic = _systematic(np.array(knots), limb.axis, limb.seen_rho_rad, observation, estimator.estimates, moves)
+    return None if systematic is None else systematic[:2, :2]
+
+
+def _confirmed(fit: Fit, limb: GuardLimb, observation: Observation, systematic: FloatArray) -> Fit | Refusal:
+    """Return the fit with its model error, ``systematic`` (2, 2), if the limb and all that is known bear it out."""
+    rho = limb.seen_rho_rad
+    smallest = 0.0 if observation.prior.angular_radius is not None else limits.SMALLEST_RHO_RAD
+    if not smallest <= rho <= largest_rho_rad(observation.prior):
+        return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", fit.points)
+    basis = tangent_basis(limb.axis)
+    of_points = 0.0 if fit.systematic_nadir_cam is None else fit.systematic_nadir_cam
+    confirmed = replace(fit, systematic_nadir_cam=of_points + basis @ systematic @ basis.T)
+    apart = basis.T @ (np.asarray(fit.nadir_cam) - limb.axis)
+    # Few points bend with the limb's shape otherwise than many do: the model's error counts, too.
+    spread = basis.T @ confirmed.total_covariance_nadir_cam @ basis + limb.noise[:2, :2]
+    spread += limits.AGREEMENT_FLOOR_RAD**2 * np.eye(2)
+    if fit.nadir_cam @ limb.axis < 0 or apart @ np.linalg.solve(spread, apart) > limits.AGREEMENT**2:
+        angle = np.degrees(angle_between(np.asarray(fit.nadir_cam), limb.axis))
+        return Refusal(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
+    variance = float(limb.noise[2, 2] + limb.systematic[2, 2])
+    for refusal in (
+        too_wide(confirmed, observation.prior.accept_rad),
+        contradicted(confirmed, observation, rho, variance),
+    ):
+        if refusal is not None:
+            return refusal
+    return confirmed
+
+
+def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
+    """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
+    basis = tangent_basis(np.asarray(fit.nadir_cam))
+    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
+    reason = _too_uncertain(sigma, largest_rad)
+    return None if reason is None else Refusal(Outcome.SHORT_ARC, f"the method {reason}", fit.points)
+
+
+def _too_uncertain(sigma_rad: float, largest_rad: float) -> str | None:
+    if sigma_rad <= largest_rad:
+        return None
+    accepted = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
+    return f"determines the nadir to {np.degrees(sigma_rad):.2f} deg, {accepted}"
 
 
 def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refusal:
@@ -324,65 +418,8 @@ def _too_bright(fit: Fit, observation: Observation) -> Refusal | None:
     los = unproject(observation.camera, fit.points)
     los = los[np.isfinite(los).all(axis=1)]
     picture = Picture(observation.image, observation.full_scale)
-    share = float(
-        np.mean(saturated(read_sides(picture, observation.camera, los, fit.nadir_cam), observation.full_scale))
-    )
+    sides = read_sides(picture, observation.camera, los, fit.nadir_cam)
+    share = float(np.mean(saturated(sides, observation.full_scale)))
     if not share > limits.MOST_SATURATED:
         return None
     return Refusal(Outcome.SATURATED, f"{share:.0%} of the limb is saturated", fit.points)
-
-
-def _as_seen(limb: TrustedLimb) -> SeenLimb:
-    """Return the limb as the image has it: without the known height of a sunlit limb taken away."""
-    seen = fit_cone(limb.seen_cam)
-    rho = float(off_axis_angle(limb.seen_cam, seen.axis_cam).mean())
-    return SeenLimb(seen.axis_cam, rho, float(limb.noise.covariance[2, 2] + limb.systematic[2, 2]))
-
-
-def _noise_apart(fit: Fit, limb: TrustedLimb, observation: Observation) -> Fit:
-    """Move the scatter beyond the detector's noise from the noise covariance to the systematic one."""
-    image, camera = np.asarray(observation.image, dtype=np.float64), observation.camera
-    seen = fit_cone(limb.seen_cam)
-    rho = float(off_axis_angle(limb.seen_cam, seen.axis_cam).mean())
-    variance = pixel_variance(image, camera, seen.axis_cam, rho, observation.full_scale)
-    try:
-        noise = noise_covariance(image, camera, limb.seen_cam, seen.axis_cam, rho, variance, limb.bright_inside)
-    except np.linalg.LinAlgError:
-        return fit
-    basis, seen_basis = tangent_basis(fit.nadir_cam), tangent_basis(seen.axis_cam)
-    turned = basis.T @ seen_basis
-    noise = turned @ noise[:2, :2] @ turned.T
-    values, vectors = np.linalg.eigh(basis.T @ fit.covariance_nadir_cam @ basis - noise)
-    rest = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    systematic = rest if fit.systematic_nadir_cam is None else rest + basis.T @ fit.systematic_nadir_cam @ basis
-    return replace(
-        fit,
-        covariance_nadir_cam=basis @ noise @ basis.T,
-        systematic_nadir_cam=basis @ systematic @ basis.T,
-    )
-
-
-def check_fit(fit: Fit, limb: TrustedLimb) -> Refusal | None:
-    """Return why the answer of a method of points is refused, or None.
-
-    Its nadir must agree with the guard's cone within the noise of both, or within one pixel.
-    """
-    basis = tangent_basis(limb.cone.axis_cam)
-    apart = basis.T @ (np.asarray(fit.nadir_cam) - limb.cone.axis_cam)
-    spread = basis.T @ (fit.total_covariance_nadir_cam + limb.noise.covariance_axis) @ basis
-    floor = limits.AGREEMENT_FLOOR_RAD**2 * np.eye(2)
-    if fit.nadir_cam @ limb.cone.axis_cam < 0 or apart @ np.linalg.solve(spread + floor, apart) > limits.AGREEMENT**2:
-        angle = float(np.degrees(np.arccos(np.clip(fit.nadir_cam @ limb.cone.axis_cam, -1, 1))))
-        return Refusal(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
-    return too_wide(fit, limits.LARGEST_SIGMA_RAD)
-
-
-def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
-    """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
-    basis = tangent_basis(np.asarray(fit.nadir_cam))
-    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
-    if not sigma <= largest_rad:
-        least = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
-        reason = f"the method determines the nadir to {np.degrees(sigma):.2f} deg, {least}"
-        return Refusal(Outcome.SHORT_ARC, reason, fit.points)
-    return None

@@ -43,7 +43,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.height import (
+from horizonval.estimation.fit.heights import (
     EARTH_RADIUS_M,
     FAINTEST,
     SEEN_FROM_M,
@@ -53,6 +53,8 @@ from horizonval.estimation.likelihood.height import (
     without_clouds,
 )
 from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
+from horizonval.estimation.limb.cone import cone_gain
+from horizonval.estimation.limb.steepest import SIGMA_PX, inwards_of
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
@@ -114,10 +116,10 @@ class SunlitHeights:
             np.maximum(table.mean + s * m, FAINTEST * table.mean) for m in np.moveaxis(long, 2, 0) for s in (1, -1)
         ]
         changed = _heights(table, np.array(states), SEEN_FROM_M)
-        patterns = 0.5 * (changed[::2] - changed[1::2])
+        patterns = np.moveaxis(0.5 * (changed[::2] - changed[1::2]), 0, -1)
         outside = {"bounds_error": False, "fill_value": np.nan}
         self._mean = RegularGridInterpolator((self._slants, *sheet), mean, **outside)
-        self._patterns = [RegularGridInterpolator(sheet, one, **outside) for one in patterns]
+        self._patterns = RegularGridInterpolator(sheet, patterns, **outside)
 
     def height_m(self, rho_rad: float, sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
         """Return the heights, shape (n,), of points with a blur and the Sun's angles there; NaN where it is night.
@@ -126,35 +128,26 @@ class SunlitHeights:
         taken for its last, as are nearer and farther observers; ``zenith``, ``azimuth``: shape (n,).
         """
         slant = np.full(len(zenith), np.clip(math.tan(rho_rad), self._slants[0], self._slants[-1]))
-        return np.asarray(self._mean(np.column_stack([slant, *_sheet(sigma_m, zenith, azimuth)])))
+        return np.asarray(self._mean(np.column_stack([slant, _sheet(sigma_m, zenith, azimuth)])))
 
     def patterns_m(self, sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
         """Return one standard deviation of every pattern, shape (k, n)."""
-        at = np.column_stack(_sheet(sigma_m, zenith, azimuth))
-        return np.array([pattern(at) for pattern in self._patterns])
+        return np.asarray(self._patterns(_sheet(sigma_m, zenith, azimuth)).T)
 
 
+@cache
 def heights_of(band_um: tuple[float, float] | None) -> SunlitHeights:
     """Return the heights of a band; those of the visible one where no table is of it, or nobody says the band."""
-    known = VISIBLE_UM if band_um is None else band_um
-    return _made(known if shipped_templates("solar", known) is not None else VISIBLE_UM)
-
-
-@cache
-def _made(band_um: tuple[float, float]) -> SunlitHeights:
-    table = shipped_templates("solar", band_um)
+    table = None if band_um is None else shipped_templates("solar", band_um)
+    if table is None and band_um != VISIBLE_UM:
+        return heights_of(VISIBLE_UM)
     assert table is not None
-    return _of_table(table)
-
-
-@cache
-def _of_table(table: LimbTemplates) -> SunlitHeights:
     return SunlitHeights(table)
 
 
-def _sheet(sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> list[FloatArray]:
+def _sheet(sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
     low, high = SIGMAS_M[0], SIGMAS_M[-1]
-    return [np.log(np.clip(np.nan_to_num(sigma_m, nan=high), low, high)), zenith, azimuth]
+    return np.column_stack([np.log(np.clip(np.nan_to_num(sigma_m, nan=high), low, high)), zenith, azimuth])
 
 
 def _heights(table: LimbTemplates, states: FloatArray, altitude_m: float) -> FloatArray:
@@ -165,22 +158,13 @@ def _heights(table: LimbTemplates, states: FloatArray, altitude_m: float) -> Flo
     return np.moveaxis(found.reshape(len(SIGMAS_M), *seen.shape[:3]), 1, 0)
 
 
-LENS_PX = 0.8
-"""Blur of a usual lens (0.7 px), of the pixel's own width and of reading between pixels."""
-
-
 @dataclass(frozen=True)
 class SunlitLimb:
-    """The limb's height at points, shape (n,) each; NaN where the table has none (no light, or no edge).
+    """The limb's height at n points; NaN where the table has none (no light, or no edge).
 
-    Attributes
-    ----------
-    height_m : ndarray, shape (n,)
-        Above the ground.
-    patterns_m : ndarray, shape (k, n)
-        Independent errors of it, one standard deviation each, every one along the whole limb together.
-    zenith_rad : ndarray, shape (n,)
-        Of the Sun at the tangent point.
+    ``height_m``: shape (n,), above the ground; ``patterns_m``: shape (k, n), independent errors of it, one standard
+    deviation each, every one along the whole limb together; ``zenith_rad``: shape (n,), of the Sun at the tangent
+    point.
     """
 
     height_m: FloatArray
@@ -199,31 +183,20 @@ def sunlit_limb(
 ) -> SunlitLimb:
     """Return the height at which the limb is steepest.
 
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-        Unit lines of sight to the limb.
-    axis_cam : ndarray, shape (3,)
-        Nadir.
-    rho_rad : float
-        Angular radius of the Earth.
-    sun_cam : ndarray, shape (3,)
-    blur_rad : ndarray, shape (n,)
-        Standard deviation of what blurs the limb across it: see :func:`blur_rad`.
-    sun_sigma_rad : float
-        Of the Sun's direction, each of two angles: two more patterns.
-    band_um : tuple of two floats, optional
-        Of the camera; the visible one without.
+    ``los_cam``: shape (n, 3), lines of sight to the limb; ``axis_cam``: nadir; ``rho_rad``: angular radius of the
+    Earth; ``sun_cam``: shape (3,); ``blur_rad``: shape (n,), standard deviation of what blurs the limb across it:
+    :func:`blur_across`; ``sun_sigma_rad``: of the Sun's direction, each of two angles: two more patterns; ``band_um``:
+    of the camera, the visible one without.
     """
     heights = heights_of(band_um)
     sigma = blur_rad * EARTH_RADIUS_M / math.tan(rho_rad)
     zenith, azimuth = sun_angles(los_cam, axis_cam, sun_cam)
     height = heights.height_m(rho_rad, sigma, zenith, azimuth)
     patterns = list(heights.patterns_m(sigma, zenith, azimuth))
-    for k in range(2 if sun_sigma_rad > 0.0 else 0):
-        moved = sun_cam + sun_sigma_rad * tangent_basis(sun_cam)[:, k]
-        there = heights.height_m(rho_rad, sigma, *sun_angles(los_cam, axis_cam, moved / np.linalg.norm(moved)))
-        patterns.append(there - height)
+    if sun_sigma_rad > 0.0:
+        moved = sun_cam + sun_sigma_rad * tangent_basis(sun_cam).T
+        moved /= np.linalg.norm(moved, axis=1)[:, None]
+        patterns += list(height_under(los_cam, axis_cam, rho_rad, moved, blur_rad, band_um)[0] - height)
     known = np.isfinite(height) & np.isfinite(patterns).all(axis=0)
     return SunlitLimb(np.where(known, height, np.nan), np.where(known, np.array(patterns), np.nan), zenith)
 
@@ -257,16 +230,19 @@ def sun_angles(los_cam: FloatArray, axis_cam: FloatArray, sun_cam: FloatArray) -
     return np.arccos(cosine), np.arccos(np.clip(ahead, -1.0, 1.0))
 
 
-def blur_rad(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, smoothing_rad: float) -> FloatArray:
-    """Return the blur across the limb [rad], shape (n,): that of lens and pixels, and a search's own smoothing."""
-    inwards = axis_cam - los_cam * (los_cam @ axis_cam)[:, None]
-    inwards /= np.linalg.norm(inwards, axis=1)[:, None]
-    step = 0.5 / max(camera.fx, camera.fy)
-    before, _ = project(camera, los_cam - step * inwards)
-    behind, _ = project(camera, los_cam + step * inwards)
-    px_per_rad = np.linalg.norm(behind - before, axis=1) / (2.0 * step)
-    local = np.where(px_per_rad > 0.0, LENS_PX / np.where(px_per_rad > 0.0, px_per_rad, 1.0), np.nan)
-    return np.hypot(local, smoothing_rad)
+LENS_PX = 0.8
+"""Blur of a usual lens (0.7 px), of the pixel's own width and of reading between pixels."""
+
+
+def blur_across(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> FloatArray:
+    """Return the blur across the limb [rad], shape (n,): of lens, pixels and the search for the steepest place."""
+    inwards = inwards_of(los_cam, axis_cam)
+    rad_per_px = 1.0 / max(camera.fx, camera.fy)
+    before, _ = project(camera, los_cam - 0.5 * rad_per_px * inwards)
+    behind, _ = project(camera, los_cam + 0.5 * rad_per_px * inwards)
+    px = np.linalg.norm(behind - before, axis=1)
+    local = LENS_PX * rad_per_px / np.where(px > 0.0, px, np.nan)
+    return np.hypot(local, SIGMA_PX * rad_per_px)
 
 
 MOST_POINTS = 60
@@ -276,17 +252,11 @@ MOST_POINTS = 60
 def cone_perturbation(
     los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, heights_m: FloatArray, earth_radius_m: float
 ) -> FloatArray:
-    """Return how far heights move the fitted cone: (axis along basis 1, basis 2, half-angle) [rad], shape (k, 3).
+    """Return how far heights (k, n) move the fitted cone: (axis along basis 1, basis 2, half-angle) [rad], (k, 3).
 
-    Raises ``LinAlgError`` if the points do not determine a cone.
-
-    ``los_cam``: shape (n, 3); ``axis_cam``: shape (3,); ``heights_m``: shape (k, n).
+    Raises ``LinAlgError`` if the points (n, 3) do not determine a cone.
     """
-    across = los_cam @ tangent_basis(axis_cam)
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    jacobian = np.column_stack([across, np.ones(len(across))])
-    gain = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
-    return np.asarray(heights_m @ gain.T * (math.tan(rho_rad) / earth_radius_m))
+    return np.asarray(heights_m @ cone_gain(los_cam, axis_cam).T * (math.tan(rho_rad) / earth_radius_m))
 
 
 def unknown_sun_covariance(
@@ -299,9 +269,8 @@ def unknown_sun_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2], shape (3, 3), of a cone through a sunlit limb for a method that knows no Sun.
 
-    Every Sun that lights the whole arc is taken to be equally likely. Parameters as above; ``blur_rad`` and ``band_um``
-    as for :func:`horizonval.estimation.guard.sunlit.sunlit_limb`. Raises ``LinAlgError`` if the points do not determine
-    a cone.
+    Every Sun that lights the whole arc is taken to be equally likely. Parameters as for :func:`sunlit_limb`; raises
+    ``LinAlgError`` if the points do not determine a cone.
     """
     stride = max(1, len(los_cam) // MOST_POINTS)
     los_cam, blur_rad = los_cam[::stride], blur_rad[::stride]

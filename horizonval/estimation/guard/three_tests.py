@@ -1,7 +1,7 @@
 """Three tests of a claimed nadir against the pixels.
 
 From the claim's nadir and angular radius, or altitude, a limb is predicted, and the most probable limb near it is
-fitted to the pixels (:mod:`horizonval.estimation.likelihood.fit`): a sphere's, of free altitude, with flattening and
+fitted to the pixels (:mod:`horizonval.estimation.fit.limb`): a sphere's, of free altitude, with flattening and
 relief as unknowns with priors. Limbs many pixels deep are tested in an image with wider pixels. The tests:
 
 1. *chi-squared*: across the edge the pixels may miss the fitted profile by the noise measured on both sides of it, and
@@ -28,61 +28,34 @@ of the air at which the pieces show as large a step of the same sign.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
+from horizonval.estimation.fit.claim import limb_scale
+from horizonval.estimation.fit.known import LimbKnowledge, sphere_knowledge
+from horizonval.estimation.fit.light import MIDDLE_LEVEL, PIXEL_VARIANCE, EdgeProfile, edge_profile, light_basis
+from horizonval.estimation.fit.limb import LimbFit, fit_limb
+from horizonval.estimation.fit.pixels import image_scale, limb_angle, near_pixels, pixel_at_limb_m
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.start import knowledge_in_air
 from horizonval.estimation.guard import limits
+from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.guard.sunlit import sun_angles
-from horizonval.estimation.likelihood.claim import limb_scale
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
-from horizonval.estimation.likelihood.knowledge import (
-    LOCAL_RADIUS_SHARE,
-    LimbKnowledge,
-    LimbPose,
-    sphere_knowledge,
-)
-from horizonval.estimation.likelihood.light import (
-    MIDDLE_LEVEL,
-    PIXEL_VARIANCE,
-    EdgeProfile,
-    edge_profile,
-    light_basis,
-    weighed,
-)
-from horizonval.estimation.likelihood.pixels import (
-    MISPLACED_PX,
-    LimbPixels,
-    image_scale,
-    limb_angle,
-    limb_pixels,
-    near_pixels,
-    pixel_at_limb_m,
-)
-from horizonval.estimation.likelihood.start import knowledge_in_air
+from horizonval.estimation.likelihood.light import weighed
+from horizonval.estimation.likelihood.pixels import LimbPixels, limb_pixels
 from horizonval.estimation.limb.finder import largest_rho_rad
-from horizonval.estimation.limb.picture import smaller
+from horizonval.estimation.limb.picture import in_wider_pixels
 from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.horizon import Cone
 from horizonval.geometry.rotation import angle_between, off_axis_angle, tangent_basis
-
-
-def in_wider_pixels(observation: Observation, scale: int) -> Observation:
-    """Return what pixels ``scale`` times as wide would have seen; columns and rows left over are cut."""
-    if scale == 1:
-        return observation
-    image, camera = smaller(observation.image, observation.camera, scale)
-    lens = None if observation.lens is None else observation.lens.in_wider_pixels(scale)
-    return replace(observation, image=image, camera=camera, lens=lens)
-
 
 BoolArray = NDArray[np.bool_]
 
@@ -123,9 +96,7 @@ class LimbPieces:
         return int((self.due & (self.steps > STEP_SIGMAS)).sum())
 
 
-def limb_pieces(
-    image: FloatArray, observation: Observation, found: LimbLikelihoodFit, knowledge: LimbKnowledge
-) -> LimbPieces:
+def limb_pieces(image: FloatArray, observation: Observation, found: LimbFit, knowledge: LimbKnowledge) -> LimbPieces:
     """Return what the pieces of a fitted limb show.
 
     Raises ``LinAlgError``: too little limb in view.
@@ -157,9 +128,7 @@ def limb_pieces(
     return LimbPieces(steps / sigmas, due, bool(sign > 0.0), misfit, rival)
 
 
-def _edge(
-    near: LimbPixels, found: LimbLikelihoodFit, knowledge: LimbKnowledge, blur: float
-) -> tuple[FloatArray, EdgeProfile]:
+def _edge(near: LimbPixels, found: LimbFit, knowledge: LimbKnowledge, blur: float) -> tuple[FloatArray, EdgeProfile]:
     """Return the pixels' distance inside the fitted limb, and its edge there."""
     pose = found.pose
     axes = knowledge.ellipsoid.axes_m + pose.height_m
@@ -202,7 +171,7 @@ def _due(los_cam: FloatArray, steps: FloatArray, nadir_cam: FloatArray, observat
 def _rival(
     image: FloatArray,
     observation: Observation,
-    found: LimbLikelihoodFit,
+    found: LimbFit,
     knowledge: LimbKnowledge,
     near: LimbPixels,
     starts: NDArray[np.intp],
@@ -278,26 +247,9 @@ PLACED_PX = 3.0
 """Allowed position error of methods with whole pixels, and of the fit where a sector shows little."""
 
 
-@dataclass(frozen=True)
-class SeenLimb:
-    """The limb that a method of points has found, as the image has it.
-
-    ``nadir_cam``, ``rho_rad``: axis and half-angle of the cone through it; ``variance``: of the half-angle [rad^2], for
-    noise and for all that makes the limb no circle.
-    """
-
-    nadir_cam: FloatArray
-    rho_rad: float
-    variance: float
-
-
-def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) -> Refusal | None:
-    """Return why a claim is refused, or None.
-
-    ``claim``: with an angular radius or an altitude, unless its limb is given. ``seen``: the limb of a claim from
-    points, whose height may have been corrected; without it the fitted limb must agree with the claim's nadir too.
-    """
-    rho = _angular_radius(claim, observation) if seen is None else seen.rho_rad
+def doubted(claim: Fit, observation: Observation) -> Refusal | None:
+    """Return why a claim, with an angular radius or an altitude, is refused, or None."""
+    rho = _angular_radius(claim, observation)
     if rho is None:
         return Refusal(Outcome.NOT_CONVERGED, "the claim predicts no limb: it has no angular radius", claim.points)
     # Where the altitude is known its own test decides how large a disc must be.
@@ -306,7 +258,7 @@ def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) 
         return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", claim.points)
     radius = observation.prior.sphere_radius_m
     distance = radius / float(np.sin(rho))
-    nadir = np.asarray(claim.nadir_cam) if seen is None else seen.nadir_cam
+    nadir = np.asarray(claim.nadir_cam)
     planet, mean, information = sphere_knowledge(nadir, radius, distance - radius)
     knowledge = knowledge_in_air(observation, planet, mean, information, observation.prior.flattening * radius)
     start = LimbPose(np.eye(3), -distance * nadir)
@@ -325,10 +277,9 @@ def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) 
     predicted = Cone(nadir, float(np.cos(rho)))
     for refusal in (
         _by_place(found, predicted, observation, claim),
-        None if seen is not None else _by_blur(found, observation, claim, scale),
-        None if seen is not None else _by_nadir(found, observation, claim),
-        _by_altitude(found, observation, claim, seen),
-        _by_attitude(observation, claim),
+        _by_blur(found, observation, claim, scale),
+        _by_nadir(found, observation, claim),
+        contradicted(claim, observation, *_fitted_rho(found, radius)),
     ):
         if refusal is not None:
             return refusal
@@ -365,7 +316,7 @@ def _by_share(pieces: LimbPieces, claim: Fit) -> Refusal | None:
     return None
 
 
-def _by_place(found: LimbLikelihoodFit, predicted: Cone, observation: Observation, claim: Fit) -> Refusal | None:
+def _by_place(found: LimbFit, predicted: Cone, observation: Observation, claim: Fit) -> Refusal | None:
     """Refuse a limb that is too soft for air, and one away from the claimed limb.
 
     A short arc hardly separates tilt from altitude, so the limb in view is compared. Allowed are any height in the air,
@@ -389,7 +340,15 @@ def _by_place(found: LimbLikelihoodFit, predicted: Cone, observation: Observatio
     return Refusal(Outcome.AMBIGUOUS, f"the most probable limb lies {off_px:.1f} px from the claimed one", claim.points)
 
 
-def _by_blur(found: LimbLikelihoodFit, observation: Observation, claim: Fit, scale: int) -> Refusal | None:
+def _fitted_rho(found: LimbFit, radius_m: float) -> tuple[float, float]:
+    """Return the angular radius of a fitted sphere and its variance [rad^2]."""
+    distance = float(np.linalg.norm(found.pose.r_itrs))
+    up = found.pose.r_itrs / distance
+    rho = float(np.arcsin(radius_m / distance))
+    return rho, float(up @ found.covariance[3:6, 3:6] @ up) * float(np.tan(rho) / distance) ** 2
+
+
+def _by_blur(found: LimbFit, observation: Observation, claim: Fit, scale: int) -> Refusal | None:
     """Refuse an edge that is wider than the camera's lens and the air make it: one that motion or focus has smeared.
 
     ``observation``: in pixels ``scale`` times as wide as the image's.
@@ -407,7 +366,7 @@ def _by_blur(found: LimbLikelihoodFit, observation: Observation, claim: Fit, sca
     return Refusal(Outcome.AMBIGUOUS, reason, claim.points)
 
 
-def _by_nadir(found: LimbLikelihoodFit, observation: Observation, claim: Fit) -> Refusal | None:
+def _by_nadir(found: LimbFit, observation: Observation, claim: Fit) -> Refusal | None:
     nadir = np.asarray(claim.nadir_cam)
     basis = tangent_basis(nadir)
     by_nadir = found.by_nadir
@@ -420,70 +379,3 @@ def _by_nadir(found: LimbLikelihoodFit, observation: Observation, claim: Fit) ->
     apart = np.degrees(angle_between(found.pose.nadir_cam, nadir))
     reason = f"the most probable limb has its nadir {apart:.2f} deg from the claimed one"
     return Refusal(Outcome.AMBIGUOUS, reason, claim.points)
-
-
-def _by_altitude(
-    found: LimbLikelihoodFit, observation: Observation, claim: Fit, seen: SeenLimb | None
-) -> Refusal | None:
-    """Refuse an angular radius that contradicts the known altitude; a limb ``h`` higher adds ``h tan(rho) / R``."""
-    if (known := _known_altitude(observation)) is None:
-        return None
-    expected, variance = known
-    radius = observation.prior.sphere_radius_m
-    if seen is None:
-        distance = float(np.linalg.norm(found.pose.r_itrs))
-        up = found.pose.r_itrs / distance
-        rho = float(np.arcsin(radius / distance))
-        of_distance = float(up @ found.covariance[3:6, 3:6] @ up) * (np.tan(rho) / distance) ** 2
-        variance += of_distance
-    else:
-        rho = seen.rho_rad
-        variance += seen.variance
-    low, high = (h * np.tan(expected) / radius for h in limb_height_m(observation.band_kind))
-    # In coarse pixels points lie in the limb's light, not at its edge: by 0.11 px in pixels of 350 km, and the fit of
-    # free altitude, which has an exponential for that light, by 0.07.
-    variance += (MISPLACED_PX / max(observation.camera.fx, observation.camera.fy)) ** 2
-    slack = SIGMAS * float(np.sqrt(variance))
-    if low - slack <= rho - expected <= high + slack:
-        return None
-    reason = f"the angular radius is {np.degrees(rho - expected):+.2f} deg from that of the known altitude"
-    return Refusal(Outcome.AMBIGUOUS, reason, claim.points)
-
-
-def _known_altitude(observation: Observation) -> tuple[float, float] | None:
-    """Return the angular radius of the known altitude and its variance [rad^2]; of a known position else."""
-    prior = observation.prior
-    if prior.angular_radius is not None:
-        return prior.angular_radius
-    if prior.r_itrs is None or prior.position_sigma_m is None:
-        return None
-    radius, distance = prior.sphere_radius_m, float(np.linalg.norm(prior.r_itrs))
-    if distance <= radius:
-        return None
-    rho = float(np.arcsin(radius / distance))
-    # The Earth's radius below the satellite is that of the sphere to so much.
-    local = LOCAL_RADIUS_SHARE * prior.flattening * radius
-    return rho, (np.tan(rho) / distance) ** 2 * (prior.position_sigma_m**2 + local**2)
-
-
-def _by_attitude(observation: Observation, claim: Fit) -> Refusal | None:
-    prior = observation.prior
-    basis = tangent_basis(np.asarray(claim.nadir_cam))
-    claimed = basis.T @ claim.total_covariance_nadir_cam @ basis
-    if prior.r_itrs is None or prior.q_cam_from_itrs is None:
-        return None
-    assert prior.position_sigma_m is not None
-    assert prior.attitude_sigma_rad is not None
-    distance = float(np.linalg.norm(prior.r_itrs))
-    known = -Rotation.from_quat(prior.q_cam_from_itrs).as_matrix() @ prior.r_itrs / distance
-    cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
-    turn = cam_from_body @ np.diag(prior.attitude_sigma_rad**2) @ cam_from_body.T
-    n = known
-    cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
-    spread = basis.T @ (cross @ turn @ cross.T) @ basis + (prior.position_sigma_m / distance) ** 2 * np.eye(2)
-    off = basis.T @ (known - np.asarray(claim.nadir_cam))
-    # Beyond a right angle the difference of two unit vectors gets no longer across the first one.
-    if known @ claim.nadir_cam > 0.0 and off @ np.linalg.solve(claimed + spread, off) <= SIGMAS**2:
-        return None
-    apart = np.degrees(angle_between(known, np.asarray(claim.nadir_cam)))
-    return Refusal(Outcome.AMBIGUOUS, f"the nadir lies {apart:.1f} deg from that of the known attitude", claim.points)

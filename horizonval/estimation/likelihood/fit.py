@@ -27,19 +27,19 @@ from itertools import pairwise
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M, LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.light import (
+from horizonval.estimation.fit.known import FIXED_LENGTH_M, LimbKnowledge
+from horizonval.estimation.fit.light import (
     EARTH_LEVEL,
     PIXEL_VARIANCE,
     EdgeProfile,
-    LimbLight,
     brightness,
     edge_profile,
     light_basis,
-    solved,
-    weighed,
 )
-from horizonval.estimation.likelihood.pixels import LimbAngle, LimbPixels, image_scale, limb_angle, limb_pixels
+from horizonval.estimation.fit.pixels import LimbAngle, image_scale, limb_angle
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
+from horizonval.estimation.likelihood.pixels import LimbPixels, limb_pixels
 from horizonval.estimation.likelihood.sectors import eliminated
 from horizonval.geometry.camera import CameraModel
 

@@ -1,7 +1,9 @@
-"""How well points of a limb determine the cone fitted to them, and where a cone's limb lies in an image.
+"""How well points of a limb determine the cone fitted to them.
 
 The fit itself is :func:`horizonval.geometry.horizon.fit_cone`. Its residual ``u . n - cos rho`` is ``sin rho`` times
-the angle between the point and the fitted limb, for every point alike.
+the angle between the point and the fitted limb, for every point alike. With ``t`` the unit direction from the axis
+towards a point, an angle ``e`` of the point outwards moves axis and half-angle by the least-squares solution of
+``t . dn + drho = e``.
 """
 
 from __future__ import annotations
@@ -12,11 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import CameraModel, project
+from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, median
+from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
-AZIMUTHS = 7200
-"""Round a limb: a full disc of 2000 px has fewer pixels of it."""
+OUTLIER_SIGMAS = 4.0
+"""Robust standard deviations beyond which a point is an outlier: of normal ones one of sixteen thousand is."""
+SMALLEST_TRIM_PX = 0.3
+"""Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
+TRIMS = 5
+"""Largest number of passes that leave outliers out."""
+SLOW_PX = 0.01
+"""Rms error of sub-pixel points of a sharp limb without noise: mostly the lens's blur of shaded ground."""
+SOFT_SLOW_PX = 0.07
+"""The same for points by the area under a profile on limbs with air, over frames from 300 to 36 000 km: the
+contribution of the air's tail and the ground's shading depends on the slant of a column."""
+SLOW_PATTERNS = 4.0
+"""Number of independent values of it along an arc: it varies as slowly as the limb's direction against the pixels."""
 
 
 def arc_order(los_cam: FloatArray, axis: FloatArray) -> NDArray[np.int64]:
@@ -25,18 +39,40 @@ def arc_order(los_cam: FloatArray, axis: FloatArray) -> NDArray[np.int64]:
     return np.argsort(np.arctan2(across[:, 1], across[:, 0]), kind="stable").astype(np.int64)
 
 
+def near_cone(los_cam: FloatArray, px_rad: float, fewest: int = 8) -> NDArray[np.intp]:
+    """Return the rows of lines of sight (n, 3) without those far from the cone through the rest."""
+    rows = np.arange(len(los_cam))
+    for _ in range(TRIMS):
+        if len(rows) < fewest:
+            break
+        off = off_axis_angle(los_cam[rows], fit_cone(los_cam[rows]).axis_cam)
+        off = np.abs(off - median(off))
+        good = off <= max(OUTLIER_SIGMAS * MEDIAN_TO_SIGMA * median(off), SMALLEST_TRIM_PX * px_rad)
+        if good.all():
+            break
+        rows = rows[good]
+    return rows
+
+
+def cone_gain(los_cam: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return how (axis along basis 1, basis 2, half-angle) move with angles of points outwards, shape (3, n).
+
+    The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. Raises ``LinAlgError`` if the points
+    (n, 3) do not determine a cone.
+    """
+    across = los_cam @ tangent_basis(axis)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    jacobian = np.column_stack([across, np.ones(len(across))])
+    return np.asarray(np.linalg.solve(jacobian.T @ jacobian, jacobian.T))
+
+
 @dataclass(frozen=True)
 class ConeUncertainty:
     """How well points determine a cone.
 
-    Attributes
-    ----------
-    basis : ndarray, shape (3, 2)
-        Tangent directions at the axis.
-    covariance : ndarray, shape (3, 3)
-        [rad^2] of (axis along basis 1, axis along basis 2, half-angle).
-    correlation_length : float
-        Number of neighbouring points that carry the information of one (1: independent noise).
+    ``basis``: shape (3, 2), tangent directions at the axis; ``covariance``: shape (3, 3), [rad^2] of (axis along basis
+    1, axis along basis 2, half-angle); ``correlation_length``: number of neighbouring points that carry the information
+    of one (1: independent noise).
     """
 
     basis: FloatArray
@@ -71,18 +107,18 @@ def noise_bias(los_cam: FloatArray, axis: FloatArray, rho_rad: float, sigma_rad:
 
     ``los_cam``: shape (n, 3); ``axis``: shape (3,); ``sigma_rad``: standard deviation of a point across the limb [rad].
     """
+    gain = cone_gain(los_cam, axis)
     across = los_cam @ tangent_basis(axis)
     across /= np.linalg.norm(across, axis=1)[:, None]
-    jacobian = np.column_stack([across, np.ones(len(across))])
     left = np.append(1.5 * across.sum(axis=0), 0.5 * len(across))
-    return np.asarray(sigma_rad**2 / np.tan(rho_rad) * np.linalg.solve(jacobian.T @ jacobian, left))
+    return np.asarray(sigma_rad**2 / np.tan(rho_rad) * (gain @ gain.T @ left))
 
 
 def cone_uncertainty(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeUncertainty:
     """Return the covariance of a fitted cone from its own residuals: its scatter and the bias that noise causes.
 
-    The bias (:func:`noise_bias`) is not taken away from the fit; its outer product widens the covariance.
-    Parameters and errors as for :func:`cone_scatter`.
+    The bias (:func:`noise_bias`) is not taken away from the fit; its outer product widens the covariance. Parameters
+    and errors as for :func:`cone_scatter`.
     """
     scatter = cone_scatter(los_cam, axis, rho_rad)
     sigma = float(np.std(off_axis_angle(los_cam, axis) - rho_rad))
@@ -93,65 +129,30 @@ def cone_uncertainty(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> C
 def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeUncertainty:
     """Return the covariance of a cone fitted by angles, without any bias.
 
-    With ``t`` the unit direction from the axis towards a point, the residual angle ``r = angle(u, n) - rho`` changes by
-    ``-t . dn - drho``; hence ``C = s^2 (J^T J)^-1`` with ``s^2`` the residual variance for ``n - 3`` degrees of
-    freedom. Real limb residuals are correlated along the arc (clouds, oblateness): ``s^2`` is multiplied by the sum of
-    the measured autocorrelation up to the first lag at which it is no longer significant. Raises ``LinAlgError`` if the
-    points do not determine a cone.
+    It is ``s^2 G G^T`` with the gain ``G`` and the residual variance ``s^2`` for ``n - 3`` degrees of freedom. Real
+    limb residuals are correlated along the arc (clouds, oblateness): ``s^2`` is multiplied by the sum of the measured
+    autocorrelation up to the first lag at which it is no longer significant. Raises ``LinAlgError`` if the points do
+    not determine a cone.
 
     ``los_cam``: shape (n, 3), n >= 4 points, in any order; ``axis``: shape (3,).
     """
-    basis = tangent_basis(axis)
-    jacobian = _jacobian(los_cam, basis)
+    gain = cone_gain(los_cam, axis)
     residual = off_axis_angle(los_cam, axis) - rho_rad
     length = _correlation_length(residual[arc_order(los_cam, axis)])
     # Information of n / length points decides both the variance's degrees of freedom and its size.
     variance = float(residual @ residual) / max(len(residual) - 3.0 * length, 1.0)
-    covariance = variance * length * np.linalg.inv(jacobian.T @ jacobian)
-    return ConeUncertainty(basis=basis, covariance=0.5 * (covariance + covariance.T), correlation_length=length)
+    return ConeUncertainty(tangent_basis(axis), variance * length * gain @ gain.T, length)
 
 
-SLOW_PX = 0.01
-"""Rms error of sub-pixel points of a sharp limb without noise: mostly the lens's blur of shaded ground."""
-SOFT_SLOW_PX = 0.07
-"""The same for points by the area under a profile on limbs with air, over frames from 300 to 36 000 km: the
-contribution of the air's tail and the ground's shading depends on the slant of a column."""
-SLOW_PATTERNS = 4.0
-"""Number of independent values of it along an arc: it varies as slowly as the limb's direction against the pixels."""
-
-
-def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: float = SLOW_PX) -> FloatArray:
+def slow_error(los_cam: FloatArray, axis: FloatArray, px_rad: float, slow_px: float = SLOW_PX) -> FloatArray:
     """Return the covariance [rad^2], shape (3, 3), of a fitted cone from slow errors of sub-pixel points.
 
     They are systematic: more points do not reduce them, and residuals hardly show them. ``los_cam``: shape (n, 3);
-    ``basis``: shape (3, 2), tangent directions at the axis; ``px_rad``: angle of a pixel; ``slow_px``: rms error of a
-    point. Raises ``LinAlgError``: the points do not determine a cone.
+    ``px_rad``: angle of a pixel; ``slow_px``: rms error of a point. Raises ``LinAlgError``: the points do not determine
+    a cone.
     """
-    jacobian = _jacobian(los_cam, basis)
-    variance = (slow_px * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS
-    covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
-    return np.asarray(0.5 * (covariance + covariance.T))
-
-
-def limb_directions(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, rim_px: float) -> FloatArray:
-    """Return one line of sight per pixel of a cone's limb in view, (n, 3), by azimuth, outside a rim of ``rim_px``."""
-    turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
-    basis = tangent_basis(axis_cam)
-    around = np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
-    los = np.cos(rho_rad) * axis_cam + np.sin(rho_rad) * around
-    uv, in_front = project(camera, los)
-    with np.errstate(invalid="ignore"):
-        inside = in_front & ((uv >= rim_px) & (uv <= (camera.width - 1 - rim_px, camera.height - 1 - rim_px))).all(1)
-    los, uv = los[inside], uv[inside]
-    _, first = np.unique(np.rint(uv).astype(np.int64), axis=0, return_index=True)
-    return los[np.sort(first)]
-
-
-def _jacobian(los_cam: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return the derivative of every point's angle from the limb by (basis 1, basis 2, half-angle)."""
-    across = los_cam @ basis
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    return np.column_stack([-across, -np.ones(len(across))])
+    gain = cone_gain(los_cam, axis)
+    return np.asarray((slow_px * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS * (gain @ gain.T))
 
 
 def _correlation_length(residual: FloatArray) -> float:

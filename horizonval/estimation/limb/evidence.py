@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.pyramid import PyramidLevel, Trace, trace_limb
+from horizonval.estimation.limb.pyramid import PyramidLevel, Trace, cone_frame, on_cone, trace_limb
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel
 
@@ -58,19 +58,18 @@ class Evidence:
     """Evidence of a level along a cone, in m sectors.
 
     ``log_ratio`` (m,): likelihood of limb against none, negative for the opposite bright side; ``step`` (m,):
-    brightness of Earth minus space; ``deep`` (m,): the same of the innermost pixels read; ``uv`` (m, 2): middle of the
-    sector's limb, in pixels of the picture; ``width_px``: of the edge, in pixels of the level; ``sector_px``: sector
-    length, in pixels of the picture; ``azimuth`` (m,); ``px_rad``: angle of the level's pixel across the limb.
+    brightness of Earth minus space; ``deep`` (m,): the same of the innermost pixels read; ``los`` (m, 3): lines of
+    sight to the middle of the sector's limb; ``width_px``: of the edge, in pixels of the level; ``sector_px``: sector
+    length, in pixels of the picture; ``px_rad``: angle of the level's pixel across the limb.
     """
 
     log_ratio: FloatArray
     step: FloatArray
     deep: FloatArray
-    uv: FloatArray
+    los: FloatArray
     width_px: float
     bright_inside: bool
     sector_px: float
-    azimuth: FloatArray
     px_rad: float
 
     @property
@@ -120,18 +119,18 @@ def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_ra
     bright = bool(np.sum(np.where(log_ratio > 0.0, log_ratio, 0.0) * np.sign(step)) > 0.0)
     log_ratio = np.where((step > 0.0) == bright, log_ratio, -np.abs(log_ratio))
     first = np.flatnonzero(good) * PROFILES + PROFILES // 2
-    uv = trace.uv[first] + level.scale * shift[:, None] * trace.inwards[first]
+    rho = rho_rad - level.scale * shift * trace.px_rad[first]
+    los = on_cone(cone_frame(axis_cam), rho, trace.azimuth[first])
     px_rad = trace.middle_px_rad * level.scale
     sector_px = trace.spacing * PROFILES
     return Evidence(
         log_ratio,
         step,
         mean[:, -INNERMOST:].mean(axis=1) - space,
-        uv,
+        los,
         width,
         bright,
         sector_px,
-        trace.azimuth[first],
         px_rad,
     )
 
@@ -180,50 +179,53 @@ def _without_gaps(mean: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
 
 
 @cache
-def _projections(reach: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return orthonormal columns of ramps (k, 3), their begins and edges (k, e, 3), and what gives levels (e, 3, k)."""
+def _projections(reach: int) -> FloatArray:
+    """Return columns (k, 2 + 6 e) for e edges: of ramps, of edges, of ramps' begins, of steps and of space.
+
+    The first three are orthonormal and orthogonal to a constant; the product of a profile with the last two is the step
+    and the level of space that fit it.
+    """
     x = np.arange(-REACH_PX, reach + 1.0)
-    none, _ = np.linalg.qr(np.column_stack([np.ones_like(x), x, x * x]))
-    columns, begins, levels = [], [], []
+
+    def varying(*columns: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.qr(np.column_stack([np.ones_like(x), *columns]))[0][:, 1:])
+
+    edges, begins, steps, spaces = [], [], [], []
     for width in WIDTHS_PX:
         for shift in SHIFTS_PX:
             edge = ndtr((x - shift) / width)
-            design = np.column_stack([np.ones_like(x), edge, edge * (x - shift) / REACH_PX])
-            columns.append(np.linalg.qr(design)[0])
-            levels.append(np.linalg.pinv(design))
-            begins.append(np.linalg.qr(np.column_stack([np.ones_like(x), x, edge * (x - shift)]))[0])
-    return none, np.stack(begins, axis=1), np.stack(columns, axis=1), np.array(levels)
+            edges.append(varying(edge, edge * (x - shift)))
+            begins.append(varying(x, edge * (x - shift)))
+            levels = np.linalg.pinv(np.column_stack([np.ones_like(x), edge, edge * (x - shift) / REACH_PX]))
+            steps.append(levels[1][:, None])
+            spaces.append(levels[0][:, None])
+    return np.hstack([varying(x, x * x), *edges, *begins, *steps, *spaces])
 
 
 def _compared(
     mean: FloatArray, reach: int, widths: tuple[float, ...], noise: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
     """Return of profiles (m, k): logarithm of the likelihood ratio, step, space, shift, (m,) each, and the width."""
-    ramp, begins, edges, solve = _projections(reach)
-    k = mean.shape[1]
+    m, k = mean.shape
     centred = mean - mean.mean(axis=1, keepdims=True)
     power = np.einsum("ij,ij->i", centred, centred)
-    tried = len(widths) * len(SHIFTS_PX)
-    of_begins = (np.tensordot(centred, begins[:, :tried], axes=(1, 0)) ** 2).sum(axis=2).max(axis=1)
-    of_ramp = ((centred @ ramp) ** 2).sum(axis=1)
-    left_none = np.maximum(power - np.maximum(of_ramp, of_begins), 0.0) / k
-    of_edges = np.tensordot(centred, edges[:, :tried], axes=(1, 0))
-    left = np.maximum(power[:, None] - (of_edges**2).sum(axis=2), 0.0) / k
-    levels = np.einsum("ejk,ik->iej", solve[:tried], mean)
-    step = levels[:, :, 1]
+    every, tried = len(WIDTHS_PX) * len(SHIFTS_PX), len(widths) * len(SHIFTS_PX)
+    columns = _projections(reach)
+    explained = (centred @ columns[:, : 2 + 4 * every]) ** 2
+    explained = explained[:, ::2] + explained[:, 1::2]
+    ramps, edges, begins = explained[:, 0], explained[:, 1 : 1 + tried], explained[:, 1 + every : 1 + every + tried]
+    left_none = np.maximum(power - np.maximum(ramps, begins.max(axis=1)), 0.0) / k
+    left = np.maximum(power[:, None] - edges, 0.0) / k
+    step = mean @ columns[:, 2 + 4 * every : 2 + 4 * every + tried]
     floor = noise**2 / k + (MISFIT_SHARE * step) ** 2
-    ratio = 0.5 * k * np.log((left_none[:, None] + floor) / (left + floor))
-    ratio = ratio.reshape(len(mean), len(widths), len(SHIFTS_PX))
+    ratio = (0.5 * k * np.log((left_none[:, None] + floor) / (left + floor))).reshape(m, len(widths), -1)
     best = int(np.argmax(ratio.max(axis=2).sum(axis=0)))
-    place = np.argmax(ratio[:, best], axis=1)
-    rows, column = np.arange(len(mean)), best * len(SHIFTS_PX) + place
-    return (
-        ratio[rows, best, place],
-        step[rows, column],
-        levels[rows, column, 0],
-        SHIFTS_PX[0] + place + _top(ratio[:, best], place),
-        widths[best],
-    )
+    ratio = ratio[:, best]
+    place = np.argmax(ratio, axis=1)
+    rows, column = np.arange(m), best * len(SHIFTS_PX) + place
+    space = np.einsum("ij,ij->i", mean, columns.T[2 + 5 * every + column])
+    shift = SHIFTS_PX[0] + place + _top(ratio, place)
+    return ratio[rows, place], step[rows, column], space, shift, widths[best]
 
 
 def _top(ratio: FloatArray, place: NDArray[np.intp]) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, PIXEL_DIRECTIONS, median
+from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, median, pixel_directions
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
@@ -36,7 +36,7 @@ def without_foreign_light(
 
     ``nadir_cam``, ``rho_rad``: cone of the limb, right to two pixels; ``top_rad``: angle from it to the top of the air.
     """
-    los, px_per_rad = PIXEL_DIRECTIONS.of(camera), max(camera.fx, camera.fy)
+    los, px_per_rad = pixel_directions(camera), max(camera.fx, camera.fy)
     outside = (off_axis_angle(los, nadir_cam) - rho_rad) * px_per_rad
     top = top_rad * px_per_rad + MARGIN_PX
     with np.errstate(invalid="ignore"):

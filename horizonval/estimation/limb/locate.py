@@ -89,7 +89,7 @@ def points_of(
     noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
     good = _stands_out(fit, bright_inside, noise)
     if shape.bare and np.count_nonzero(good) >= FEWEST_POINTS:
-        fit = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, fit.shading, good))
+        fit = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, fit.shading, good), fit.shift)
         # Where it is night, the shading of the day makes a step of nothing: what had none by itself has none.
         good &= _stands_out(fit, bright_inside, noise)
     shift, step = fit.shift, fit.step
@@ -215,13 +215,20 @@ def _blurred_root(width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     return at, slope, np.gradient(slope, ROOT_STEP_PX)
 
 
-def _fitted(profiles: FloatArray, offsets: FloatArray, shape: _Shape, shading: FloatArray | None = None) -> _Fitted:
-    """Return what profiles (n, k) show, each with its own shading or the given one (n,)."""
+def _fitted(
+    profiles: FloatArray,
+    offsets: FloatArray,
+    shape: _Shape,
+    shading: FloatArray | None = None,
+    shift: FloatArray | None = None,
+) -> _Fitted:
+    """Return what profiles (n, k) show, each with its own shading or the given one (n,), from a first shift (n,)."""
     n = len(profiles)
-    shift, step, space = np.zeros(n), np.zeros(n), np.zeros(n)
+    steps = STEPS if shift is None else STEPS // 2
+    shift, step, space = np.zeros(n) if shift is None else shift, np.zeros(n), np.zeros(n)
     own = np.zeros(n) if shading is None else shading
     good = np.ones(n, dtype=bool)
-    for _ in range(STEPS):
+    for _ in range(steps):
         x = offsets[None, :] - shift[:, None]
         edge, slope = shape.edge(x)
         shade, change = shape.shading(x, edge, slope)

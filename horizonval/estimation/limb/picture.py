@@ -3,22 +3,12 @@
 Colour becomes the plain mean of its channels: luminance weights would mute the blue of the daylight limb, and the order
 of channels does not matter. The checks ensure what later steps assume: two dimensions, a few pixels, finite numbers,
 and some pixels between darkness and saturation.
-
-**Least noise.** A converter that rounds to whole steps leaves ``1 / sqrt(12)`` of a step. Where the noise is smaller,
-nearly all pixels of an even field have one number, and the few others look like outliers.
-
-**Percentiles** equal NumPy's to the bit in a fifth of the time: a single rank is selected per call, and for whole
-numbers of up to sixteen bits counts suffice, for the percentiles and for the stretch.
-
-**Directions** of a camera's pixels are cached, because images of a flight share one camera.
 """
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -27,16 +17,12 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 
 OF_WHOLE_STEPS = 1.0 / 12.0
-
-
-def rounding_variance(values: FloatArray) -> float:
-    """Return the variance of rounding in values of finite numbers: that of whole steps where all are whole, else 0."""
-    return OF_WHOLE_STEPS if np.array_equal(values, np.rint(values)) else 0.0
-
-
+"""Variance of rounding, in squared steps. Where the noise is smaller, nearly all pixels of an even field have one
+number, and the few others look like outliers."""
 MEDIAN_TO_SIGMA = 1.4826
 """Ratio of standard deviation to median absolute deviation of normal variables, robust to outliers."""
 ROSE_SIGMAS = 5.0
@@ -45,46 +31,27 @@ TRIM_SIGMAS = 3.5
 """Robust standard deviations beyond which a value of many is left out: of normal ones one of two thousand is."""
 
 
+def rounding_variance(values: FloatArray) -> float:
+    """Return the variance of rounding in values of finite numbers: that of whole steps where all are whole, else 0."""
+    return OF_WHOLE_STEPS if np.array_equal(values, np.rint(values)) else 0.0
+
+
 def median(values: NDArray[Any]) -> float:
     """Return the median of finite numbers, at least one, in the precision of their type."""
-    flat = values.ravel()
-    middle = flat.size // 2
-    parted = np.partition(flat, middle)
-    if flat.size % 2:
-        return float(parted[middle])
-    return float((parted[:middle].max() + parted[middle]) / 2)
+    return percentile(values, 50.0)
 
 
-def percentile(values: NDArray[np.floating[Any]], q: float) -> float:
-    """Return a percentile (linear between ranks) of finite numbers, at least one, in the precision of their type."""
+def percentile(values: NDArray[Any], q: float) -> float:
+    """Return what :func:`numpy.percentile` does of finite numbers, at least one, in a fifth of its time."""
     flat = values.ravel()
-    rank, share = _rank(flat.size, q)
+    place = (flat.size - 1) * (q / 100.0)
+    rank, share = int(place), place - int(place)
     parted = np.partition(flat, rank)
-    above = parted[rank + 1 :]
-    return _between(parted[rank], above.min() if above.size else parted[rank], share)
-
-
-def level_counts(levels: NDArray[np.uint16] | NDArray[np.float32], top: int) -> NDArray[np.int64]:
-    """Return how many pixels have each of the levels up to ``top``, shape (top + 1,)."""
-    return np.bincount(levels.ravel().astype(np.intp), minlength=top + 1)
-
-
-def percentile_of_counts(counts: NDArray[np.int64], q: float) -> float:
-    """Return a percentile of whole numbers from 0 on that occur so many times each, at least one at all."""
-    up_to = np.cumsum(counts)
-    rank, share = _rank(int(up_to[-1]), q)
-    below, above = np.searchsorted(up_to, [rank, min(rank + 1, int(up_to[-1]) - 1)], side="right")
-    return _between(np.float64(below), np.float64(above), share)
-
-
-def _rank(count: int, q: float) -> tuple[int, float]:
-    place = (count - 1) * (q / 100.0)
-    return int(place), place - int(place)
-
-
-def _between(low: Any, high: Any, share: float) -> float:
-    rise = high - low
-    return float(low + rise * share if share < 0.5 else high - rise * (1.0 - share))
+    low = parted[rank].astype(float) if flat.dtype.kind in "iu" else parted[rank]
+    if share == 0.0:
+        return float(low)
+    rise = parted[rank + 1 :].min() - low
+    return float(low + rise * share if share < 0.5 else low + rise - rise * (1.0 - share))
 
 
 def to_grey(array: NDArray[Any]) -> FloatArray:
@@ -124,21 +91,25 @@ def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal |
         return Refusal(Outcome.BAD_INPUT, f"the image has {image.ndim} dimensions; a grey image has 2")
     if min(image.shape) < SMALLEST_SIDE_PX:
         rows, columns = image.shape
-        return Refusal(
-            Outcome.BAD_INPUT, f"the image is {columns} x {rows} pixels; {SMALLEST_SIDE_PX} a side are needed"
-        )
+        reason = f"the image is {columns} x {rows} pixels; {SMALLEST_SIDE_PX} a side are needed"
+        return Refusal(Outcome.BAD_INPUT, reason)
     low, high = float(image.min()), float(image.max())
     # Either of them is not finite if any pixel is not.
     if not (np.isfinite(low) and np.isfinite(high)):
-        bad = int(image.size - np.isfinite(image).sum())
-        return Refusal(Outcome.BAD_INPUT, f"{bad} pixels are not finite")
+        return Refusal(Outcome.BAD_INPUT, f"{int(image.size - np.isfinite(image).sum())} pixels are not finite")
     if high == low:
         return _flat(high, full_scale)
-    if full_scale is not None:
-        share = np.count_nonzero(image >= full_scale) / image.size
-        if share > SATURATED_SHARE:
-            return Refusal(Outcome.SATURATED, f"{share:.0%} of the pixels are saturated")
-    return None
+    share = 0.0 if full_scale is None else np.count_nonzero(image >= full_scale) / image.size
+    return Refusal(Outcome.SATURATED, f"{share:.0%} of the pixels are saturated") if share > SATURATED_SHARE else None
+
+
+def _flat(level: float, full_scale: float | None) -> Refusal:
+    scales = COMMON_FULL_SCALES if full_scale is None else (full_scale,)
+    if level in scales or (full_scale is not None and level >= full_scale):
+        return Refusal(Outcome.SATURATED, f"every pixel is saturated at {level:g}")
+    if level <= DARK_SHARE * scales[0]:
+        return Refusal(Outcome.DARK, f"every pixel is {level:g}: nothing is lit")
+    return Refusal(Outcome.NO_LIMB, f"every pixel is {level:g}: there is no contrast")
 
 
 def saturated_pixels(image: FloatArray, full_scale: float | None = None) -> NDArray[np.bool_]:
@@ -146,36 +117,28 @@ def saturated_pixels(image: FloatArray, full_scale: float | None = None) -> NDAr
 
     Without ``full_scale`` its maximum counts as saturation if at least nine pixels share it, which noise does not do.
     """
-    top = float(image.max()) if full_scale is None else full_scale
-    at_top = image >= top
+    at_top = image >= (float(image.max()) if full_scale is None else full_scale)
     if full_scale is None and np.count_nonzero(at_top) < 9:
         return np.zeros(image.shape, dtype=bool)
     return np.asarray(at_top)
-
-
-def _flat(level: float, full_scale: float | None) -> Refusal:
-    scales = COMMON_FULL_SCALES if full_scale is None else (full_scale,)
-    if level in scales or (full_scale is not None and level >= full_scale):
-        return Refusal(Outcome.SATURATED, f"every pixel is saturated at {level:g}")
-    if level <= DARK_SHARE * (full_scale if full_scale is not None else COMMON_FULL_SCALES[0]):
-        return Refusal(Outcome.DARK, f"every pixel is {level:g}: nothing is lit")
-    return Refusal(Outcome.NO_LIMB, f"every pixel is {level:g}: there is no contrast")
 
 
 def smaller(image: FloatArray, camera: CameraModel, scale: int) -> tuple[FloatArray, CameraModel]:
     """Return an image and its camera with pixels ``scale`` times as wide; columns and rows left over are cut."""
     width, height = camera.width // scale, camera.height // scale
     whole = np.asarray(image, dtype=np.float64)[: height * scale, : width * scale]
-    small = replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx / scale,
-        fy=camera.fy / scale,
-        cx=(camera.cx + 0.5) / scale - 0.5,
-        cy=(camera.cy + 0.5) / scale - 0.5,
-    )
+    cx, cy = (camera.cx + 0.5) / scale - 0.5, (camera.cy + 0.5) / scale - 0.5
+    small = replace(camera, width=width, height=height, fx=camera.fx / scale, fy=camera.fy / scale, cx=cx, cy=cy)
     return whole.reshape(height, scale, width, scale).mean(axis=(1, 3)), small
+
+
+def in_wider_pixels(observation: Observation, scale: int) -> Observation:
+    """Return what pixels ``scale`` times as wide would have seen; columns and rows left over are cut."""
+    if scale == 1:
+        return observation
+    image, camera = smaller(observation.image, observation.camera, scale)
+    lens = None if observation.lens is None else observation.lens.in_wider_pixels(scale)
+    return replace(observation, image=image, camera=camera, lens=lens)
 
 
 def in_whole(uv: FloatArray, scale: int) -> FloatArray:
@@ -183,39 +146,24 @@ def in_whole(uv: FloatArray, scale: int) -> FloatArray:
     return np.asarray(scale * (uv + 0.5) - 0.5)
 
 
-MOST_BYTES = 64 << 20
-"""Largest cache for all cameras: two of a megapixel. A larger camera is not cached."""
+MOST_CACHED_PX = 1 << 22
+"""Largest camera whose directions are cached, 100 MB."""
 
 
-class PixelDirections:
-    """Cache of unit directions of pixel centres by all camera parameters; the oldest leave beyond ``most_bytes``."""
+def pixel_directions(camera: CameraModel) -> FloatArray:
+    """Return the unit directions in camera axes, shape (H, W, 3), read only; NaN where a pixel sees nothing.
 
-    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
-        self._most_bytes = most_bytes
-        self._kept: OrderedDict[CameraModel, FloatArray] = OrderedDict()
-        self._lock = threading.Lock()
-
-    @property
-    def nbytes(self) -> int:
-        """What is kept [bytes]."""
-        return sum(directions.nbytes for directions in self._kept.values())
-
-    def of(self, camera: CameraModel) -> FloatArray:
-        """Return the unit directions in camera axes, shape (H, W, 3), read only; NaN where a pixel sees nothing."""
-        with self._lock:
-            directions = self._kept.pop(camera, None)
-            if directions is None:
-                directions = unproject(camera, pixel_grid(camera))
-                directions.flags.writeable = False
-            if directions.nbytes <= self._most_bytes:
-                self._kept[camera] = directions
-            while self.nbytes > self._most_bytes:
-                self._kept.popitem(last=False)
-        return directions
+    Those of the last two cameras are cached, because images of a flight share one camera.
+    """
+    large = camera.width * camera.height > MOST_CACHED_PX
+    return _pixel_directions.__wrapped__(camera) if large else _pixel_directions(camera)
 
 
-PIXEL_DIRECTIONS = PixelDirections()
-"""Cache of this process."""
+@lru_cache(maxsize=2)
+def _pixel_directions(camera: CameraModel) -> FloatArray:
+    directions = unproject(camera, pixel_grid(camera))
+    directions.flags.writeable = False
+    return directions
 
 
 IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
@@ -262,15 +210,7 @@ class Picture:
     @cached_property
     def noise_sigma(self) -> float:
         """Standard deviation of the pixel noise."""
-        return noise_sigma(self.single, None if self.levels is None else int(self.brightest))
-
-    @cached_property
-    def levels(self) -> NDArray[np.uint16] | None:
-        """The image as whole numbers, shape (H, W), if it holds no others; None if it does."""
-        if self.darkest < 0.0 or self.brightest > np.iinfo(np.uint16).max:
-            return None
-        levels = self.grey.astype(np.uint16)
-        return levels if np.array_equal(levels, self.grey) else None
+        return noise_sigma(self.single)
 
     @cached_property
     def unclipped(self) -> FloatArray:
@@ -283,51 +223,24 @@ class Picture:
     @cached_property
     def eight_bit(self) -> NDArray[np.uint8]:
         """The image stretched to 0..255 over the range of its unsaturated pixels, shape (H, W)."""
-        low, high = self._usable_range()
+        usable = self.grey[~self.saturated]
+        low, high = (percentile(usable, q) for q in STRETCH_PERCENTILES) if usable.size else (self.darkest,) * 2
         top = self.brightest
         # A small bright Earth lies above the percentile: then noise alone would fill the stretch.
         if high - low < SMALLEST_RANGE_SHARE * (top - low) or high - low < SMALLEST_RANGE_SIGMAS * self.noise_sigma:
             high = top
         if high <= low:
             low = self.darkest
-        if self.levels is None:
-            return _stretched(self.grey, low, high)
-        return np.take(_stretched(np.arange(top + 1.0), low, high), self.levels)
-
-    def _usable_range(self) -> tuple[float, float]:
-        """Return the percentiles of the unsaturated pixels; the darkest level twice where there are none."""
-        usable = ~self.saturated
-        if not usable.any():
-            return self.darkest, self.darkest
-        if self.levels is not None:
-            counts = level_counts(self.levels[usable], int(self.brightest))
-            low, high = (percentile_of_counts(counts, q) for q in STRETCH_PERCENTILES)
-        else:
-            values = self.grey[usable]
-            low, high = (percentile(values, q) for q in STRETCH_PERCENTILES)
-        return low, high
+        return np.clip((self.grey - low) * (255.0 / (high - low)) + 0.5, 0, 255).astype(np.uint8)
 
 
-def noise_sigma(image: NDArray[np.floating | np.uint8], largest_level: int | None = None) -> float:
+def noise_sigma(image: NDArray[np.floating | np.uint8], stride: int = 1) -> float:
     """Return the standard deviation of the pixel noise, blind to edges and smooth shading.
 
     By Immerkaer's operator (Computer Vision and Image Understanding 64, 300, 1996), with the median in place of the
-    mean so that edges do not count.
-
-    ``image``: shape (H, W); ``largest_level``: of an image of whole numbers from 0 on, which is sooner counted than
-    ranked; of eight bits it is known.
+    mean so that edges do not count, over every ``stride``-th row and column.
     """
+    whole = image.dtype == np.uint8
+    response = cv2.filter2D(image if whole else np.asarray(image, np.float32), cv2.CV_16S if whole else -1, IMMERKAER)
     gain = float(np.linalg.norm(IMMERKAER)) / MEDIAN_TO_SIGMA
-    if image.dtype == np.uint8:
-        response, largest_level = cv2.filter2D(image, cv2.CV_16S, IMMERKAER), 255
-    else:
-        response = cv2.filter2D(np.asarray(image, dtype=np.float32), cv2.CV_32F, IMMERKAER)
-    size = np.abs(response[1:-1, 1:-1])
-    if largest_level is None:
-        return median(size) / gain
-    whole = size.view(np.uint16) if size.dtype == np.int16 else size
-    return percentile_of_counts(level_counts(whole, 8 * largest_level), 50.0) / gain
-
-
-def _stretched(grey: FloatArray, low: float, high: float) -> NDArray[np.uint8]:
-    return np.clip((grey - low) * (255.0 / (high - low)) + 0.5, 0, 255).astype(np.uint8)
+    return median(np.abs(response[1:-1:stride, 1:-1:stride])) / gain

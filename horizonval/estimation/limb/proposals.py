@@ -60,47 +60,37 @@ KEPT = 4
 
 
 @dataclass(frozen=True)
-class Proposal:
-    """A cone that edge points agree with."""
-
-    axis_cam: FloatArray
-    rho_rad: float
-
-
-@dataclass(frozen=True)
 class _Edges:
-    """Edge points: lines of sight (n, 3), and across (n, 3), along (n, 3) the gradient by pixel."""
+    """Edge points: lines of sight (n, 3), and how they turn across (n, 3) and along (n, 3) the gradient by a pixel."""
 
     los: FloatArray
     by_across: FloatArray
     by_along: FloatArray
 
-    def agreement(self, axes: FloatArray, cosines: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return of k cones and n points, shape (k, n): distance inside [px], cosine of the gradient and its sign."""
+    def supports(self, axes: FloatArray, cosines: FloatArray, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which of n points agree with k cones that have their bright side inside or not, shape (k, n)."""
         across, along = axes @ self.by_across.T, axes @ self.by_along.T
         slope = np.sqrt(across * across + along * along)
-        slope = np.maximum(slope, 1e-300)
-        return (axes @ self.los.T - cosines[:, None]) / slope, np.abs(across) / slope, across > 0.0
+        near = np.abs(axes @ self.los.T - cosines[:, None]) <= TOLERANCE_PX * slope
+        return np.asarray(near & (np.abs(across) >= COS_GRADIENT * slope) & ((across > 0.0) == inside[:, None]))
 
 
-def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) -> list[Proposal]:
-    """Return the cones that most edge points of a level agree with. ``camera``: of the picture."""
+def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) -> list[tuple[FloatArray, float]]:
+    """Return axes and half-angles of the cones that most edge points of a level agree with.
+
+    ``camera``: of the picture.
+    """
     uv, gradient = edge_points(level)
-    if len(uv) < FEWEST_POINTS:
-        return []
     edges = _sights(uv * level.scale, gradient, camera, level.scale)
+    found: list[tuple[FloatArray, float]] = []
     n = len(edges.los)
     if n < FEWEST_POINTS:
-        return []
-    rng = np.random.default_rng(np.random.SeedSequence(n))
-    triples = rng.integers(0, n, size=(TRIPLES, 3))
-    axes, cosines, inside = _agreeing(edges, triples, largest_rho_rad)
-    found: list[Proposal] = []
-    if not len(axes):
         return found
-    supports = _supports(edges, axes, cosines, inside)
+    rng = np.random.default_rng(np.random.SeedSequence(n))
+    axes, cosines, inside = _agreeing(edges, rng.integers(0, n, size=(TRIPLES, 3)), largest_rho_rad)
+    supports = edges.supports(axes, cosines, inside)
     taken = np.zeros(n, dtype=bool)
-    for _ in range(KEPT):
+    for _ in range(KEPT if len(axes) else 0):
         votes = np.count_nonzero(supports & ~taken, axis=1)
         best = int(np.argmax(votes))
         if votes[best] < FEWEST_POINTS:
@@ -109,13 +99,13 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
         taken |= support
         for _ in range(2):
             cone = fit_cone(edges.los[support])
-            again = _supports(edges, cone.axis_cam[None], np.array([cone.cos_rho]), inside[best : best + 1])[0]
+            again = edges.supports(cone.axis_cam[None], np.array([cone.cos_rho]), inside[best : best + 1])[0]
             if np.count_nonzero(again) < np.count_nonzero(support):
                 break
             support, axis, cosine = again, cone.axis_cam, cone.cos_rho
         taken |= support
-        rho = _half_angle(edges.los[support], axis, cosine)
-        found.append(Proposal(axis, rho))
+        sine = np.linalg.norm(np.cross(edges.los[support], axis), axis=1).mean()
+        found.append((axis, float(np.arctan2(sine, cosine))))
     return found
 
 
@@ -127,17 +117,14 @@ def _agreeing(
     found = 0
     # Where a quarter of the triples and more agree, the first part of them gives all that are asked for.
     for some in np.array_split(triples, len(triples) // (4 * MOST_CONES)):
-        axes, cosines = cones_through(*(edges.los[some[:, i]] for i in range(3)))
-        good = axes.any(axis=1) & (cosines > np.cos(largest_rho_rad))
-        signs = np.empty((3, len(some)), dtype=bool)
-        for i in range(3):
-            across = np.einsum("ij,ij->i", axes, edges.by_across[some[:, i]])
-            along = np.einsum("ij,ij->i", axes, edges.by_along[some[:, i]])
-            good &= across * across >= COS_GRADIENT**2 * (across * across + along * along)
-            signs[i] = across > 0.0
-        good &= (signs[0] == signs[1]) & (signs[1] == signs[2])
+        axes, cosines = cones_through(*np.moveaxis(edges.los[some], 1, 0))
+        across = np.einsum("ij,ikj->ik", axes, edges.by_across[some])
+        along = np.einsum("ij,ikj->ik", axes, edges.by_along[some])
+        inside = across > 0.0
+        good = (across * across >= COS_GRADIENT**2 * (across * across + along * along)).all(axis=1)
+        good &= axes.any(axis=1) & (cosines > np.cos(largest_rho_rad)) & (inside == inside[:, :1]).all(axis=1)
         rows = np.flatnonzero(good)[: MOST_CONES - found]
-        batches.append((axes[rows], cosines[rows], signs[0][rows]))
+        batches.append((axes[rows], cosines[rows], inside[rows, 0]))
         found += len(rows)
         if found == MOST_CONES:
             break
@@ -178,20 +165,9 @@ def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:
 
 
 def _sights(uv: FloatArray, gradient: FloatArray, camera: CameraModel, scale: float) -> _Edges:
-    los = unproject(camera, uv)
-    half = 0.5 * scale
-    across = unproject(camera, uv + half * gradient) - unproject(camera, uv - half * gradient)
     turned = np.column_stack([-gradient[:, 1], gradient[:, 0]])
-    along = unproject(camera, uv + half * turned) - unproject(camera, uv - half * turned)
+    steps = 0.5 * scale * np.array([np.zeros_like(uv), gradient, -gradient, turned, -turned])
+    los, inner, outer, left, right = unproject(camera, uv + steps)
+    across, along = inner - outer, left - right
     good = np.isfinite(los).all(axis=1) & np.isfinite(across).all(axis=1) & np.isfinite(along).all(axis=1)
     return _Edges(los[good], across[good], along[good])
-
-
-def _supports(edges: _Edges, axes: FloatArray, cosines: FloatArray, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    off, cosine, sign = edges.agreement(axes, cosines)
-    return np.asarray((np.abs(off) <= TOLERANCE_PX) & (cosine >= COS_GRADIENT) & (sign == inside[:, None]))
-
-
-def _half_angle(los: FloatArray, axis: FloatArray, cosine: float) -> float:
-    sine = np.linalg.norm(np.cross(los, axis), axis=1).mean()
-    return float(np.arctan2(sine, cosine))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import PIXEL_DIRECTIONS, Picture, median, noise_sigma
+from horizonval.estimation.limb.picture import Picture, median, noise_sigma, percentile, pixel_directions
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.rotation import tangent_basis
 
@@ -31,6 +31,8 @@ SMALLEST_BLOCK_PX = 64
 """Smallest rectangle of one value that is no measurement: noise leaves none, and a horizon bends."""
 KNOWN_SHARE = 0.7
 """Smallest valid share of a smaller level's pixel: a lost line is filled from both sides, a block is not."""
+NOISE_ROWS = 128
+"""Rows and columns that the noise is measured in: 16 000 pixels know it to a percent."""
 NOISE_FLOOR = 1e-3
 """Smallest noise relative to the range of levels: no picture is better than ten bits."""
 
@@ -40,19 +42,18 @@ class PyramidLevel:
     """One size of a picture.
 
     ``grey``, ``known``: shape (h, w), the latter marks measured pixels (None: all); ``scale``: picture pixels per
-    pixel; ``floor``: smallest credible noise; ``measured``: noise of a pixel, if known.
+    pixel; ``floor``: smallest credible noise.
     """
 
     grey: NDArray[np.float32]
     known: NDArray[np.bool_] | None
     scale: float
     floor: float
-    measured: float | None = None
 
     @cached_property
     def noise(self) -> float:
         """Standard deviation of a pixel's noise, by what neighbours show."""
-        return max(noise_sigma(self.grey) if self.measured is None else self.measured, self.floor)
+        return max(noise_sigma(self.grey, max(min(self.grey.shape) // NOISE_ROWS, 1)), self.floor)
 
     def at(self, uv: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the levels at places (..., 2) of this level, interpolated linearly, and which are known."""
@@ -82,17 +83,14 @@ def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
     while min(greys[-1].shape) >= 2 * COARSEST_PX:
         greys.append(np.asarray(cv2.pyrDown(greys[-1]), dtype=np.float32))
         scales.append(2.0 * scales[-1])
-    low, high = np.percentile(greys[-1], (1.0, 99.0))
+    low, high = (percentile(greys[-1], q) for q in (1.0, 99.0))
     # A picture of one level but for some pixels has a range of its own.
-    floor = NOISE_FLOOR * (float(high - low) or picture.brightest - picture.darkest)
-    share = None if known is None else known.astype(np.float32)
-    levels = []
-    for grey, scale in zip(greys, scales, strict=True):
-        # A picture of whole numbers is sooner counted than ranked.
-        measured = picture.noise_sigma if grey is picture.single else None
-        levels.append(PyramidLevel(grey, None if share is None else share > KNOWN_SHARE, scale, floor, measured))
-        share = None if share is None else np.asarray(cv2.pyrDown(share), dtype=np.float32)
-    return levels
+    floor = NOISE_FLOOR * ((high - low) or picture.brightest - picture.darkest)
+    shares = [None if known is None else known.astype(np.float32)]
+    while len(shares) < len(greys):
+        shares.append(None if shares[-1] is None else np.asarray(cv2.pyrDown(shares[-1]), dtype=np.float32))
+    knowns = [None if share is None else share > KNOWN_SHARE for share in shares]
+    return [PyramidLevel(*one, floor) for one in zip(greys, knowns, scales, strict=True)]
 
 
 def without_disc(levels: list[PyramidLevel], column: float, row: float, radius_px: float) -> list[PyramidLevel]:
@@ -110,7 +108,7 @@ def known_pixels(picture: Picture, camera: CameraModel) -> NDArray[np.bool_] | N
     """Return which pixels hold a measurement, shape (H, W); None if all do."""
     unknown = _lost_lines(picture.single) | _blocks(picture)
     if camera.image_circle_rad is not None:
-        unknown |= ~np.isfinite(PIXEL_DIRECTIONS.of(camera)[:, :, 0])
+        unknown |= ~np.isfinite(pixel_directions(camera)[:, :, 0])
     return ~unknown if unknown.any() else None
 
 
@@ -159,7 +157,7 @@ def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.f
     return filled
 
 
-AZIMUTHS = 768
+AZIMUTHS = 256
 """First azimuths of a cone, dense towards the middle of the image, since a telescope sees a degree."""
 STEP_RAD = 1e-5
 """Step of differences across the limb: far above rounding, far below a pixel."""
@@ -170,8 +168,7 @@ class Trace:
     """n positions along a cone's limb, by azimuth.
 
     ``uv``: shape (n, 2) [px]; ``inwards``: shape (n, 2), unit vector across the limb towards the axis; ``px_rad``:
-    shape (n,), angle of a pixel across the limb; ``azimuth``: shape (n,), -pi to pi; ``spacing``: pixels between
-    positions.
+    shape (n,), angle of a pixel across the limb; ``azimuth``: shape (n,); ``spacing``: pixels between positions.
     """
 
     uv: FloatArray
@@ -197,14 +194,14 @@ def trace_limb(
 
     ``spacing_px``: smallest spacing; ``most``: largest number of positions.
     """
-    basis = tangent_basis(axis_cam)
-    middle = unproject(camera, np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0])) @ basis
+    frame = cone_frame(axis_cam)
+    middle = unproject(camera, np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0])) @ frame
     towards = float(np.arctan2(middle[1], middle[0])) if np.isfinite(middle).all() else 0.0
     t = np.linspace(-1.0, 1.0, AZIMUTHS)
     azimuth = towards + np.pi * t * np.abs(t)
-    uv, seen = project(camera, on_cone(axis_cam, basis, rho_rad, azimuth))
+    uv, _ = project(camera, on_cone(frame, rho_rad, azimuth))
     with np.errstate(invalid="ignore"):
-        seen &= ((uv >= -0.5) & (uv <= (camera.width - 0.5, camera.height - 0.5))).all(axis=1)
+        seen = np.all((uv >= -0.5) & (uv <= (camera.width - 0.5, camera.height - 0.5)), axis=1)
         step = np.hypot(*np.diff(uv, axis=0).T)
     near = seen[1:] | seen[:-1]
     along = np.concatenate([[0.0], np.cumsum(np.where(near & np.isfinite(step), step, 0.0))])
@@ -212,26 +209,32 @@ def trace_limb(
         return Trace(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), spacing_px)
     count = max(int(along[-1] / spacing_px), 2)
     count = count if most is None else min(count, most)
-    wanted = (np.arange(count) + 0.5) * along[-1] / count
-    azimuth = np.interp(wanted, along, azimuth)
-    rho = rho_rad + STEP_RAD * np.array([0.0, -1.0, 1.0, 0.0])[:, None]
-    around = np.array([azimuth, azimuth, azimuth, azimuth + STEP_RAD])
-    # Across the limb in the image, which is not where the axis lies: at right angles to the limb itself.
-    (uv, inner, outer, along_limb), (seen, seen_inner, seen_outer, _) = project(
-        camera, on_cone(axis_cam, basis, rho, around)
-    )
+    azimuth = np.interp((np.arange(count) + 0.5) * (along[-1] / count), along, azimuth)
+    # The place itself, one step further in, and one step further along.
+    steps = STEP_RAD * np.array([[0.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
+    (uv, inner, after), _ = project(camera, on_cone(frame, rho_rad + steps[:, :1], azimuth + steps[:, 1:]))
     with np.errstate(invalid="ignore"):
-        seen &= seen_inner & seen_outer & ((uv >= 0.0) & (uv <= (camera.width - 1, camera.height - 1))).all(axis=1)
-    tangent, radial = (along_limb - uv)[seen], (inner - outer)[seen]
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+        seen = ((uv >= 0.0) & (uv <= (camera.width - 1, camera.height - 1))).all(axis=1)
+    seen &= np.isfinite(inner).all(axis=1) & np.isfinite(after).all(axis=1)
+    uv, azimuth = uv[seen], azimuth[seen]
+    # Across the limb in the image, which is not where the axis lies: at right angles to the limb itself.
+    tangent, radial = after[seen] - uv, inner[seen] - uv
+    normal = tangent[:, ::-1] * (-1.0, 1.0)
     normal /= np.maximum(np.hypot(*normal.T), 1e-300)[:, None]
     across = np.einsum("ij,ij->i", normal, radial)
     normal *= np.where(across < 0.0, -1.0, 1.0)[:, None]
-    px_rad = 2.0 * STEP_RAD / np.maximum(np.abs(across), 1e-300)
-    return Trace(uv[seen], normal, px_rad, np.arctan2(np.sin(azimuth[seen]), np.cos(azimuth[seen])), along[-1] / count)
+    return Trace(uv, normal, STEP_RAD / np.maximum(np.abs(across), 1e-300), azimuth, along[-1] / count)
 
 
-def on_cone(axis: FloatArray, basis: FloatArray, rho: float | FloatArray, azimuth: FloatArray) -> FloatArray:
-    """Return lines of sight on cones, shape (..., 3), at azimuths (...) in a basis (3, 2) across their axis."""
-    around = np.cos(azimuth)[..., None] * basis[:, 0] + np.sin(azimuth)[..., None] * basis[:, 1]
-    return np.asarray(np.cos(rho)[..., None] * axis + np.sin(rho)[..., None] * around)
+def cone_frame(axis: FloatArray) -> FloatArray:
+    """Return the tangent basis of a cone's axis and the axis as columns, shape (3, 3)."""
+    return np.column_stack([tangent_basis(axis), axis])
+
+
+def on_cone(frame: FloatArray, rho: float | FloatArray, azimuth: FloatArray) -> FloatArray:
+    """Return lines of sight on cones, shape (..., 3), of half-angles ``rho`` at azimuths (...) in a cone's frame."""
+    rho, azimuth = np.broadcast_arrays(rho, azimuth)
+    parts = np.empty((*azimuth.shape, 3))
+    sine = np.sin(rho)
+    parts[..., 0], parts[..., 1], parts[..., 2] = sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(rho)
+    return np.asarray(parts @ frame.T)

@@ -14,8 +14,10 @@ s+) / (2 c)``, a small change of the image moves a point by
 
     dp = ((1/2 - p) ds- + 2 p ds0 - (1/2 + p) ds+) / c
 
-and, slopes being sums over pixels, by ``A dI``. With ``G`` the least-squares gain of a cone's (axis, axis, half-angle)
-and independent pixels of variance ``v`` the covariance is ``G A diag(v) A^T G^T``, shared pixels included.
+and, slopes being sums over samples, by ``sum_k w_k dI_k``. Samples that are interpolated linearly between independent
+pixels of variance ``v``, at any phase, have the covariance ``v B(x)`` at the distance ``x``, with ``B`` the cubic
+spline of unit area. Along the limb neighbours share pixels, too: over points ``d`` pixels apart ``B`` adds up to ``1 /
+d``, which makes a sum over points as uncertain as one of independent points with that much more variance.
 
 **Noise of the pixels** is measured near the limb by Immerkaer's operator, which is blind to edges and smooth shading:
 one variance in space, and one that grows in proportion to the grey level, as for counted electrons. Where space is cut
@@ -27,16 +29,19 @@ Neglected: the effect of noise on the direction of the profiles and the choice o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy.interpolate import BSpline
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, PIXEL_DIRECTIONS, median
+from horizonval.estimation.limb.cone import arc_order, cone_gain
+from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, median, pixel_directions
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import off_axis_angle
 
 SEARCH_PX = 6.0
 """Search range for the steepest position about a point of the limb search."""
@@ -67,13 +72,14 @@ def to_steepest(
         if not len(los):
             break
         shift, good = _shift(image, camera, los, axis_cam, 1.0 if bright_inside else -1.0)
-        inwards = _inwards(los, axis_cam)
+        inwards = inwards_of(los, axis_cam)
         los = (np.cos(shift)[:, None] * los + np.sin(shift)[:, None] * inwards)[good]
         kept = kept[good]
     return los, kept
 
 
-def _inwards(los: FloatArray, axis: FloatArray) -> FloatArray:
+def inwards_of(los: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return unit vectors (n, 3) across lines of sight (n, 3) towards an axis."""
     inwards = axis - los * (los @ axis)[:, None]
     return np.asarray(inwards / np.linalg.norm(inwards, axis=1)[:, None])
 
@@ -82,13 +88,10 @@ def _shift(
     image: FloatArray, camera: CameraModel, los: FloatArray, axis: FloatArray, sign: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far inwards [rad] the steepest place lies, and whether there is one."""
-    offset_px, uv, in_view = profile_places(camera, los, axis)
-    profile = map_coordinates(image, [uv[:, 1], uv[:, 0]], order=1).reshape(in_view.shape)
+    offset_px, profile, in_view = _profiles(image, camera, los, axis)
     slope = sign * gaussian_filter1d(profile, SIGMA_PX / STEP_PX, axis=1, order=1)
     slope[(np.abs(offset_px) > SEARCH_PX) | ~in_view] = -np.inf
-    best = steepest_sample(slope)
-    row = np.arange(len(los))
-    before, middle, after = slope[row, best - 1], slope[row, best], slope[row, best + 1]
+    best, (before, middle, after) = _steepest(slope)
     good = in_view[:, np.abs(offset_px) <= NEEDED_PX].all(axis=1) & np.isfinite(before) & np.isfinite(after)
     # Interpolation leaves rounding on a level image, which is no slope.
     good &= middle > ROUNDING * float(max(image.max(), -image.min()))
@@ -99,28 +102,26 @@ def _shift(
     return (offset_px[best] + STEP_PX * np.nan_to_num(parabola)) * rad_per_px, good
 
 
-def profile_places(
-    camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray
+def _profiles(
+    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return where the profiles across a limb, from ``los_cam`` (n, 3) towards ``axis_cam`` (3,), are sampled.
-
-    Result: offsets inwards (k,) [px]; pixel coordinates (n k, 2), beyond the rim those of the rim, which makes no edge;
-    whether samples are in the image, (n, k).
-    """
+    """Return offsets inwards (k,) [px], levels there (n, k), those of the rim beyond it, and which are in the image."""
     offset_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
     angle = offset_px * (1.0 / max(camera.fx, camera.fy))
-    inwards = _inwards(los_cam, axis_cam)
+    inwards = inwards_of(los_cam, axis_cam)
     rays = np.cos(angle)[None, :, None] * los_cam[:, None] + np.sin(angle)[None, :, None] * inwards[:, None]
-    uv, in_front = project(camera, rays.reshape(-1, 3))
+    uv, in_front = project(camera, rays)
     most = (camera.width - 1.0, camera.height - 1.0)
     with np.errstate(invalid="ignore"):
-        in_view = in_front & ((uv >= 0.0) & (uv <= most)).all(axis=1)
-    return offset_px, np.clip(np.nan_to_num(uv), 0.0, most), in_view.reshape(len(los_cam), len(offset_px))
+        in_view = in_front & ((uv >= 0.0) & (uv <= most)).all(axis=-1)
+    u, v = np.moveaxis(np.clip(np.nan_to_num(uv), 0.0, most), -1, 0)
+    return offset_px, map_coordinates(image, [v, u], order=1), in_view
 
 
-def steepest_sample(slope: FloatArray) -> NDArray[np.int64]:
-    """Return the column of the largest slope of every profile (n, k), with a neighbour to both sides."""
-    return np.clip(np.argmax(slope, axis=1), 1, slope.shape[1] - 2)
+def _steepest(slope: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the column of the largest slope of every profile (n, k), and it with its neighbours, shape (3, n)."""
+    best = np.clip(np.argmax(slope, axis=1), 1, slope.shape[1] - 2)
+    return best, slope[np.arange(len(slope)), best + np.array([[-1], [0], [1]])]
 
 
 NEAREST_PX, FARTHEST_PX = 5.0, 30.0
@@ -137,40 +138,54 @@ DIM_SHARE = 0.2
 """Share of the median step below which pixels say little about how the variance grows with the level."""
 
 
-def pixel_variance(
+@dataclass(frozen=True)
+class PixelNoise:
+    """Variance of a pixel by its grey level: ``floor`` at the level ``dark``, growing, and never below ``least``."""
+
+    floor: float
+    growth: float = 0.0
+    dark: float = 0.0
+    least: float = 0.0
+
+    def variance(self, level: FloatArray) -> FloatArray:
+        return np.maximum(self.floor + self.growth * (level - self.dark), self.least)
+
+
+def pixel_noise(
     image: FloatArray, camera: CameraModel, axis_cam: FloatArray, rho_rad: float, full_scale: float | None = None
-) -> FloatArray:
-    """Return the noise variance of every pixel, shape (H, W), from the surroundings of a cone's limb.
+) -> PixelNoise:
+    """Return the noise of an image (H, W) from the surroundings of a cone's limb.
 
     Pixels near ``full_scale`` are saturated and show no noise.
     """
     image32 = image.astype(np.float32)
-    response = np.asarray(cv2.filter2D(image32, cv2.CV_32F, IMMERKAER), dtype=np.float64)
-    square = response**2 * (MEDIAN_TO_SIGMA / float(np.linalg.norm(IMMERKAER))) ** 2
-    level = np.asarray(cv2.blur(image32, (3, 3)), dtype=np.float64)
-    usable = np.zeros(image.shape, dtype=bool)
-    usable[1:-1, 1:-1] = True
+    rows, depth_px = _beside(camera, axis_cam, rho_rad)
+    v, u = np.unravel_index(rows, image.shape)
+    level = cv2.blur(image32, (3, 3))[v, u].astype(np.float64)
+    usable = (v > 0) & (u > 0) & (v < image.shape[0] - 1) & (u < image.shape[1] - 1)
     if full_scale is not None:
         usable &= level < SATURATED_SHARE * full_scale
-    rows, depth_px = _beside(camera, axis_cam, rho_rad)
-    seen = usable.ravel()[rows]
-    inside, space = (np.unravel_index(rows[seen & side], image.shape) for side in (depth_px > 0.0, depth_px < 0.0))
-    if len(inside[0]) < FEWEST_PIXELS or len(space[0]) < FEWEST_PIXELS:
-        return np.full(image.shape, median(square[usable]))
-    clipped = float(np.mean(image[space] == image[space].min())) > CLIPPED_SHARE
-    if clipped:
-        return np.full(image.shape, median(square[inside]))
+    response = cv2.filter2D(image32, cv2.CV_32F, IMMERKAER)
+    to_variance = (MEDIAN_TO_SIGMA / float(np.linalg.norm(IMMERKAER))) ** 2
+    square = response[v, u].astype(np.float64) ** 2 * to_variance
+    inside, space = usable & (depth_px > 0.0), usable & (depth_px < 0.0)
+    if np.count_nonzero(inside) < FEWEST_PIXELS or np.count_nonzero(space) < FEWEST_PIXELS:
+        return PixelNoise(median(response[1:-1, 1:-1].astype(np.float64) ** 2) * to_variance)
+    beyond = image[v[space], u[space]]
+    of_ground = median(square[inside])
+    if float(np.mean(beyond == beyond.min())) > CLIPPED_SHARE:
+        return PixelNoise(of_ground)
     dark, floor = median(level[space]), median(square[space])
     step = level[inside] - dark
     bright = np.abs(step) > DIM_SHARE * median(np.abs(step))
     growth = median((square[inside][bright] - floor) / step[bright]) if bright.any() else 0.0
-    return np.asarray(np.maximum(floor + growth * (level - dark), min(floor, median(square[inside]))))
+    return PixelNoise(floor, growth, dark, min(floor, of_ground))
 
 
 def _beside(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:
     """Return which pixels, of the image in one row, lie beside a limb, and how far inside of it [px]."""
     px_per_rad = max(camera.fx, camera.fy)
-    directions = PIXEL_DIRECTIONS.of(camera).reshape(-1, 3)
+    directions = pixel_directions(camera).reshape(-1, 3)
     # By the cosine first, a little further than it takes: one product in place of an arc tangent for every pixel.
     reach = (FARTHEST_PX + 1.0) / px_per_rad
     nearest, farthest = np.cos(np.clip([rho_rad - reach, rho_rad + reach], 0.0, np.pi))
@@ -182,72 +197,32 @@ def _beside(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[
 
 
 def noise_covariance(
-    image: FloatArray,
-    camera: CameraModel,
-    los_cam: FloatArray,
-    axis_cam: FloatArray,
-    rho_rad: float,
-    variance: FloatArray,
-    bright_inside: bool,
+    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, noise: PixelNoise, sign: float
 ) -> FloatArray:
     """Return the covariance [rad^2], shape (3, 3), of (axis along basis 1, basis 2, half-angle).
 
     The basis is :func:`horizonval.geometry.rotation.tangent_basis` of the axis. ``los_cam``: shape (n, 3), n >= 3,
-    steepest positions; ``variance``: shape (H, W), independent pixel noise. Raises ``LinAlgError``: no cone is
-    determined.
+    steepest positions; ``sign``: 1 if the level rises inwards, else -1. Raises ``LinAlgError``: no cone is determined.
     """
-    moved = _response(image, camera, los_cam, axis_cam, 1.0 if bright_inside else -1.0)
-    across = los_cam @ tangent_basis(axis_cam)
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    # A point that the image moves inwards is seen at a smaller angle from the axis.
-    jacobian = np.column_stack([across, np.ones(len(across))])
-    gain = np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
-    # Of a megapixel image the limb's points have seen some thousand pixels.
-    seen = np.zeros(variance.size, dtype=bool)
-    seen[moved.indices] = True
-    pixels = np.flatnonzero(seen)
-    places = np.searchsorted(pixels, moved.indices)
-    moved = sparse.csr_matrix((moved.data, places, moved.indptr), shape=(len(los_cam), len(pixels)))
-    of_pixels = (moved.T @ gain.T).T
-    covariance = (of_pixels * variance.ravel()[pixels]) @ of_pixels.T
-    return np.asarray(0.5 * (covariance + covariance.T))
-
-
-def _response(
-    image: FloatArray, camera: CameraModel, los: FloatArray, axis: FloatArray, sign: float
-) -> sparse.csr_matrix:
-    """Return how far inwards [rad] a unit of every pixel's grey level moves every point, shape (n, pixels)."""
-    offset_px, uv, _ = profile_places(camera, los, axis)
-    n, samples = len(los), len(offset_px)
-    bilinear = _bilinear(uv, camera)
+    offset_px, profile, _ = _profiles(image, camera, los_cam, axis_cam)
     # Reflected ends, as the search has them.
-    slope_of = sign * gaussian_filter1d(np.eye(samples), SIGMA_PX / STEP_PX, axis=0, order=1)
-    slope = (bilinear @ image.ravel()).reshape(n, samples) @ slope_of.T
-    row = np.arange(n)
+    slope_of = sign * gaussian_filter1d(np.eye(len(offset_px)), SIGMA_PX / STEP_PX, axis=0, order=1)
+    slope = profile @ slope_of.T
     # The points are steepest places already: another edge further off is none of theirs.
-    best = steepest_sample(np.where(np.abs(offset_px) <= NEAR_TOP_PX, slope, -np.inf))
-    before, middle, after = slope[row, best - 1], slope[row, best], slope[row, best + 1]
+    best, (before, middle, after) = _steepest(np.where(np.abs(offset_px) <= NEAR_TOP_PX, slope, -np.inf))
     bend = before - 2.0 * middle + after
-    bend = np.where(bend < 0.0, bend, -np.inf)  # A point without a top has none that moves.
-    top = np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
-    kernel = (
-        ((0.5 - top) / bend)[:, None] * slope_of[best - 1]
-        + (2.0 * top / bend)[:, None] * slope_of[best]
-        - ((0.5 + top) / bend)[:, None] * slope_of[best + 1]
-    )
-    kernel *= STEP_PX / max(camera.fx, camera.fy)
-    of_samples = sparse.csr_matrix(
-        (kernel.ravel(), np.arange(n * samples), np.arange(0, n * samples + 1, samples)), shape=(n, n * samples)
-    )
-    return of_samples @ bilinear
-
-
-def _bilinear(uv: FloatArray, camera: CameraModel) -> sparse.csr_matrix:
-    """Return the weights that interpolate an image at places (k, 2), shape (k, H W)."""
-    first = np.clip(np.floor(uv).astype(np.int64), 0, (camera.width - 2, camera.height - 2))
-    right, down = (uv - first).T
-    corner = first[:, 1] * camera.width + first[:, 0]
-    columns = np.stack([corner, corner + 1, corner + camera.width, corner + camera.width + 1], axis=1)
-    weights = np.stack([(1 - right) * (1 - down), right * (1 - down), (1 - right) * down, right * down], axis=1)
-    ends = np.arange(0, 4 * len(uv) + 1, 4)
-    return sparse.csr_matrix((weights.ravel(), columns.ravel(), ends), shape=(len(uv), camera.width * camera.height))
+    bend = np.where(bend < 0.0, bend, -np.inf)[:, None]  # A point without a top has none that moves.
+    top = np.clip(0.5 * (before - after)[:, None] / bend, -1.0, 1.0)
+    weight = (0.5 - top) * slope_of[best - 1] + 2.0 * top * slope_of[best] - (0.5 + top) * slope_of[best + 1]
+    weight *= np.sqrt(noise.variance(profile)) / bend
+    apart = np.abs(offset_px[:, None] - offset_px[None, :])
+    shared = np.nan_to_num(BSpline.basis_element(np.arange(-2.0, 3.0), extrapolate=False)(apart))
+    rad_per_sample = STEP_PX / max(camera.fx, camera.fy)
+    variance = rad_per_sample**2 * np.einsum("ij,ij->i", weight @ shared, weight)
+    order = arc_order(los_cam, axis_cam)
+    step_px = np.linalg.norm(np.diff(los_cam[order], axis=0), axis=1) * max(camera.fx, camera.fy)
+    # The mean distance to both neighbours; a gap is no distance.
+    variance[order] /= np.clip(0.5 * (np.append(step_px, step_px[-1]) + np.insert(step_px, 0, step_px[0])), 0.1, 1.0)
+    # A point that the image moves inwards is seen at a smaller angle from the axis.
+    gain = cone_gain(los_cam, axis_cam)
+    return np.asarray((gain * variance) @ gain.T)

@@ -4,15 +4,14 @@ Position and turn about the nadir (to a degree or two) give the limb's departure
 orbit, which methods of a cone take for tilt. The prior is rows of the fit: position (3), attitude (3), height of the
 limb. The method claims the geocentric nadir, as the methods of a cone do. It refuses without a position and an
 attitude: a sphere of the local radius would be another method (``limb-sphere``). Start:
-:mod:`horizonval.estimation.likelihood.start`.
+:mod:`horizonval.estimation.fit.start`.
 """
 
 from __future__ import annotations
 
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import claim
-from horizonval.estimation.likelihood.start import ellipsoid_start
+from horizonval.estimation.fit.claim import claim
+from horizonval.estimation.fit.start import ellipsoid_start
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 
@@ -27,7 +26,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-ellipsoid",
     title="Limb of the Earth's ellipsoid, maximum likelihood of the pixels, position known",
-    run=with_lens_error(run),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )

@@ -1,8 +1,8 @@
 """The limb in all heads of a housing at once: one pose, by maximum likelihood of the pixels across it.
 
 Cameras or linear arrays, any number of them: each shows a piece of one limb, and their pixels are fitted together
-(:mod:`horizonval.estimation.likelihood.heads_fit`). Levels, noise and blur are each head's own; pose, height and
-softness of the limb, and its relief, are common.
+(:mod:`horizonval.estimation.fit.limb`). Levels, noise and blur are each head's own; pose, height and softness of the
+limb, and its relief, are common.
 
 With a position and a coarse attitude in the prior the planet is the ellipsoid, as in ``limb-ellipsoid``; without, a
 sphere whose flattening is a relief with a pole anywhere, as in ``limb-sphere``.
@@ -18,18 +18,19 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import fit_of
-from horizonval.estimation.likelihood.heads_fit import HeadImage, fit_heads
-from horizonval.estimation.likelihood.knowledge import (
+from horizonval.estimation.fit.claim import fit_of
+from horizonval.estimation.fit.edge_pixels import EdgeImage
+from horizonval.estimation.fit.known import (
     LOCAL_RADIUS_SHARE,
     LimbKnowledge,
-    LimbPose,
     placed_knowledge,
     sphere_knowledge,
     turned_to,
 )
-from horizonval.estimation.likelihood.start import knowledge_in_air, limb_height_prior, position_from_limb
+from horizonval.estimation.fit.limb import fit_limbs
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
+from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
 from horizonval.estimation.limb.finder import find_limb_and_picture, wrong_size
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -53,12 +54,12 @@ def run(observation: Observation) -> Fit | Refusal:
             return seen.of_head(name)
         image, uv = seen
         cam_from_body = Rotation.from_quat(one.q_cam_from_body).as_matrix()
-        heads.append(HeadImage(image, one.camera, cam_from_body))
+        heads.append(EdgeImage(image, one.camera, cam_from_body))
         some = uv[np.linspace(0, len(uv) - 1, min(len(uv), POINTS_OF_HEAD)).round().astype(int)]
         sights.append(unproject(one.camera, some) @ cam_from_body)
     try:
         start, knowledge = _start(observation, np.concatenate(sights))
-        found = fit_heads(heads, start, knowledge)
+        found = fit_limbs(heads, start, knowledge)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb in {len(heads)} heads: {e}")
     return fit_of(found, observation, knowledge.ellipsoid)
@@ -78,7 +79,7 @@ def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched
-    return picture.grey, found.uv
+    return picture.unclipped, found.uv
 
 
 def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, LimbKnowledge]:
@@ -107,7 +108,7 @@ def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, Li
         nadir = -r_body / np.linalg.norm(r_body)
         planet, mean, information = sphere_knowledge(nadir, radius, altitude, sigma, height, height_sigma)
         start = LimbPose(np.eye(3), r_body, height)
-    return start, knowledge_in_air(observation, planet, mean, information, flattened)
+    return start, knowledge_in_air(observation, planet, mean, information, flattened, in_body_axes=True)
 
 
 ESTIMATOR = Estimator(

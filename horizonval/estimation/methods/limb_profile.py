@@ -23,11 +23,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.bundle import ShotPrior
+from horizonval.estimation.fit.claim import fit_of
+from horizonval.estimation.fit.known_profile import known_profile
+from horizonval.estimation.fit.profile import ProfileImage
+from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles, uneven_lens
+from horizonval.estimation.fit.profile_pixels import NoLimbError
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import fit_of
-from horizonval.estimation.likelihood.profile.fit import fit_profile, uneven_lens
-from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileFit
-from horizonval.estimation.likelihood.profile.known_profile import known_profile
 from horizonval.estimation.limb.foreign import without_foreign_light
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -49,7 +51,8 @@ def run(observation: Observation) -> Fit | Refusal:
     try:
         start = known.start(observation.camera, known.tilt_sigma_rad)
         image = without_foreign_light(known.picture.unclipped, observation.camera, *known.limb(start))
-        found = fit_profile(image, observation.camera, start, knowledge)
+        seen = ProfileImage(image, observation.camera, knowledge)
+        found = fit_profiles([seen], ShotPrior(knowledge.mean, knowledge.information), start)
     except NoLimbError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
     except np.linalg.LinAlgError as e:

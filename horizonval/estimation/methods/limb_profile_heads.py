@@ -1,31 +1,48 @@
 """The whole profile of the limb in all heads of a housing at once: one pose, one air.
 
-``limb-profile`` for several cameras, fitted together (:mod:`horizonval.estimation.likelihood.profile.heads`): a tilt
-and the height of the limb, which one camera cannot distinguish, differ in another one at right angles. Each head is
-fitted alone first; heads without a limb are left out, and one with a limb suffices. Requirements and refusals are those
-of ``limb-profile``. With a linear array among the heads the method is ``limb-heads``.
+``limb-profile`` for several cameras, fitted together: a tilt and the height of the limb, which one camera cannot
+distinguish, differ in another one at right angles. The coefficient of a mode of the air is one random function on the
+planet, so that the nodes of all heads together have one covariance; heads of other wavelengths have separate modes, and
+the gain of the optics is separate for each head.
+
+Each head is brought near its limb alone first; heads without a limb are left out, and one with a limb suffices.
+Requirements and refusals are those of ``limb-profile``. With a linear array among the heads the method is
+``limb-heads``.
+
+**Neglected.** Correlation of the air between two bands: heads of other wavelengths together claim too small an error of
+their common air. The heads of a camera file have the same bands.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.bundle import ShotPrior
+from horizonval.estimation.fit.claim import fit_of
+from horizonval.estimation.fit.known_profile import known_profile
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.profile import ProfileImage
+from horizonval.estimation.fit.profile_fit import NEAR, ProfileFit, fit_profiles
+from horizonval.estimation.fit.profile_pixels import NoLimbError
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import fit_of
-from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.fit import ProfileSearch, explained, uneven_lens
-from horizonval.estimation.likelihood.profile.heads import ProfileHead, fit_profiles
-from horizonval.estimation.likelihood.profile.knowledge import NoLimbError
-from horizonval.estimation.likelihood.profile.known_profile import known_profile
 from horizonval.estimation.methods import limb_heads
 from horizonval.estimation.methods.limb_profile import LEAST_EXPLAINED, doubt_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 NAME = "limb-profile-heads"
+
+
+@dataclass(frozen=True)
+class _Head:
+    """A head whose limb was found: its image, the prior of the body's pose, and its own fit in body axes."""
+
+    image: ProfileImage
+    prior: ShotPrior
+    alone: ProfileFit
 
 
 def run(observation: Observation) -> Fit | Refusal:
@@ -46,46 +63,41 @@ def run(observation: Observation) -> Fit | Refusal:
     if not heads:
         return dark[0]
     first = next(iter(heads.values()))
-    stated, turn = first.knowledge.mean, first.cam_from_body
-    mean = LimbPose(turn.T @ stated.cam_from_itrs, stated.r_itrs, stated.height_m)
-    information = first.knowledge.information.copy()
-    information[:3, :3] = turn.T @ information[:3, :3] @ turn
+    best = min((head.alone for head in heads.values()), key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
     cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
     try:
-        fitted = fit_profiles(list(heads.values()), mean, information, cam_from_body)
+        fitted = fit_profiles([head.image for head in heads.values()], first.prior, best.pose).in_axes(cam_from_body)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb in {len(heads)} heads: {e}")
     if next(iter(observation.heads)) not in heads:
         # Points are drawn into the image of the first head, which has none.
         fitted = replace(fitted, uv=np.empty((0, 2)), residuals_rad=np.empty(0))
     doubt = doubt_of(fitted, observation.prior, cam_from_body)
-    return fit_of(fitted, observation, first.knowledge.ellipsoid) if doubt is None else doubt
+    return fit_of(fitted, observation, first.image.knowledge.ellipsoid) if doubt is None else doubt
 
 
-def _alone(head: Observation) -> ProfileHead | Refusal:
-    """Return a head whose profile was fitted by itself, or why it shows none."""
+def _alone(head: Observation) -> _Head | Refusal:
+    """Return a head that is near its limb, or why it shows none."""
     known = known_profile(head, NAME)
     if isinstance(known, Refusal):
         return known
-    image = known.picture.unclipped
+    turn, stated = Rotation.from_quat(head.q_cam_from_body).as_matrix(), known.knowledge.mean
+    information = known.knowledge.information.copy()
+    information[:3, :3] = turn.T @ information[:3, :3] @ turn
+    prior = ShotPrior(stated.of_camera(turn.T), information)
+    table = (head.band_kind, head.band_um, head.prior.climate)
+    image = ProfileImage(known.picture.unclipped, head.camera, known.knowledge, turn, table)
     try:
-        start = known.start(head.camera, known.tilt_sigma_rad)
-        alone = ProfileSearch(image, head.camera, start, known.knowledge).run()
+        start: LimbPose = known.start(head.camera, known.tilt_sigma_rad).of_camera(turn.T)
+        alone = fit_profiles([image], prior, start, NEAR)
     except NoLimbError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb: {e}")
-    share = explained(alone.model, alone.look, alone.noise)
-    if not share > LEAST_EXPLAINED:
-        return Refusal(
-            Outcome.NO_LIMB, f"the predicted limb explains {max(share, 0.0):.0%} of the pixels where it should be"
-        )
-    lens = uneven_lens(*alone.growth())
-    if lens is not None:
-        return Refusal(Outcome.AMBIGUOUS, lens)
-    cam_from_body = Rotation.from_quat(head.q_cam_from_body).as_matrix()
-    table = (head.band_kind, head.band_um, head.prior.climate)
-    return ProfileHead(head.camera, cam_from_body, known.knowledge, table, image, alone)
+    if not alone.explained > LEAST_EXPLAINED:
+        share = max(alone.explained, 0.0)
+        return Refusal(Outcome.NO_LIMB, f"the predicted limb explains {share:.0%} of the pixels where it should be")
+    return _Head(image, prior, alone)
 
 
 ESTIMATOR = Estimator(

@@ -1,10 +1,10 @@
 """The limb of a sphere by maximum likelihood of the pixels across it.
 
 A cone through the points of the search gives the start; then the pixels are fitted
-(:mod:`horizonval.estimation.likelihood.fit`): two tilts, altitude, height of the limb, blur and softness, and levels by
+(:mod:`horizonval.estimation.fit.limb`): two tilts, altitude, height of the limb, blur and softness, and levels by
 sector. Altitude and height change a sphere's limb equally, and only priors distinguish them: without a prior of the
 altitude the limb is taken for the sphere, as in the methods of a cone. The effect of the Earth's flattening, with poles
-anywhere, is a relief of the fit and part of the claim.
+anywhere, is a relief of the fit and part of the claim. A rough direction of the nadir is a prior of the tilts.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.claim import claim
-from horizonval.estimation.likelihood.knowledge import LOCAL_RADIUS_SHARE, LimbPose, sphere_knowledge
-from horizonval.estimation.likelihood.start import knowledge_in_air, limb_height_prior, position_from_limb
+from horizonval.estimation.fit.claim import claim
+from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge, tilted_to
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
@@ -42,6 +42,8 @@ def run(observation: Observation) -> Fit | Refusal:
     planet, mean, information = sphere_knowledge(
         -r_cam / np.linalg.norm(r_cam), radius, altitude, sigma, height, height_sigma
     )
+    if prior.nadir_cam is not None and prior.rough_nadir is not None:
+        mean, information = tilted_to(mean, information, *prior.rough_nadir)
     knowledge = knowledge_in_air(observation, planet, mean, information, flattened, of_height=known)
     return claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
 
@@ -49,7 +51,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-sphere",
     title="Limb of a sphere, maximum likelihood of the pixels",
-    run=with_lens_error(run),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )

@@ -30,7 +30,7 @@ shows. No image is refused for what it shows: see :mod:`horizonval.estimation.li
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -38,8 +38,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
+from horizonval.estimation.lens_error import View, los_body, with_lens_error
 from horizonval.estimation.limb.arc import Arc, find_arc, fit_circle
 from horizonval.estimation.limb.cone import SLOW_PX, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -225,10 +225,19 @@ def _towards_centre(arc: Arc, camera: CameraModel) -> FloatArray:
     return np.asarray(los[1] - los[0])
 
 
+def axis_of(views: Sequence[View]) -> FloatArray:
+    """Return the vertical across the chords of two arcs, over the cosine of the angle that it makes with them."""
+    arcs = [los_body(head, uv) for head, uv in views]
+    found = vertical(np.array([arc[-1] - arc[0] for arc in arcs if len(arc)])) if all(map(len, arcs)) else None
+    if found is None:
+        raise np.linalg.LinAlgError("the chords span no plane")
+    return np.asarray(found / np.mean(np.concatenate(arcs) @ found))
+
+
 ESTIMATOR = Estimator(
     name="video-vertical",
     title="Local vertical from two perpendicular cameras (Belokonov and others 2016)",
-    run=with_lens_error(run),
+    run=with_lens_error(run, axis_of),
     estimates="geocentric",
     needs="heads",
     from_heads=from_heads,

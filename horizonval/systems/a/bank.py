@@ -212,7 +212,7 @@ def _error(
 def _covariance(points: LimbPoints, fit: Fit, observation: Observation, slow_px: float) -> FloatArray:
     """Return the claim on a smooth sphere without air: noise and slow errors, without oblateness and relief."""
     basis = tangent_basis(fit.nadir_cam)
-    slow = slow_error(points.los_cam, basis, 1.0 / observation.camera.fx, slow_px)[:2, :2]
+    slow = slow_error(points.los_cam, fit.nadir_cam, 1.0 / observation.camera.fx, slow_px)[:2, :2]
     return np.asarray(fit.covariance_nadir_cam + basis @ slow @ basis.T)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -44,6 +44,8 @@ class ToyLook:
 
 
 class ToyLinear:
+    exact: ClassVar[bool] = False
+
     def __init__(self, rows: FloatArray, weights: FloatArray) -> None:
         normal, s = rows.T @ (weights[:, None] * rows), POSE + LENS + OWN
         self.shared, self.mixed, self.air = normal[:s, :s], normal[:s, s:], normal[s:, s:]
@@ -143,7 +145,7 @@ class Toy:
     @staticmethod
     def _chooser(images: list[ToyImage]) -> Callable[..., Chosen]:
         columns = [np.arange(AIR)] * len(images)
-        return lambda state, lens, most, before: Chosen(images, columns, state, [None] * len(images))
+        return lambda state, lens, most, tighter, before: Chosen(images, columns, state, [None] * len(images))
 
     def errors(self, k: int = 0) -> FloatArray:
         """Return what is found less what is true of a shot's pose, own unknowns and air."""
@@ -275,7 +277,7 @@ def test_steps_that_go_too_far_are_damped() -> None:
 
 def test_what_the_pixels_do_not_determine_is_an_error() -> None:
     toy = Toy(6)
-    image = toy.bundle.shots[0]._chooser(toy.bundle.shots[0].state, np.zeros(LENS), None, None).models[0]
+    image = toy.bundle.shots[0]._chooser(toy.bundle.shots[0].state, np.zeros(LENS), None, 1.0, None).models[0]
     image.rows[:, POSE + LENS] = 0.0  # type: ignore[attr-defined]
     with pytest.raises(np.linalg.LinAlgError, match="does not determine"):
         solve(toy.bundle, SolverOptions())

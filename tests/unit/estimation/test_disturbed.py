@@ -16,8 +16,8 @@ from scipy.ndimage import gaussian_filter, shift, uniform_filter
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Refusal
+from horizonval.estimation.fit import known_profile
 from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.likelihood.profile import known_profile
 from horizonval.estimation.limb.foreign import without_foreign_light
 from horizonval.estimation.methods import limb_profile, limb_sphere
 from horizonval.estimation.observation import Fit, Lens, Observation

@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.guard.sunlit import blur_rad, sunlit_limb
+from horizonval.estimation.guard.sunlit import blur_across, sunlit_limb
 from horizonval.estimation.methods import altitude_free, altitude_free_published
 from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -208,52 +208,10 @@ def test_one_that_is_given_the_pose_is_not_touched():
     assert guarded(oracle).run is oracle.run
 
 
-TURNS = {"a": Rotation.identity(), "b": Rotation.from_euler("y", -90, degrees=True)}
-
-
-def pair(nadir_body: np.ndarray, seed: int = 0) -> Observation:
-    heads = {}
-    for i, (name, turn) in enumerate(TURNS.items()):
-        image = picture(turn.apply(nadir_body), seed=seed + 10 * i)
-        heads[name] = replace(observe(image), q_cam_from_body=turn.as_quat())
-    return replace(heads["a"], heads=heads)
-
-
-def honest_pair(off_deg: float) -> Estimator:
-    def run(observation: Observation) -> Fit | Refusal:
-        nadir = Rotation.from_rotvec([0.0, 0.0, math.radians(off_deg)]).apply(PAIR_NADIR)
-        covariance = math.radians(0.02) ** 2 * (np.eye(3) - np.outer(nadir, nadir))
-        return Fit(nadir, covariance, 0.0, 0.0, angular_radius_rad=RHO)
-
-    return Estimator(name="pair", title="", run=run, needs="heads")
-
-
-PAIR_NADIR = np.array([0.62, 0.5, 0.62]) / np.linalg.norm([0.62, 0.5, 0.62])
-
-
-def test_heads_confirm_a_right_answer_and_refuse_a_wrong_one():
-    observation = pair(PAIR_NADIR)
-    fit = guarded(honest_pair(0.0)).run(observation)
-    assert isinstance(fit, Fit), fit.reason
-    assert fit.systematic_nadir_cam is not None
-    assert isinstance(guarded(honest_pair(1.5)).run(observation), Refusal)
-    assert isinstance(guarded(honest_pair(8.0)).run(observation), Refusal)
-
-
-def test_a_head_that_sees_only_space_refuses():
-    observation = pair(PAIR_NADIR)
-    heads = dict(observation.heads)
-    noise = np.random.default_rng(5).normal(0, 6, (SIZE, SIZE))
-    heads["b"] = replace(heads["b"], image=DARK + noise)
-    result = guarded(honest_pair(0.0)).run(replace(observation, heads=heads))
-    assert isinstance(result, Refusal)
-    assert result.reason.startswith("head b")
-
-
 def raised_picture(nadir: np.ndarray, sun: np.ndarray, camera: CameraModel) -> np.ndarray:
     """A limb that stands where the table of sunlit limbs says."""
     los = unproject(camera, pixel_grid(camera)).reshape(-1, 3)
-    blur = blur_rad(camera, los, nadir, 1.0 / camera.fx)
+    blur = blur_across(camera, los, nadir)
     height = np.nan_to_num(sunlit_limb(los, nadir, RHO, sun, blur).height_m)
     edge = RHO + height * math.tan(RHO) / 6371008.8
     level = ndtr((edge - off_axis_angle(los, nadir)) / (0.8 * PX)).reshape(camera.height, camera.width)

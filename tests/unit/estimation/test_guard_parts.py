@@ -11,8 +11,9 @@ from scipy import stats
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard import limits
-from horizonval.estimation.guard.heads import RowLimb, _confirmed, _Limb, misfit, row_limb
-from horizonval.estimation.guard.limits import _seen_relief
+from horizonval.estimation.guard.guard import GuardLimb, _confirmed
+from horizonval.estimation.guard.limits import seen_relief
+from horizonval.estimation.guard.rows import RowLimb, misfit, row_limb
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel
@@ -143,7 +144,7 @@ def test_the_relief_that_points_show_is_their_waves_without_their_noise() -> Non
     def seen(height: np.ndarray) -> float:
         angle = (RHO + height * scale)[:, None]
         los = np.cos(angle) * AXIS + np.sin(angle) * (np.cos(turn)[:, None] * up + np.sin(turn)[:, None] * side)
-        return _seen_relief(los, AXIS, RHO, radius).sigma_m
+        return seen_relief(los, AXIS, RHO, radius).sigma_m
 
     assert seen(wave) == pytest.approx(2000.0, rel=0.12)
     assert seen(wave + 3000.0 * rng.normal(size=n)) == pytest.approx(2000.0, rel=0.25)
@@ -159,8 +160,8 @@ PAIR_AXIS /= np.linalg.norm(PAIR_AXIS)
 BASIS = tangent_basis(PAIR_AXIS)
 
 
-def pair_limb(noise: float = 1e-4, systematic: float = 1e-4, rho: float = PAIR_RHO) -> _Limb:
-    return _Limb(PAIR_AXIS, BASIS, rho, noise**2 * np.eye(3), systematic**2 * np.eye(3))
+def pair_limb(noise: float = 1e-4, systematic: float = 1e-4, rho: float = PAIR_RHO) -> GuardLimb:
+    return GuardLimb(PAIR_AXIS, rho, noise**2 * np.eye(3), systematic**2 * np.eye(3))
 
 
 def answer(off_rad: float = 0.0, sigma: float = 1e-4, **changes: Any) -> Fit:
@@ -172,7 +173,7 @@ def seen(**changes: Any) -> Observation:
     return Observation(np.zeros((120, 160)), PAIR_CAMERA, **changes)
 
 
-def outcome(fit: Fit, cone: _Limb, observation: Observation | None = None, claimed: float = 1e-4) -> Outcome | None:
+def outcome(fit: Fit, cone: GuardLimb, observation: Observation | None = None, claimed: float = 1e-4) -> Outcome | None:
     found = _confirmed(fit, cone, observation or seen(), claimed**2 * np.eye(2))
     return found.status if isinstance(found, Refusal) else None
 

@@ -15,8 +15,8 @@ import pytest
 from onboard import BANDS, answer, band_of, by_c, by_python, cases, kept, make_program, make_tables, rendered, sent
 from scipy.spatial.transform import Rotation
 
-from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile import known_profile
+from horizonval.estimation.fit import known_profile
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.observation import Fit, Observation
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")

@@ -19,6 +19,11 @@ from dataclasses import replace
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.known import LimbKnowledge
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
+from horizonval.estimation.fit.pixels import pixel_at_limb_m
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.start import EllipsoidStart
 from horizonval.estimation.likelihood.calibration.shared import (
     BEND,
     HEIGHT,
@@ -41,11 +46,9 @@ from horizonval.estimation.likelihood.fit import (
     priors,
     scatter,
 )
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, LimbLight, solved, weighed
-from horizonval.estimation.likelihood.pixels import LimbPixels, limb_pixels, pixel_at_limb_m
+from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
+from horizonval.estimation.likelihood.pixels import LimbPixels, limb_pixels
 from horizonval.estimation.likelihood.sectors import eliminated
-from horizonval.estimation.likelihood.start import EllipsoidStart
 from horizonval.estimation.limb.picture import smaller
 from horizonval.geometry.camera import CameraModel
 

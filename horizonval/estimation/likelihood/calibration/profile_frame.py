@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.calibration.shared import (
     BEND,
     HEIGHT,
@@ -28,7 +29,6 @@ from horizonval.estimation.likelihood.calibration.shared import (
     seen_by_changed,
     without_own,
 )
-from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile import model as profile
 from horizonval.estimation.likelihood.profile.fit import ProfileSearch, least_variance, noise_at, wider
 from horizonval.estimation.likelihood.profile.known_profile import KnownProfile

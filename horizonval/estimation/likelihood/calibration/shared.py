@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.pixels import NearPixels
 from horizonval.estimation.lens_error import k1_per_px, miscalibrated
-from horizonval.estimation.likelihood.pixels import NearPixels
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, unproject
 

@@ -35,6 +35,9 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.core.progress import Progress, Silent
+from horizonval.estimation.fit.claim import limb_scale
+from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
+from horizonval.estimation.fit.start import ellipsoid_start, limb_height_prior
 from horizonval.estimation.lens_error import k1_per_px
 from horizonval.estimation.likelihood.calibration.edge_frame import EdgeFrame
 from horizonval.estimation.likelihood.calibration.profile_frame import ProfileFrame
@@ -48,10 +51,7 @@ from horizonval.estimation.likelihood.calibration.shared import (
     SharedUnknowns,
     prior_sigmas,
 )
-from horizonval.estimation.likelihood.claim import limb_scale
-from horizonval.estimation.likelihood.pixels import MISPLACED_PX
 from horizonval.estimation.likelihood.profile.known_profile import known_profile
-from horizonval.estimation.likelihood.start import ellipsoid_start, limb_height_prior
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import compose

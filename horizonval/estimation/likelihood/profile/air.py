@@ -47,8 +47,8 @@ from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
-from horizonval.estimation.likelihood.height import correlations, everywhere, lengths_along
-from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.fit.heights import correlations, everywhere, lengths_along
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.geometry.rotation import off_axis_angle
 

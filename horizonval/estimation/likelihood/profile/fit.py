@@ -49,8 +49,9 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.fit import SCATTERED, scaled_inverse
-from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.fit.bundle import scaled_inverse
+from horizonval.estimation.fit.limb import SCATTERED
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.profile.air import NodeAir
 from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileFit, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.model import (

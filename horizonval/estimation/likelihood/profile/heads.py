@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.height import correlations
-from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.fit.heights import correlations
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.profile.air import GAIN_SIGMA, POLE_ITRS, NodeAir, waves_of
 from horizonval.estimation.likelihood.profile.fit import (
     CONVERGED,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.profile.air import NodeAir
 from horizonval.estimation.observation import Lens
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -19,7 +19,7 @@ class ProfileKnowledge:
     """Prior knowledge of a profile fit.
 
     ``mean``: prior pose, ``height_m`` being the lift of the air; ``information``: shape (7, 7), of a step from it, as
-    in :class:`horizonval.estimation.likelihood.knowledge.LimbKnowledge`. ``heights_m``: first and last height of the
+    in :class:`horizonval.estimation.fit.known.LimbKnowledge`. ``heights_m``: first and last height of the
     table. ``air``: function of normals (m, 3), lines of sight (m, 3) in camera axes, pose, grid of distances (first,
     last, step) and their curve. ``blur_px``, ``blur_log_sigma``: of the lens; ``lens``: blur over the field and
     diffraction from the camera file. ``sharpness``, ``sharpness_sigma``: shape of the lens's blur (:mod:`.blurred`),

@@ -29,14 +29,15 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD
-from horizonval.estimation.likelihood.knowledge import LimbPose, placed_knowledge
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
+from horizonval.estimation.fit.known import placed_knowledge
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.profile.air import KnownAir, sun_of_time
 from horizonval.estimation.likelihood.profile.knowledge import NoLimbError, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.pixels import ray_height
 from horizonval.estimation.likelihood.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
 from horizonval.estimation.limb.finder import picture_of
-from horizonval.estimation.limb.picture import PIXEL_DIRECTIONS, Picture
+from horizonval.estimation.limb.picture import Picture, pixel_directions
 from horizonval.estimation.observation import Lens, Observation
 from horizonval.estimation.prior import BY_LATITUDE_MONTH, GAIN_SIGMA
 from horizonval.geometry.camera import CameraModel
@@ -150,7 +151,7 @@ def _coarse(image: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatAr
     rows, columns = camera.height // factor, camera.width // factor
     cut = image[: rows * factor, : columns * factor]
     values = np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float64).ravel()
-    directions = PIXEL_DIRECTIONS.of(camera)
+    directions = pixel_directions(camera)
     middle = (factor - 1) // 2
     los = directions[middle : rows * factor : factor, middle : columns * factor : factor].reshape(-1, 3)
     seen = np.isfinite(los).all(axis=1)

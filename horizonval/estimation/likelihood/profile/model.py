@@ -17,8 +17,8 @@ from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.profile.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles, blur_after
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge

@@ -29,7 +29,7 @@ from scipy.optimize import nnls
 from scipy.special import ndtr, ndtri
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.pixels import NearPixels
+from horizonval.estimation.fit.pixels import NearPixels
 
 LEAST_SHARE, MOST_SHARE = 0.01, 0.99
 """Range of the share of dark pixels at the floor: fewer lose nothing, more determine nothing."""

@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.pixels import FEWEST_LIMB_PX, NearPixels, near_pixels
+from horizonval.estimation.fit.edge_pixels import FEWEST_LIMB_PX
+from horizonval.estimation.fit.pixels import NearPixels, near_pixels
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.likelihood.profile.knowledge import NoLimbError
 from horizonval.estimation.likelihood.sectors import divided
 from horizonval.geometry.camera import CameraModel, unproject

@@ -11,14 +11,14 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs
+from horizonval.estimation.fit.claim import limb_scale
+from horizonval.estimation.fit.edge_pixels import MISPLACED_PX, relief_modes
+from horizonval.estimation.fit.light import edge_profile
+from horizonval.estimation.fit.pixels import NearPixels, image_scale, limb_angle
+from horizonval.estimation.fit.start import EllipsoidStart, ellipsoid_start
 from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.likelihood.calibration.shared import seen_by_changed
 from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
-from horizonval.estimation.likelihood.claim import limb_scale
-from horizonval.estimation.likelihood.light import edge_profile
-from horizonval.estimation.likelihood.pixels import MISPLACED_PX, NearPixels, image_scale, limb_angle
-from horizonval.estimation.likelihood.sectors import relief_modes
-from horizonval.estimation.likelihood.start import EllipsoidStart, ellipsoid_start
 from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Calibration, Fit, Observation
 from horizonval.estimation.prior import Prior

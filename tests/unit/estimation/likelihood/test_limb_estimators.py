@@ -12,9 +12,9 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood import claim as claims
-from horizonval.estimation.likelihood.fit import fit_limb
-from horizonval.estimation.likelihood.profile.pixels import ray_height
+from horizonval.estimation.fit import claim as claims
+from horizonval.estimation.fit.limb import fit_limb
+from horizonval.estimation.fit.profile_pixels import ray_height
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior

@@ -14,9 +14,8 @@ from scipy.stats import chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.height import correlations
-from horizonval.estimation.likelihood.profile.air import POLE_ITRS, LimbNodes, NodeAir, node_air
-from horizonval.estimation.likelihood.profile.heads import common_air
+from horizonval.estimation.fit.air import POLE_ITRS, LimbNodes, NodeAir, common_air, node_air
+from horizonval.estimation.fit.heights import correlations
 from horizonval.estimation.methods import limb_heads, limb_profile, limb_profile_heads
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -176,11 +175,11 @@ def test_waves_of_all_heads_have_the_covariance_of_all_places() -> None:
     lengths = np.concatenate([air.lengths_rad[:, 0] for air in airs])
     expected = correlations(lengths[:, None], up, POLE_ITRS)[0]
     rows = []
-    for air, at in zip(common.heads, common.columns, strict=True):
+    for air, at in zip(common.images, common.columns, strict=True):
         row = np.zeros((len(air.up_itrs), common.count))
         row[:, at[: air.waves[0].shape[1]]] = air.waves[0]
         rows.append(row)
     whole = np.concatenate(rows)
     assert whole @ whole.T == pytest.approx(expected, abs=1e-4)
-    gains = [at[-air.waves[-1].shape[1] :] for air, at in zip(common.heads, common.columns, strict=True)]
+    gains = [at[-air.waves[-1].shape[1] :] for air, at in zip(common.images, common.columns, strict=True)]
     assert not set(gains[0]) & set(gains[1])

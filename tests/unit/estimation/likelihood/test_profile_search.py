@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.likelihood.fit import nadir_derivative
-from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.air import KnownAir
-from horizonval.estimation.likelihood.profile.fit import ProfileSearch
-from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
-from horizonval.estimation.likelihood.profile.known_profile import start_pose
-from horizonval.estimation.likelihood.profile.model import CLOUD_TOP_M, POSE, Guess, ProfileModel
-from horizonval.estimation.likelihood.profile.noise import floor_of
+from horizonval.estimation.fit.air import KnownAir, common_air
+from horizonval.estimation.fit.bundle import ShotPrior
+from horizonval.estimation.fit.image import LENS, POSE
+from horizonval.estimation.fit.known_profile import start_pose
+from horizonval.estimation.fit.noise import floor_of
+from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
+from horizonval.estimation.fit.profile import CLOUD_TOP_M, ProfileImage, ProfileKnowledge, ProfileModel
+from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84
@@ -50,14 +50,15 @@ def drawn(seed: int) -> tuple[FloatArray, ProfileKnowledge, LimbPose, LimbPose]:
     known = ProfileKnowledge(
         WGS84, mean, np.diag(sigmas**-2.0), air.heights_m, air.nodes, gain=100.0, gain_log_sigma=GAIN_SIGMA
     )
-    model = ProfileModel(np.ones((CAMERA.height, CAMERA.width)), CAMERA, true, 0.6, known)
+    model = ProfileModel(np.ones((CAMERA.height, CAMERA.width)), CAMERA, true, np.zeros(LENS), 0.6, known)
     lift = np.concatenate([np.zeros(POSE - 1), [rng.normal(0.0, LIFT_SIGMA_M)]])
-    gain = known.gain * np.exp(rng.normal(0.0, GAIN_SIGMA))
-    look = model.look(Guess(lift, 0.6, 0.5, gain, 0.0, rng.normal(size=model.air.count)))
-    near = model.near
+    own = np.array([np.log(0.6), 0.5, np.log(known.gain) + rng.normal(0.0, GAIN_SIGMA), 0.0])
+    common = common_air([model.air], [None])
+    model.air, near = common.images[0], model.near
+    look = model.look(true.moved(lift), np.zeros(LENS), own, rng.normal(size=common.count))
     shown = near.values - look.residuals
-    image = np.where(darker_side(near.pixels.rows, shown), 0.0, shown.max())
-    image[near.pixels.rows, near.pixels.columns] = shown
+    image = np.where(darker_side(near.rows, shown), 0.0, shown.max())
+    image[places(model)] = shown
     image += rng.normal(0.0, NOISE * shown.max(), image.shape)
 
     def means(normal: FloatArray, los: FloatArray, height_m: FloatArray) -> FloatArray:
@@ -67,6 +68,15 @@ def drawn(seed: int) -> tuple[FloatArray, ProfileKnowledge, LimbPose, LimbPose]:
     return image, known, start, true
 
 
+def places(model: ProfileModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows and columns of a model's pixels."""
+    return model.near.rows.astype(int), model.near.columns.astype(int)
+
+
+def fitted(image: FloatArray, known: ProfileKnowledge, start: LimbPose) -> ProfileFit:
+    return fit_profiles([ProfileImage(image, CAMERA, known)], ShotPrior(known.mean, known.information), start)
+
+
 def darker_side(rows: np.ndarray, shown: FloatArray) -> np.ndarray:
     """Return where an image with pixels at some rows is space, shape (H, W): the start looks at all of it."""
     earth_below = np.corrcoef(rows, shown)[0, 1] > 0.0
@@ -74,12 +84,12 @@ def darker_side(rows: np.ndarray, shown: FloatArray) -> np.ndarray:
     return np.asarray((all_rows < np.median(rows)) == earth_below)
 
 
-def sigmas_off(found: ProfileSearch, true: LimbPose) -> float:
+def sigmas_off(found: ProfileFit, true: LimbPose) -> float:
     """Return how far off the nadir is, in what is claimed along its error."""
     by = nadir_derivative(found.pose)
     plane = np.linalg.svd(true.nadir_cam[None])[2][1:]
     error = plane @ (found.pose.nadir_cam - true.nadir_cam)
-    covariance = plane @ by @ found.covariance[:POSE, :POSE] @ by.T @ plane.T
+    covariance = plane @ by @ found.covariance @ by.T @ plane.T
     return float(np.sqrt(error @ np.linalg.solve(covariance, error)))
 
 
@@ -88,7 +98,7 @@ def test_a_search_ends_at_the_limb() -> None:
     off = []
     for seed in (2, 28, 52, 71):
         image, known, start, true = drawn(seed)
-        off.append(sigmas_off(ProfileSearch(image, CAMERA, start, known).run(), true))
+        off.append(sigmas_off(fitted(image, known, start), true))
     assert max(off) < FAR
 
 
@@ -98,7 +108,7 @@ def test_searches_are_off_by_what_they_claim() -> None:
     off = []
     for seed in range(76):
         image, known, start, true = drawn(seed)
-        off.append(sigmas_off(ProfileSearch(image, CAMERA, start, known).run(), true))
+        off.append(sigmas_off(fitted(image, known, start), true))
     assert max(off) < FAR
     assert 0.7 < float(np.mean(np.square(off))) / 2.0 < 1.3
 
@@ -106,16 +116,17 @@ def test_searches_are_off_by_what_they_claim() -> None:
 def test_clear_air_above_clouds_counts_in_full() -> None:
     """Blocks of 12 px are brighter or darker below 16 km; through lens and pixel they reach a pixel higher."""
     image, known, start, true = drawn(3)
-    found = ProfileSearch(image, CAMERA, start, known).run()
-    near, rng = found.model.near, np.random.default_rng(5)
-    blocks = rng.normal(0.0, 0.08, CAMERA.width // 12)[near.pixels.columns // 12]
+    found = fitted(image, known, start)
+    model, rng = found.models[0], np.random.default_rng(5)
+    blocks = rng.normal(0.0, 0.08, CAMERA.width // 12)[places(model)[1] // 12]
     cloudy = image.copy()
-    share = norm.cdf((CLOUD_TOP_M - near.ray.height_m) / (0.66 * found.model.width_m))
-    cloudy[near.pixels.rows, near.pixels.columns] += blocks * share * image.max()
-    clouds = ProfileSearch(cloudy, CAMERA, start, known).run()
-    height_m, wider = clouds.model.near.ray.height_m, clouds.wider
+    share = norm.cdf((CLOUD_TOP_M - model.near.height_m) / (0.66 * model.width_m))
+    cloudy[places(model)] += blocks * share * image.max()
+    clouds = fitted(cloudy, known, start)
+    height_m, width_m = clouds.models[0].near.height_m, clouds.models[0].width_m
+    wider = np.broadcast_to(clouds.noises[0].together, height_m.shape)
     assert np.median(wider[height_m < 10e3]) > 3.0
-    assert np.median(wider[height_m > CLOUD_TOP_M + 2.0 * clouds.model.width_m.max()]) < 1.3
+    assert np.median(wider[height_m > CLOUD_TOP_M + 2.0 * width_m.max()]) < 1.3
     assert sigmas_off(clouds, true) < FAR
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from horizonval.core.errors import UserError
-from horizonval.estimation.likelihood.height import everywhere
+from horizonval.estimation.fit.heights import everywhere
 from horizonval.estimation.likelihood.templates import (
     FOLDER,
     LimbTemplates,

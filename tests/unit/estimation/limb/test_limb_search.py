@@ -12,10 +12,9 @@ from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.guard.three_tests import in_wider_pixels
 from horizonval.estimation.limb.evidence import weigh
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.picture import Picture, in_wider_pixels
 from horizonval.estimation.limb.proposals import LimbPoints
 from horizonval.estimation.limb.pyramid import levels_of
 from horizonval.estimation.methods import altitude_free
@@ -332,3 +331,17 @@ def test_a_half_lit_textured_limb_has_points_where_it_is_lit(sign: float) -> Non
     assert abs(np.median(off)) < 0.05
     assert np.percentile(np.abs(off), 90.0) < 0.15
     assert len(off) > 50
+
+
+def test_a_rough_nadir_decides_between_two_discs() -> None:
+    """Without it the first whole limb is the answer; a direction to neither leaves the two in doubt."""
+    camera = CameraModel(160, 120, 147.0, 147.0, 79.5, 59.5)
+    left, right = (depth_px(camera, nadir_at(15.0, turn), 0.17) for turn in (-90.0, 90.0))
+    image = picture(np.maximum(left, right))
+    for nadir_cam, column in (([-0.3, 0.0, 1.0], 38.5), ([0.3, 0.0, 1.0], 120.5)):
+        found = find_limb(image, camera, None, Prior(nadir_cam=nadir_cam, attitude_sigma_rad=[0.1, 0.1, 0.1]))
+        assert isinstance(found, LimbPoints)
+        assert found.uv[:, 0].mean() == pytest.approx(column, abs=2.0)
+    doubted = find_limb(image, camera, None, Prior(nadir_cam=[0.0, 1.0, 0.0], attitude_sigma_rad=[0.1, 0.1, 0.1]))
+    assert isinstance(doubted, Refusal)
+    assert doubted.status is Outcome.AMBIGUOUS

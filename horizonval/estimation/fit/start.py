@@ -21,13 +21,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.limb_heights import limb_height_m, reliefs
-from horizonval.estimation.likelihood.height import SUN_SIGMA_RAD, UnevenLimb, band_heights
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, placed_knowledge, turned_to
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD, UnevenLimb, band_heights
+from horizonval.estimation.fit.known import LimbKnowledge, placed_knowledge, turned_to
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.observation import Observation
@@ -79,14 +82,19 @@ def knowledge_in_air(
     *,
     of_height: bool = False,
     placed: bool = False,
+    in_body_axes: bool = False,
 ) -> LimbKnowledge:
     """Return the knowledge of a limb in any air of the observation's band.
 
     ``information``: shape (7, 7); ``of_height``: whether the height is the limb's above the planet
     (:func:`limb_height_prior`), or stands for the planet's with only variations along the limb known; ``placed``:
-    whether the pose has Earth-fixed axes.
+    whether the pose has Earth-fixed axes; ``in_body_axes``: whether its turns refer to the spacecraft instead of the
+    camera.
     """
     prior = observation.prior
+    sun = observation.sun_cam
+    if sun is not None and in_body_axes:
+        sun = Rotation.from_quat(observation.q_cam_from_body).inv().apply(sun)
     knowledge = LimbKnowledge(
         planet,
         mean,
@@ -96,6 +104,7 @@ def knowledge_in_air(
         scale_sigma_m=prior.limb_scale_height_sigma_m,
         reliefs=reliefs(observation.band_kind, prior.limb_relief_m),
         flattened_m=flattened_m,
+        lens_sigmas=lens_sigmas(observation.calibration),
     )
     if observation.band_kind is None or observation.band_um is None or prior.limb_relief_m is not None:
         return knowledge
@@ -106,7 +115,7 @@ def knowledge_in_air(
     thermal = observation.band_kind == "thermal"
     uneven = UnevenLimb(
         heights,
-        sun_cam=None if thermal else observation.sun_cam,
+        sun_cam=None if thermal else sun,
         sun_sigma_rad=SUN_SIGMA_RAD if prior.sun_sigma_rad is None else prior.sun_sigma_rad,
         month=month_of(prior.epoch_utc) if thermal and placed and prior.epoch_utc is not None else None,
         thermal=thermal,
@@ -133,7 +142,8 @@ def ellipsoid_start(observation: Observation, method: str) -> EllipsoidStart | R
     if prior.r_itrs is None or prior.position_sigma_m is None:
         return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the position (position_itrs_km)")
     if prior.q_cam_from_itrs is None or prior.attitude_sigma_rad is None:
-        return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the attitude (q_cam_from_itrs)")
+        open_ = "" if prior.nadir_cam is None else "; nadir_cam leaves the turn about the vertical open"
+        return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the attitude (q_cam_from_itrs){open_}")
     searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
     if isinstance(searched, Refusal):
         return searched

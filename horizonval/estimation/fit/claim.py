@@ -16,97 +16,98 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb, nadir_derivative
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
+from horizonval.estimation.fit.known import LimbKnowledge, Sliver
+from horizonval.estimation.fit.limb import LimbFit, fit_limb
+from horizonval.estimation.fit.pixels import pixel_at_limb_m
+from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.limb.picture import Picture, in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 
 FEWEST_OF_DISC = 6
 """Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
+KNOWN_SIGMAS = 2.0
+"""Standard deviations of the scale height that a pixel covers where the limb's shape is known."""
 LEAST_PX = 32
 """Smallest size of a reduced copy: two windows of the fit, and a limb that bends."""
 
 
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
     """Return the fit of the limb near a start; ``picture`` is the observation's image."""
+    sunless = observation.band_kind != "thermal" and observation.sun_cam is None
     try:
-        found = _fitted(picture, observation.camera, start, knowledge)
+        found = _fitted(picture, observation.camera, start, knowledge, sunless=sunless)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
-    if observation.band_kind != "thermal" and observation.sun_cam is None:
-        found = with_terminator(found, observation.camera)
     return fit_of(found, observation, knowledge.ellipsoid)
 
 
 WHOLE_RAD = float(np.deg2rad(270.0))
 """Azimuth in view from which a limb is that of a disc: the Sun lights all of it only from behind the camera."""
-SHIFT_OF_SLIVER, SIZE_OF_SLIVER = 2.27, 1.34
-"""What a sliver without light does to a circle, over the root mean square that it leaves: a terminator lies ``D cos^2
-azimuth`` inside one half of the limb, which moves the middle by 4 D / 3 pi, the radius by D / 4, and leaves 0.187 D."""
 DIMMED_PX = 4.0
 """Depth inside the limb at which a sector's level is measured, half of the window. At that depth ``x`` a Lambert sphere
 of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(r / 2 x)`` round the limb, so that its
 sliver is ``r (1 - cos p) = m^2 x`` wide."""
 
 
-def with_terminator(found: LimbLikelihoodFit, camera: CameraModel) -> LimbLikelihoodFit:
-    """Return the fit of a whole disc, its covariance with what an unlit sliver may do to it; of an arc as it is.
+def sliver_of(found: LimbFit, camera: CameraModel) -> Sliver | None:
+    """Return what a whole disc may have unlit, None of an arc.
 
     A Sun that is not quite behind the camera leaves a sliver of the disc dark, whose edge is the terminator. It shows
-    in the sectors' distances from the fitted circle, and in levels that fall from one side of the disc to the other.
+    in levels that fall from one side of the disc to the other.
     """
-    pose = found.pose
-    across = unproject(camera, found.uv) @ tangent_basis(pose.nadir_cam)
+    basis = tangent_basis(found.pose.nadir_cam)
+    across = unproject(camera, found.uv) @ basis
     azimuth = np.sort(np.arctan2(across[:, 1], across[:, 0]))
     if len(azimuth) < FEWEST_OF_DISC:
-        return found
+        return None
     gap = float(np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max())
     if 2.0 * np.pi - gap < WHOLE_RAD:
-        return found
-    left = float(np.sqrt(np.mean(found.residuals_rad**2)))
-    round_ = across / np.linalg.norm(across, axis=1)[:, None]
-    level = np.linalg.lstsq(np.column_stack([np.ones(len(round_)), round_]), found.levels, rcond=None)[0]
-    dimmed = min(float(np.hypot(level[1], level[2]) / max(abs(level[0]), 1e-300)), 1.0)
-    sliver = dimmed**2 * DIMMED_PX / max(camera.fx, camera.fy)
-    shift, size = float(np.hypot(SHIFT_OF_SLIVER * left, sliver)), float(np.hypot(SIZE_OF_SLIVER * left, sliver))
-    distance = float(np.linalg.norm(pose.r_itrs))
-    up = pose.r_itrs / distance
-    rho = float(np.median(off_axis_angle(unproject(camera, found.uv), pose.nadir_cam)))
-    added = np.zeros_like(found.covariance)
-    along = np.outer(up, up)
-    added[3:6, 3:6] = (shift * distance) ** 2 * (np.eye(3) - along)
-    added[3:6, 3:6] += (size * distance / np.tan(rho)) ** 2 * along
-    return replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
+        return None
+    rows = np.column_stack([np.ones(len(across)), across / np.linalg.norm(across, axis=1)[:, None]])
+    (mean, *slope), *_ = np.linalg.lstsq(rows, found.levels, rcond=None)
+    scatter = float(np.mean((found.levels - rows @ np.array([mean, *slope])) ** 2))
+    # Clouds make a slope of their own.
+    dimmed_2 = min((float(slope[0] ** 2 + slope[1] ** 2) + 4.0 * scatter / len(across)) / max(mean**2, 1e-300), 1.0)
+    return Sliver(-basis @ np.array(slope), dimmed_2 * DIMMED_PX)
 
 
-def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbLikelihoodFit:
-    """Return the fit in pixels as wide as the limb is deep, or in those of the picture where they are as wide."""
-    scale = limb_scale(camera, start, knowledge)
-    if scale == 1:
-        return fit_limb(picture.grey, camera, start, knowledge, picture.noise_sigma)
-    image, small = smaller(picture.grey, camera, scale)
-    copy = Picture(image, picture.full_scale)
-    found = fit_limb(copy.grey, small, start, knowledge.in_wider_pixels(scale), copy.noise_sigma)
-    return replace(found, uv=in_whole(found.uv, scale))
+def _fitted(
+    picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge, *, sunless: bool
+) -> LimbFit:
+    """Return the fit in pixels as wide as the limb is deep, or in those of the picture where they are as wide.
+
+    ``sunless``: whether the Sun may be anywhere, and a whole disc have an unlit sliver.
+    """
+    scale, image = limb_scale(camera, start, knowledge), picture.unclipped
+    if scale > 1:
+        image, camera = smaller(image, camera, scale)
+        knowledge = knowledge.in_wider_pixels(scale)
+    found = fit_limb(image, camera, start, knowledge)
+    if sunless and (sliver := sliver_of(found, camera)) is not None:
+        found = fit_limb(image, camera, found.pose, replace(knowledge, sliver=sliver))
+    return replace(found, uv=in_whole(found.uv, scale)) if scale > 1 else found
 
 
 def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
-    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1."""
+    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1.
+
+    An exponential whose scale height is known is fitted in the picture's own pixels.
+    """
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
+    deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
     scale = 1
-    while scale * pixel_m < knowledge.scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
         scale *= 2
     return scale
 
 
 class PoseFit(Protocol):
-    """What is claimed from; as :class:`horizonval.estimation.likelihood.fit.LimbLikelihoodFit` says."""
+    """What is claimed from; as :class:`horizonval.estimation.fit.limb.LimbFit` says."""
 
     @property
     def pose(self) -> LimbPose: ...

@@ -6,7 +6,7 @@ altitude, sphere and ellipsoid are therefore the same fit with other rows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief
+from horizonval.estimation.fit.image import LENS
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, sphere
-from horizonval.geometry.rotation import rotation_vector
 
 
 @dataclass(frozen=True)
@@ -50,31 +51,16 @@ FIXED_LENGTH_M = 0.1
 
 
 @dataclass(frozen=True)
-class LimbPose:
-    """Camera pose and limb height.
+class Sliver:
+    """The unlit part of a disc: at the angle ``a`` from the darkest point of the limb the terminator lies ``depth cos^2
+    a`` inside of it, on that half of the disc.
 
-    ``cam_from_itrs``: shape (3, 3), rotation matrix; for a sphere any fixed axes serve as Earth-fixed. ``r_itrs``:
-    shape (3,) [m]. ``height_m``: mean limb height above the ellipsoid along the arc.
+    ``darkest``: shape (3,), direction from the nadir to that point, in the axes of the knowledge; ``depth_px``: mean,
+    and as much for its standard deviation.
     """
 
-    cam_from_itrs: FloatArray
-    r_itrs: FloatArray
-    height_m: float = 0.0
-
-    @property
-    def nadir_cam(self) -> FloatArray:
-        """Unit vector to the Earth's centre, shape (3,)."""
-        return np.asarray(-self.cam_from_itrs @ self.r_itrs / np.linalg.norm(self.r_itrs))
-
-    def moved(self, step: FloatArray) -> LimbPose:
-        """Return the pose after a step: rotation vector in camera axes [rad], position [m], height [m], shape (7,)."""
-        turn = Rotation.from_rotvec(step[:3]).as_matrix()
-        return LimbPose(turn @ self.cam_from_itrs, self.r_itrs + step[3:6], self.height_m + float(step[6]))
-
-    def step_to(self, other: LimbPose) -> FloatArray:
-        """Return the step, shape (7,), that leads to another pose."""
-        turn = rotation_vector(other.cam_from_itrs @ self.cam_from_itrs.T)
-        return np.concatenate([turn, other.r_itrs - self.r_itrs, [other.height_m - self.height_m]])
+    darkest: FloatArray
+    depth_px: float
 
 
 @dataclass(frozen=True)
@@ -106,6 +92,11 @@ class LimbKnowledge:
         Of the height in which the limb's light has its middle, that of the edge and the scale height together, of which
         ``mean`` and ``scale_height_m`` are the sum: where pixels are larger than the air is deep, no more is seen of
         the two. Infinite where only each of them is known.
+    lens_sigmas : ndarray, shape (4,)
+        Of errors of the camera: ln focal length, principal point [px], distortion at the farthest corner [px]; 0 for
+        what is exact.
+    sliver : Sliver, optional
+        What of a whole disc the Sun may not light.
     """
 
     ellipsoid: Ellipsoid
@@ -119,10 +110,13 @@ class LimbKnowledge:
     flattened_m: float = 0.0
     uneven: LimbHeights | None = None
     middle_sigma_m: float = np.inf
+    lens_sigmas: FloatArray = field(default_factory=lambda: np.zeros(LENS))
+    sliver: Sliver | None = None
 
     def in_wider_pixels(self, scale: int) -> LimbKnowledge:
         """Return what is known of the same limb in pixels ``scale`` times as wide."""
-        return replace(self, blur_px=self.blur_px / scale)
+        px = np.array([1.0, scale, scale, scale])
+        return replace(self, blur_px=self.blur_px / scale, lens_sigmas=self.lens_sigmas / px)
 
 
 def sphere_knowledge(
@@ -148,6 +142,19 @@ def sphere_knowledge(
     information[6, 6] = 1.0 / max(height_sigma_m, FIXED_LENGTH_M) ** 2
     pose = LimbPose(np.eye(3), -(radius_m + altitude_m) * n, height_m)
     return Ellipsoid(radius_m, radius_m), pose, information
+
+
+def tilted_to(
+    mean: LimbPose, information: FloatArray, nadir_cam: FloatArray, sigma_rad: float
+) -> tuple[LimbPose, FloatArray]:
+    """Return pose and information of a sphere fit (:func:`sphere_knowledge`) with a rough direction of the nadir.
+
+    ``nadir_cam``: shape (3,), unit vector, right to ``sigma_rad`` in each of two directions across it.
+    """
+    mean = turned_to(mean, -nadir_cam * np.linalg.norm(mean.r_itrs))
+    information = information.copy()
+    information[:3, :3] += (np.eye(3) - np.outer(nadir_cam, nadir_cam)) / sigma_rad**2
+    return mean, information
 
 
 def placed_knowledge(

@@ -25,9 +25,9 @@ the angle ::
 
 farther from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon.
 
-**Height of the fitted edge** (:func:`edge_height`). A fit (:mod:`horizonval.estimation.likelihood.fit`) explains the
+**Height of the fitted edge** (:func:`edge_height`). A fit (:mod:`horizonval.estimation.fit.edge`) explains the
 pixels across a limb by ``b + (a + c x + d x^2) E(x)``, with the edge ``E`` of
-:mod:`horizonval.estimation.likelihood.light` and the scale height of the fit's prior. For a rendered profile, blurred
+:mod:`horizonval.estimation.fit.light` and the scale height of the fit's prior. For a rendered profile, blurred
 by lens and pixel, the levels are solved for at every height of a grid; the height is that of the least residual,
 refined by a parabola. The residual adds a variance (:data:`MISFIT_PX`): the profile is no exponential.
 
@@ -60,9 +60,15 @@ from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.likelihood.knowledge import BLUR_PX, ArcPlaces
-from horizonval.estimation.likelihood.light import PIXEL_VARIANCE, edge_profile, light_basis
-from horizonval.estimation.likelihood.pixels import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES
+from horizonval.estimation.fit.known import BLUR_PX, ArcPlaces
+from horizonval.estimation.fit.light import (
+    INSIDE_PX,
+    OUTSIDE_PX,
+    OUTSIDE_SCALES,
+    PIXEL_VARIANCE,
+    edge_profile,
+    light_basis,
+)
 from horizonval.estimation.likelihood.templates import MONTHS, LimbTemplates, shipped_templates
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 

@@ -1,0 +1,344 @@
+"""The limb as an edge: an image model whose profile is one exponential, blurred.
+
+A pixel near the limb is ``I = b + B(x) E(x) + noise`` with the edge profile ``E`` (:mod:`.light`), ``x`` its distance
+inside the limb in pixels, background and brightness of its sector of azimuth (:mod:`.levels`). An image's own unknowns
+are the logarithm of the blur, of lens and pixel together, and the scale height; those of the air are modes of the
+limb's height along it (:mod:`.edge_pixels`). The levels are eliminated within the model.
+
+An error of the lens moves the line of sight of a pixel as if the pixel were at another place in the image.
+
+**Neglected.** The change of the image scale over the distance itself, a thousandth per pixel where ``x`` is a few
+pixels, and over the half pixel that a pose moves the limb before pixels are chosen again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.image import LENS, POSE, OwnPrior
+from horizonval.estimation.fit.levels import Levels, eliminated, solve_levels
+from horizonval.estimation.fit.light import (
+    PIXEL_VARIANCE,
+    EdgeProfile,
+    LightNoise,
+    brightness,
+    edge_profile,
+    inner_levels,
+    light_basis,
+    light_noise,
+)
+from horizonval.estimation.fit.noise import PixelNoise
+from horizonval.estimation.fit.pixels import LimbAngle, limb_angle
+from horizonval.estimation.fit.pose import LimbPose
+
+BLUR, SCALE = POSE + LENS, POSE + LENS + 1
+"""Places of an image's own unknowns among those that it has with shot and camera."""
+LARGEST_MOTION_PX, LARGEST_LOG_STEP = 2.0, 0.5
+LARGEST_SCALE_STEP_PX, LARGEST_SCALE_STEP = 0.25, 0.5
+"""Largest step of limb, ln blur and scale height for which the derivatives hold; of the last the larger of pixels and
+a share of it."""
+LOWEST = np.array([-np.inf, 0.0])
+"""Least values of an image's own unknowns."""
+MOST_ROOM = 0.5
+"""Largest share of the blur's variance that makes room for a scale height in one step."""
+ROUNDS = 2
+"""Rounds of an estimate of the noise: by equal weights, then by those that follow from it."""
+LEAST_SAG = 0.5
+"""Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
+FIXED_LENGTH_M = 0.1
+"""Standard deviation of a length that is no unknown: below what an image shows, above rounding."""
+
+
+@dataclass(frozen=True)
+class EdgePixels:
+    """n pixels near a limb, or means of some, in order of azimuth; sectors have equally many.
+
+    ``columns``, ``rows``, ``values``: shape (n,); ``counts``: shape (n,), pixels of which each is the mean;
+    ``wide_px2``: shape (n,), variance of their distances from the limb; ``rounding``: variance of rounding;
+    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2; ``neighbours``: shape
+    (2, k), pairs of adjacent pixels.
+
+    Geometry: ``los_cam``: shape (3, n); ``offset``: shape (n,), angle inside the limb beyond that of the line of sight
+    [rad]; ``by_lens``: shape (4, n), its change by errors of the lens; ``lens``: shape (4,), those with which the lines
+    of sight are; ``scale``: shape (n,), image scale across the limb [rad/px]; ``bend``: shape (n,), divergence of the
+    distance's gradient [1/px].
+
+    Heights: ``lift_m``: shape (n,), known, above the pose's limb; ``modes``: shape (k, n), of the air's unknowns [m].
+    """
+
+    columns: FloatArray
+    rows: FloatArray
+    values: FloatArray
+    counts: FloatArray
+    wide_px2: FloatArray
+    rounding: float
+    sectors: int
+    along: FloatArray
+    neighbours: NDArray[np.intp]
+    los_cam: FloatArray
+    offset: FloatArray
+    by_lens: FloatArray
+    lens: FloatArray
+    scale: FloatArray
+    bend: FloatArray
+    lift_m: FloatArray
+    modes: FloatArray
+
+
+@dataclass(frozen=True)
+class EdgeKnown:
+    """What is known of a limb's edge.
+
+    ``axes_m``: shape (3,), of the planet; ``blur_px``, ``blur_log_sigma``: blur of the lens and the standard deviation
+    of its logarithm; ``scale_height_m``, ``scale_sigma_m``: of the soft limb, both 0 for a hard one; ``middle_m``,
+    ``middle_sigma_m``: height of the limb and scale height together, infinite sigma where only each is known.
+    """
+
+    axes_m: FloatArray
+    blur_px: float
+    blur_log_sigma: float
+    scale_height_m: float
+    scale_sigma_m: float
+    middle_m: float = 0.0
+    middle_sigma_m: float = np.inf
+
+    @property
+    def soft(self) -> bool:
+        """Whether the limb may be soft."""
+        return self.scale_height_m > 0.0 or self.scale_sigma_m > 0.0
+
+    @property
+    def own(self) -> FloatArray:
+        """Own unknowns of an image at the prior's values, shape (2,)."""
+        return np.array([0.5 * np.log(self.blur_px**2 + PIXEL_VARIANCE), self.scale_height_m])
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """Geometry and profile of the pixels; ``soft`` is the scale height in the image [px/m], None for a hard limb."""
+
+    angle: LimbAngle
+    x: FloatArray
+    blur: FloatArray
+    edge: EdgeProfile
+    soft: FloatArray | None
+    basis: FloatArray
+
+
+@dataclass(frozen=True)
+class EdgeLook:
+    """Pixels as the unknowns predict them."""
+
+    seen: _Edge
+    levels: Levels
+    residuals: FloatArray
+
+    @property
+    def penalty(self) -> float:
+        """Squared departures of the sectors' levels from their mean, in units of their spread."""
+        return self.levels.penalty
+
+    @cached_property
+    def of_pixel(self) -> FloatArray:
+        """Levels of every pixel's sector, shape (6, n)."""
+        levels = self.levels.of_sector
+        return np.repeat(levels, len(self.residuals) // len(levels), axis=0).T
+
+
+@dataclass(frozen=True)
+class EdgeLinear:
+    """Normal equations of the pixels at one look; ``jacobian``: shape (13 + k, n)."""
+
+    exact: ClassVar[bool] = False
+    jacobian: FloatArray
+    normal: FloatArray
+
+    @property
+    def shared(self) -> FloatArray:
+        return self.normal[: SCALE + 1, : SCALE + 1]
+
+    @property
+    def mixed(self) -> FloatArray:
+        return self.normal[: SCALE + 1, SCALE + 1 :]
+
+    @property
+    def air(self) -> FloatArray:
+        return self.normal[SCALE + 1 :, SCALE + 1 :]
+
+    def rights(self, look: EdgeLook, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides of other residuals by the same derivatives."""
+        right = self.jacobian @ (weights * look.residuals)
+        return right[: SCALE + 1], right[SCALE + 1 :]
+
+
+class EdgeModel:
+    """The pixels of one image near the limb; ``motion``: shape (11, q), derivatives of places on the limb [px]."""
+
+    own_count = 2
+
+    def __init__(self, pixels: EdgePixels, known: EdgeKnown, motion: FloatArray) -> None:
+        self.pixels, self.known, self._motion = pixels, known, motion
+        self._px_per_m = float(np.abs(motion[POSE - 1]).max())
+        self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
+        self._spread: FloatArray | None = None
+        self._last: tuple[bytes, _Edge] | None = None
+
+    def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
+        """Return the own unknowns after a step; a scale height of less than nothing is a hard limb.
+
+        The edge's variance is that of blur and scale height together, ``s^2 + c^2``, and tells them apart badly: to
+        second order in the step of ``c`` the blur makes room for it.
+        """
+        scale_m = max(float(own[1] + step[1]), LOWEST[1])
+        blur_2 = float(np.exp(2.0 * (own[0] + step[0])))
+        blur_2 -= min((self._px_per_m * (scale_m - float(own[1]))) ** 2, MOST_ROOM * blur_2)
+        return np.array([0.5 * np.log(blur_2), scale_m])
+
+    def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
+        """Return the prior of blur and scale height."""
+        known = self.known
+        rows = np.zeros((3, SCALE + 1))
+        rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
+        sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
+        rows /= sigmas[:, None]
+        middle = known.middle_m - pose.height_m - own[1]
+        off = np.array([*(known.own - own), middle if np.isfinite(known.middle_sigma_m) else 0.0]) / sigmas
+        return OwnPrior(rows.T @ rows, rows.T @ off, float(off @ off))
+
+    def reach(self, step: FloatArray) -> float:
+        """Return how far a step goes, 1 where derivatives end to hold."""
+        return max(
+            self.motion_px(step[: POSE + LENS]) / LARGEST_MOTION_PX,
+            abs(float(step[BLUR])) / LARGEST_LOG_STEP,
+            abs(float(step[SCALE])) / self._largest_scale_step_m,
+        )
+
+    def motion_px(self, step: FloatArray) -> float:
+        """Return by how much a step of pose and lens moves the limb where it moves it most [px]."""
+        return float(np.abs(step @ self._motion).max())
+
+    def look(
+        self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None
+    ) -> EdgeLook:
+        """Return the pixels as predicted, with the most probable levels by weights so far."""
+        seen = self._seen(pose, lens, own, air)
+        pixels = self.pixels
+        if weights is None:
+            weights = pixels.counts
+        levels = solve_levels(seen.basis, pixels.values, weights, pixels.sectors, self._spread)
+        return EdgeLook(seen, levels, pixels.values - levels.of_pixels(seen.basis))
+
+    def noise(self, look: EdgeLook, own: FloatArray, before: PixelNoise | None) -> LightNoise:
+        """Return the variance model of the pixels, and estimate the spread of the sectors' levels.
+
+        It follows from the profile alone, in two rounds: an estimate that leans on the weights before runs away where
+        the ground is uneven, since the faint rim of the edge then fits ever better.
+        """
+        pixels, basis, weights = self.pixels, look.seen.basis, self.pixels.counts
+        for _ in range(ROUNDS):
+            levels = solve_levels(basis, pixels.values, weights, pixels.sectors)
+            residuals = pixels.values - levels.of_pixels(basis)
+            found = light_noise(
+                pixels.values,
+                residuals,
+                basis,
+                levels.of_sector,
+                pixels.neighbours,
+                pixels.counts,
+                pixels.rounding,
+            )
+            weights = found.weights(residuals)
+        self._spread = solve_levels(basis, pixels.values, weights, pixels.sectors).spread_information
+        return found
+
+    def linear(self, look: EdgeLook, own: FloatArray, weights: FloatArray) -> EdgeLinear:
+        """Return the normal equations at a look, the levels eliminated."""
+        pixels, seen = self.pixels, look.seen
+        assert self._spread is not None
+        blur = float(np.exp(own[0]))
+        self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_SCALE_STEP * float(own[1]))
+        lift, change = brightness(look.of_pixel, seen.x, pixels.along)
+        by_x = lift * seen.edge.slope + change * seen.edge.level
+        per_rad = by_x / pixels.scale
+        by_height = seen.angle.by_height * per_rad
+        jacobian = np.empty((SCALE + 1 + len(pixels.modes), len(by_x)))
+        jacobian[:3] = seen.angle.by_rotation * per_rad
+        jacobian[3 : POSE - 1] = seen.angle.by_position * per_rad
+        jacobian[POSE - 1] = by_height
+        jacobian[POSE:BLUR] = pixels.by_lens * per_rad
+        jacobian[BLUR] = blur**2 * (lift * seen.edge.by_blur / seen.blur + by_x * pixels.bend)
+        jacobian[SCALE] = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft
+        jacobian[SCALE + 1 :] = pixels.modes * by_height
+        return EdgeLinear(jacobian, eliminated(jacobian, seen.basis, weights, pixels.sectors, self._spread))
+
+    def _seen(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
+        unknowns = [pose.cam_from_itrs.ravel(), pose.r_itrs, np.array([pose.height_m]), lens, own, air]
+        key = np.concatenate(unknowns).tobytes()
+        # The noise is estimated again and again at one state.
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._predicted(pose, lens, own, air)
+        return self._last[1]
+
+    def _predicted(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
+        pixels, known = self.pixels, self.known
+        blur, scale_m = float(np.exp(own[0])), float(own[1])
+        axes = known.axes_m + pose.height_m
+        angle = limb_angle(pixels.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+        lift = pixels.lift_m + air @ pixels.modes
+        delta = angle.delta + pixels.offset + angle.by_height * lift
+        if (lens != pixels.lens).any():
+            delta = delta + (lens - pixels.lens) @ pixels.by_lens
+        x = delta / pixels.scale + 0.5 * blur**2 * pixels.bend
+        soft = None
+        if known.soft:
+            # The ray at the angle y outside has its lowest point y tan(rho) / 2 of its height below the tangent's
+            # straight line: 0.4 % at 8 km seen from 500 km, 2 arcsec.
+            sag = 1.0 + 0.5 * np.minimum(angle.delta, 0.0) * axes[0] * angle.by_height
+            soft = angle.by_height / (pixels.scale * np.maximum(sag, LEAST_SAG))
+        wide = np.sqrt(blur**2 + pixels.wide_px2)
+        edge = edge_profile(x, wide, None if soft is None else scale_m * soft)
+        return _Edge(angle, x, wide, edge, soft, light_basis(edge.level, x, pixels.along))
+
+
+@dataclass(frozen=True)
+class SectorPlaces:
+    """What every sector shows.
+
+    ``uv``: shape (m, 2), a point on its limb [px]; ``off_rad``: shape (m,), how far inside the fitted limb it shows the
+    limb, relief included; ``information``: shape (m,), inverse variance of that by noise; ``relief``: shape (k, m), the
+    limb's modes there [rad]; ``levels``: shape (m,), how much brighter than space it is inside the limb.
+    """
+
+    uv: FloatArray
+    off_rad: FloatArray
+    information: FloatArray
+    relief: FloatArray
+    levels: FloatArray
+
+
+def sector_places(model: EdgeModel, look: EdgeLook, weights: FloatArray, air: FloatArray) -> SectorPlaces:
+    """Return what every sector of a fitted limb shows; ``weights``: shape (n,); ``air``: shape (k,)."""
+    pixels, seen, count = model.pixels, look.seen, model.pixels.sectors
+
+    def sums(values: FloatArray) -> FloatArray:
+        return values.reshape(*values.shape[:-1], count, len(pixels.values) // count).sum(axis=-1)
+
+    slope = brightness(look.of_pixel, seen.x, pixels.along)[0] * seen.edge.slope / pixels.scale
+    information = sums(weights * slope * slope)
+    shift = sums(weights * slope * look.residuals) / np.maximum(information, 1e-300)
+    relief = sums(seen.angle.by_height * pixels.modes) * count / len(pixels.values)
+    size = len(pixels.values) // count
+    nearest = np.argmin(np.abs(seen.x).reshape(count, -1), axis=1) + size * np.arange(count)
+    return SectorPlaces(
+        uv=np.column_stack([pixels.columns[nearest], pixels.rows[nearest]]).astype(float),
+        off_rad=shift + air @ relief,
+        information=information,
+        relief=relief,
+        levels=inner_levels(pixels.values, seen.edge.level, look.levels.of_sector),
+    )

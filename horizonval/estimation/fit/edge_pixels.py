@@ -1,0 +1,469 @@
+"""The pixels for a fit of the limb's edge, and the heights of the limb along it.
+
+**Pixels.** Those within a window about the limb. Where they are more than the fit needs (:data:`MOST_PIXELS`), pixels
+at one distance from the limb and near each other are replaced by their mean: cells are half a pixel deep at the edge
+and wider beside it, and the variance of the distances in a cell is a part of its blur.
+
+**Modes.** Along the limb the height differs from its mean by a random function of azimuth with the covariance ``K(phi)
+= s^2 exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_heights`). On ``m`` nodes ``K = V diag(w) V^T``, and
+(Karhunen and Loeve) ::
+
+    height(phi_j) = sum over modes of  z_i sqrt(w_i) V_ji,      z_i ~ N(0, 1)
+
+The fit therefore knows which changes along the arc may not be taken for a tilt, and its covariance includes them. All
+images of a shot have one such function, round the part of the horizon that they see together.
+
+A sphere fitted to the oblate Earth has a second relief. The limb of a planet of flattening ``f`` differs from a
+sphere's by ``-f R (u . pole)^2``, with ``u`` from the centre to the point of the limb; its covariance over all poles
+(:mod:`horizonval.earth.limb_heights`) is added to ``K``.
+
+Modes that together hold less than :data:`LEFT_OUT` of the variance are left out; between nodes the modes are linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.limb_heights import Relief, oblate_limbs
+from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
+from horizonval.estimation.fit.image import Chosen, ShotState
+from horizonval.estimation.fit.known import ArcPlaces, LimbKnowledge
+from horizonval.estimation.fit.levels import from_widest_gap, sectors_of
+from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES
+from horizonval.estimation.fit.pixels import (
+    LimbAngle,
+    NearPixels,
+    gradient,
+    in_view,
+    limb_angle,
+    limb_bend,
+    near_pixels,
+)
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.lens_error import miscalibrated
+from horizonval.estimation.limb.picture import rounding_variance
+from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.rotation import tangent_basis
+
+BLURS = 3.0
+"""Additional width of the window for a blurred limb, in blurs: half the width of the edge."""
+SHARP_PX = 1.0
+"""Blur from which the window grows."""
+LARGEST_BLUR_PX = 8.0
+"""Blur of an edge as wide as the window inside it: what is fitted there is no limb. Searches for a limb pass 6.7."""
+FEWEST_LIMB_PX = 8
+"""Smallest limb in view [px]: seven unknowns and a level."""
+BEND_PLACES = 100
+"""Along the limb: the bend is interpolated between them."""
+MOTION_PLACES = 48
+"""Along the limb, at which its motion is looked up: four to the wave of a pose's unknowns on a whole disc, and more."""
+SHORTEST_RAD = 0.05
+"""Correlation length of cloud heights at the Earth's centre: 3 deg."""
+MISPLACED_PX = 0.05
+"""Standard deviation of the common displacement between real air's limb and an exponential: residuals of 0.01 to 0.05
+of the step over a slope of 0.5 of the step per pixel. With equal pixels it acts as a height; with unequal ones it bends
+the limb."""
+DARKEST_SIGMA_RAD = 0.3
+"""Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
+MOST_PIXELS = 6000
+"""Number of pixels and cells of an image from which it is fitted by cells."""
+CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
+"""Depth of cells at the edge and beside it, and how far the edge reaches. Half a pixel adds 0.02 px^2 to the blur's
+0.6, and its fourth moment changes the edge by less than 1e-4 of the step."""
+
+
+@dataclass(frozen=True)
+class EdgeImage:
+    """An image, its camera, and ``cam_from_body``, shape (3, 3).
+
+    ``image``: shape (H, W), linear in radiance, NaN where it is not (saturated).
+    """
+
+    image: FloatArray
+    camera: CameraModel
+    cam_from_body: FloatArray
+
+
+class EdgeChooser:
+    """Chooses the pixels of all images of a shot.
+
+    ``knowledge``: of the limb, in the axes of the body; ``whole``: share of the profile across the limb that must be in
+    the picture.
+    """
+
+    def __init__(self, images: Sequence[EdgeImage], knowledge: LimbKnowledge, whole: float = 0.0) -> None:
+        self.images, self.knowledge, self._whole = tuple(images), knowledge, whole
+        # The scale height is common to all images, each of which states its share of what is known of it.
+        share = float(np.sqrt(len(self.images)))
+        self.known = EdgeKnown(
+            knowledge.ellipsoid.axes_m,
+            knowledge.blur_px,
+            knowledge.blur_log_sigma,
+            knowledge.scale_height_m,
+            share * knowledge.scale_sigma_m,
+            knowledge.mean.height_m + knowledge.scale_height_m,
+            share * knowledge.middle_sigma_m,
+        )
+        self._basis_body: FloatArray | None = None
+        self._heights: _Heights | None = None
+
+    def start(self, pose: LimbPose) -> ShotState:
+        """Return the unknowns before the first choice, of the body's pose."""
+        return ShotState(pose, (self.known.own,) * len(self.images), np.zeros(0))
+
+    def __call__(
+        self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
+    ) -> Chosen:
+        """Return the pixels near the limb at a state."""
+        pose = state.pose
+        if self._basis_body is None:
+            self._basis_body = tangent_basis(pose.nadir_cam)
+        limbs = []
+        for one, own in zip(self.images, state.own, strict=True):
+            limbs.append(_limb(one, pose, self._basis_body, self.known, own, lens, most, self._whole))
+        # The heights along the limb are those at the start: what it moves by is small before what they vary over.
+        if self._heights is None:
+            self._heights = _heights(limbs, pose, self.knowledge)
+            state = replace(state, air=np.zeros(self._heights.count))
+        models = [_model(limb, pose, self._heights, self.known) for limb in limbs]
+        columns = [np.arange(self._heights.count)] * len(models)
+        return Chosen(models, columns, state, [None] * len(models))
+
+
+@dataclass(frozen=True)
+class _Limb:
+    """The pixels near the limb in one image, and their geometry at a pose, for n pixels.
+
+    ``angle``, ``scale``, ``by_lens``: as in :class:`.edge.EdgePixels`; ``azimuth``: shape (n,), about the body's nadir
+    at the start [rad]; ``on_limb``: numbers of those nearest to the limb; ``limb_px``, ``limb_rad``: its length.
+    """
+
+    one: EdgeImage
+    near: NearPixels
+    lens: FloatArray
+    angle: LimbAngle
+    scale: FloatArray
+    by_lens: FloatArray
+    azimuth: FloatArray
+    on_limb: NDArray[np.intp]
+    limb_px: int
+    limb_rad: float
+
+    @property
+    def pixel_m(self) -> FloatArray:
+        """Height that a pixel sees at each of the places on the limb."""
+        return np.asarray((self.scale / self.angle.by_height)[self.on_limb])
+
+
+def _limb(
+    one: EdgeImage,
+    body: LimbPose,
+    basis_body: FloatArray,
+    known: EdgeKnown,
+    own: FloatArray,
+    lens: FloatArray,
+    most: int | None,
+    whole: float,
+) -> _Limb:
+    """Return the pixels near a limb.
+
+    Pixels whose limb is outside the picture are left out: without an edge they would determine levels alone and
+    misplace the limb. Raises ``LinAlgError``: too little limb in view, or an edge that is none.
+    """
+    blur_px = float(np.exp(own[0]))
+    if blur_px > LARGEST_BLUR_PX:
+        raise np.linalg.LinAlgError(f"the edge is wider than {LARGEST_BLUR_PX:.0f} px: no limb near the start")
+    camera, pose = one.camera, body.of_camera(one.cam_from_body)
+    if lens.any():
+        camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
+    axes = known.axes_m + pose.height_m
+    to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
+    wide = BLURS * max(blur_px - SHARP_PX, 0.0)
+    soft = OUTSIDE_SCALES * float(own[1]) / to_limb * max(camera.fx, camera.fy)
+    outside, inside = OUTSIDE_PX + wide + soft, INSIDE_PX + wide
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, outside, inside, most)
+    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+    seen = in_view(camera, near, angle, (-whole * outside, whole * inside))
+    seen &= np.isfinite(one.image[near.rows, near.columns])
+    if not seen.all():
+        near, angle = near.take(seen), angle.take(seen)
+    by_column, by_row = gradient(angle, near.by_column, near.by_row)
+    scale = np.hypot(by_column, by_row)
+    on_limb = np.flatnonzero(np.abs(angle.delta) < 0.5 * scale)
+    limb_px = len(on_limb) * near.every
+    fewest = 1 if min(one.image.shape) == 1 else FEWEST_LIMB_PX
+    if limb_px < fewest or not len(on_limb):
+        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view, not saturated; {fewest} are needed")
+    across = basis_body.T @ (one.cam_from_body.T @ near.los_cam)
+    # A direction is seen at another place in the image: the pixel, which stays, sees what is as far to the other side.
+    to_column, to_row = _by_lens_px(camera, near)
+    return _Limb(
+        one,
+        near,
+        lens,
+        angle,
+        scale,
+        -(by_column * to_column + by_row * to_row),
+        np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi),
+        on_limb,
+        limb_px,
+        float(scale[on_limb].sum()) * near.every,
+    )
+
+
+def _by_lens_px(camera: CameraModel, near: NearPixels) -> tuple[FloatArray, FloatArray]:
+    """Return how directions move in the image by ln focal length, principal point and distortion, shape (4, n) each."""
+    column, row = near.columns - camera.cx, near.rows - camera.cy
+    none, one = np.zeros(len(column)), np.ones(len(column))
+    bent = (none, none)
+    if camera.projection != "equal_angle":
+        # Linear in its coefficient: one of a whole pixel at the corner is as good as a small one.
+        there, _ = project(miscalibrated(camera, distortion_px=1.0), near.los_cam.T)
+        here = np.column_stack([near.columns, near.rows])
+        bent = tuple(np.nan_to_num(there - here).T)
+    return np.array([column, one, none, bent[0]]), np.array([row, none, one, bent[1]])
+
+
+def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown) -> EdgeModel:
+    """Return the model of an image's pixels, those in excess gathered in cells."""
+    near, angle, some = limb.near, limb.angle, limb.on_limb
+    pose = body.of_camera(limb.one.cam_from_body)
+    values = np.asarray(limb.one.image[near.rows, near.columns], dtype=np.float64)
+    place = np.array([near.columns, near.rows])
+    each = np.concatenate([near.los_cam, limb.by_lens, [limb.scale, angle.delta, angle.by_height, values], place])
+    azimuth, counts, wide = limb.azimuth, np.ones(len(values)), np.zeros(len(values))
+    gathered = len(values) > MOST_PIXELS
+    if gathered:
+        azimuth, counts, wide, each, place = _gathered(azimuth, angle.delta / limb.scale, each)
+    sectors = sectors_of(azimuth, limb.limb_px, limb.limb_rad)
+    order = sectors.order
+    each, azimuth = np.ascontiguousarray(each[:, order]), azimuth[order]
+    los, by_lens, (scale, delta, by_height, values_of, columns, rows) = each[:3], each[3:7], each[7:]
+    offset = np.zeros(len(order))
+    if gathered:
+        axes = known.axes_m + pose.height_m
+        offset = delta - limb_angle(los, pose.cam_from_itrs, pose.r_itrs, axes).delta
+    lift, modes = heights.at(azimuth)
+    if heights.misplaced:
+        # As a height, since a height is what a mode is of.
+        modes = np.concatenate([modes, [MISPLACED_PX * scale / by_height]])
+    pixels = EdgePixels(
+        columns=columns,
+        rows=rows,
+        values=values_of,
+        counts=counts[order],
+        wide_px2=wide[order],
+        rounding=rounding_variance(values),
+        sectors=sectors.count,
+        # A linear array crosses the limb in one pixel, which has no place along it.
+        along=sectors.along if limb.limb_px > 1 else np.zeros(len(order)),
+        neighbours=_neighbours(place[0, order], place[1, order]),
+        los_cam=los,
+        offset=offset,
+        by_lens=by_lens,
+        lens=limb.lens,
+        scale=scale,
+        bend=_bend(limb, pose, known, azimuth),
+        lift_m=lift,
+        modes=modes,
+    )
+    some = some[:: max(1, len(some) // MOTION_PLACES)]
+    by_all = [angle.by_rotation[:, some], angle.by_position[:, some], angle.by_height[None, some]]
+    return EdgeModel(pixels, known, np.concatenate([*by_all, limb.by_lens[:, some]]) / limb.scale[some])
+
+
+def _bend(limb: _Limb, pose: LimbPose, known: EdgeKnown, azimuth: FloatArray) -> FloatArray:
+    """Return the bend of the limb at azimuths (n,) about the body's nadir."""
+    near, some = limb.near, limb.on_limb
+    some = some[:: max(1, len(some) // BEND_PLACES)]
+    uv = np.column_stack([near.columns[some], near.rows[some]]).astype(float)
+    bend = limb_bend(limb.one.camera, uv, pose.cam_from_itrs, pose.r_itrs, known.axes_m + pose.height_m)
+    seen = np.isfinite(bend)
+    if not seen.any():
+        return np.zeros(len(azimuth))
+    return np.asarray(np.interp(azimuth, limb.azimuth[some][seen], bend[seen], period=2.0 * np.pi))
+
+
+def _gathered(
+    azimuth: FloatArray, x: FloatArray, each: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
+    """Return pixels gathered in cells of azimuth and distance.
+
+    ``azimuth``, ``x``: shape (n,), distance inside the limb [px]; ``each``: shape (r, n). Result for m cells: azimuth
+    (m,), number of pixels (m,), variance of the distances (m,), means of the rows (r, m), and the cells' numbers along
+    and across the limb (2, m).
+    """
+    first, last = float(x.min()), float(x.max())
+    edges = np.arange(-EDGE_PX, EDGE_PX + 0.5 * CELL_PX, CELL_PX)
+    beside = (np.arange(-EDGE_PX, first, -WIDE_CELL_PX)[:0:-1], np.arange(EDGE_PX, last, WIDE_CELL_PX)[1:])
+    across = np.searchsorted(np.concatenate([beside[0], edges, beside[1]]), x)
+    deep = int(across.max()) + 1
+    order, along = from_widest_gap(azimuth)
+    start = azimuth[order[0]]
+    count = max(MOST_PIXELS // deep, 1)
+    arc = np.empty(len(order), dtype=np.intp)
+    arc[order] = np.minimum((along / max(along[-1], 1e-300) * count).astype(np.intp), count - 1)
+    number = arc * deep + across
+    every = np.bincount(number, minlength=count * deep)
+    used = np.flatnonzero(every)
+    pixels = every[used].astype(np.float64)
+    turned = np.empty(len(order))
+    turned[order] = along
+
+    def mean(row: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(number, weights=row, minlength=count * deep)[used] / pixels)
+
+    middle = mean(x)
+    wide = np.maximum(mean(x * x) - middle**2, 0.0)
+    means = np.array([mean(row) for row in each])
+    where = np.array([used // deep, used % deep], dtype=np.intp)
+    return np.asarray(np.mod(mean(turned) + start, 2.0 * np.pi)), pixels, np.asarray(wide), means, where
+
+
+def _neighbours(columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the numbers of pixels side by side in a row or a column, shape (2, k)."""
+    across = int(columns.max()) + 2
+    number = rows * across + columns
+    order = np.argsort(number)
+    ranked = number[order]
+    pairs = []
+    for step in (1, across):
+        at = np.minimum(np.searchsorted(ranked, number + step), len(ranked) - 1)
+        found = ranked[at] == number + step
+        pairs.append(np.array([np.flatnonzero(found), order[at[found]]]))
+    return np.concatenate(pairs, axis=1)
+
+
+@dataclass(frozen=True)
+class _Heights:
+    """Height of the limb round the part of the horizon that is seen.
+
+    ``first``: azimuth of the first node [rad]; ``nodes``: shape (m,), from it [rad]; ``lift_m``: shape (m,); ``modes``:
+    shape (k, m) [m]; ``misplaced``: whether the air may displace the limb by a part of a pixel besides.
+    """
+
+    first: float
+    nodes: FloatArray
+    lift_m: FloatArray
+    modes: FloatArray
+    misplaced: bool
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns."""
+        return len(self.modes) + int(self.misplaced)
+
+    def at(self, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return lift (n,) and modes (k, n) at azimuths (n,)."""
+        before = np.pi - 0.5 * float(self.nodes[-1])
+        along = np.mod(azimuth - self.first + before, 2.0 * np.pi) - before
+        left = np.clip(np.searchsorted(self.nodes, along, side="right") - 1, 0, len(self.nodes) - 2)
+        share = np.clip((along - self.nodes[left]) / (self.nodes[left + 1] - self.nodes[left]), 0.0, 1.0)
+        rows = np.concatenate([self.lift_m[None], self.modes])
+        found = rows[:, left] * (1.0 - share) + rows[:, left + 1] * share
+        return found[0], found[1:]
+
+
+def _heights(limbs: Sequence[_Limb], body: LimbPose, knowledge: LimbKnowledge) -> _Heights:
+    """Return the heights along the limb that all images see together."""
+    order, _ = from_widest_gap(np.concatenate([limb.azimuth for limb in limbs]))
+    everywhere = np.concatenate([limb.azimuth for limb in limbs])
+    first = float(everywhere[order[0]])
+    span = float(np.mod(everywhere[order[-1]] - first, 2.0 * np.pi))
+    axes = knowledge.ellipsoid.axes_m + body.height_m
+    rho = float(np.arcsin(min(float(axes[0]) / float(np.linalg.norm(body.r_itrs)), 1.0)))
+    uneven, sliver = knowledge.uneven, knowledge.sliver
+    if uneven is None:
+        nodes, modes = relief_modes(span, knowledge.reliefs, knowledge.flattened_m, rho)
+        lift = np.zeros(len(nodes))
+    else:
+        nodes = relief_nodes(span, SHORTEST_RAD / float(np.cos(rho)))
+    if uneven is not None or sliver is not None:
+        seen = np.concatenate([np.mod(limb.azimuth[limb.on_limb] - first, 2.0 * np.pi) for limb in limbs])
+        order = np.argsort(seen)
+        pixel_m = np.interp(nodes, seen[order], np.concatenate([limb.pixel_m for limb in limbs])[order])
+    if uneven is not None:
+        lift, covariance = uneven.along(_places(nodes + first, body, rho, pixel_m), nodes)
+        modes = modes_of(covariance + oblate_covariance(nodes + first, knowledge.flattened_m, rho))
+    if sliver is not None:
+        u, v = sliver.darkest @ tangent_basis(body.nadir_cam)
+        away = nodes + first - np.arctan2(v, u)
+        unlit = sliver.depth_px * pixel_m * np.maximum(np.cos(away), 0.0)
+        depth = unlit * np.cos(away)
+        lift = lift - depth
+        modes = np.concatenate([modes, [depth, DARKEST_SIGMA_RAD * 2.0 * unlit * np.sin(away)]])
+    return _Heights(first, nodes, lift, modes, misplaced=uneven is None and bool(knowledge.reliefs))
+
+
+def _places(azimuth: FloatArray, pose: LimbPose, rho_rad: float, pixel_m: FloatArray) -> ArcPlaces:
+    """Return places along the limb at azimuths (m,) about the nadir."""
+    nadir = pose.nadir_cam
+    basis = tangent_basis(nadir)
+    outwards = np.cos(azimuth)[:, None] * basis[:, 0] + np.sin(azimuth)[:, None] * basis[:, 1]
+    los = np.cos(rho_rad) * nadir + np.sin(rho_rad) * outwards
+    up = np.cos(rho_rad) * outwards - np.sin(rho_rad) * nadir
+    return ArcPlaces(los, up, pose.cam_from_itrs, pixel_m)
+
+
+LEFT_OUT = 1e-3
+"""Neglected share of the heights' variance: 3 % of their standard deviation, in waves too short to act as a tilt."""
+NODES_PER_LENGTH = 2.0
+"""Per correlation length: a Gaussian covariance sampled at half of its length loses 2e-4 of its variance between."""
+MOST_NODES = 96
+"""Largest number of nodes: a circle of 6.3 rad at 0.13 rad. Shorter reliefs are averaged over a node, as a tilt
+does."""
+OBLATE_LENGTH_RAD = 0.5
+"""Correlation length for the nodes of an ellipsoid's limb, two waves round a circle."""
+
+
+def relief_nodes(span_rad: float, shortest_rad: float) -> FloatArray:
+    """Return azimuths [rad], shape (m,), from 0 to the span, close enough for a relief of that correlation length."""
+    count = int(np.clip(np.ceil(NODES_PER_LENGTH * span_rad / shortest_rad) + 1, 3, MOST_NODES))
+    return np.linspace(0.0, span_rad, count)
+
+
+def relief_modes(
+    span_rad: float, reliefs: tuple[Relief, ...], flattened_m: float = 0.0, rho_rad: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return nodes of azimuth [rad], shape (m,), and the modes there [m], shape (k, m).
+
+    ``span_rad``: azimuth of the limb in view; ``reliefs``: independent contributions, none without modes;
+    ``flattened_m``: flattening times radius of a planet fitted as a sphere, else 0; ``rho_rad``: its angular radius,
+    for the flattening.
+    """
+    if not reliefs and flattened_m == 0.0:
+        return np.array([0.0, span_rad]), np.zeros((0, 2))
+    shortest = min([relief.correlation_rad for relief in reliefs] or [OBLATE_LENGTH_RAD])
+    nodes = relief_nodes(span_rad, shortest)
+    width = nodes[1] - nodes[0]
+    apart = np.abs(nodes[:, None] - nodes[None, :])
+    apart = np.minimum(apart, 2.0 * np.pi - apart)
+    heights = np.zeros_like(apart)
+    for relief in reliefs:
+        # The mean over the width of a node, a box of variance width^2 / 12 at both ends, in place of single points.
+        square = relief.correlation_rad**2
+        wide = square + width**2 / 6.0
+        heights += relief.sigma_m**2 * np.sqrt(square / wide) * np.exp(-0.5 * apart**2 / wide)
+    return nodes, modes_of(heights + oblate_covariance(nodes, flattened_m, rho_rad))
+
+
+def oblate_covariance(nodes: FloatArray, flattened_m: float, rho_rad: float) -> FloatArray:
+    """Return what the flattening makes of a sphere's limb at azimuths (m,), all poles alike [m^2], shape (m, m)."""
+    if flattened_m == 0.0:
+        return np.zeros((len(nodes), len(nodes)))
+    limbs = oblate_limbs(np.column_stack([np.cos(nodes), np.sin(nodes)]), rho_rad, flattened_m) / np.tan(rho_rad)
+    limbs -= limbs.mean()
+    return np.asarray(limbs @ limbs.T / limbs.shape[1])
+
+
+def modes_of(covariance: FloatArray) -> FloatArray:
+    """Return the modes, shape (k, m), of a covariance of heights (m, m)."""
+    variance, vectors = np.linalg.eigh(covariance)
+    variance, vectors = np.maximum(variance[::-1], 0.0), vectors[:, ::-1]
+    kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
+    return np.asarray(np.sqrt(variance[:kept])[:, None] * vectors.T[:kept])

@@ -1,0 +1,140 @@
+"""The fit of a limb's edge to the pixels of one image or of several heads.
+
+One shot of images (:mod:`.bundle`) with edge models (:mod:`.edge`), solved by the solver of all fits. Levels, noise
+and blur are each image's own; pose, height and softness of the limb, and its relief, are common.
+
+Uneven ground, clouds and coasts move the limb of some sectors more than noise and relief do. The scatter of the
+sectors' positions gives chi-squared per degree of freedom; where it exceeds one by two of its standard deviations the
+covariance is multiplied by it (Birge's ratio, Phys. Rev. 40, 207, 1932).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
+from horizonval.estimation.fit.edge import LOWEST, EdgeLook, EdgeModel, SectorPlaces, sector_places
+from horizonval.estimation.fit.edge_pixels import EdgeChooser, EdgeImage
+from horizonval.estimation.fit.image import LENS, POSE
+from horizonval.estimation.fit.known import LimbKnowledge
+from horizonval.estimation.fit.light import PIXEL_VARIANCE, LightNoise
+from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
+from horizonval.estimation.fit.solver import SolverOptions, Stage, solve
+from horizonval.geometry.camera import CameraModel
+
+FITTED = 3
+"""Degrees of freedom constrained by the sector residuals: two tilts and a size."""
+SCATTERED = 2.0
+"""Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
+FEW_PIXELS, LARGE_PX = 1500, 100_000
+"""Pixels by which the limb in an image larger than so many pixels is found to a fraction of a pixel, before all."""
+
+
+@dataclass(frozen=True)
+class LimbFit:
+    """The most probable pose, in the axes of the first image's camera.
+
+    ``covariance`` (7, 7): of turn in camera axes [rad], position [m], limb height [m], from noise, priors, relief and
+    excess scatter of the sectors and errors of the lens; ``relief_covariance``: its part of relief, scatter and lens.
+    ``blur_px``, ``scale_height_m``: of the lens and the limb in the first image. ``noise_sigma``: pixel noise in space
+    and on the Earth, in grey levels. ``pixels``: number used. ``uv`` (m, 2): a point on each sector's limb in the first
+    image [px]; ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief;
+    ``levels`` (m,): the Earth's brightness there above space.
+    ``steps``: shape (k, 7).
+    """
+
+    pose: LimbPose
+    blur_px: float
+    scale_height_m: float
+    covariance: FloatArray
+    relief_covariance: FloatArray
+    noise_sigma: tuple[float, float]
+    pixels: int
+    uv: FloatArray
+    residuals_rad: FloatArray
+    levels: FloatArray
+    steps: FloatArray
+
+    @property
+    def by_nadir(self) -> FloatArray:
+        """How a step moves the nadir in camera axes, shape (3, 7)."""
+        return nadir_derivative(self.pose)
+
+
+def fit_limb(image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
+    """Fit the limb in one image, shape (H, W), linear in radiance, near a pose that is right to some pixels.
+
+    Raises ``LinAlgError``: too little limb in view, or no convergence.
+    """
+    return fit_limbs([EdgeImage(image, camera, np.eye(3))], start, knowledge)
+
+
+def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowledge) -> LimbFit:
+    """Fit the limb in the images of one shot near a pose of the body that is right to some pixels.
+
+    ``start``, ``knowledge``: of the body, whose axes take the camera's place. Raises ``LinAlgError``: too little limb
+    in an image, or no convergence.
+    """
+    chooser = EdgeChooser(images, knowledge)
+    prior = ShotPrior(knowledge.mean, knowledge.information)
+    shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images], common=1, lowest=LOWEST)
+    few = (Stage(pixels=FEW_PIXELS, tolerance=0.5),) if max(one.image.size for one in images) > LARGE_PX else ()
+    sigmas = np.zeros(SHARED)
+    if len(images) == 1:
+        sigmas[:LENS] = knowledge.lens_sigmas
+    solution = solve(Bundle([shot], sigmas), SolverOptions(stages=(*few, Stage())))
+    found, state = solution.shots[0], shot.state
+    assert shot.chosen is not None
+    assert shot.seen is not None
+    models = [one for one in shot.chosen.models if isinstance(one, EdgeModel)]
+    looks = [one for one in shot.seen.looks if isinstance(one, EdgeLook)]
+    noises = [one for one in shot.noises if isinstance(one, LightNoise)]
+    places = [
+        sector_places(model, look, noise.weights(look.residuals), state.air)
+        for model, look, noise in zip(models, looks, noises, strict=True)
+    ]
+    first, turn = images[0], np.eye(POSE)
+    turn[:3, :3] = first.cam_from_body
+    covariance = turn @ found.covariance[:POSE, :POSE] @ turn.T
+    # What the sectors scatter by beyond all that is in the model is no noise of the detector, and not to be averaged.
+    beyond = (scatter(places) - 1.0) * covariance
+    # An error of the lens is the same in every picture of the camera.
+    by_lens = turn @ found.by_shared[:POSE, :LENS]
+    beyond += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
+    space, earth, _ = noises[0].parts
+    return LimbFit(
+        pose=state.pose.of_camera(first.cam_from_body),
+        blur_px=float(np.sqrt(max(np.exp(2.0 * state.own[0][0]) - PIXEL_VARIANCE, 0.0))),
+        scale_height_m=float(state.own[0][1]),
+        covariance=covariance + beyond,
+        relief_covariance=covariance - turn @ found.known[:POSE, :POSE] @ turn.T + beyond,
+        noise_sigma=(float(np.sqrt(space)), float(np.sqrt(earth))),
+        pixels=sum(int(model.pixels.counts.sum()) for model in models),
+        uv=places[0].uv,
+        residuals_rad=places[0].off_rad,
+        levels=places[0].levels,
+        steps=solution.steps[0],
+    )
+
+
+def scatter(places: Sequence[SectorPlaces]) -> float:
+    """Return chi-squared per degree of freedom of the sectors' positions, of all images.
+
+    Expected are noise and relief with their correlation along the limb. The result is 1 if chance explains the scatter;
+    beyond, it is increased by the uncertainty of so few sectors.
+    """
+    off = np.concatenate([one.off_rad for one in places])
+    information = np.concatenate([one.information for one in places])
+    relief = np.concatenate([one.relief for one in places], axis=1)
+    seen = information > 0.0
+    free = int(seen.sum()) - FITTED
+    if free < 1:
+        return 1.0
+    covariance = relief[:, seen].T @ relief[:, seen] + np.diag(1.0 / information[seen])
+    ratio = float(off[seen] @ np.linalg.solve(covariance, off[seen])) / free
+    # A variance of so few is not known well: that of Student's distribution.
+    return ratio * free / max(free - 2, 1) if ratio > 1.0 + SCATTERED * float(np.sqrt(2.0 / free)) else 1.0

@@ -1,0 +1,265 @@
+"""The pixels near a limb: their selection, and the distance of each line of sight from the limb.
+
+**Distance from the limb of an ellipsoid, with exact derivatives.** Divided by the semi-axes ``s = (a + h, a + h, b +
+h)`` the ellipsoid, raised by the height ``h`` of the limb, is the unit sphere, the observer is at ``p = r / s`` and a
+line of sight runs along ``e ~ d / s``. With ``n = -p / |p|``::
+
+    delta = asin(1 / |p|) - angle(e, n)
+
+is positive inside the limb and zero on it. For a sphere it is the angle from the limb; for the Earth it differs by the
+flattening times itself, and a true distance is ``delta`` over its gradient. With ``t`` the unit vector from ``e``
+towards ``n``, ``q`` the one from ``n`` towards ``e``, and ``k = sqrt(|p|^2 - 1)``::
+
+    d delta / d d = t / (|d / s| s)                       by the line of sight (it has no part along d)
+    d delta / d p = (n / k - q) / |p|                     by the scaled position
+
+A rotation of the camera by the small vector ``theta`` in camera axes turns lines of sight by ``-theta``; ``h`` changes
+``s`` and so both ``p`` and ``d / s``. The raised ellipsoid differs from the surface at height ``h`` by less than ``h
+f^2 / 2``, 0.2 m at 40 km.
+
+**Selection.** Squares of 8 x 8 pixels are tested by their centres, and only those near the limb are tested pixel by
+pixel. A distance in the image is an angle over its gradient by column and row at the pixel. A blur of variance ``s^2``
+moves the image of a bent limb by ``s^2 / 2`` times the divergence of the distance's gradient: 5e-4 px on a disc of 1000
+px. It changes slowly along the limb and is evaluated at some positions only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.picture import pixel_directions
+from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.rotation import cross
+
+
+@dataclass(frozen=True)
+class LimbAngle:
+    """Angle inside the limb, of n lines of sight.
+
+    ``delta``: shape (n,) [rad], positive inside. Derivatives: ``by_direction`` (3, n), line of sight in camera axes;
+    ``by_rotation`` (3, n), rotation vector in camera axes, ``cam_from_itrs`` becomes ``exp([theta x]) cam_from_itrs``;
+    ``by_position`` (3, n), Earth-fixed position [rad/m]; ``by_height`` (n,), limb height [rad/m].
+    """
+
+    delta: FloatArray
+    by_direction: FloatArray
+    by_rotation: FloatArray
+    by_position: FloatArray
+    by_height: FloatArray
+
+    def take(self, which: NDArray[np.bool_]) -> LimbAngle:
+        """Return those of some lines of sight."""
+        return LimbAngle(
+            self.delta[which],
+            self.by_direction[:, which],
+            self.by_rotation[:, which],
+            self.by_position[:, which],
+            self.by_height[which],
+        )
+
+
+def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> LimbAngle:
+    """Return how far inside the limb lines of sight pass.
+
+    ``los_cam``: shape (3, n), unit vectors; ``cam_from_itrs``: shape (3, 3); ``r_itrs``: shape (3,), observer [m];
+    ``axes_m``: shape (3,), semi-axes including the limb's height. Raises ``LinAlgError``: observer on or below the
+    limb.
+    """
+    p = r_itrs / axes_m
+    size = float(np.sqrt(p @ p))
+    if not size > 1.0:
+        raise np.linalg.LinAlgError("the position lies below the limb")
+    k = float(np.sqrt((size - 1.0) * (size + 1.0)))
+    n = -p / size
+    scaled = (cam_from_itrs / axes_m).T @ los_cam
+    length = np.sqrt(np.einsum("ij,ij->j", scaled, scaled))
+    e = scaled / length
+    cosine = n @ e
+    t = n[:, None] - cosine * e
+    sine = np.maximum(np.sqrt(np.einsum("ij,ij->j", t, t)), 1e-300)
+    t /= sine
+    delta = np.arctan2(1.0, k) - np.arctan2(sine, cosine)
+    by_scaled_direction = t / length
+    by_direction = (cam_from_itrs / axes_m) @ by_scaled_direction
+    q = (e - cosine * n[:, None]) / sine
+    by_scaled_position = n[:, None] / (size * k) - q / size
+    by_height = -((p / axes_m) @ by_scaled_position) - np.einsum(
+        "ij,ij->j", scaled / axes_m[:, None], by_scaled_direction
+    )
+    return LimbAngle(
+        delta=delta,
+        by_direction=by_direction,
+        by_rotation=np.array(cross(by_direction, los_cam)),
+        by_position=by_scaled_position / axes_m[:, None],
+        by_height=by_height,
+    )
+
+
+SQUARE_PX = 8
+"""Side of the squares that the search for near pixels starts with."""
+REACH_PX = SQUARE_PX / np.sqrt(2.0) + 2.0
+"""Half a square's diagonal, plus the effect of the lens's changing scale up to the limb."""
+OBLIQUE = 0.382
+"""Relative offset between lines of thinned pixels: the golden section's smaller part, the most even."""
+
+
+@dataclass(frozen=True)
+class NearPixels:
+    """n pixels near the limb: unit lines of sight ``los_cam``, and their change over one pixel, shape (3, n) each.
+
+    ``every``: number of pixels of the image of which each is one, where they are thinned out.
+    """
+
+    columns: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    los_cam: FloatArray
+    by_column: FloatArray
+    by_row: FloatArray
+    every: int = 1
+
+    def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> NearPixels:
+        """Return some of them, by their numbers or by a mask."""
+        return NearPixels(
+            self.columns[which],
+            self.rows[which],
+            self.los_cam[:, which],
+            self.by_column[:, which],
+            self.by_row[:, which],
+            self.every,
+        )
+
+    def seen_by(self, camera: CameraModel) -> NearPixels:
+        """Return the same pixels with the lines of sight of another camera."""
+        return _of_camera(pixel_directions(camera), self.columns, self.rows)
+
+
+def _of_camera(directions: FloatArray, columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NearPixels:
+    """Return pixels by their numbers, of a camera's directions, shape (H, W, 3)."""
+    height, width = directions.shape[:2]
+    right, left = np.minimum(columns + 1, width - 1), np.maximum(columns - 1, 0)
+    below, above = np.minimum(rows + 1, height - 1), np.maximum(rows - 1, 0)
+    return NearPixels(
+        columns,
+        rows,
+        np.ascontiguousarray(directions[rows, columns].T),
+        ((directions[rows, right] - directions[rows, left]) / np.maximum(right - left, 1)[:, None]).T.copy(),
+        ((directions[below, columns] - directions[above, columns]) / np.maximum(below - above, 1)[:, None]).T.copy(),
+    )
+
+
+def pixel_at_limb_m(camera: CameraModel, r_itrs: FloatArray, radius_m: float) -> float:
+    """Return what a pixel on the axis sees at the distance of the limb."""
+    to_limb_2 = float(r_itrs @ r_itrs) - radius_m**2
+    return float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
+
+
+def image_scale(angle: LimbAngle, by_column: FloatArray, by_row: FloatArray) -> FloatArray:
+    """Return how fast the angle from the limb grows across it in the image [rad/px], shape (n,)."""
+    return np.hypot(*gradient(angle, by_column, by_row))
+
+
+def near_pixels(
+    camera: CameraModel,
+    cam_from_itrs: FloatArray,
+    r_itrs: FloatArray,
+    axes_m: FloatArray,
+    outside_px: float,
+    inside_px: float,
+    most: int | None = None,
+) -> NearPixels:
+    """Return the pixels within a distance of the limb, except where they or a neighbour have no direction.
+
+    In an image of one row, distances are along the row. ``outside_px``, ``inside_px``: distances towards space and
+    towards the Earth; ``most``: thin out evenly to one to two times so many squares of pixels; others as for
+    :func:`limb_angle`.
+    """
+    directions = pixel_directions(camera)
+    columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)
+    every = 1
+    if most is not None and len(columns) > most:
+        # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
+        every = 1 << int(np.log2(len(columns) / most))
+        chosen = (columns + rows * round(OBLIQUE * every)) % every == 0
+        columns, rows = columns[chosen], rows[chosen]
+    pixels = replace(_of_camera(directions, columns, rows), every=every)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        angle = limb_angle(pixels.los_cam, cam_from_itrs, r_itrs, axes_m)
+        x = angle.delta / image_scale(angle, pixels.by_column, pixels.by_row)
+        return pixels.take((x >= -outside_px) & (x <= inside_px))
+
+
+def in_view(
+    camera: CameraModel, pixels: NearPixels, angle: LimbAngle, across_px: tuple[float, float]
+) -> NDArray[np.bool_]:
+    """Return pixels, shape (n,), with the limb beside them in view from ``across_px[0]`` (outside, < 0) to ``[1]``."""
+    by_column, by_row = gradient(angle, pixels.by_column, pixels.by_row)
+    size = np.hypot(by_column, by_row)
+    seen = np.ones(len(size), dtype=bool)
+    for end in across_px:
+        way = (end - angle.delta / size) / size
+        column, row = pixels.columns + way * by_column, pixels.rows + way * by_row
+        seen &= (column >= -0.5) & (column <= camera.width - 0.5) & (row >= -0.5) & (row <= camera.height - 0.5)
+    return seen
+
+
+def _squares(
+    directions: FloatArray,
+    cam_from_itrs: FloatArray,
+    r_itrs: FloatArray,
+    axes_m: FloatArray,
+    outside_px: float,
+    inside_px: float,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return columns and rows of the pixels of all squares whose middle lies within a distance of the limb."""
+    height, width = directions.shape[:2]
+    middle, before = SQUARE_PX // 2, SQUARE_PX // 2 - 1
+    column = np.minimum(np.arange(0, width, SQUARE_PX) + middle, width - 1)
+    row = np.minimum(np.arange(0, height, SQUARE_PX) + middle, height - 1)
+    centre = directions[row[:, None], column[None, :]].reshape(-1, 3).T
+    right = directions[row[:, None], np.maximum(column - before, 0)[None, :]].reshape(-1, 3).T
+    below = directions[np.maximum(row - before, 0)[:, None], column[None, :]].reshape(-1, 3).T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        angle = limb_angle(np.ascontiguousarray(centre), cam_from_itrs, r_itrs, axes_m)
+        far = angle.delta / image_scale(angle, (centre - right) / before, (centre - below) / before)
+        # A square whose centre sees nothing may still hold pixels at the edge of the image circle.
+        some = np.flatnonzero(~((far > inside_px) | (far < -outside_px)))
+    offset = np.arange(SQUARE_PX, dtype=np.intp)
+    corner_row, corner_column = np.divmod(some, len(column))
+    rows = (corner_row[:, None, None] * SQUARE_PX + offset[None, :, None]).repeat(SQUARE_PX, axis=2).ravel()
+    columns = (corner_column[:, None, None] * SQUARE_PX + offset[None, None, :]).repeat(SQUARE_PX, axis=1).ravel()
+    in_image = (columns < width) & (rows < height)
+    return columns[in_image], rows[in_image]
+
+
+def limb_bend(
+    camera: CameraModel, uv: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray
+) -> FloatArray:
+    """Return the divergence of the gradient of the distance inside the limb [1/px], ``-1 / radius`` inside a disc.
+
+    ``uv``: shape (n, 2), (column, row) [px]; others as for :func:`limb_angle`. NaN where a neighbour has no direction.
+    """
+
+    steps = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
+    middle = uv + steps[:, None]
+    around = middle + np.concatenate([np.zeros((1, 2)), steps])[:, None, None]
+    los, right, left, below, above = np.moveaxis(unproject(camera, around).reshape(5, -1, 3), -1, 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        angle = limb_angle(np.ascontiguousarray(los), cam_from_itrs, r_itrs, axes_m)
+        by_column, by_row = gradient(angle, right - left, below - above)
+        size = np.hypot(by_column, by_row)
+        (to_right, to_left, _, _), (_, _, to_below, to_above) = np.array([by_column / size, by_row / size]).reshape(
+            2, 4, -1
+        )
+        return np.asarray(to_right - to_left + to_below - to_above)
+
+
+def gradient(angle: LimbAngle, by_column: FloatArray, by_row: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the change of the angle inside the limb by column and by row [rad/px], shape (n,) each."""
+    return (
+        np.einsum("ij,ij->j", angle.by_direction, by_column),
+        np.einsum("ij,ij->j", angle.by_direction, by_row),
+    )

@@ -1,0 +1,521 @@
+"""The image model of the whole profile of the limb: what its pixels see, in air that varies along it.
+
+A pixel whose ray passes at the height ``h`` (:mod:`.profile_pixels`), between two nodes of azimuth, is ::
+
+    I = b + g l P_s(h - H + c (s^2 + 1/12)) + noise,        P = mean + sum_k a_k f_k
+
+with the profiles of :mod:`.air`, blurred by ``s`` and a lens of sharpness ``q`` (:mod:`.blurred`), linear between the
+nodes, and ``l`` the level per radiance. ``c (s^2 + 1/12)`` is the shift of a bent limb by blur, ``H`` the height of the
+pose: a lift of all air. The image's own unknowns are ``ln s``, ``q``, ``ln g`` and ``b``; the air's are the unit
+unknowns ``z`` behind the coefficients ``a``.
+
+Within a choice of pixels the distances across the limb are linear in the displacement from its pose: a displacement of
+``u`` neglects ``u^2 / 2`` over the distance of the limb, 60 m for a pixel of 19 km.
+
+**Equations.** A pixel depends on the functions at the two nodes of its sector alone: rows ``[F (1 - t), F t, shared]``.
+One product per sector gives all sums over its pixels; those of the waves along the limb follow from sums at the nodes,
+of which only neighbours couple.
+
+**Noise** (:mod:`.noise`): components by level, by the square of what clouds can change (the radiance of the limb's
+brightest height, blurred, below the highest clouds), and by the square of the slope (errors of the lens model).
+Neglected bumps of the air are in the least variance, alike over a bump's height and length.
+
+**Lower end.** The variance of the lowest pixels grows smoothly to infinity with the depth at which they see the ground,
+so that no pixel enters or leaves a fit at once.
+
+**Neglected.** Correlation of residuals beyond the largest square of pixels that is tested.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+from scipy.sparse import csr_array
+from scipy.special import ndtr
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
+from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of, blur_after
+from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
+from horizonval.estimation.fit.light import PIXEL_VARIANCE
+from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.profile_pixels import (
+    AXIS_CAM,
+    GROUP_PX,
+    NoLimbError,
+    level_distance,
+    profile_pixels,
+)
+from horizonval.estimation.lens_error import miscalibrated
+from horizonval.estimation.limb.picture import rounding_variance
+from horizonval.estimation.observation import Lens
+from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.rotation import off_axis_angle
+
+BLUR, SHARPNESS, GAIN, BACKGROUND, OWN = 0, 1, 2, 3, 4
+"""Places of an image's own unknowns (ln blur, sharpness, ln gain, background), and how many there are."""
+CLOUD_TOP_M = 16e3
+"""Height of tropical cloud tops."""
+DEPTH_PX, TAPER_PX = 0.5, 0.5
+"""Depth of the window below the ground, at its middle, and the depth over which it ends. Lines that end farther before
+the limb see other air, ground and clouds than those that pass it."""
+SPACE_PX = 4.0
+"""Smallest height of the window above the air."""
+GRID_RIMS = 2.0
+"""Extension of the height grid beyond the window, in rims: its ends are five blurs and a lift away."""
+FINEST_STEP_M, STEPS_PER_PIXEL = 250.0, 12.0
+"""Step of the height grid: a thirtieth of the air's scale height, or a seventh of the blur. Measured against 32 steps a
+pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: sampled lenses show waves of half a pixel."""
+SOME = 500
+"""Pixels that tell how far a step moves the limb: it moves evenly along it."""
+EDGE_BLURS = 2.5
+"""Distance from the table's ends, in blurs, within which pixels see beyond it."""
+LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
+"""Largest step of the limb and of logarithms: two scale heights of the air or some pixels, the range of the
+derivatives."""
+EIGHTHS = 9
+"""Places along a side of a grid of every eighth pixel."""
+SMALL_IMAGES = 16
+"""Pixels of an image per pixel near its limb that is asked for: the limb of a wide view has fewer."""
+LEAST_TAPER = 1e-3
+"""Smallest weight of a pixel below the window: as good as none."""
+
+
+@dataclass(frozen=True)
+class ProfileKnowledge:
+    """Prior knowledge of a profile fit.
+
+    ``mean``: prior pose, ``height_m`` being the lift of the air; ``information``: shape (7, 7), of a step from it.
+    ``heights_m``: first and last height of the table. ``air``: function of normals (m, 3), lines of sight (m, 3) in
+    camera axes, pose, grid of distances (first, last, step) and their curve. ``blur_px``, ``blur_log_sigma``: of the
+    lens; ``lens``: blur over the field and diffraction from the camera file. ``sharpness``, ``sharpness_sigma``: shape
+    of the lens's blur (:mod:`.blurred`), which no file states. ``gain``, ``gain_log_sigma``: levels per table radiance
+    on the axis; an infinite sigma for an uncalibrated detector.
+    """
+
+    ellipsoid: Ellipsoid
+    mean: LimbPose
+    information: FloatArray
+    heights_m: tuple[float, float]
+    air: Callable[[FloatArray, FloatArray, LimbPose, tuple[float, float, float], float], NodeAir]
+    blur_px: float = 0.7
+    blur_log_sigma: float = 0.3
+    lens: Lens = field(default_factory=Lens)
+    sharpness: float = 0.5
+    sharpness_sigma: float = 0.5
+    gain: float = 1.0
+    gain_log_sigma: float = np.inf
+
+    @property
+    def own(self) -> FloatArray:
+        """Prior values of an image's own unknowns, shape (4,)."""
+        return np.array([np.log(self.blur_px), self.sharpness, np.log(self.gain), 0.0])
+
+
+@dataclass(frozen=True)
+class ProfileLook:
+    """Predicted pixels, shape (n,) each.
+
+    ``own``: shape (4,), the image's own unknowns; ``by_turn``: shape (3, n), derivatives of the distances across the
+    limb by a turn from here; ``place``, ``share``: of the height grid; ``across_m``: distance across the limb;
+    ``level``: radiance; ``changes``: shape (3, n), derivatives by distance across the limb [1/m], ln blur, sharpness;
+    ``brightest``: largest radiance of the profile there; ``kept``: share of a radiance change that survives the
+    converter's floor in the mean.
+    """
+
+    own: FloatArray
+    by_turn: FloatArray
+    place: NDArray[np.intp]
+    share: FloatArray
+    across_m: FloatArray
+    level: FloatArray
+    changes: FloatArray
+    brightest: FloatArray
+    kept: FloatArray
+    residuals: FloatArray
+    penalty: float = 0.0
+
+
+class ProfileModel:
+    """The pixels that see the profile at a pose; see :class:`horizonval.estimation.fit.image.ImageModel`.
+
+    ``image``: shape (H, W), NaN where missing; ``lens``: shape (4,), errors of the lens that ``camera`` has already;
+    ``blur_px``: for the window's width; ``most``: thin out evenly to about so many pixels; ``tighter``: factor on the
+    information on blur and sharpness. ``off_axis`` (n,): squared angles from the axis over the image's largest;
+    ``below_clouds`` (n,): share of a pixel's radiance from below the highest clouds. Raises ``LinAlgError``: too little
+    limb in view.
+    """
+
+    own_count = OWN
+
+    def __init__(
+        self,
+        image: FloatArray,
+        camera: CameraModel,
+        pose: LimbPose,
+        lens: FloatArray,
+        blur_px: float,
+        knowledge: ProfileKnowledge,
+        most: int | None = None,
+        tighter: float = 1.0,
+    ) -> None:
+        self.pose, self.lens, self.knowledge, self.camera = pose, lens.copy(), knowledge, camera
+        self.tighter = tighter
+        # Small images are not worth a choice of their own.
+        self.thinned = most is not None and camera.width * camera.height > SMALL_IMAGES * most
+        most = most if self.thinned else None
+        _, high = knowledge.heights_m
+        axes = knowledge.ellipsoid.axes_m
+        to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
+        pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
+        widest = blur_px * float(knowledge.lens.ratios.max())
+        rim = EDGE_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
+        bottom = pose.height_m - (DEPTH_PX + 0.5 * TAPER_PX) * pixel_m
+        top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
+        self.curve = curve = 0.5 * axes[0] / to_limb_2
+        self.near = near = profile_pixels(
+            image, camera, pose, knowledge.ellipsoid, (bottom, top), high + rim + pose.height_m, curve, most
+        )
+        ends, _ = level_distance(np.array([bottom, top]) - pose.height_m, curve)
+        self._bottom, self._taper = ends[0], TAPER_PX * pixel_m
+        step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - GRID_RIMS * rim
+        count = next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / step)), real=True)
+        grid = (first, first + (count - 0.5) * step, step)
+        self.air = knowledge.air(near.normal_cam, near.los_cam, pose, grid, curve)
+        off_axis = off_axis_angle(near.los_cam, AXIS_CAM)
+        self.tables = BlurredProfiles(self.air.functions, step, near.boxes_m, knowledge.lens, off_axis)
+        self.floor = floor_of(near.space, float(np.nanmin(image)))
+        i, t = near.sector, near.along
+        self._lift = near.lift_m[i] * (1.0 - t) + near.lift_m[i + 1] * t
+        variances = knowledge.lens.ratios**2 @ knowledge.lens.shares(off_axis)
+        self._variance = variances[i] + (variances[i + 1] - variances[i]) * t
+        shares = off_axis_share(camera, near.los_cam)
+        self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
+        self.width_m = near.width_m[i]
+        self._some = slice(None, None, max(1, len(t) // SOME))
+        soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
+        self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
+        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2 / near.group, 1.0)
+        self._least = rounding_variance(near.values) / near.group
+        self._last: tuple[FloatArray, ProfileLook] | None = None
+
+    def held(self, tighter: float) -> ProfileModel:
+        """Return the same pixels with another factor on the information on blur and sharpness."""
+        one = copy(self)
+        one.tighter = tighter
+        return one
+
+    def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
+        """Return the own unknowns after a step."""
+        after = own + step
+        after[BLUR] = np.log(
+            blur_after(float(np.exp(own[BLUR])), float(own[SHARPNESS]), float(step[BLUR]), float(step[SHARPNESS]))
+        )
+        return after
+
+    def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
+        """Return the priors of lens and gain, and that of the background where a floor cuts space off."""
+        known, information, wanted = self.knowledge, np.zeros(OWN), self.knowledge.own - own
+        information[:BACKGROUND] = np.array([known.blur_log_sigma, known.sharpness_sigma, known.gain_log_sigma]) ** -2.0
+        information[[BLUR, SHARPNESS]] *= self.tighter
+        if self.floor is not None:
+            information[BACKGROUND], wanted[BACKGROUND] = self.floor.sigma**-2, self.floor.background - own[BACKGROUND]
+        first = POSE + LENS
+        whole = np.zeros(first + OWN)
+        whole[first:] = information
+        right = np.zeros(first + OWN)
+        right[first:] = information * wanted
+        return OwnPrior(np.diag(whole), right, float(information @ wanted**2))
+
+    def reach(self, step: FloatArray) -> float:
+        """Return how far a step goes, 1 at the end of the derivatives' range."""
+        own = step[POSE + LENS :]
+        most_px = max(LARGEST_MOTION_M / float(np.median(self.near.width_m)), LARGEST_MOTION_PX)
+        logs = float(np.abs(own[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP
+        return max(self.motion_px(step[: POSE + LENS]) / most_px, logs)
+
+    def motion_px(self, step: FloatArray) -> float:
+        """Return by how much a step of pose and lens moves the limb where it moves it most."""
+        moved = step[:POSE] @ self.near.by_pose[:, self._some] + step[POSE:] @ self.near.by_lens[:, self._some]
+        return float(np.abs(moved).max() / np.median(self.near.width_m))
+
+    def look(
+        self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None = None
+    ) -> ProfileLook:
+        """Return the pixels as predicted; ``weights`` are not needed."""
+        at = np.concatenate([self.away(pose), lens - self.lens, own, air])
+        if self._last is None or not np.array_equal(self._last[0], at):
+            self._last = at, self._look(at[:POSE], at[POSE : POSE + LENS], own, air)
+        return self._last[1]
+
+    def away(self, pose: LimbPose) -> FloatArray:
+        """Return the way to a pose, shape (7,), along which distances across the limb are linear.
+
+        The turn is a tilt after a turn about the nadir, which moves the limb little, however far it is.
+        """
+        way, nadir = self.pose.step_to(pose), self.pose.nadir_cam
+        angle = float(np.linalg.norm(way[:3]))
+        if angle > 0.0:
+            # Swing and twist: q = (sin(a / 2) axis, cos(a / 2)) = swing (twist about the nadir).
+            part, rest = np.sin(0.5 * angle) / angle * way[:3], np.cos(0.5 * angle)
+            along = float(part @ nadir)
+            size = np.hypot(rest, along)
+            swing = (rest * part - along * rest * nadir - along * np.cross(part, nadir)) / size
+            sine = max(float(np.linalg.norm(swing)), 1e-300)
+            way[:3] = 2.0 * swing * (np.arcsin(min(sine, 1.0)) / sine)
+            way[:3] += 2.0 * np.arctan2(along, rest) * nadir
+        return way
+
+    def _look(self, away: FloatArray, lens: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
+        near, air = self.near, self.air
+        blur, sharpness, gain = float(np.exp(own[BLUR])), float(own[SHARPNESS]), float(np.exp(own[GAIN]))
+        across = near.across_m + away @ near.by_pose + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
+        # A turn after the tilt t so far, t + d - t x d / 2 - (t x n) (n . d) / 2: rotations of both kinds commute less.
+        nadir = self.pose.nadir_cam
+        tilt = away[:3] - nadir * (nadir @ away[:3])
+        after = np.eye(3) + 0.5 * np.cross(tilt, np.eye(3)) - 0.5 * np.outer(np.cross(tilt, nadir), nadir)
+        by_turn = after.T @ near.by_pose[:3]
+        if lens.any():
+            across = across + lens @ near.by_lens
+        at = (across - air.bottom_m) / air.step_m
+        size = air.functions.shape[2]
+        place = np.clip(at.astype(np.intp), 1, size - 3)
+        share = np.clip(at - place, 0.0, 1.0)
+        changes = self.tables.changes(air.coefficients(unknowns), blur, sharpness)
+        rows = np.ascontiguousarray(changes.transpose(1, 2, 0)).reshape(-1, len(changes))
+        first, weights, steeper = near.sector * size + place, *around_of(share)
+        left, right = (rows[at[:, None] + AROUND] for at in (first, first + size))
+        around = left + near.along[:, None, None] * (right - left)
+        level, by_blur, by_sharpness = np.einsum("nic,ni->cn", around, weights)
+        slope = np.einsum("ni,ni->n", around[:, :, 0], steeper) / air.step_m
+        shown = own[BACKGROUND] + gain * near.light * level
+        kept = np.ones_like(shown)
+        if self.floor is not None:
+            shown, kept = self.floor.expected(shown)
+        largest, i = changes[0].max(axis=1), near.sector
+        brightest = largest[i] + (largest[i + 1] - largest[i]) * near.along
+        by_all = np.array([slope, by_blur, by_sharpness])
+        return ProfileLook(own, by_turn, place, share, across, level, by_all, brightest, kept, near.values - shown)
+
+    def around(self, look: ProfileLook) -> NDArray[np.int32]:
+        """Return the numbers, shape (n, 4), of coefficients at the first node that a pixel's value is made of."""
+        first = self.near.sector * self.air.functions.shape[2] + look.place
+        return (first[:, None] + AROUND).astype(np.int32)
+
+    def levels(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> FloatArray:
+        """Return the own unknowns with the gain and background that fit best."""
+        dark = own.copy()
+        dark[[GAIN, BACKGROUND]] = 0.0
+        light, values = self.look(pose, lens, dark, air).level * self.near.light, self.near.values
+        rows = np.array([light, np.ones_like(light)])
+        gain, background = np.linalg.solve(rows @ rows.T, rows @ values)
+        if not gain > 0.0:
+            raise NoLimbError("the image is not brighter where the limb's profile is")
+        dark[GAIN], dark[BACKGROUND] = np.log(gain), background if self.floor is None else self.floor.background
+        return dark
+
+    def neglected(self, look: ProfileLook) -> FloatArray:
+        """Return the standard deviation of what the prediction leaves out of the pixels, shape (n,)."""
+        before, after = (self.air.neglected[self.near.sector, look.place + k] for k in (0, 1))
+        return np.asarray(np.exp(look.own[GAIN]) * self.near.light * (before + look.share * (after - before)))
+
+    def noise(self, look: ProfileLook, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
+        """Return the noise of the pixels by their residuals."""
+        near = self.near
+        neglected = self.neglected(look) ** 2
+        clouds = near.light * look.brightest * self.below_clouds
+        per_px = near.light * look.changes[0] * self.width_m
+        variance, shown = variance_of(
+            look.residuals, near.light * look.level, np.array([clouds**2, per_px**2]), self._least + neglected
+        )
+        # Not of a limb that is still displaced, which would hide it.
+        if self.tighter == 1.0:
+            in_sigmas = look.residuals * np.sqrt(PixelNoise(variance).weights(look.residuals))
+            side_px = near.group / GROUP_PX if near.group > 1 else 1.0
+            common = correlated(near.columns, near.rows, in_sigmas, side_px)
+            # The mean share counts, since the ratio is that of all pixels together.
+            together = 1.0 + (common - 1.0) * shown / max(float(shown.mean()), 1e-300)
+            together = together + (self._bump_px - 1.0) * np.minimum(neglected / variance, 1.0)
+        else:
+            together = np.ones_like(variance)
+        depth = np.clip((look.across_m - self._bottom) / self._taper, 0.0, 1.0)
+        return PixelNoise(variance, together / np.maximum(depth**2 * (3.0 - 2.0 * depth), LEAST_TAPER))
+
+    def linear(self, look: ProfileLook, own: FloatArray, weights: FloatArray) -> ProfileLinear:
+        """Return the normal equations at a look."""
+        return ProfileLinear(self, look, weights)
+
+    def amplitude(self, look: ProfileLook) -> FloatArray:
+        """Return the change of the pixels by that of radiance, shape (n,)."""
+        return np.asarray(float(np.exp(look.own[GAIN])) * self.near.light * look.kept)
+
+    def derivatives(self, look: ProfileLook) -> FloatArray:
+        """Return the derivatives of the pixels by pose, lens and own unknowns, shape (15, n)."""
+        near, blur, amplitude = self.near, float(np.exp(look.own[BLUR])), self.amplitude(look)
+        slope, by_blur, by_sharpness = look.changes * amplitude
+        rows = np.empty((POSE + LENS + OWN, len(slope)))
+        np.multiply(look.by_turn, slope, out=rows[:3])
+        np.multiply(near.by_pose[3:], slope, out=rows[3:POSE])
+        np.multiply(near.by_lens, slope, out=rows[POSE : POSE + LENS])
+        own_rows = rows[POSE + LENS :]
+        own_rows[BLUR] = by_blur + slope * ((2.0 * blur**2) * self._variance * self._lift)
+        own_rows[SHARPNESS], own_rows[GAIN], own_rows[BACKGROUND] = by_sharpness, amplitude * look.level, look.kept
+        return rows
+
+
+class ProfileLinear:
+    """Normal equations at one look; see :class:`horizonval.estimation.fit.image.Linear`."""
+
+    exact: ClassVar[bool] = True
+
+    def __init__(self, model: ProfileModel, look: ProfileLook, weights: FloatArray) -> None:
+        self._model, self.look, self.weights = model, look, weights
+        near, air = model.near, model.air
+        functions = model.tables.values(float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))[:, 1:]
+        sectors, count, size = len(near.starts) - 1, functions.shape[1], functions.shape[2]
+        table = np.ascontiguousarray(functions.transpose(0, 2, 1)).reshape(-1, count)
+        shared = model.derivatives(look)
+        root = np.sqrt(weights)
+        amplitude = model.amplitude(look) * root
+        rows = np.empty((len(weights), 2 * count + len(shared)))
+        around, ends = model.around(look), np.arange(0, 4 * len(weights) + 1, 4)
+        parts, _ = around_of(look.share)
+        for node, part in enumerate((amplitude * (1.0 - near.along), amplitude * near.along)):
+            of_node = ((parts * part[:, None]).ravel(), around.ravel() + node * size, ends)
+            rows[:, node * count : (node + 1) * count] = csr_array(of_node, shape=(len(weights), len(table))) @ table
+        np.multiply(shared.T, root[:, None], out=rows[:, 2 * count :])
+        own, next_ = np.zeros((sectors + 1, count, count)), np.zeros((sectors + 1, count, count))
+        mixed = np.zeros((sectors + 1, len(shared), count))
+        self.shared = np.zeros((len(shared), len(shared)))
+        for k in range(sectors):
+            part = rows[near.starts[k] : near.starts[k + 1]]
+            gram = part.T @ part
+            own[k] += gram[:count, :count]
+            own[k + 1] = gram[count : 2 * count, count : 2 * count]
+            next_[k] = gram[:count, count : 2 * count]
+            mixed[k] += gram[2 * count :, :count]
+            mixed[k + 1] = gram[2 * count :, count : 2 * count]
+            self.shared += gram[2 * count :, 2 * count :]
+        self.mixed = np.einsum("ikj,ij->kj", mixed[:, :, air.function], air.wave)
+        self.air = _of_waves(air, own, next_)
+
+    def rights(self, look: Look, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the right sides: the gradient at another look, exact there."""
+        assert isinstance(look, ProfileLook)
+        weighed = weights * look.residuals
+        values, _ = around_of(look.share)
+        model, air, size = self._model, self._model.air, self._model.air.functions.shape[2]
+        values *= (model.amplitude(look) * weighed)[:, None]
+        first, along = model.around(look).ravel(), model.near.along[:, None]
+        places = len(model.near.starts) * size
+        on_grid = np.bincount(first, (values * (1.0 - along)).ravel(), places)
+        on_grid += np.bincount(first + size, (values * along).ravel(), places)
+        on_nodes = np.asarray(on_grid.reshape(-1, size), dtype=np.float64)
+        pull = model.tables.pull(on_nodes, float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))
+        of_air = np.einsum("ij,ij->j", pull[:, 1 + air.function], air.wave)
+        return model.derivatives(look) @ weighed, np.asarray(of_air)
+
+
+def _of_waves(air: NodeAir, own: FloatArray, next_: FloatArray) -> FloatArray:
+    """Return the equations of the air's unknowns from those of node coefficients; only neighbours couple."""
+    function, waves = air.function, air.wave
+    matrix = np.empty((len(function), len(function)))
+    last = 0
+    # The rows of one function at a time stay in a processor's cache; what is above the diagonal is below it too.
+    for j, wave in enumerate(air.waves):
+        first, last = last, last + wave.shape[1]
+        before = function[:last]
+        spread = own[:, j, before] * waves[:, :last]
+        spread[:-1] += next_[:-1, j, before] * waves[1:, :last]
+        spread[1:] += next_[:-1, before, j] * waves[:-1, :last]
+        rows = wave.T @ spread
+        matrix[first:last, :last] = rows
+        matrix[:first, first:last] = rows[:, :first].T
+    return matrix
+
+
+def off_axis_share(camera: CameraModel, los_cam: FloatArray) -> FloatArray:
+    """Return squared angles from the axis over the largest in a grid of every eighth pixel, shape (m,)."""
+    columns, rows = (np.linspace(0.0, size - 1.0, EIGHTHS) for size in (camera.width, camera.height))
+    some = unproject(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
+    farthest = float(np.nanmax(off_axis_angle(some, AXIS_CAM)))
+    return np.asarray((off_axis_angle(los_cam, AXIS_CAM) / farthest) ** 2)
+
+
+@dataclass(frozen=True)
+class ProfileImage:
+    """An image of a shot. ``turn``: shape (3, 3), camera from body; ``table``: hashable source of its air."""
+
+    image: FloatArray
+    camera: CameraModel
+    knowledge: ProfileKnowledge
+    turn: FloatArray = field(default_factory=lambda: np.eye(3))
+    table: Hashable = None
+
+
+@dataclass(frozen=True)
+class ProfileChosen(Chosen):
+    """Pixels of all images, and the air that they share."""
+
+    air: CommonAir
+
+    @property
+    def profiles(self) -> list[ProfileModel]:
+        """The models, as what they are."""
+        return [model for model in self.models if isinstance(model, ProfileModel)]
+
+
+NEAR_PX = 0.25
+"""Way of the limb up to which pixels stay chosen: distances are then linear to a thousandth of a pixel."""
+
+
+class ProfileChooser:
+    """Chooses the pixels of all images of a shot; see :class:`horizonval.estimation.fit.image.Chooser`."""
+
+    def __init__(self, images: Sequence[ProfileImage]) -> None:
+        self._images = images
+
+    def __call__(
+        self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
+    ) -> ProfileChosen:
+        """Return the pixels near the limb at a state."""
+        if isinstance(before, ProfileChosen) and self._still_good(before, state, lens, most):
+            held = [model.held(tighter) for model in before.profiles]
+            return replace(before, models=held, state=state, noises=[None] * len(held))
+        models = []
+        for one, own in zip(self._images, state.own, strict=True):
+            camera = one.camera
+            if lens.any():
+                camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), lens[3])
+            pose = state.pose.of_camera(one.turn)
+            models.append(
+                ProfileModel(one.image, camera, pose, lens, float(np.exp(own[BLUR])), one.knowledge, most, tighter)
+            )
+        air = common_air([model.air for model in models], [one.table for one in self._images])
+        for model, its in zip(models, air.images, strict=True):
+            model.air = its
+        if isinstance(before, ProfileChosen):
+            state = replace(state, air=air.taken_over(before.air, state.air))
+        else:
+            owns = tuple(
+                model.levels(model.pose, lens, one, np.zeros(model.air.wave.shape[1]))
+                for model, one in zip(models, state.own, strict=True)
+            )
+            state = ShotState(state.pose, owns, np.zeros(air.count))
+        return ProfileChosen(models, air.columns, state, [None] * len(models), air)
+
+    def _still_good(self, before: ProfileChosen, state: ShotState, lens: FloatArray, most: int | None) -> bool:
+        """Return whether pixels are as good as those that would be chosen now."""
+        for one, model in zip(self._images, before.profiles, strict=True):
+            step = np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens])
+            if (model.thinned and most is None) or model.motion_px(step) > NEAR_PX:
+                return False
+        return True

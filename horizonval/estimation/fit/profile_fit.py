@@ -1,0 +1,239 @@
+"""The fit of the whole profile of the limb in one image, or in several of one instant: stages, result and claim.
+
+**Stages.** The likelihood has local maxima with a softer lens and more noise in place of air, because radiance above a
+limb that is predicted too low looks like a soft lens. The lens is therefore held in the first stage.
+
+**Claim.** The covariance of the solver's equations (:mod:`.bundle`) has a part of the noise, which is left if the air
+were known, and one of the air. If the air is inconsistent with its prior, the sum of squares of its unknowns exceeds
+the degrees of freedom that the pixels determine, ``tr(1 - C_z)``. Where the excess is more than two standard deviations
+the air's part is multiplied by the ratio of the two (Birge's).
+
+**Position.** The altitude has moved by ``d`` from a prior of sigma ``s``, and is left with ``p``. By chance ``d`` has
+the variance ``s^2 - p^2``; beyond :data:`PULLED` of its roots the prior is taken to be as wrong as the image says, ``d
+s^2 / (s^2 - p^2)``, and the claim has what this makes of the pose.
+
+**Lens.** Lenses soften towards the corners as the angle squared. The growth of ``ln s`` over the limb in view is no
+unknown of the fit; it is the step that it would take from there as one more unknown::
+
+    x = (j^T W r - j^T W J C g) / (j^T W j + p - j^T W J C J^T W j),      g = J^T W r + priors'
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.fit.bundle import Bundle, Shot, ShotPrior
+from horizonval.estimation.fit.image import LENS, POSE, ShotState
+from horizonval.estimation.fit.noise import PixelNoise
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.profile import (
+    BLUR,
+    ProfileChooser,
+    ProfileChosen,
+    ProfileImage,
+    ProfileLinear,
+    ProfileLook,
+    ProfileModel,
+)
+from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
+
+OPTIONS = SolverOptions(stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()), reweighed=0.5, frozen=0.1)
+"""First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
+clouds soften it, more increases the dependence on the start. Its pixels are enough to be within a tenth of a pixel.
+Equations are made again after a third of a sigma: what air and height have in common is seen by their difference."""
+NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
+"""To about a standard deviation."""
+GROWTH_SIGMA = 0.5
+"""Prior standard deviation of ln(corner blur / axis blur)."""
+MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
+"""Largest change of ln blur over the limb in view, and its significance. A lens with 0.6 px on the axis and 1.1 px in
+the corners shows 0.36 to 0.57 and biases the nadir; one with uniform blur shows below 0.12."""
+PULLED, LEAST_LEARNT = 3.0, 1e-3
+"""Pull of the altitude's prior, in what chance makes of it, from which the claim is widened: chance alone exceeds it in
+0.3 % of frames. And share of its variance that the image must have taken away."""
+SCATTERED = 2.0
+"""Standard deviations of chi-squared beyond which its excess is no chance."""
+
+
+@dataclass(frozen=True)
+class ProfileFit:
+    """The most probable pose.
+
+    ``covariance`` (7, 7): of a step from the pose, from noise, priors and air; ``relief_covariance``: the air's part.
+    ``blur_px``, ``gain``, ``background``: of the first image. ``squares``, ``determined``: sum of squares of the air's
+    unit unknowns, and the number of them that the pixels determine. ``improbable``: largest mode coefficient along the
+    limb, in standard deviations. ``explained``: smallest share of an image's variance that the prediction explains.
+    ``growth``, ``growth_sigma``: change of ln blur over the limb in view where it is most significant. ``uv`` (m, 2),
+    ``residuals_rad`` (m,): places on the first image's limb, and by how much their pixels would have it farther in.
+    ``steps`` (k, 7). ``models``, ``looks``, ``noises``, ``own``: of every image, for tests of its residuals.
+    """
+
+    pose: LimbPose
+    blur_px: float
+    gain: float
+    background: float
+    covariance: FloatArray
+    relief_covariance: FloatArray
+    squares: float
+    determined: float
+    improbable: float
+    explained: float
+    growth: float
+    growth_sigma: float
+    uv: FloatArray
+    residuals_rad: FloatArray
+    steps: FloatArray
+    models: Sequence[ProfileModel] = ()
+    looks: Sequence[ProfileLook] = ()
+    noises: Sequence[PixelNoise] = ()
+    own: Sequence[FloatArray] = ()
+
+    def in_axes(self, turn: FloatArray) -> ProfileFit:
+        """Return the fit in other axes of the pose; ``turn``: shape (3, 3), from the present ones."""
+        turned = np.eye(POSE)
+        turned[:3, :3] = turn
+        return replace(
+            self,
+            pose=self.pose.of_camera(turn),
+            covariance=turned @ self.covariance @ turned.T,
+            relief_covariance=turned @ self.relief_covariance @ turned.T,
+            steps=self.steps @ turned.T,
+        )
+
+
+def profile_shot(images: Sequence[ProfileImage], prior: ShotPrior, start: LimbPose) -> Shot:
+    """Return the shot of images, in axes of the body; ``start``: right to some kilometres of height at the limb."""
+    own = tuple(image.knowledge.own for image in images)
+    return Shot(ProfileChooser(images), prior, ShotState(start, own, np.zeros(0)), [image.turn for image in images])
+
+
+def fit_profiles(
+    images: Sequence[ProfileImage], prior: ShotPrior, start: LimbPose, options: SolverOptions = OPTIONS
+) -> ProfileFit:
+    """Fit one pose and one air to images of one instant.
+
+    ``images``: linear in radiance, NaN where missing; ``prior``, ``start``: of the body's pose. Raises ``LinAlgError``:
+    too little limb in view, no radiance there, or no convergence.
+    """
+    shot = profile_shot(images, prior, start)
+    return fit_of_shot(shot, solve(Bundle([shot]), options))
+
+
+def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
+    """Return the fit and the claim of a solved shot."""
+    chosen, seen, state, found = shot.chosen, shot.seen, shot.state, solution.shots[0]
+    assert isinstance(chosen, ProfileChosen)
+    assert seen is not None
+    models, noises = chosen.profiles, shot.noises
+    looks = [look for look in seen.looks if isinstance(look, ProfileLook)]
+    known, covariance = found.known[:POSE, :POSE], found.covariance[:POSE, :POSE]
+    squares, determined = float(state.air @ state.air), len(state.air) - found.air_open
+    of_air = (covariance - known) * strained(squares, determined) + pulled(shot.prior, state.pose, covariance)
+    growths = [_growth(shot, solution, k) for k in range(len(models))]
+    growth, growth_sigma = max(growths, key=lambda one: abs(one[0]) / one[1])
+    weights = [noise.weights(look.residuals) for noise, look in zip(noises, looks, strict=True)]
+    uv, off = by_sector(models[0], looks[0], weights[0])
+    airs = [(model.air, state.air[at]) for model, at in zip(models, chosen.columns, strict=True)]
+    blur, _, gain, background = state.own[0]
+    return ProfileFit(
+        pose=state.pose,
+        blur_px=float(np.exp(blur)),
+        gain=float(np.exp(gain)),
+        background=float(background),
+        covariance=known + of_air,
+        relief_covariance=of_air,
+        squares=squares,
+        determined=determined,
+        improbable=max(improbable(air.coefficients(z)[:, 1:], air.waves) for air, z in airs),
+        explained=min(explained(*one) for one in zip(models, looks, noises, strict=True)),
+        growth=growth,
+        growth_sigma=growth_sigma,
+        uv=uv,
+        residuals_rad=off,
+        steps=solution.steps[0],
+        models=models,
+        looks=looks,
+        noises=noises,
+        own=state.own,
+    )
+
+
+def strained(squares: float, determined: float) -> float:
+    """Return the excess scatter of unit unknowns, 1 if chance explains it.
+
+    ``squares``: their sum of squares; ``determined``: their number, the mean of ``squares`` and half its variance.
+    """
+    ratio = squares / max(determined, 1e-300)
+    return ratio if determined > 0.0 and ratio > 1.0 + SCATTERED * np.sqrt(2.0 / determined) else 1.0
+
+
+def pulled(prior: ShotPrior, pose: LimbPose, covariance: FloatArray) -> FloatArray:
+    """Return what the image has against the altitude that is known, as a covariance of the pose, shape (7, 7)."""
+    up = np.zeros(POSE)
+    up[3:6] = pose.r_itrs / np.linalg.norm(pose.r_itrs)
+    information = float(up @ prior.information @ up)
+    along = covariance @ up
+    left = float(up @ along)
+    learnt = 1.0 / information - left if information > 0.0 else 0.0
+    moved = -float(up @ prior.wanted(pose, np.zeros(0)))
+    if not learnt > LEAST_LEARNT / information or abs(moved) <= PULLED * np.sqrt(learnt):
+        return np.zeros((POSE, POSE))
+    wrong = moved / information / learnt * along / left
+    return np.outer(wrong, wrong)
+
+
+def _growth(shot: Shot, solution: Solution, image: int) -> tuple[float, float]:
+    """Return the change of ln blur over an image's limb in view, and its standard deviation."""
+    assert isinstance(shot.chosen, ProfileChosen)
+    linear = solution.equations[0].linears[image]
+    assert isinstance(linear, ProfileLinear)
+    model, look, weights = shot.chosen.profiles[image], linear.look, linear.weights
+    column = model.off_axis * model.derivatives(look)[POSE + LENS + BLUR]
+    equations, solved = solution.equations[0], solution.solved
+    right = equations.rights_of(image, replace(look, residuals=column), weights)
+    information = float(weights @ column**2) + GROWTH_SIGMA**-2 - solved.product(0, right, right)
+    pull = float(weights @ (column * look.residuals)) - solved.product(0, right, equations.first_rights)
+    over = float(np.ptp(model.off_axis))
+    return over * pull / information, over / float(np.sqrt(information))
+
+
+def uneven_lens(growth: float, sigma: float) -> str | None:
+    """Return what is wrong with a lens whose blur's logarithm changes by ``growth`` over the limb, if anything is."""
+    if abs(growth) <= max(MOST_GROWTH, SURE_GROWTH * sigma):
+        return None
+    return f"the lens is {np.expm1(abs(growth)):.0%} softer at one part of the limb than at another"
+
+
+def explained(model: ProfileModel, look: ProfileLook, noise: PixelNoise) -> float:
+    """Return the share of the pixels' variance that the prediction explains, by their weights in the fit's tails."""
+    weights = noise.weights(look.residuals) * noise.variance * noise.together
+    values = model.near.values
+    whole = float(weights @ (values - np.average(values, weights=weights)) ** 2)
+    return 1.0 - float(weights @ look.residuals**2) / whole if whole > 0.0 else 0.0
+
+
+def improbable(coefficients: FloatArray, waves: Sequence[FloatArray]) -> float:
+    """Return the largest coefficient of any function of the air in its own standard deviations."""
+    sizes = [float(np.sqrt((wave**2).sum(axis=1).max())) for wave in waves]
+    return float(np.max(np.abs(coefficients).max(axis=0) / np.array(sizes)))
+
+
+def by_sector(model: ProfileModel, look: ProfileLook, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a place on the limb for every sector, and by how much its pixels would have the limb farther in [rad]."""
+    near = model.near
+    # The lift lowers all distances across the limb by as much.
+    per_rad = -model.derivatives(look)[POSE - 1] * near.distance_m
+    uv, off = [], []
+    for first, last in pairwise(near.starts):
+        here = slice(first, last)
+        information = float(weights[here] @ per_rad[here] ** 2)
+        pull = float((weights[here] * per_rad[here]) @ look.residuals[here])
+        off.append(-pull / information if information > 0.0 else 0.0)
+        nearest = first + int(np.argmin(np.abs(near.height_m[here])))
+        uv.append([near.columns[nearest], near.rows[nearest]])
+    return np.array(uv, dtype=float), np.array(off)

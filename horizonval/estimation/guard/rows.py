@@ -1,0 +1,164 @@
+"""Rows of linear arrays: where each crosses the limb, and whether it is one limb.
+
+A row crosses the limb once and shows neither curvature nor length. Each row is tested for:
+
+* saturation: the Sun's disc is a step far larger than the limb's;
+* a single edge: levelled to 0 in space and 1 on the Earth the row stays low outside the limb and high within;
+* direction: its bright side lies towards the nadir of the answer.
+
+All rows together (three unknowns, four crossings) must lie on one cone. Because the Earth is an ellipsoid with poles
+anywhere, the crossings must fit an ellipsoid with *some* direction of the poles, given noise and relief. With ``w = W^T
+r`` the residuals of the cone in the directions that it leaves free (``W^T J = 0``) ::
+
+    chi^2 = min over poles p of (w - w_p)^T C^-1 (w - w_p),      C = W^T (noise + relief) W
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import null_space
+from scipy.ndimage import gaussian_filter1d
+from scipy.stats import chi2
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome, Refusal
+from horizonval.earth.limb_heights import oblate_limbs, relief_covariance, reliefs
+from horizonval.estimation.guard.points import SATURATED_SHARE
+from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
+from horizonval.estimation.observation import Observation
+from horizonval.geometry.camera import unproject
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+
+ROW_PX = 16
+"""An image whose shorter side has no more pixels is a linear array."""
+ROW_NEAR_PX = 10.0
+"""Least distance from the crossing of the levels beyond and within the limb."""
+ROW_NEAR_WIDTHS = 4.0
+"""The same in widths from 20 to 80 %: a plateau bends over."""
+ROW_FEWEST_PX = 4
+"""Smallest number of pixels of a level that is tested."""
+ROW_SMOOTHING_PX = 1.0
+"""Standard deviation of the Gaussian before the levels are compared: less than any object's width."""
+ROW_SIGMAS = 5.0
+"""Largest deviation in units of the smoothed row's noise: among 160 pixels, one row of a million by chance."""
+ROW_SPACE_SHARE = 0.1
+"""Largest level beyond the limb, of its step."""
+ROW_EARTH_SHARES = (0.6, 1.5)
+"""Levels within the limb, of its step: carbon dioxide's disc is 0.9 to 1.1 of its plateau, space a hundredth of it;
+what comes near half of the step is another edge."""
+
+
+@dataclass(frozen=True)
+class RowLimb:
+    """A row's crossing.
+
+    Attributes
+    ----------
+    los_cam : ndarray, shape (3,)
+        Line of sight to it.
+    sigma_rad : float
+        Its standard deviation along the row.
+    to_bright_cam : ndarray, shape (3,)
+        Vector along the row towards the bright side.
+    """
+
+    los_cam: FloatArray
+    sigma_rad: float
+    to_bright_cam: FloatArray
+
+    def bright_side_down(self, nadir_cam: FloatArray) -> bool:
+        """Return whether the bright side is the one nearer a nadir."""
+        return float(self.to_bright_cam @ nadir_cam) > 0.0
+
+
+def is_row(observation: Observation) -> bool:
+    """Return whether an image is a linear array's: too narrow for a profile across it."""
+    return min(np.shape(observation.image), default=0) <= ROW_PX and np.ndim(observation.image) == 2
+
+
+def row_limb(head: Observation) -> RowLimb | Refusal:
+    """Return where a head's row crosses the limb, or why it need not be the limb."""
+    image = np.asarray(head.image, dtype=np.float64)
+    v = image.shape[0] // 2
+    row = image[v]
+    crossing = sub_pixel_crossing(row)
+    bright_left = _bright_left(row, crossing)
+    if head.full_scale is not None and (row >= SATURATED_SHARE * head.full_scale).any():
+        return Refusal(*_saturation(row, crossing, bright_left, head.full_scale))
+    if isinstance(crossing, Refusal):
+        return crossing
+    if reason := _second_edge(row, crossing, bright_left):
+        return Refusal(Outcome.AMBIGUOUS, reason)
+    columns = np.array([crossing.column - 0.5, crossing.column, crossing.column + 0.5])
+    left, los, right = unproject(head.camera, np.column_stack([columns, np.full(3, float(v))]))
+    along = left - right if bright_left else right - left
+    return RowLimb(los, crossing.sigma_px * float(np.linalg.norm(along)), along)
+
+
+def _bright_left(row: FloatArray, crossing: Crossing | Refusal) -> bool:
+    middle = len(row) / 2 if isinstance(crossing, Refusal) else crossing.column
+    at = int(np.clip(round(middle), 1, len(row) - 1))
+    return bool(np.median(row[:at]) > np.median(row[at:]))
+
+
+def _saturation(
+    row: FloatArray, crossing: Crossing | Refusal, bright_left: bool, full_scale: float
+) -> tuple[Outcome, str]:
+    at = np.flatnonzero(row >= SATURATED_SHARE * full_scale)
+    if isinstance(crossing, Crossing):
+        within = at < crossing.column if bright_left else at > crossing.column
+        if within.all() and len(at) > 0.5 * np.sum(row > 0.5 * full_scale):
+            return Outcome.SATURATED, f"{len(at)} px of the Earth are saturated"
+    return Outcome.SUN_GLARE, f"{len(at)} px are saturated, as by the Sun"
+
+
+def _second_edge(row: FloatArray, crossing: Crossing, bright_left: bool) -> str | None:
+    """Return where a row leaves the levels of its one edge."""
+    line = row if bright_left else row[::-1]
+    column = crossing.column if bright_left else len(row) - 1 - crossing.column
+    # Falling from the Earth to space: everything from here on is put in these terms.
+    reach = max(ROW_NEAR_PX, ROW_NEAR_WIDTHS * crossing.width_px)
+    inside, outside = line[: max(int(column - reach), 0)], line[int(np.ceil(column + reach)) :]
+    if min(len(inside), len(outside)) < ROW_FEWEST_PX:
+        return None
+    space, earth = float(np.median(outside)), float(np.median(inside))
+    step = earth - space
+    if step <= 0.0:
+        return "the row is no darker beyond the limb than within"
+    # A Gaussian of that width leaves this much of the noise of single pixels.
+    left_over = (2.0 * np.sqrt(np.pi) * ROW_SMOOTHING_PX) ** -0.5
+    noise = ROW_SIGMAS * left_over * row_noise(row, round(crossing.column)) / step
+    within, beyond = (
+        gaussian_filter1d((part - space) / step, ROW_SMOOTHING_PX, mode="nearest") for part in (inside, outside)
+    )
+    if beyond.max() > ROW_SPACE_SHARE + noise:
+        return f"beyond the limb the row rises to {beyond.max():.0%} of its step"
+    if within.min() < ROW_EARTH_SHARES[0] - noise:
+        return f"within the limb the row falls to {within.min():.0%} of its step"
+    if within.max() > ROW_EARTH_SHARES[1] + noise:
+        return f"within the limb the row rises to {within.max():.0%} of its step"
+    return None
+
+
+def misfit(los: FloatArray, axis: FloatArray, rho_rad: float, noise_rad: FloatArray, seen: Observation) -> float:
+    """Return the probability that crossings miss one cone by as much as they do, at the direction of the poles that
+    suits them best; 1 where three crossings or fewer leave nothing to ask.
+
+    ``los``: shape (n, 3); ``axis``: shape (3,); ``rho_rad``: cone through the crossings; ``noise_rad``: shape (n,),
+    standard deviations of the crossings across the limb; ``seen``: for the planet and the band.
+    """
+    across = los @ tangent_basis(axis)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    free = null_space(np.column_stack([across, np.ones(len(los))]).T)
+    if not free.shape[1]:
+        return 1.0
+    relief = relief_covariance(
+        across, rho_rad, reliefs(seen.band_kind, seen.prior.limb_relief_m), seen.prior.sphere_radius_m
+    )
+    covariance = np.diag(noise_rad**2) + relief
+    w = free.T @ (off_axis_angle(los, axis) - rho_rad)
+    left = w[:, None] - free.T @ oblate_limbs(across, rho_rad, seen.prior.flattening)
+    squares = np.einsum("ij,ij->j", left, np.linalg.solve(free.T @ covariance @ free, left))
+    return float(chi2.sf(squares.min(), free.shape[1]))
