@@ -91,7 +91,7 @@ static const double LEAST_COMMON = 1.1, SURELY_COMMON = 1.3, LEAST_SHARE_DARK = 
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 /* Steps: lengths in standard deviations of the pose, changes of ln variance, gains in squared sigmas. */
 enum { MOST_STEPS = 30, MOST_CUTS = 5, MOST_PAIRS = 10 };
-static const double TOLERANCE = 0.03, STEADY = 0.02, REWEIGHED = 0.5, GOOD = 0.7, ROUNDING = 1e-3, HELD = 10.0;
+static const double TOLERANCE = 0.03, STEADY = 0.02, NEARLY_STEADY = 0.2, REWEIGHED = 0.5, GOOD = 0.7, ROUNDING = 1e-3, HELD = 10.0;
 static const double RESELECT_PX = 0.5, NEAR_PX = 0.25, LEAST_SHARE = 0.1;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5;
 static const double FINEST_M = 4e3, FINEST_PX = 0.5;
@@ -1205,7 +1205,7 @@ static int stage(State *s, double tolerance, double steady, const char **reason)
       if (first_stage || (changed = weigh(s, 0)) < steady) return number;
       pairs = 0;
     } else if (changed >= steady) {
-      changed = weigh(s, 0), pairs = 0;
+      changed = weigh(s, first_stage), pairs = 0;
       built = gain > GOOD * promised && changed < REWEIGHED;
     } else {
       if (pairs == MOST_PAIRS) pairs = 0;
@@ -1221,7 +1221,7 @@ static int stage(State *s, double tolerance, double steady, const char **reason)
 /* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
 static int search(State *s, const char **reason) {
   first_stage = 1;
-  int first = stage(s, 1.0, REWEIGHED, reason);
+  int first = stage(s, 1.0, NEARLY_STEADY, reason);
   first_stage = 0;
   int second = first ? stage(s, TOLERANCE, STEADY, reason) : 0;
   equations(s);
