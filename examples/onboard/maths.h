@@ -1,4 +1,4 @@
-/* Vectors, turns, sums of rows, cosine transforms, splines, and a small quadratic programme; C99, no allocation. */
+/* Vectors, turns, sums of rows, cosine transforms, splines, and non-negative least squares; C99, no allocation. */
 #ifndef MATHS_H
 #define MATHS_H
 #include <math.h>
@@ -76,42 +76,6 @@ static void from_quaternion(const double *q, double R[3][3]) {
   memcpy(R, M, sizeof M);
 }
 
-static void to_quaternion(double R[3][3], double *q) {
-  double squares[4] = {1 + R[0][0] - R[1][1] - R[2][2], 1 - R[0][0] + R[1][1] - R[2][2], 1 - R[0][0] - R[1][1] + R[2][2],
-                       1 + R[0][0] + R[1][1] + R[2][2]};
-  int k = 0;
-  for (int i = 1; i < 4; i++)
-    if (squares[i] > squares[k]) k = i;
-  double twice[4][4] = {{squares[0], R[1][0] + R[0][1], R[2][0] + R[0][2], R[2][1] - R[1][2]},
-                        {R[1][0] + R[0][1], squares[1], R[2][1] + R[1][2], R[0][2] - R[2][0]},
-                        {R[2][0] + R[0][2], R[2][1] + R[1][2], squares[2], R[1][0] - R[0][1]},
-                        {R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1], squares[3]}};
-  for (int i = 0; i < 4; i++) q[i] = 0.5 * twice[k][i] / sqrt(squares[k]);
-}
-
-/* The median by halves, as Hoare finds it; changes the order. */
-static double median(double *x, int n) {
-  double found[2];
-  for (int which = 0; which < 2; which++) {
-    int k = which ? n / 2 : (n - 1) / 2;
-    for (int low = 0, high = n - 1; low < high;) {
-      double middle = x[k];
-      int i = low, j = high;
-      while (i <= j) {
-        while (x[i] < middle) i++;
-        while (x[j] > middle) j--;
-        if (i > j) break;
-        double t = x[i];
-        x[i++] = x[j], x[j--] = t;
-      }
-      if (j < k) low = i;
-      if (k < i) high = j;
-    }
-    found[which] = x[k];
-  }
-  return 0.5 * (found[0] + found[1]);
-}
-
 static double largest_of(const double *x, int stride, int n) {
   double largest = x[0];
   for (int i = 1; i < n; i++) largest = x[i * stride] > largest ? x[i * stride] : largest;
@@ -179,66 +143,17 @@ static void cosines(double *a, double *b, int half, double scale) {
 
 static double sinc(double x) { return fabs(x) < 1e-8 ? 1.0 : sin(PI * x) / (PI * x); }
 
-/* The minimum of x A x - 2 x b with no x below 0, of three unknowns: the best of all choices of those above 0. */
+/* The minimum of x A x - 2 x b with no x below 0, of three unknowns, one after the other (Gauss and Seidel). */
 static void not_negative(double A[3][3], const double *b, double *x) {
-  double best = 0.0;
   x[0] = x[1] = x[2] = 0.0;
-  for (int chosen = 1; chosen < 8; chosen++) {
-    double M[3][4], y[3] = {0, 0, 0}, value = 0.0;
-    int ok = 1;
-    for (int i = 0; i < 3; i++)
-      for (int j = 0; j < 4; j++) {
-        int in = chosen >> i & 1 && (j == 3 || chosen >> j & 1);
-        M[i][j] = in ? (j < 3 ? A[i][j] : b[i]) : i == j ? 1.0 : 0.0;
-      }
-    for (int k = 0; k < 3; k++)
-      for (int i = k + 1; i < 3; i++)
-        for (int j = 3; j >= k; j--) M[i][j] -= M[i][k] / M[k][k] * M[k][j];
-    for (int i = 2; i >= 0; i--) {
-      y[i] = M[i][3];
-      for (int j = i + 1; j < 3; j++) y[i] -= M[i][j] * y[j];
-      y[i] /= M[i][i];
-      ok = ok && y[i] >= 0.0;
-    }
-    for (int i = 0; i < 3; i++) value -= y[i] * b[i];
-    if (ok && value < best) best = value, memcpy(x, y, sizeof y);
-  }
+  for (int i = 0; i < 3000; i++) x[i % 3] = fmax(x[i % 3] + (b[i % 3] - dot(A[i % 3], x)) / A[i % 3][i % 3], 0.0);
 }
 
-/* A cubic spline through places of an axis. Its slopes are S times the values there, so that its second derivative is
-   steady; at the ends 0 where they are level, else those of the parabola through three places. next_share: room for n. */
-static void spline_slopes(const float *axis, int n, int level_first, int level_last, double *S, double *next_share) {
-  memset(S, 0, (size_t)n * n * sizeof *S);
-  if (n == 1) return;
-  for (int i = 0; i < n; i++) {
-    double *row = S + i * n, low = 0.0, diagonal = 1.0, above = 0.0;
-    if (i > 0 && i < n - 1) {
-      double before = axis[i] - axis[i - 1], after = axis[i + 1] - axis[i];
-      low = after, diagonal = 2.0 * (before + after), above = before;
-      row[i - 1] = -3.0 * after / before, row[i + 1] = 3.0 * before / after;
-      row[i] = -row[i - 1] - row[i + 1];
-    } else if (i == 0 ? !level_first : !level_last) {
-      int a = i == 0 ? 0 : n - 1, b = i == 0 ? 1 : n - 2, c = i == 0 ? 2 : n - 3;
-      double near = axis[b] - axis[a], far = n > 2 ? axis[c] - axis[b] : 0.0, bend = n > 2 ? near / (near + far) : 0.0;
-      row[b] = (1.0 + bend) / near, row[a] = -row[b];
-      if (n > 2) row[b] += bend / far, row[c] = -bend / far;
-    }
-    if (i > 0) {
-      diagonal -= low * next_share[i - 1];
-      for (int j = 0; j < n; j++) row[j] -= low * row[j - n];
-    }
-    for (int j = 0; j < n; j++) row[j] /= diagonal;
-    next_share[i] = above / diagonal;
-  }
-  for (int i = n - 2; i >= 0; i--)
-    for (int j = 0; j < n; j++) S[i * n + j] -= next_share[i] * S[(i + 1) * n + j];
-}
-
-/* What the values at the places of an axis count for at x; its ends hold. */
-static void spline_weights(const float *axis, int n, const double *S, double x, double *w) {
+/* Weights of the values at n places of an axis for a cubic spline at x, beyond the ends for the end. The spline's slopes
+   are S times the values. */
+static void spline_weights(const float *axis, int n, const float *S, double x, double *w) {
   int i = 0;
-  memset(w, 0, n * sizeof *w);
-  w[0] = 1.0;
+  for (int j = 0; j < n; j++) w[j] = n == 1;
   if (n == 1) return;
   while (i < n - 2 && x >= axis[i + 1]) i++;
   double h = axis[i + 1] - axis[i], t = clip((x - axis[i]) / h, 0.0, 1.0), rest = 1.0 - t;
