@@ -15,7 +15,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from horizonval.estimation.likelihood.templates import FOLDER, load_templates
+from horizonval.estimation.fit.templates import FOLDER, load_templates
 
 COLOURS = {
     "air": "#4477aa", "haze": "#ccbb44", "ground": "#228833", "scene": "#aa3377", "below": "#ee6677"

@@ -7,7 +7,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 
 from horizonval.estimation.fit.heights import everywhere
-from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.estimation.fit.templates import LimbTemplates
 from horizonval.geometry.camera import CameraModel
 
 RADIUS_M = 6371e3

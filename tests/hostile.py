@@ -169,7 +169,7 @@ HOSTILE: dict[str, Hostile] = {
     ),
     "patch-json": _meddles("json.dumps = lambda *a, **k: '[' * 100_000; return fit()"),
     "patch-ours": Hostile(
-        "from horizonval.estimation import answer\n"
+        "from horizonval.plugins import answer\n"
         "from horizonval.plugins import child, registry\n"
         "child.checked = answer.checked = lambda result: result\n"
         "registry.run_safely = lambda *a: None\n"

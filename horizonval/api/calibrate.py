@@ -16,9 +16,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Refusal
 from horizonval.core.progress import Progress
-from horizonval.estimation.likelihood.calibration.shared import BEND, FOCAL, POINT, TURN
-from horizonval.estimation.likelihood.calibration.solve import CameraCalibration
-from horizonval.estimation.likelihood.calibration.solve import calibrate as calibrate_camera
+from horizonval.estimation.fit.bundle import TURN
+from horizonval.estimation.fit.calibrate import BEND, FOCAL, POINT, CameraCalibration
+from horizonval.estimation.fit.calibrate import calibrate as calibrate_camera
 from horizonval.estimation.methods import limb_ellipsoid
 from horizonval.estimation.observation import Calibration, Observation
 from horizonval.formats.csv_table import CsvTable, read_csv

@@ -15,14 +15,14 @@ from horizonval.api.camera import Camera, camera_of
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
-from horizonval.estimation.likelihood.templates import templates_of
+from horizonval.estimation.fit.templates import templates_of
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
 from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
-from horizonval.estimation.onnx_model import is_model, model_estimator
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.plugins import registry, supervisor
+from horizonval.plugins.onnx_model import is_model, model_estimator
 from horizonval.plugins.supervisor import Limits
 from horizonval.scoring.bound import NO_BOUND, known_bound
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad

@@ -5,6 +5,8 @@
 ``supervisor``     the worker's side: processes, their limits of time and memory, crashes as outcomes
 ``child``          the other side: the program that runs estimators for a worker
 ``messages``       messages between the two: observations as objects, answers as plain data
+``answer``         the form of an answer, its rounding, and the record of a crash
 ``program``        ``command = "..."``: any program as an estimator
+``onnx_model``     a network in an ONNX file as an estimator
 =================  ======================================================================================
 """

@@ -29,9 +29,9 @@ import psutil
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.answer import checked, crash, raised, traceback_of
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.plugins import registry
+from horizonval.plugins.answer import checked, crash, raised, traceback_of
 from horizonval.plugins.messages import pack_answer, read_observation
 from horizonval.plugins.namespaces import adopt_orphans, apart, contain, end_with_parent, forked
 from horizonval.plugins.program import program_estimator

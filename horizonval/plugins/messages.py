@@ -2,7 +2,7 @@
 
 The worker is trusted: an observation is pickled, followed by its arrays. An estimator's process is not: an answer is
 the length of its head, the head as JSON, and the arrays that the head declares, all float64 in C order. Sizes are
-bounded before allocation, and :func:`horizonval.estimation.answer.checked` validates the whole.
+bounded before allocation, and :func:`horizonval.plugins.answer.checked` validates the whole.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.answer import MOST_POINTS, checked
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.plugins.answer import MOST_POINTS, checked
 
 LENGTH = struct.Struct("<Q")
 LONGEST_HEAD = 1 << 16
@@ -69,7 +69,7 @@ def _contiguous(observation: Observation) -> Observation:
 
 
 def pack_answer(result: Fit | Refusal, spent_s: float) -> bytes:
-    """Return the message of an answer that :func:`horizonval.estimation.answer.checked` returned."""
+    """Return the message of an answer that :func:`horizonval.plugins.answer.checked` returned."""
     about: dict[str, Any] = {"spent_s": spent_s}
     if isinstance(result, Fit):
         about |= {name: getattr(result, name) for name in _FIT_NUMBERS} | {"estimates": result.estimates}

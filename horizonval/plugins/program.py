@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from horizonval.core.errors import excerpt
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Calibration, Estimator, Fit, Observation
 from horizonval.estimation.prior import DEFAULTS, FILE_KEYS, Prior
 from horizonval.geometry.camera import camera_table
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
+from horizonval.plugins.answer import crash
 from horizonval.spec.suite import ProgramSpec
 
 LONGEST_ANSWER = 1 << 20

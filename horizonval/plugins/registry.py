@@ -12,8 +12,8 @@ from importlib.metadata import EntryPoint, entry_points
 
 from horizonval.core.errors import UserError, nearest
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.answer import checked, crash, raised, rounded, traceback_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.plugins.answer import checked, crash, raised, rounded, traceback_of
 
 GROUP = "horizonval.estimators"
 PACKAGE = "horizonval"
@@ -97,7 +97,7 @@ def load(name: str) -> Estimator:
 def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     """Run an estimator; exceptions, wrong types and NaN become crashes.
 
-    Numbers are rounded to the digits of results (:mod:`horizonval.estimation.answer`).
+    Numbers are rounded to the digits of results (:mod:`horizonval.plugins.answer`).
     """
     try:
         # A user's method may return anything.

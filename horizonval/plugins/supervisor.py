@@ -10,7 +10,7 @@ depend on the machine's load. For sleeping processes the wall clock decides: :da
 **Memory.** The address space of each process is limited relative to its size before the first estimate.
 
 The worker trusts no output of a process: lengths are bounded, the form of answers is validated
-(:mod:`horizonval.estimation.answer`), and any defect counts as a crash of the estimator.
+(:mod:`horizonval.plugins.answer`), and any defect counts as a crash of the estimator.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from typing import IO, Any
 import psutil
 
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.answer import LONGEST_OUTPUT, crash, one_line
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.plugins import registry
+from horizonval.plugins.answer import LONGEST_OUTPUT, crash, one_line
 from horizonval.plugins.child import end_descendants
 from horizonval.plugins.messages import read_answer, write_observation
 from horizonval.spec.suite import ProgramSpec

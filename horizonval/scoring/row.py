@@ -389,7 +389,7 @@ def make_row(
     """Return the row of one estimator on one image, its numbers rounded to the digits that are results.
 
     Angles in arcsec to :data:`ARCSEC_DECIMALS`, which is what fits are rounded to
-    (:mod:`horizonval.estimation.answer`), other numbers to :data:`SIGNIFICANT` digits: what is beyond is a matter of
+    (:mod:`horizonval.plugins.answer`), other numbers to :data:`SIGNIFICANT` digits: what is beyond is a matter of
     the processor, and rows promise bytes.
     """
     values = {**vars(score), **vars(conditions_of(truth, expected, band, bound))}

@@ -9,7 +9,7 @@ from typing import Any
 
 from horizonval.core.errors import MistakeCollector, UserError
 from horizonval.earth.spectral.bands import limits_um
-from horizonval.estimation.likelihood.templates import is_of_band, templates_of
+from horizonval.estimation.fit.templates import is_of_band, templates_of
 from horizonval.geometry import clock
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec

@@ -14,7 +14,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.spectral import bands
-from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
+from horizonval.estimation.fit.templates import LimbTemplates, shipped_templates
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.ellipsoid import geodetic_from_itrs, surface_normal
 from horizonval.geometry.frames import rotate

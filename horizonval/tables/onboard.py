@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.estimation.likelihood.templates import LimbTemplates, quantised
+from horizonval.estimation.fit.templates import LimbTemplates, quantised
 
 FEWEST_HEIGHTS = 8
 FAINT = 1e-3
@@ -181,7 +181,7 @@ BETWEEN = {
     "thermal": "Linear between nodes and heights",
     "solar": "Between nodes splines of the mean's root and of modes, linear between heights",
 }
-"""Nodes and heights, as :mod:`horizonval.estimation.likelihood.templates` has it."""
+"""Nodes and heights, as :mod:`horizonval.estimation.fit.templates` has it."""
 
 
 def header_text(table: LimbTemplates, comment: str) -> str:

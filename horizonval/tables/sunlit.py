@@ -48,7 +48,7 @@ from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.weather import real_states
 from horizonval.estimation.fit.heights import everywhere
-from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.estimation.fit.templates import LimbTemplates
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.earth import Atmosphere, CloudLayer, Surface
 from horizonval.spec.pose import CameraUse, Platform

@@ -51,7 +51,7 @@ from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.earth.weather import field
 from horizonval.earth.weather.field import WeatherField
 from horizonval.estimation.fit.heights import everywhere
-from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.estimation.fit.templates import LimbTemplates
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import rays_along_parallels
 from horizonval.spec.camera import Band

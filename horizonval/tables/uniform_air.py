@@ -31,7 +31,7 @@ from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands
 from horizonval.earth.surface.ground_emission import climate_ground, emitting_places, ground_k
 from horizonval.estimation.fit.heights import everywhere
-from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.estimation.fit.templates import LimbTemplates
 from horizonval.spec.camera import Band
 from horizonval.spec.earth import Atmosphere
 from horizonval.spec.pose import CameraUse, Platform

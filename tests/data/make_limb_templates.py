@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from horizonval.core.progress import Silent
-from horizonval.estimation.likelihood import templates
+from horizonval.estimation.fit import templates
 from horizonval.renderer.backend import activate
 from horizonval.spec.camera import Band
 from horizonval.spec.load import load_camera

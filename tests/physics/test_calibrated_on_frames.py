@@ -9,7 +9,7 @@ import pytest
 
 import horizonval as hv
 from horizonval.api.calibrate import observations_of
-from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
+from horizonval.estimation.fit.calibrate import CameraCalibration, calibrate
 
 SUITE = """
 [suite]

@@ -11,7 +11,7 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import bands
 from horizonval.earth.weather import real_states
-from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
+from horizonval.estimation.fit.templates import LimbTemplates, shipped_templates
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_geodetic
 from horizonval.spec.camera import Band, CameraGeometry, CameraSpec
 from horizonval.spec.earth import Atmosphere, Surface

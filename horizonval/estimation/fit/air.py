@@ -50,12 +50,12 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.fit.heights import correlations, everywhere, lengths_along
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.estimation.fit.templates import LimbTemplates
 from horizonval.geometry.rotation import off_axis_angle
 
-LEFT_OUT = 1e-5
-"""Neglected share of a mode's variance: 0.3 % of its standard deviation, below pixel noise. It moves the nadir by less
-than 0.003 standard deviations."""
+LEFT_OUT = 1e-4
+"""Neglected share of a mode's variance: 1 % of its standard deviation. It moves the nadir by up to 0.03 of its sigma in
+eleven frames, 1e-3 by up to 0.24."""
 BUMP_M = 6e3
 """Spacing of bumps: the correlation height of clouds and layers."""
 BUMP_HEIGHTS_M = (-15e3, 75e3)
@@ -67,8 +67,9 @@ LEAST_LEFT = 5e-5
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
 EARTH_RADIUS_M = 6.371e6
 POLE_ITRS = np.array([0.0, 0.0, 1.0])
-LEAST_APART = 0.05
-"""Size, relative to a mode's standard deviation, below which its second part is neglected."""
+LEAST_APART = 0.15
+"""Size, relative to a mode's standard deviation, below which its second part is neglected: it moves the nadir by 0.01
+of its sigma."""
 LEFT_LENGTH_RAD = 0.1
 """Correlation length along the limb of what the modes leave: between clouds and air."""
 

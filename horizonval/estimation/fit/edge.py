@@ -8,7 +8,7 @@ limb's height along it (:mod:`.edge_pixels`). The levels are eliminated within t
 An error of the lens moves the line of sight of a pixel as if the pixel were at another place in the image.
 
 **Neglected.** The change of the image scale over the distance itself, a thousandth per pixel where ``x`` is a few
-pixels, and over the half pixel that a pose moves the limb before pixels are chosen again.
+pixels, and, but for calibrations, over the half pixel that a pose moves the limb before pixels are chosen again.
 """
 
 from __future__ import annotations
@@ -67,7 +67,8 @@ class EdgePixels:
     Geometry: ``los_cam``: shape (3, n); ``offset``: shape (n,), angle inside the limb beyond that of the line of sight
     [rad]; ``by_lens``: shape (4, n), its change by errors of the lens; ``lens``: shape (4,), those with which the lines
     of sight are; ``scale``: shape (n,), image scale across the limb [rad/px]; ``bend``: shape (n,), divergence of the
-    distance's gradient [1/px].
+    distance's gradient [1/px]; ``scale_changes``: shape (11, n), relative changes of the scale by a step of ``pose``
+    and lens, None where they are neglected.
 
     Heights: ``lift_m``: shape (n,), known, above the pose's limb; ``modes``: shape (k, n), of the air's unknowns [m].
     """
@@ -86,6 +87,8 @@ class EdgePixels:
     by_lens: FloatArray
     lens: FloatArray
     scale: FloatArray
+    scale_changes: FloatArray | None
+    pose: LimbPose
     bend: FloatArray
     lift_m: FloatArray
     modes: FloatArray
@@ -128,6 +131,7 @@ class _Edge:
     blur: FloatArray
     edge: EdgeProfile
     soft: FloatArray | None
+    scale: FloatArray
     basis: FloatArray
 
 
@@ -265,7 +269,7 @@ class EdgeModel:
         self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_SCALE_STEP * float(own[1]))
         lift, change = brightness(look.of_pixel, seen.x, pixels.along)
         by_x = lift * seen.edge.slope + change * seen.edge.level
-        per_rad = by_x / pixels.scale
+        per_rad = by_x / seen.scale
         by_height = seen.angle.by_height * per_rad
         jacobian = np.empty((SCALE + 1 + len(pixels.modes), len(by_x)))
         jacobian[:3] = seen.angle.by_rotation * per_rad
@@ -275,6 +279,10 @@ class EdgeModel:
         jacobian[BLUR] = blur**2 * (lift * seen.edge.by_blur / seen.blur + by_x * pixels.bend)
         jacobian[SCALE] = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft
         jacobian[SCALE + 1 :] = pixels.modes * by_height
+        if pixels.scale_changes is not None:
+            # A larger scale draws distance and softness together.
+            by_scale = by_x * (seen.x - 0.5 * blur**2 * pixels.bend) + jacobian[SCALE] * own[1]
+            jacobian[:BLUR] -= by_scale * pixels.scale_changes
         return EdgeLinear(jacobian, eliminated(jacobian, seen.basis, weights, pixels.sectors, self._spread))
 
     def _seen(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> _Edge:
@@ -294,16 +302,20 @@ class EdgeModel:
         delta = angle.delta + pixels.offset + angle.by_height * lift
         if (lens != pixels.lens).any():
             delta = delta + (lens - pixels.lens) @ pixels.by_lens
-        x = delta / pixels.scale + 0.5 * blur**2 * pixels.bend
+        scale = pixels.scale
+        if pixels.scale_changes is not None:
+            step = np.concatenate([pixels.pose.step_to(pose), lens - pixels.lens])
+            scale = scale * np.exp(step @ pixels.scale_changes)
+        x = delta / scale + 0.5 * blur**2 * pixels.bend
         soft = None
         if known.soft:
             # The ray at the angle y outside has its lowest point y tan(rho) / 2 of its height below the tangent's
             # straight line: 0.4 % at 8 km seen from 500 km, 2 arcsec.
             sag = 1.0 + 0.5 * np.minimum(angle.delta, 0.0) * axes[0] * angle.by_height
-            soft = angle.by_height / (pixels.scale * np.maximum(sag, LEAST_SAG))
+            soft = angle.by_height / (scale * np.maximum(sag, LEAST_SAG))
         wide = np.sqrt(blur**2 + pixels.wide_px2)
         edge = edge_profile(x, wide, None if soft is None else scale_m * soft)
-        return _Edge(angle, x, wide, edge, soft, light_basis(edge.level, x, pixels.along))
+        return _Edge(angle, x, wide, edge, soft, scale, light_basis(edge.level, x, pixels.along))
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, oblate_limbs
 from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
-from horizonval.estimation.fit.image import Chosen, ShotState
+from horizonval.estimation.fit.image import LENS, POSE, Chosen, ShotState
 from horizonval.estimation.fit.known import ArcPlaces, LimbKnowledge
 from horizonval.estimation.fit.levels import from_widest_gap, sectors_of
 from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES
@@ -39,6 +39,7 @@ from horizonval.estimation.fit.pixels import (
     LimbAngle,
     NearPixels,
     gradient,
+    image_scale,
     in_view,
     limb_angle,
     limb_bend,
@@ -47,7 +48,7 @@ from horizonval.estimation.fit.pixels import (
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.limb.picture import rounding_variance
-from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.rotation import tangent_basis
 
 BLURS = 3.0
@@ -70,6 +71,8 @@ of the step over a slope of 0.5 of the step per pixel. With equal pixels it acts
 the limb."""
 DARKEST_SIGMA_RAD = 0.3
 """Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
+STEP_PX = 0.5
+"""Step of the limb in the image for differences of the image scale, which changes over a hundred pixels."""
 MOST_PIXELS = 6000
 """Number of pixels and cells of an image from which it is fitted by cells."""
 CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
@@ -93,11 +96,14 @@ class EdgeChooser:
     """Chooses the pixels of all images of a shot.
 
     ``knowledge``: of the limb, in the axes of the body; ``whole``: share of the profile across the limb that must be in
-    the picture.
+    the picture; ``scaled``: whether the image scale follows pose and lens: a shift of the principal point and a turn
+    move the limb alike, and differ by its change.
     """
 
-    def __init__(self, images: Sequence[EdgeImage], knowledge: LimbKnowledge, whole: float = 0.0) -> None:
-        self.images, self.knowledge, self._whole = tuple(images), knowledge, whole
+    def __init__(
+        self, images: Sequence[EdgeImage], knowledge: LimbKnowledge, whole: float = 0.0, *, scaled: bool = False
+    ) -> None:
+        self.images, self.knowledge, self._whole, self._scaled = tuple(images), knowledge, whole, scaled
         # The scale height is common to all images, each of which states its share of what is known of it.
         share = float(np.sqrt(len(self.images)))
         self.known = EdgeKnown(
@@ -121,7 +127,8 @@ class EdgeChooser:
     ) -> Chosen:
         """Return the pixels near the limb at a state."""
         pose = state.pose
-        if self._basis_body is None:
+        if self._basis_body is None or before is None:
+            self._heights = None
             self._basis_body = tangent_basis(pose.nadir_cam)
         limbs = []
         for one, own in zip(self.images, state.own, strict=True):
@@ -130,7 +137,7 @@ class EdgeChooser:
         if self._heights is None:
             self._heights = _heights(limbs, pose, self.knowledge)
             state = replace(state, air=np.zeros(self._heights.count))
-        models = [_model(limb, pose, self._heights, self.known) for limb in limbs]
+        models = [_model(limb, pose, self._heights, self.known, self._scaled) for limb in limbs]
         columns = [np.arange(self._heights.count)] * len(models)
         return Chosen(models, columns, state, [None] * len(models))
 
@@ -144,6 +151,7 @@ class _Limb:
     """
 
     one: EdgeImage
+    camera: CameraModel
     near: NearPixels
     lens: FloatArray
     angle: LimbAngle
@@ -204,6 +212,7 @@ def _limb(
     to_column, to_row = _by_lens_px(camera, near)
     return _Limb(
         one,
+        camera,
         near,
         lens,
         angle,
@@ -229,13 +238,41 @@ def _by_lens_px(camera: CameraModel, near: NearPixels) -> tuple[FloatArray, Floa
     return np.array([column, one, none, bent[0]]), np.array([row, none, one, bent[1]])
 
 
-def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown) -> EdgeModel:
+def _scale_changes(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:
+    """Return the relative changes of the image scale by pose and lens, shape (11, n), as central differences."""
+    camera, near = limb.camera, limb.near
+    pixel_m = float(np.median(limb.pixel_m))
+    pixel_rad = 1.0 / max(camera.fx, camera.fy)
+    sizes = STEP_PX * np.array([*[pixel_rad] * 3, *[pixel_m] * 4, pixel_rad, 1.0, 1.0, 1.0])
+    bends = camera.projection != "equal_angle"
+    sides = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    around = np.column_stack([near.columns, near.rows]) + sides[:, None]
+
+    def scale(step: FloatArray) -> FloatArray:
+        lens, moved, seen = step[POSE:], pose.moved(step[:POSE]), near
+        if lens.any():
+            changed = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
+            los, right, left, below, above = unproject(changed, around).transpose(0, 2, 1)
+            seen = replace(near, los_cam=los, by_column=0.5 * (right - left), by_row=0.5 * (below - above))
+        angle = limb_angle(seen.los_cam, moved.cam_from_itrs, moved.r_itrs, known.axes_m + moved.height_m)
+        return image_scale(angle, seen.by_column, seen.by_row)
+
+    changes = np.zeros((POSE + LENS, len(limb.scale)))
+    for number, step in enumerate(np.diag(sizes)[: len(sizes) - (not bends)]):
+        changes[number] = (scale(step) - scale(-step)) / (2.0 * sizes[number] * limb.scale)
+    return np.nan_to_num(changes)
+
+
+def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown, scaled: bool) -> EdgeModel:
     """Return the model of an image's pixels, those in excess gathered in cells."""
     near, angle, some = limb.near, limb.angle, limb.on_limb
     pose = body.of_camera(limb.one.cam_from_body)
     values = np.asarray(limb.one.image[near.rows, near.columns], dtype=np.float64)
     place = np.array([near.columns, near.rows])
-    each = np.concatenate([near.los_cam, limb.by_lens, [limb.scale, angle.delta, angle.by_height, values], place])
+    changes = _scale_changes(limb, pose, known) if scaled else np.zeros((0, len(values)))
+    each = np.concatenate(
+        [near.los_cam, limb.by_lens, [limb.scale, angle.delta, angle.by_height, values], place, changes]
+    )
     azimuth, counts, wide = limb.azimuth, np.ones(len(values)), np.zeros(len(values))
     gathered = len(values) > MOST_PIXELS
     if gathered:
@@ -243,7 +280,7 @@ def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown) -> 
     sectors = sectors_of(azimuth, limb.limb_px, limb.limb_rad)
     order = sectors.order
     each, azimuth = np.ascontiguousarray(each[:, order]), azimuth[order]
-    los, by_lens, (scale, delta, by_height, values_of, columns, rows) = each[:3], each[3:7], each[7:]
+    los, by_lens, (scale, delta, by_height, values_of, columns, rows), changes = np.split(each, [3, 7, 13])
     offset = np.zeros(len(order))
     if gathered:
         axes = known.axes_m + pose.height_m
@@ -268,6 +305,8 @@ def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown) -> 
         by_lens=by_lens,
         lens=limb.lens,
         scale=scale,
+        scale_changes=changes if scaled else None,
+        pose=pose,
         bend=_bend(limb, pose, known, azimuth),
         lift_m=lift,
         modes=modes,

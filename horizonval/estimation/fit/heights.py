@@ -17,7 +17,7 @@ Equal lengths give ``exp(-d^2 / (2 l^2))``. Both matrices have the same form, so
     D = (1 + b_i / a) (1 + b_j / a) - b_i b_j g^2 / a^2,      |S_m| = a^3 D
     d^T S_m^-1 d = d^2 / a - (b_i (1 + b_j / a) p^2 - 2 b_i b_j g p q / a + b_j (1 + b_i / a) q^2) / (a^2 D)
 
-**Sunlit profiles as one camera sees them.** The profiles (:mod:`horizonval.estimation.likelihood.templates`) are
+**Sunlit profiles as one camera sees them.** The profiles (:mod:`horizonval.estimation.fit.templates`) are
 tabulated by the Sun's angles at the *lowest point* of each line. The lowest point of a line at the height ``h`` lies
 the angle ::
 
@@ -69,7 +69,7 @@ from horizonval.estimation.fit.light import (
     edge_profile,
     light_basis,
 )
-from horizonval.estimation.likelihood.templates import MONTHS, LimbTemplates, shipped_templates
+from horizonval.estimation.fit.templates import MONTHS, LimbTemplates, shipped_templates
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
 
 AT_POLE = 1e-9

@@ -23,7 +23,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -35,7 +35,7 @@ from horizonval.estimation.fit.known import placed_knowledge
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import ProfileKnowledge
 from horizonval.estimation.fit.profile_pixels import NoLimbError, ray_height
-from horizonval.estimation.likelihood.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
+from horizonval.estimation.fit.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
 from horizonval.estimation.limb.finder import picture_of
 from horizonval.estimation.limb.picture import Picture, pixel_directions
 from horizonval.estimation.observation import Lens, Observation
@@ -48,8 +48,9 @@ from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
 COARSE_PX = 56
 """Longer side of the coarse copy [px], with some thousand pixels."""
-FIRST_PX = 500
-"""Number of pixels of the coarse copy compared with the first grid; blurred by the grid's step it shows no more."""
+FIRST_PX, FINER_PX = 250, 800
+"""Numbers of pixels of the coarse copy compared with the first grid and the finer ones; blurred by the grid's step it
+shows no more."""
 REACH_SIGMA = 3.5
 """Range of the tilt search in prior sigmas: all but one of five hundred."""
 STEPS = 10
@@ -97,11 +98,16 @@ def start_pose(
     step = REACH_SIGMA * tilt_sigma_rad / STEPS
     best, score, reach = np.zeros(2), -np.inf, STEPS
     finest = max(FINEST_M / to_limb, FINEST_PX * pixel_rad)
-    every = max(1, len(values) // FIRST_PX) | 1
-    seen = _Seen(values, los, light, radius, bin_ * len(grid))
-    first = _Seen(*(part[..., ::every] for part in (values, los, light, radius, bin_ * len(grid))))
+    pixels = (values, los, light, radius, bin_ * len(grid))
+    first, seen = (
+        _Seen(*(part[..., :: max(1, len(values) // most) | 1] for part in pixels)) for most in (FIRST_PX, FINER_PX)
+    )
     while True:
-        blurred = gaussian_filter1d(table, max(step, pixel_rad) * to_limb * 0.5 / GRID_M, axis=1, mode="nearest")
+        # Three running means are as good as a Gaussian.
+        width = 1 + int(max(step, pixel_rad) * to_limb / GRID_M)
+        blurred = table
+        for _ in range(3):
+            blurred = uniform_filter1d(blurred, width, axis=1, mode="nearest")
         offsets = step * np.arange(-reach, reach + 1)
         tilts = best + np.array(np.meshgrid(offsets, offsets)).reshape(2, -1).T
         nadirs = n + tilts @ across.T

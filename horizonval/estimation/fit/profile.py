@@ -83,8 +83,6 @@ LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
 derivatives."""
 EIGHTHS = 9
 """Places along a side of a grid of every eighth pixel."""
-SMALL_IMAGES = 16
-"""Pixels of an image per pixel near its limb that is asked for: the limb of a wide view has fewer."""
 LEAST_TAPER = 1e-3
 """Smallest weight of a pixel below the window: as good as none."""
 
@@ -169,9 +167,7 @@ class ProfileModel:
     ) -> None:
         self.pose, self.lens, self.knowledge, self.camera = pose, lens.copy(), knowledge, camera
         self.tighter = tighter
-        # Small images are not worth a choice of their own.
-        self.thinned = most is not None and camera.width * camera.height > SMALL_IMAGES * most
-        most = most if self.thinned else None
+        self.thinned = most is not None
         _, high = knowledge.heights_m
         axes = knowledge.ellipsoid.axes_m
         to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)

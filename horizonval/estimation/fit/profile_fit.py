@@ -8,10 +8,6 @@ were known, and one of the air. If the air is inconsistent with its prior, the s
 the degrees of freedom that the pixels determine, ``tr(1 - C_z)``. Where the excess is more than two standard deviations
 the air's part is multiplied by the ratio of the two (Birge's).
 
-**Position.** The altitude has moved by ``d`` from a prior of sigma ``s``, and is left with ``p``. By chance ``d`` has
-the variance ``s^2 - p^2``; beyond :data:`PULLED` of its roots the prior is taken to be as wrong as the image says, ``d
-s^2 / (s^2 - p^2)``, and the claim has what this makes of the pose.
-
 **Lens.** Lenses soften towards the corners as the angle squared. The growth of ``ln s`` over the limb in view is no
 unknown of the fit; it is the step that it would take from there as one more unknown::
 
@@ -27,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.bundle import Bundle, Shot, ShotPrior
+from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
 from horizonval.estimation.fit.image import LENS, POSE, ShotState
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pose import LimbPose
@@ -42,10 +38,16 @@ from horizonval.estimation.fit.profile import (
 )
 from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
 
-OPTIONS = SolverOptions(stages=(Stage(pixels=6000, tighter=10.0, tolerance=1.0), Stage()), reweighed=0.5, frozen=0.1)
+OPTIONS = SolverOptions(
+    stages=(Stage(pixels=2400, tighter=10.0, tolerance=1.0, reselect_px=3.0), Stage()),
+    near=0.5,
+    reweighed=0.5,
+    frozen=0.3,
+)
 """First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
-clouds soften it, more increases the dependence on the start. Its pixels are enough to be within a tenth of a pixel.
-Equations are made again after a third of a sigma: what air and height have in common is seen by their difference."""
+clouds soften it, more increases the dependence on the start. A third of its pixels see the profile, enough to be within
+a tenth of a pixel. Equations are made again after half a sigma: what air and height have in common is large, and seen
+by its difference."""
 NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
 """To about a standard deviation."""
 GROWTH_SIGMA = 0.5
@@ -53,9 +55,6 @@ GROWTH_SIGMA = 0.5
 MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
 """Largest change of ln blur over the limb in view, and its significance. A lens with 0.6 px on the axis and 1.1 px in
 the corners shows 0.36 to 0.57 and biases the nadir; one with uniform blur shows below 0.12."""
-PULLED, LEAST_LEARNT = 3.0, 1e-3
-"""Pull of the altitude's prior, in what chance makes of it, from which the claim is widened: chance alone exceeds it in
-0.3 % of frames. And share of its variance that the image must have taken away."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared beyond which its excess is no chance."""
 
@@ -113,15 +112,22 @@ def profile_shot(images: Sequence[ProfileImage], prior: ShotPrior, start: LimbPo
 
 
 def fit_profiles(
-    images: Sequence[ProfileImage], prior: ShotPrior, start: LimbPose, options: SolverOptions = OPTIONS
+    images: Sequence[ProfileImage],
+    prior: ShotPrior,
+    start: LimbPose,
+    options: SolverOptions = OPTIONS,
+    lens_sigmas: FloatArray | None = None,
 ) -> ProfileFit:
     """Fit one pose and one air to images of one instant.
 
-    ``images``: linear in radiance, NaN where missing; ``prior``, ``start``: of the body's pose. Raises ``LinAlgError``:
-    too little limb in view, no radiance there, or no convergence.
+    ``images``: linear in radiance, NaN where missing; ``prior``, ``start``: of the body's pose; ``lens_sigmas``: shape
+    (4,), of errors of the lens that all images share. Raises ``LinAlgError``: too little limb in view, no radiance
+    there, or no convergence.
     """
-    shot = profile_shot(images, prior, start)
-    return fit_of_shot(shot, solve(Bundle([shot]), options))
+    shot, sigmas = profile_shot(images, prior, start), np.zeros(SHARED)
+    if lens_sigmas is not None:
+        sigmas[:LENS] = lens_sigmas
+    return fit_of_shot(shot, solve(Bundle([shot], sigmas), options))
 
 
 def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
@@ -133,7 +139,9 @@ def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     looks = [look for look in seen.looks if isinstance(look, ProfileLook)]
     known, covariance = found.known[:POSE, :POSE], found.covariance[:POSE, :POSE]
     squares, determined = float(state.air @ state.air), len(state.air) - found.air_open
-    of_air = (covariance - known) * strained(squares, determined) + pulled(shot.prior, state.pose, covariance)
+    of_air = (covariance - known) * strained(squares, determined)
+    by_lens = found.by_shared[:POSE, :LENS]
+    of_air += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
     growths = [_growth(shot, solution, k) for k in range(len(models))]
     growth, growth_sigma = max(growths, key=lambda one: abs(one[0]) / one[1])
     weights = [noise.weights(look.residuals) for noise, look in zip(noises, looks, strict=True)]
@@ -170,21 +178,6 @@ def strained(squares: float, determined: float) -> float:
     """
     ratio = squares / max(determined, 1e-300)
     return ratio if determined > 0.0 and ratio > 1.0 + SCATTERED * np.sqrt(2.0 / determined) else 1.0
-
-
-def pulled(prior: ShotPrior, pose: LimbPose, covariance: FloatArray) -> FloatArray:
-    """Return what the image has against the altitude that is known, as a covariance of the pose, shape (7, 7)."""
-    up = np.zeros(POSE)
-    up[3:6] = pose.r_itrs / np.linalg.norm(pose.r_itrs)
-    information = float(up @ prior.information @ up)
-    along = covariance @ up
-    left = float(up @ along)
-    learnt = 1.0 / information - left if information > 0.0 else 0.0
-    moved = -float(up @ prior.wanted(pose, np.zeros(0)))
-    if not learnt > LEAST_LEARNT / information or abs(moved) <= PULLED * np.sqrt(learnt):
-        return np.zeros((POSE, POSE))
-    wrong = moved / information / learnt * along / left
-    return np.outer(wrong, wrong)
 
 
 def _growth(shot: Shot, solution: Solution, image: int) -> tuple[float, float]:

@@ -126,7 +126,7 @@ MOST_ROWS = 6000
 """Pixels or groups of them: noise of 1 % in each leaves 0.01 % of the limb's step in their mean."""
 GROUP_PX = 0.25
 """Largest difference of the heights in a group: 0.005 px^2, a hundredth of a lens's blur."""
-CANDIDATES = 40
+CANDIDATES = 5
 """Of the pixels near a limb, times :data:`MOST_ROWS`, are looked at: more are thinned out evenly."""
 
 

@@ -27,12 +27,14 @@ class Stage:
 
     ``pixels``: about how many per image, None for all; ``tighter``: factor on the priors' information on the blur,
     above 1 where the lens is held at first; ``tolerance``: length of a step, in its own standard deviations, that ends
-    the stage; ``settle``: whether the noise is estimated again on the way.
+    the stage; ``reselect_px``: motion of the limb after which the pixels are chosen again; ``settle``: whether the
+    noise is estimated again on the way.
     """
 
     pixels: int | None = None
     tighter: float = 1.0
     tolerance: float = 0.05
+    reselect_px: float = 0.5
     settle: bool = True
 
 
@@ -45,8 +47,7 @@ class SolverOptions:
     share of the predicted gain above which derivatives stay frozen; ``frozen``: square of a step up to which they do;
     ``most_cuts``, ``least_share``: how often a step that gains nothing is shortened, and to which share of it;
     ``first_damping``, ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does not help;
-    ``rounding``: loss of merit that counts as none [sigma^2]; ``reselect_px``: motion of the limb after which the
-    pixels are chosen again.
+    ``rounding``: loss of merit that counts as none [sigma^2].
     """
 
     stages: tuple[Stage, ...] = (Stage(),)
@@ -62,7 +63,6 @@ class SolverOptions:
     damping_factor: float = 10.0
     most_damping: float = 1e8
     rounding: float = 1e-3
-    reselect_px: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class _Search:
             if damping > 0.0:
                 damping = damping / options.damping_factor if damping > options.first_damping else 0.0
                 solved = None
-            if self.moved_px > options.reselect_px:
+            if self.moved_px > stage.reselect_px:
                 self._choose(stage)
                 solved, before = None, None
             elif stage.settle and not steady:
@@ -167,7 +167,7 @@ class _Search:
                 # A first stage ends as soon as it is near.
                 steady = change < (options.steady if last else options.near)
                 if change > options.reweighed:
-                    solved = None
+                    solved, before = None, None
         if step is None or step.square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
         return equations

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
@@ -24,17 +22,17 @@ def contradicted(claim: Fit, observation: Observation, rho_rad: float, variance:
     if off is not None:
         reason = f"the angular radius is {np.degrees(off):+.2f} deg from that of the known altitude"
         return Refusal(Outcome.AMBIGUOUS, reason, claim.points)
-    known = _known_nadir(observation)
-    if known is None:
+    if observation.prior.rough_nadir is None:
         return None
-    there, spread = known
-    basis = tangent_basis(np.asarray(claim.nadir_cam))
-    apart = basis.T @ (there - np.asarray(claim.nadir_cam))
-    spread = basis.T @ (claim.total_covariance_nadir_cam + spread) @ basis
+    known, sigma = observation.prior.rough_nadir
+    nadir = np.asarray(claim.nadir_cam)
+    basis = tangent_basis(nadir)
+    apart = basis.T @ (known - nadir)
+    spread = basis.T @ claim.total_covariance_nadir_cam @ basis + sigma**2 * np.eye(2)
     # Beyond a right angle the difference of two unit vectors gets no longer across the first one.
-    if there @ claim.nadir_cam > 0.0 and apart @ np.linalg.solve(spread, apart) <= limits.AGREEMENT**2:
+    if known @ nadir > 0.0 and apart @ np.linalg.solve(spread, apart) <= limits.AGREEMENT**2:
         return None
-    degrees = np.degrees(angle_between(there, np.asarray(claim.nadir_cam)))
+    degrees = np.degrees(angle_between(known, nadir))
     return Refusal(Outcome.AMBIGUOUS, f"the nadir lies {degrees:.1f} deg from that of the known attitude", claim.points)
 
 
@@ -59,18 +57,3 @@ def _altitude_off(observation: Observation, rho_rad: float, variance: float) -> 
     low, high = (height * np.tan(expected) / radius for height in limb_height_m(observation.band_kind))
     off = rho_rad - expected
     return None if low - slack <= off <= high + slack else off
-
-
-def _known_nadir(observation: Observation) -> tuple[FloatArray, FloatArray] | None:
-    """Return the nadir of a known attitude and position, and its covariance (3, 3); None without them."""
-    prior = observation.prior
-    if prior.r_itrs is None or prior.q_cam_from_itrs is None:
-        return None
-    assert prior.position_sigma_m is not None
-    assert prior.attitude_sigma_rad is not None
-    distance = float(np.linalg.norm(prior.r_itrs))
-    known = -Rotation.from_quat(prior.q_cam_from_itrs).as_matrix() @ prior.r_itrs / distance
-    cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
-    turn = cam_from_body @ np.diag(prior.attitude_sigma_rad**2) @ cam_from_body.T
-    moved = np.cross(known, np.eye(3))
-    return known, moved.T @ turn @ moved + (prior.position_sigma_m / distance) ** 2 * np.eye(3)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.stats import binom
 
 from horizonval.core.arrays import FloatArray
@@ -290,12 +291,14 @@ RIVAL_WIDTH_PX = 3
 """Half-width of the window in which an edge is a step; an edge blurred by 0.7 px extends over two pixels."""
 RIVAL_STEP = 0.5
 """Smallest step of a rival relative to the limb's: half is the level at which edges are located."""
+RIVAL_PLACES = 2 * RIVAL_WIDTH_PX + 1
+"""Distances that count as one."""
 COIN = 0.1
 """Chance, under random signs, of as many sectors with a step, below which they count as a limb."""
 
 
 def second_limb(points: TrustedPoints) -> Refusal | None:
-    """Refuse a limb that has a second one of its kind beside it, out of reach of the air.
+    """Refuse a limb with a second one parallel to it, out of reach of the air.
 
     The limb in view is cut into sectors. A sector shows a second limb where its mean profile has a step of at least
     half of that at the limb and of the same sign.
@@ -323,8 +326,9 @@ def second_limb(points: TrustedPoints) -> Refusal | None:
         limb = np.nanmax(np.where(np.abs(places) <= RIVAL_WIDTH_PX, steps, -np.inf), axis=1, initial=-np.inf)
         lit = limb >= FADED_SHARE * np.percentile(limb, 90.0)
         far = np.abs(places) >= max(RIVAL_WIDTH_PX, air_px) + RIVAL_WIDTH_PX
-        shown = lit & (steps[:, far] >= RIVAL_STEP * limb[:, None]).any(axis=1)
-    due, rivals = int(lit.sum()), int(shown.sum())
+        shown = lit[:, None] & far & (steps >= RIVAL_STEP * limb[:, None])
+    # Single hot pixels lie anywhere, a second limb at one distance in most sectors.
+    due, rivals = int(lit.sum()), int(maximum_filter1d(shown, RIVAL_PLACES, axis=1).sum(axis=0).max())
     if rivals <= binom.isf(COIN, due, 0.5):
         return None
-    return Refusal(Outcome.AMBIGUOUS, f"{rivals} of {due} sectors show a second limb beside the first")
+    return Refusal(Outcome.AMBIGUOUS, f"{rivals} of {due} sectors show a second limb next to the first")

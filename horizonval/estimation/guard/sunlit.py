@@ -12,7 +12,7 @@ a Gaussian of ``s`` it falls at ``x`` by ::
 
 with ``Phi`` the normal distribution. The maximum on a grid is refined by a parabola.
 
-**Sun's angles along the limb.** The profiles (:mod:`horizonval.estimation.likelihood.templates`) are tabulated by the
+**Sun's angles along the limb.** The profiles (:mod:`horizonval.estimation.fit.templates`) are tabulated by the
 Sun's angles at the *lowest point* of each line. The lowest point of a line at the height ``h`` lies the angle ::
 
     d = acos((R + h) / r) - acos(R / r)
@@ -52,7 +52,7 @@ from horizonval.estimation.fit.heights import (
     seen_from,
     without_clouds,
 )
-from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
+from horizonval.estimation.fit.templates import LimbTemplates, shipped_templates
 from horizonval.estimation.limb.cone import cone_gain
 from horizonval.estimation.limb.steepest import SIGMA_PX, inwards_of
 from horizonval.geometry.camera import CameraModel, project

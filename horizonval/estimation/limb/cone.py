@@ -1,7 +1,7 @@
 """How well points of a limb determine the cone fitted to them.
 
 The fit itself is :func:`horizonval.geometry.horizon.fit_cone`. Its residual ``u . n - cos rho`` is ``sin rho`` times
-the angle between the point and the fitted limb, for every point alike. With ``t`` the unit direction from the axis
+the angle between the point and the fitted limb, for every point. With ``t`` the unit direction from the axis
 towards a point, an angle ``e`` of the point outwards moves axis and half-angle by the least-squares solution of
 ``t . dn + drho = e``.
 """

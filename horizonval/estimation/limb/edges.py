@@ -61,11 +61,9 @@ class Edges:
 
 
 def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STRONG_SHARE) -> Edges:
-    """Return the Canny points of an eight-bit image, those within ``rim_px`` of its outer rim left out.
+    """Return the Canny points of an eight-bit image (H, W), those within ``rim_px`` of its outer rim left out.
 
-    ``image8``: shape (H, W); ``rim_px``: edges of a picture's own frame, and points without room for a sub-pixel
-    window, lie there; ``strong_share``: of the image's own strong gradients: the upper threshold is at least that.
-    Little, where a later step decides what belongs to the limb.
+    ``strong_share``: the upper threshold is at least that share of the image's own strong gradients.
     """
     smooth = cv2.GaussianBlur(image8, (0, 0), BLUR_SIGMA_PX)
     dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
@@ -104,22 +102,11 @@ def half_window(shape: tuple[int, ...]) -> int:
     return int(np.clip(min(shape) // 8, 2, HALF_WINDOW_PX))
 
 
-def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
-    """Move whole-pixel edge points to sub-pixel positions.
+def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Return sub-pixel positions (m, 2) of whole-pixel edge points (n, 2), at least ``half_window + 1`` from the rim.
 
-    ``image`` (shape (H, W)): linear grey levels (not the eight-bit copy). ``uv`` (shape (n, 2)): Whole-pixel (column,
-    row), at least ``half_window + 1`` from the rim. ``gradient`` (shape (n, 2)): unit gradient.
-
-    Returns
-    -------
-    uv : ndarray, shape (m, 2)
-        Refined points, m <= n: points whose profile holds no edge near its middle are left out, and so is the second
-        of two points that became the same.
-    kept : ndarray of int, shape (m,)
-        Their rows in the input.
-    sharpness : ndarray, shape (m,)
-        Largest rise over two pixels across the edge, as a share of the step from end to end of the window: 1 for a
-        hard edge, near 2 / (2 half - 2) for a ramp.
+    Points whose profile holds no edge near its middle are left out, and so is the second of two points that became the
+    same. ``image``: shape (H, W), linear grey levels (not the eight-bit copy); ``gradient``: shape (n, 2), unit.
     """
     half = half_window(image.shape)
     vertical = np.abs(gradient[:, 1]) >= np.abs(gradient[:, 0])
@@ -147,18 +134,15 @@ def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> tuple[Flo
     kept = np.flatnonzero(good)
     key = np.column_stack([vertical[kept], fixed[kept], centre[kept]])
     _, first = np.unique(key, axis=0, return_index=True)
-    kept = kept[np.sort(first)]
-    # Two samples along the column are closer across a slanted edge: cos(slant) of the distance.
-    slant = np.maximum(np.abs(gradient[:, 0]), np.abs(gradient[:, 1]))
-    rise = np.abs(profile[:, 2:] - profile[:, :-2]).max(axis=1) / np.where(step == 0, np.inf, np.abs(step)) / slant
-    return out[kept], kept, rise[kept]
+    return np.asarray(out[kept[np.sort(first)]])
 
 
 def _profiles(
     image: FloatArray, vertical: NDArray[np.bool_], fixed: NDArray[np.int64], centre: NDArray[np.int64], half: int
 ) -> FloatArray:
-    k = np.arange(-half, half + 1)
-    moving = centre[:, None] + k
-    rows = np.where(vertical[:, None], moving, fixed[:, None])
-    columns = np.where(vertical[:, None], fixed[:, None], moving)
+    moving = centre[:, None] + np.arange(-half, half + 1)
+    rows, columns = (
+        np.where(vertical[:, None], moving, fixed[:, None]),
+        np.where(vertical[:, None], fixed[:, None], moving),
+    )
     return np.asarray(image[rows, columns], dtype=np.float64)

@@ -44,7 +44,7 @@ PROFILES = 4
 MOST_SECTORS = 64
 """More would tell no more of three unknowns and cost more: 256 profiles."""
 FEWEST_KNOWN = 0.75
-"""Smallest share of known samples in a sector."""
+"""Smallest share of known samples in a profile."""
 INNERMOST = 2
 """Pixels of a profile that tell the Earth from a bright line."""
 MISFIT_SHARE = 0.03
@@ -108,12 +108,11 @@ def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_ra
     reach = inner_reach(trace, rho_rad, level.scale)
     offsets = np.arange(-REACH_PX, reach + 1.0)
     profiles, known = read_profiles(level, trace, offsets)
-    used = sectors * PROFILES
-    mean, good = _sector_means(
-        profiles[:used].reshape(sectors, PROFILES, -1), known[:used].reshape(sectors, PROFILES, -1), offsets
-    )
+    shape = (sectors, PROFILES, len(offsets))
+    good = enough_known(np.asarray(known[: sectors * PROFILES].reshape(shape).any(axis=1)), offsets)
     if not good.any():
         return None
+    mean = profiles[: sectors * PROFILES].reshape(shape).mean(axis=1)[good]
     widths = allowed_widths(trace, rho_rad, level.scale)
     log_ratio, step, space, shift, width = _compared(mean, reach, widths, level.noise / np.sqrt(PROFILES))
     bright = bool(np.sum(np.where(log_ratio > 0.0, log_ratio, 0.0) * np.sign(step)) > 0.0)
@@ -155,27 +154,10 @@ def read_profiles(level: PyramidLevel, trace: Trace, offsets: FloatArray) -> tup
     return level.at(places)
 
 
-def _sector_means(
-    profiles: FloatArray, known: NDArray[np.bool_], offsets: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the means (g, k) of sectors' profiles (m, p, k) where enough of them is known, and where that is, (m,)."""
-    if known.all():
-        return profiles.mean(axis=1), np.ones(len(profiles), dtype=bool)
-    count = known.sum(axis=1)
-    total = np.where(known, profiles, 0.0).sum(axis=1)
+def enough_known(known: NDArray[np.bool_], offsets: FloatArray) -> NDArray[np.bool_]:
+    """Return which profiles (n, k) are measured at their middle and mostly elsewhere."""
     middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
-    good = (count > 0).mean(axis=1) >= FEWEST_KNOWN
-    good &= (count[:, middle] > 0).all(axis=1)
-    return _without_gaps(total[good] / np.maximum(count[good], 1), count[good] > 0), good
-
-
-def _without_gaps(mean: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """Return profiles with unknown samples at the level of the nearest known one."""
-    place = np.arange(mean.shape[1])
-    before = np.maximum.accumulate(np.where(known, place, -1), axis=1)
-    behind = np.minimum.accumulate(np.where(known, place, 10**6)[:, ::-1], axis=1)[:, ::-1]
-    nearest = np.where((before >= 0) & (place - before <= behind - place), before, np.minimum(behind, place[-1]))
-    return np.take_along_axis(mean, nearest, axis=1)
+    return np.asarray((known.mean(axis=1) >= FEWEST_KNOWN) & np.all(known[:, middle], axis=1))
 
 
 @cache

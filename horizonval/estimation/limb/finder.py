@@ -432,7 +432,7 @@ def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | 
         return picture
     rim = half_window(picture.grey.shape) + 1
     edges = _inside_image_circle(find_edges(picture.eight_bit, rim), camera, rim)
-    return _seen(refine(picture.grey, edges.uv, edges.gradient)[0], camera)
+    return _seen(refine(picture.grey, edges.uv, edges.gradient), camera)
 
 
 def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:

@@ -11,7 +11,7 @@ height.
 **Shading.** Where air softens the limb, ``S = E x``. On bare ground the radiance an angle ``x`` inside the limb goes as
 ``L + c sqrt(x)``, because the arc from the tangent point does; a straight line in its place is off by some hundredths
 of a pixel. On an edge as sharp as the lens, ``S`` is therefore that root, blurred. Its ``c`` would raise the noise of a
-single profile several times. On a Lambert sphere it is linear in the limb's direction ``t`` about the nadir, and three
+single profile several times. On a Lambert sphere it is linear in the limb's direction about the nadir, and three
 numbers suffice for all profiles.
 
 **Edges sharper than the lens.** Between pixels that an edge cuts hard, interpolation errs by up to a tenth of a pixel,
@@ -37,6 +37,7 @@ from horizonval.estimation.limb.evidence import (
     REACH_PX,
     SHIFTS_PX,
     WIDTHS_PX,
+    enough_known,
     inner_reach,
     read_profiles,
 )
@@ -82,16 +83,16 @@ def points_of(
         return np.empty((0, 2)), np.empty(0), np.empty(0)
     offsets = np.arange(-REACH_PX, inner_reach(trace, rho_rad, level.scale) + 1.0)
     profiles, known = read_profiles(level, trace, offsets)
-    whole = np.asarray(known.all(axis=1))
-    trace, profiles = trace.take(whole), profiles[whole]
+    enough = enough_known(known, offsets)
+    trace, profiles = trace.take(enough), profiles[enough]
     shape = _Shape(width_px, level.scale == 1.0 and width_px <= BARE_WIDTH_PX)
     fit = _fitted(profiles, offsets, shape)
     noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
-    good = _stands_out(fit, bright_inside, noise)
+    good = fit.stands_out(bright_inside, noise)
     if shape.bare and np.count_nonzero(good) >= FEWEST_POINTS:
         fit = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, fit.shading, good), fit.shift)
         # Where it is night, the shading of the day makes a step of nothing: what had none by itself has none.
-        good &= _stands_out(fit, bright_inside, noise)
+        good &= fit.stands_out(bright_inside, noise)
     shift, step = fit.shift, fit.step
     uv = trace.uv + level.scale * shift[:, None] * trace.inwards
     if shape.bare and width_px == WIDTHS_PX[0] and np.count_nonzero(good) >= FEWEST_POINTS:
@@ -103,12 +104,6 @@ def points_of(
     order = np.flatnonzero(good)
     order = order[np.argsort(trace.azimuth[order], kind="stable")]
     return uv[order], step[order], fit.deep[order]
-
-
-def _stands_out(fit: _Fitted, bright_inside: bool, noise: float) -> NDArray[np.bool_]:
-    """Return which profiles show an edge of the limb's sign near the cone, beyond their noise."""
-    near = fit.good & (np.abs(fit.shift) <= SHIFTS_PX[-1])
-    return np.asarray(near & ((fit.step > 0.0) == bright_inside) & (np.abs(fit.step) > FAINTEST * noise))
 
 
 def _scatter(uv: FloatArray, camera: CameraModel) -> float:
@@ -135,10 +130,10 @@ def _by_area(
     half = half_window(level.grey.shape)
     rows = np.arange(len(uv))
     axis = np.argmax(np.abs(trace.inwards), axis=1)
-    along, beside = trace.inwards[rows, axis], trace.inwards[rows, 1 - axis]
+    along, across = trace.inwards[rows, axis], trace.inwards[rows, 1 - axis]
     fixed = np.rint(uv[rows, 1 - axis])
     # Where the limb crosses the row or column of whole pixels, by its own slope.
-    crossing = uv[rows, axis] + (uv[rows, 1 - axis] - fixed) * beside / along
+    crossing = uv[rows, axis] + (uv[rows, 1 - axis] - fixed) * across / along
     centre = np.rint(crossing)
     pixel = centre[:, None] + np.arange(-half, half + 1)
     values, known = level.at(np.where(np.arange(2) == axis[:, None, None], pixel[..., None], fixed[:, None, None]))
@@ -181,10 +176,15 @@ class _Fitted:
     shading: FloatArray
     good: NDArray[np.bool_]
 
+    def stands_out(self, bright_inside: bool, noise: float) -> NDArray[np.bool_]:
+        """Return which profiles show an edge of the limb's sign near the cone, beyond their noise."""
+        near = self.good & (np.abs(self.shift) <= SHIFTS_PX[-1])
+        return np.asarray(near & ((self.step > 0.0) == bright_inside) & (np.abs(self.step) > FAINTEST * noise))
+
 
 @dataclass(frozen=True)
 class _Shape:
-    """What a profile is made of at places x [px], beside its level: the edge, its shading, and their slopes."""
+    """Terms of a profile at places x [px] besides its level: the edge, its shading, and their slopes."""
 
     width: float
     bare: bool
@@ -201,8 +201,7 @@ class _Shape:
         place = np.clip((x - at[0]) / ROOT_STEP_PX, 0.0, len(at) - 1.000001)
         before = place.astype(np.intp)
         share = place - before
-        between = [one[before] + share * (one[before + 1] - one[before]) for one in (root, change)]
-        return between[0], between[1]
+        return tuple(one[before] + share * (one[before + 1] - one[before]) for one in (root, change))
 
 
 @cache
@@ -253,7 +252,7 @@ def _fitted(
 
 
 def _pooled(azimuth: FloatArray, shading: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
-    """Return the shading of all profiles as a function of the limb's direction, shape (n,), outliers left out."""
+    """Return the shading of all profiles as a linear function of the limb's direction, shape (n,)."""
     t = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     middle = t[good].mean(axis=0)
     _, size, directions = np.linalg.svd(t[good] - middle, full_matrices=False)

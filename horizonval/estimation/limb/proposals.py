@@ -115,7 +115,7 @@ def _agreeing(
     """Return the first cones through triples (t, 3) of edges that agree: axes, cosines, bright side inside."""
     batches: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = []
     found = 0
-    # Where a quarter of the triples and more agree, the first part of them gives all that are asked for.
+    # Where a quarter of the triples and more agree, the first part of them gives all that are needed.
     for some in np.array_split(triples, len(triples) // (4 * MOST_CONES)):
         axes, cosines = cones_through(*np.moveaxis(edges.los[some], 1, 0))
         across = np.einsum("ij,ikj->ik", axes, edges.by_across[some])

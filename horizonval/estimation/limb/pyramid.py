@@ -56,11 +56,14 @@ class PyramidLevel:
         return max(noise_sigma(self.grey, max(min(self.grey.shape) // NOISE_ROWS, 1)), self.floor)
 
     def at(self, uv: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return the levels at places (..., 2) of this level, interpolated linearly, and which are known."""
+        """Return the levels at places (..., 2) of this level, interpolated linearly, and which are known.
+
+        Beyond the rim it is the level of the rim.
+        """
         height, width = self.grey.shape
         u, v = uv[..., 0], uv[..., 1]
         inside = (u >= 0.0) & (v >= 0.0) & (u <= width - 1.0) & (v <= height - 1.0)
-        u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
+        u, v = np.clip(u, 0.0, width - 1.0), np.clip(v, 0.0, height - 1.0)
         column, row = np.minimum(u.astype(np.intp), width - 2), np.minimum(v.astype(np.intp), height - 2)
         first = row * width + column
         flat = self.grey.ravel()
@@ -99,8 +102,9 @@ def without_disc(levels: list[PyramidLevel], column: float, row: float, radius_p
     for level in levels:
         height, width = level.grey.shape
         v, u = np.ogrid[:height, :width]
-        outside = np.hypot(u - column / level.scale, v - row / level.scale) > radius_px / level.scale + 1.0
-        out.append(replace(level, known=outside if level.known is None else level.known & outside))
+        known = np.hypot(u - column / level.scale, v - row / level.scale) > radius_px / level.scale + 1.0
+        known = known if level.known is None else level.known & known
+        out.append(replace(level, grey=_filled(level.grey, known), known=known))
     return out
 
 

@@ -159,7 +159,7 @@ def pixel_noise(
     Pixels near ``full_scale`` are saturated and show no noise.
     """
     image32 = image.astype(np.float32)
-    rows, depth_px = _beside(camera, axis_cam, rho_rad)
+    rows, depth_px = _next_to(camera, axis_cam, rho_rad)
     v, u = np.unravel_index(rows, image.shape)
     level = cv2.blur(image32, (3, 3))[v, u].astype(np.float64)
     usable = (v > 0) & (u > 0) & (v < image.shape[0] - 1) & (u < image.shape[1] - 1)
@@ -182,8 +182,8 @@ def pixel_noise(
     return PixelNoise(floor, growth, dark, min(floor, of_ground))
 
 
-def _beside(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return which pixels, of the image in one row, lie beside a limb, and how far inside of it [px]."""
+def _next_to(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return which pixels, of the image in one row, lie next to a limb, and how far inside of it [px]."""
     px_per_rad = max(camera.fx, camera.fy)
     directions = pixel_directions(camera).reshape(-1, 3)
     # By the cosine first, a little further than it takes: one product in place of an arc tangent for every pixel.

@@ -112,30 +112,42 @@ def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     return nadir, float(rho), iterates
 
 
-def run(observation: Observation) -> Fit | Refusal:
+Answer = tuple[FloatArray, float, ConeUncertainty, FloatArray | None]
+"""Nadir (3,), angular radius [rad], how well they are known, and iterates (k, m)."""
+
+
+def answer(los_cam: FloatArray) -> Answer:
+    """Return what Newton's method makes of limb points (n, 3); raises ``LinAlgError``: undetermined."""
+    nadir, rho, steps = solve(los_cam)
+    return nadir, rho, cone_uncertainty(los_cam, nadir, rho), steps
+
+
+def run(observation: Observation, answer: Callable[[FloatArray], Answer] = answer) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
     found = find_limb(observation.image, observation.camera, observation.full_scale, observation.prior)
     if isinstance(found, Refusal):
         return found
-    return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
+    return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX, answer)
 
 
 def fit_points(
-    los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX
+    los_cam: FloatArray,
+    uv: FloatArray,
+    observation: Observation,
+    slow_px: float = SLOW_PX,
+    answer: Callable[[FloatArray], Answer] = answer,
 ) -> Fit | Refusal:
     """Fit limb points ``los_cam`` (n, 3), in pixels ``uv`` (n, 2), of any search."""
     if len(los_cam) < 4:
         return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
-        nadir, rho, steps = solve(los_cam)
-        uncertainty = cone_uncertainty(los_cam, nadir, rho)
+        nadir, rho, uncertainty, steps = answer(los_cam)
         model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
     if not 0.0 < rho < np.pi / 2:
-        return Refusal(
-            Outcome.NOT_CONVERGED, f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet", uv
-        )
+        reason = f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet"
+        return Refusal(Outcome.NOT_CONVERGED, reason, uv)
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model)
 
 

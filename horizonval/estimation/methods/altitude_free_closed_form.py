@@ -7,7 +7,7 @@ Raeisy and Ghofrani's (8) is ``u . n = cos rho`` (see :mod:`horizonval.estimatio
 
 Ordinary least squares: no start, no steps.
 
-**What it pays.** Noise is in ``u``, which stands where least squares expects exact numbers, so ``U^T U`` grows with the
+**Bias.** Noise is in ``u``, where least squares expects exact numbers, so ``U^T U`` grows with the
 noise and ``m`` shrinks (attenuation). A point displaced by the angle ``e`` across the limb moves along ``w = cos rho t
 - sin rho n`` (``t`` from the nadir towards the point), and to second order in ``e``, of variance ``s^2``::
 
@@ -22,16 +22,15 @@ covariance.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.guard.limits import model_covariance
 from horizonval.estimation.lens_error import with_lens_error
-from horizonval.estimation.limb.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter
-from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.methods.altitude_free import fit_of_cone
-from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.limb.cone import ConeUncertainty, cone_scatter
+from horizonval.estimation.methods import altitude_free
+from horizonval.estimation.observation import Estimator
 from horizonval.geometry.rotation import off_axis_angle
 
 
@@ -74,28 +73,14 @@ def uncertainty_of(los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float) -
     return ConeUncertainty(scatter.basis, scatter.covariance + np.outer(shift, shift), scatter.correlation_length)
 
 
-def run(observation: Observation) -> Fit | Refusal:
-    """Estimate nadir, roll, pitch and altitude from one image."""
-    found = find_limb(observation.image, observation.camera, observation.full_scale, observation.prior)
-    if isinstance(found, Refusal):
-        return found
-    return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
+def answer(los_cam: FloatArray) -> altitude_free.Answer:
+    """Return what the closed form makes of limb points (n, 3); raises ``LinAlgError``: undetermined."""
+    nadir, rho = solve(los_cam)
+    return nadir, rho, uncertainty_of(los_cam, nadir, rho), None
 
 
-def fit_points(
-    los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX
-) -> Fit | Refusal:
-    """Fit given limb points, shapes (n, 3) and (n, 2): the method behind the search for points."""
-    if len(los_cam) < 4:
-        return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
-    try:
-        nadir, rho = solve(los_cam)
-        uncertainty = uncertainty_of(los_cam, nadir, rho)
-        model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
-    except np.linalg.LinAlgError as e:
-        return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
-    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, model=model)
-
+run = partial(altitude_free.run, answer=answer)
+fit_points = partial(altitude_free.fit_points, answer=answer)
 
 ESTIMATOR = Estimator(
     name="altitude-free-closed-form",

@@ -1,7 +1,7 @@
-"""Methods behind the guard, each as a method of its own: scored bare and guarded, side by side.
+"""Methods behind the guard, scored next to the bare ones.
 
-The published altitude-free method has none: behind the guard it takes the same points as ``altitude-free`` and answers
-alike to 1e-9 arcsec.
+The published altitude-free method has none: behind the guard it takes the same points as ``altitude-free``, and its
+answers differ by less than 1e-9 arcsec.
 """
 
 from __future__ import annotations

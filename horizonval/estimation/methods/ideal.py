@@ -12,15 +12,13 @@ Input is the pose, not an image. With the Earth's centre C, the sensor at P and 
 
 With the boresight exactly at nadir or zenith every horizon point is equally near: that is a status, not a number.
 
-Steps 2 and 3 are one reading of the documentation, which says that H's axes come of a projection "onto the plane at H"
-and takes the pitch's sign from the product with its axis "across the horizon". Taken to the letter the second is the
-axis along the horizon, whose product with the boresight is zero in every pose, so that it is read here as the one
-square to the horizon, *up*. Of the first the other reading is that the sensor's own axes are projected on the Earth's
-tangent plane at H: then each error is the angle between an axis and its projection, its elevation over that plane::
+Steps 2 and 3 are one reading of the documentation. By the other one the sensor's axes are projected on the Earth's
+tangent plane at H, and each error is the elevation of an axis over that plane::
 
     roll = asin(right . up) = asin(sin(roll error) |cos(pitch error)|),     pitch = asin(boresight . up)
 
-They agree where the boresight is on the horizon. :class:`HorizonReading` has both.
+They agree where the boresight is on the horizon. :class:`HorizonReading` has both. (The documentation's pitch sign is
+that of the product with the axis "across the horizon", which is *up* here: along the horizon it is always zero.)
 """
 
 from __future__ import annotations

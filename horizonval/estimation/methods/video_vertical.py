@@ -176,8 +176,8 @@ def fit_arcs(
     )
     variance_px = float(np.mean(off_px**2)) if sub_pixel else max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
     if ends is ChordEnds.SIGHT:
-        alike = max(_pixels_alike(los, *one) for los, one in zip(los_body, about, strict=True))
-        variance_px *= min(1.0, alike / END_PIXELS)
+        length = max(_correlated_pixels(los, *one) for los, one in zip(los_body, about, strict=True))
+        variance_px *= min(1.0, length / END_PIXELS)
     per_px = np.array([float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
     first = body_from_head[0].inv()
     to_nadir_cam = first.as_matrix() @ np.linalg.pinv(chords_body) * np.sin(rho)
@@ -199,7 +199,7 @@ def fit_arcs(
     )
 
 
-def _pixels_alike(los: FloatArray, nadir: FloatArray, rho_rad: float) -> float:
+def _correlated_pixels(los: FloatArray, nadir: FloatArray, rho_rad: float) -> float:
     """Return over how many neighbours along an arc the departures from the cone are one."""
     try:
         return cone_uncertainty(los, nadir, rho_rad).correlation_length

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.answer import checked
 from horizonval.estimation.observation import Calibration, Fit, Lens, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
+from horizonval.plugins.answer import checked
 from horizonval.plugins.messages import (
     LENGTH,
     LONGEST_ANSWER,

@@ -10,7 +10,7 @@ import pytest
 
 from horizonval.api.estimate import prior_from
 from horizonval.core.errors import UserError
-from horizonval.estimation.likelihood import templates
+from horizonval.estimation.fit import templates
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import shipped_path
 from horizonval.spec.load import Case, Suite, load_prior, load_scene, load_suite

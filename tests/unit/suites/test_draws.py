@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.answer import crash
 from horizonval.estimation.observation import Fit
 from horizonval.jobs.progress import Stopwatch
+from horizonval.plugins.answer import crash
 from horizonval.scoring.summary import noise_nees
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case, load_suite

@@ -12,7 +12,7 @@ import pytest
 from horizonval.api.estimate import mission_table
 from horizonval.core.errors import UserError
 from horizonval.estimation.fit.heights import everywhere
-from horizonval.estimation.likelihood.templates import load_templates, shipped_templates
+from horizonval.estimation.fit.templates import load_templates, shipped_templates
 from horizonval.tables.mission import sun_angles, write_table
 from horizonval.tables.onboard import LimbPlaces, cut_down
 

@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from horizonval.api.estimate import mission_table
-from horizonval.estimation.likelihood.templates import shipped_templates
+from horizonval.estimation.fit.templates import shipped_templates
 from horizonval.tables.mission import write_table
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")

@@ -11,7 +11,7 @@ from horizonval.api.estimate import mission_table
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
 from horizonval.earth.surface import surface_temperature
-from horizonval.estimation.likelihood.templates import shipped_templates
+from horizonval.estimation.fit.templates import shipped_templates
 from horizonval.spec.camera import Band
 from horizonval.tables.uniform_air import UniformAir, ground_around_k, sunlit_in, thermal_in
 

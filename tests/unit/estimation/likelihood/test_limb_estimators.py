@@ -15,7 +15,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit import claim as claims
 from horizonval.estimation.fit.limb import fit_limb
 from horizonval.estimation.fit.profile_pixels import ray_height
-from horizonval.estimation.likelihood.templates import shipped_templates
+from horizonval.estimation.fit.templates import shipped_templates
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, unproject

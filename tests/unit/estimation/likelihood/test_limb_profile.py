@@ -36,8 +36,8 @@ from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.fit.profile import OWN, ProfileChooser, ProfileImage, ProfileKnowledge, ProfileModel
 from horizonval.estimation.fit.profile_fit import OPTIONS, ProfileFit, fit_profiles, strained, uneven_lens
 from horizonval.estimation.fit.profile_pixels import profile_pixels, ray_height
+from horizonval.estimation.fit.templates import LimbTemplates, load_templates
 from horizonval.estimation.lens_error import miscalibrated
-from horizonval.estimation.likelihood.templates import LimbTemplates, load_templates
 from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.estimation.prior import Prior

@@ -18,7 +18,7 @@ from horizonval.estimation.fit.noise import floor_of
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.fit.profile import CLOUD_TOP_M, ProfileImage, ProfileKnowledge, ProfileModel
 from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles
-from horizonval.estimation.likelihood.templates import shipped_templates
+from horizonval.estimation.fit.templates import shipped_templates
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import WGS84
 

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from horizonval.core.errors import UserError
 from horizonval.estimation.fit.heights import everywhere
-from horizonval.estimation.likelihood.templates import (
+from horizonval.estimation.fit.templates import (
     FOLDER,
     LimbTemplates,
     load_templates,
@@ -158,7 +158,7 @@ def test_tables_that_cannot_be_are_refused(change):
 
 
 def test_shipped_profiles_end_in_space_and_reach_deep():
-    for path in sorted((Path(__file__).parents[4] / "horizonval/estimation/likelihood/data").glob("limb-*.npz")):
+    for path in sorted((Path(__file__).parents[4] / "horizonval/estimation/fit/data").glob("limb-*.npz")):
         t = load_templates(path)
         assert t.height_m[0] <= -300e3
         assert (t.mean[..., -1] < 0.02 * t.mean.max()).all()

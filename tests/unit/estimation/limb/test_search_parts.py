@@ -42,28 +42,23 @@ def test_points_of_a_straight_edge_are_exact(angle_deg: float, offset: float) ->
     places = (size - 1) / 2 + along + offset * normal
     whole = np.unique(np.rint(places), axis=0)
     gradient = np.tile(normal, (len(whole), 1))
-    uv, kept, sharpness = refine(image, whole, gradient)
+    uv = refine(image, whole, gradient)
     assert len(uv) >= 0.7 * len(whole)
     # 1/32 of a pixel in each direction is what the image was made of.
     assert np.abs((uv - (size - 1) / 2) @ normal - offset).max() < 0.02
-    assert np.abs(uv - whole[kept]).max() <= 1.5
     moved = np.abs(uv - np.rint(uv)) > 1e-9
     assert not moved.all(axis=1).any(), "a point moves along its column or its row"
-    # A hard edge rises by all of its step within two pixels across it, and a slanted one by no less.
-    assert sharpness == pytest.approx(np.ones(len(uv)), abs=0.45)
-    turned, _, _ = refine(image, whole, -gradient)
-    assert len(turned) == 0, "an edge that is bright on the other side is another edge"
+    assert len(refine(image, whole, -gradient)) == 0, "an edge that is bright on the other side is another edge"
 
 
 def test_the_same_place_is_given_once_and_the_rim_not_at_all() -> None:
     image = half_plane(64, 0.0, 0.2)
     twice = np.array([[31.0, 30.0], [32.0, 30.0], [31.0, 31.0]])
-    uv, kept, _ = refine(image, twice, np.array([[1.0, 0.0]] * 3))
+    uv = refine(image, twice, np.array([[1.0, 0.0]] * 3))
     assert len(uv) == 2
     assert uv[:, 1] == pytest.approx([30.0, 31.0])
-    assert len(kept) == 2
     near = np.array([[2.0, 30.0], [61.0, 30.0]])
-    assert len(refine(image, near, np.array([[1.0, 0.0]] * 2))[0]) == 0
+    assert len(refine(image, near, np.array([[1.0, 0.0]] * 2))) == 0
 
 
 def noise(shape: tuple[int, ...] = (40, 40)) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from horizonval.estimation.fit.templates import FOLDER, load_templates
 from horizonval.estimation.guard.sunlit import (
     cone_perturbation,
     heights_of,
@@ -15,7 +16,6 @@ from horizonval.estimation.guard.sunlit import (
     sun_angles,
     sunlit_limb,
 )
-from horizonval.estimation.likelihood.templates import FOLDER, load_templates
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import tangent_basis
 

@@ -1,4 +1,4 @@
-"""A network in an ONNX file as an estimator: what is asked of the file, and how it is asked about an image.
+"""A network in an ONNX file as an estimator: what a file must hold, and how it is run on an image.
 
 Inputs, by name:
 
@@ -74,7 +74,7 @@ def model_estimator(path: str | Path, name: str = "", title: str = "") -> Estima
 
 @cache
 def _session(path: str) -> InferenceSession:
-    """Return a checked model, ready to be asked: on one thread, so that its last bit hangs on no machine's threads."""
+    """Return a checked model that runs on one thread, so that its results do not depend on the number of threads."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
@@ -128,18 +128,18 @@ def _refuse_shape(path: str, kind: str, one: Any, shapes: Sequence[Shape], types
 
 def _ask(session: InferenceSession, observation: Observation) -> Fit | Refusal:
     height, width = observation.image.shape
-    asked = {one.name: one.shape for one in session.get_inputs()}
-    size = asked["image"][2:]
+    inputs_of = {one.name: one.shape for one in session.get_inputs()}
+    size = inputs_of["image"][2:]
     if any(isinstance(a, int) and a != b for a, b in zip(size, (height, width), strict=True)):
         return Refusal(
             Outcome.BAD_INPUT, f"the model takes {size[1]} x {size[0]} pixels, the image has {width} x {height}"
         )
     if observation.full_scale is None:
         return Refusal(Outcome.BAD_INPUT, "the model takes digital numbers over full scale, which the image has not")
-    if "camera" in asked and not observation.camera.classic:
+    if "camera" in inputs_of and not observation.camera.classic:
         return Refusal(Outcome.BAD_INPUT, "the model takes five coefficients, which cannot state this camera's lens")
     inputs = {"image": (observation.image / observation.full_scale).astype(np.float32)[None, None]}
-    if "camera" in asked:
+    if "camera" in inputs_of:
         inputs["camera"] = np.array([_camera_vector(observation)], dtype=np.float32)
     nadir, covariance, claim = (np.asarray(out, dtype=np.float64) for out in session.run(list(OUTPUTS), inputs))
     if not claim.ravel()[0] > 0.5:
@@ -154,7 +154,7 @@ def _camera_vector(observation: Observation) -> list[float]:
 
 
 def _fit(vector: FloatArray, covariance: FloatArray, observation: Observation) -> Fit:
-    """Return the claim; what is no direction or no covariance is found by whoever asked, as of every estimator."""
+    """Return the claim, unchecked: the registry checks the answers of all estimators."""
     nadir = vector / np.linalg.norm(vector)
     matrix = covariance[0]
     if matrix.shape == (2, 2):

@@ -13,7 +13,9 @@ import pytest
 from synthetic import fit_of, toy_image, truth_at
 
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.estimation.answer import (
+from horizonval.estimation.observation import Estimator, Fit
+from horizonval.plugins import registry
+from horizonval.plugins.answer import (
     ANGLE_DECIMALS,
     MOST_POINTS,
     checked,
@@ -24,8 +26,6 @@ from horizonval.estimation.answer import (
     significant,
     traceback_of,
 )
-from horizonval.estimation.observation import Estimator, Fit
-from horizonval.plugins import registry
 from horizonval.suites.observation import observation_of
 
 FIT = Fit(nadir_cam=np.array([0.0, 0.0, 1.0]), covariance_nadir_cam=np.eye(3), roll_rad=0.1, pitch_rad=-1e-17)

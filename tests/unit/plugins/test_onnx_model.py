@@ -8,8 +8,8 @@ import pytest
 import horizonval as hv
 from horizonval import cli
 from horizonval.core.errors import UserError
-from horizonval.estimation.onnx_model import model_estimator
 from horizonval.geometry.camera import CameraModel
+from horizonval.plugins.onnx_model import model_estimator
 
 onnx = pytest.importorskip("onnx", reason="writes models")
 pytest.importorskip("onnxruntime", reason="runs models: pip install 'horizonval[onnx]'")

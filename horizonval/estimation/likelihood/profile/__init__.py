@@ -1,1 +1,0 @@
-"""The whole profile of the limb over height, as tables of rendered limbs predict it, fitted to the pixels."""
