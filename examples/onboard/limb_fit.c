@@ -46,8 +46,7 @@
      blur  blur_log_sigma  lift_sigma          px of the lens, m
      gain  gain_log_sigma                      values per radiance of the table on the axis; sigma 0 without calibration
      full_scale                                value of a saturated pixel; 0: none is
-   Standard output: one JSON object, as docs/howto/estimator-program.md says, with the additional keys q_cam_from_itrs,
-   position_itrs_km and lift_m. */
+   Standard output: one JSON object, as docs/howto/estimator-program.md says. */
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
@@ -83,8 +82,8 @@ static const double DEPTH_PX = 0.5, TAPER_PX = 0.5, LEAST_TAPER = 1e-3, SPACE_PX
 static const double ABOVE_RIMS = 0.3, STEPS_PER_PIXEL = 6.0, NODE_RAD = 0.035, GROUP_PX = 0.25;
 enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8 };
 /* Air. Bumps are compared at the places of the grid that `limb-profile` has, so that both leave out the same. */
-static const double LEFT_OUT = 1e-5, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_LEFT = 5e-5;
-static const double LEAST_APART = 0.05, LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3;
+static const double LEFT_OUT = 1e-4, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_LEFT = 5e-5;
+static const double LEAST_APART = 0.15, LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3;
 static const double ENDS_STEP = 0.05, AT_POLE = 1e-9, SUNLIT_M = -20e3, SUNLIT_STEP_M = 20e3;
 static const double FINEST_STEP_M = 250.0, BUMP_STEPS_PER_PIXEL = 12.0;
 /* Noise: degrees of freedom of Student's distribution, and the weighed mean square of normal residuals. */
@@ -93,7 +92,7 @@ static const double CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.
 static const double LEAST_COMMON = 1.1, SURELY_COMMON = 1.3, LEAST_SHARE_DARK = 0.01;
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 /* Steps: lengths in standard deviations of the pose, changes of ln variance, gains in squared sigmas. */
-static const double TOLERANCE = 0.05, STEADY = 0.02, NEARLY_STEADY = 0.2, REWEIGHED = 0.5, GOOD = 0.7, FROZEN = 0.1;
+static const double TOLERANCE = 0.05, STEADY = 0.02, NEARLY_STEADY = 0.5, REWEIGHED = 0.5, GOOD = 0.7, FROZEN = 0.3;
 static const double ROUNDING = 1e-3, HELD = 10.0, RESELECT_PX = 0.5, NEAR_PX = 0.25, LEAST_SHARE = 0.1;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, FINEST_M = 4e3, FINEST_PX = 0.5;
 enum { MOST_STEPS = 30, MOST_CUTS = 5 };
@@ -138,7 +137,7 @@ static Node node[MOST_NODES];
 static int count, group, nodes, functions, unknowns, air, half; /* half: steps of the grid of heights */
 static int first_stage;
 static double curve, pixel_m, bottom_y, taper_m, grid_low, grid_step, mean_width, floor_level, floor_sigma, floor_space;
-static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS], pivot_of[SETS][MOST_NODES];
+static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS];
 static double wave[SETS][MOST_NODES][MOST_NODES + WIDE], coefficient[MOST_NODES][FUNCTIONS];
 
 static double transform[MOST_NODES][FUNCTIONS][GRID], lens_at[MOST_NODES][LENSES][GRID], summed[MOST_NODES][GRID];
@@ -330,23 +329,30 @@ static double correlation_of(const Node *i_, const Node *j, int set) {
   return pow(ie2 * ie2 * in2 * je2 * je2 * jn2, 0.25) / sqrt(a * a * a * D) * exp(-0.5 * (d2 - along) / a);
 }
 
-/* A square root of the covariance of the nodes, columns until little variance is left (Cholesky with pivots). */
+/* A square root of the covariance of the nodes: its eigenvectors (Jacobi's rotations) from the largest eigenvalue on, until
+   little variance is left. */
 static void root_of_covariance(int set) {
-  double left[MOST_NODES], sum = nodes, (*W)[MOST_NODES + WIDE] = wave[set], sigma = set == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0;
-  int rank = 0;
-  for (int i = 0; i < nodes; i++) left[i] = 1.0;
-  for (; rank < nodes && sum > LEFT_OUT * nodes; rank++) {
-    int pivot = 0;
-    for (int i = 1; i < nodes; i++)
-      if (left[i] > left[pivot] + 1e-6) pivot = i;
-    double size = sqrt(left[pivot]);
-    pivot_of[set][rank] = pivot, sum = 0.0;
-    for (int i = 0; i < nodes; i++)
-      W[i][rank] = (correlation_of(&node[i], &node[pivot], set) - product(W[i], W[pivot], rank)) / size;
-    for (int i = 0; i < nodes; i++) sum += left[i] = i == pivot ? 0.0 : fmax(left[i] - W[i][rank] * W[i][rank], 0.0);
-  }
+  double A[MOST_NODES][MOST_NODES], V[MOST_NODES][MOST_NODES], sum = 0.0, whole = nodes * (1.0 - LEFT_OUT);
   for (int i = 0; i < nodes; i++)
-    for (int k = 0; k < rank; k++) W[i][k] *= sigma;
+    for (int j = 0; j < nodes; j++) A[i][j] = correlation_of(&node[i], &node[j], set), V[i][j] = i == j;
+  for (int sweep = 0; sweep < 8; sweep++)
+    for (int p = 0; p < nodes; p++)
+      for (int q = p + 1; q < nodes; q++) {
+        if (fabs(A[p][q]) < 1e-9) continue;
+        double angle = 0.5 * atan2(2.0 * A[p][q], A[q][q] - A[p][p]), c = cos(angle), d = sin(angle), x;
+        for (int i = 0; i < nodes; i++) x = A[i][p], A[i][p] = c * x - d * A[i][q], A[i][q] = d * x + c * A[i][q];
+        for (int i = 0; i < nodes; i++) x = A[p][i], A[p][i] = c * x - d * A[q][i], A[q][i] = d * x + c * A[q][i];
+        for (int i = 0; i < nodes; i++) x = V[p][i], V[p][i] = c * x - d * V[q][i], V[q][i] = d * x + c * V[q][i];
+      }
+  int rank = 0;
+  for (; rank < nodes && sum < whole; rank++) {
+    int largest = 0;
+    for (int i = 1; i < nodes; i++)
+      if (A[i][i] > A[largest][largest]) largest = i;
+    double size = sqrt(fmax(A[largest][largest], 0.0)) * (set == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0);
+    for (int i = 0; i < nodes; i++) wave[set][i][rank] = size * V[largest][i];
+    sum += A[largest][largest], A[largest][largest] = -1.0;
+  }
   rank_of[set] = rank;
 }
 
@@ -641,8 +647,7 @@ static void predict(const State *s) {
   }
 }
 
-/* Chooses the window again. The air stays as it is: coefficients are taken over to nodes that lie a little elsewhere,
-   from them to the unknowns at the nodes that were Cholesky's pivots. */
+/* Chooses the window again. The air stays as it is: coefficients are taken over to nodes that lie a little elsewhere. */
 static int select_pixels(State *s) {
   static double had[FUNCTIONS][MOST_NODES];
   int had_nodes = nodes;
@@ -652,16 +657,16 @@ static int select_pixels(State *s) {
   if (!choose(s)) return 0;
   functions_of_air();
   memset(s->z, 0, sizeof s->z);
-  for (int k = 1; had_nodes && k < functions; k++) {
-    double(*W)[MOST_NODES + WIDE] = wave[set_of[k]], *z = s->z + offset_of[k];
+  for (int k = 1; had_nodes && k < functions; k++)
     for (int j = 0; j < rank_of[set_of[k]]; j++) {
-      int m = pivot_of[set_of[k]][j];
-      double at = (double)m * (had_nodes - 1) / (nodes - 1);
-      int i = at < had_nodes - 2 ? (int)at : had_nodes - 2;
-      z[j] = (at - i) * had[kind_of[k]][i + 1] + (i + 1 - at) * had[kind_of[k]][i];
-      z[j] = (z[j] - product(W[m], z, j)) / W[m][j];
+      double sum = 0.0, squares = 0.0;
+      for (int m = 0; m < nodes; m++) {
+        double at = (double)m * (had_nodes - 1) / (nodes - 1), w = wave[set_of[k]][m][j];
+        int i = at < had_nodes - 2 ? (int)at : had_nodes - 2;
+        sum += w * ((at - i) * had[kind_of[k]][i + 1] + (i + 1 - at) * had[kind_of[k]][i]), squares += w * w;
+      }
+      s->z[offset_of[k] + j] = sum / squares;
     }
-  }
   predict(s);
   return 1;
 }
@@ -1045,7 +1050,7 @@ static int stage(State *s, double tolerance, double steady, const char **reason)
       if (!select_pixels(s)) return 0;
       weigh(s), changed = INFINITY, fresh = 0;
     } else if (changed < steady && (close || (built && gain < -ROUNDING))) {
-      if (built && (first_stage || (changed = weigh(s)) < steady)) return number;
+      if ((built || first_stage) && (first_stage || (changed = weigh(s)) < steady)) return number;
       fresh = 0;
     } else if (changed >= steady) fresh = (changed = weigh(s)) < REWEIGHED && fresh;
   }
@@ -1053,15 +1058,13 @@ static int stage(State *s, double tolerance, double steady, const char **reason)
   return square < 1.0 ? MOST_STEPS : 0;
 }
 
-/* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. The claim is that
-   of the unknowns and the noise at the end. */
+/* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
 static int search(State *s, const char **reason) {
   first_stage = 1;
   int first = stage(s, 1.0, NEARLY_STEADY, reason);
   first_stage = 0;
   int second = first ? stage(s, TOLERANCE, STEADY, reason) : 0;
-  if (second) equations(s);
-  return second && cholesky() ? first + second : 0;
+  return second ? first + second : 0;
 }
 
 /* The start */
