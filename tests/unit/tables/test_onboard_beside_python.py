@@ -38,7 +38,7 @@ def programs(tables):
 
 
 def distance(observation: Observation, table: Path, program: Path) -> tuple[float, float] | None:
-    """Return how far the two nadirs are apart, in claimed sigmas, and the ratio of the claims; None where one refuses."""
+    """Return the distance of the nadirs in claimed sigmas and the ratio of the claims; None where one refuses."""
     python, c = by_python(observation, table), by_c(observation, program)
     if not isinstance(python, Fit) or c["status"] != "valid":
         return None
