@@ -16,10 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
+from horizonval.estimation.fit.guard import LEAST_LEARNT_BY_EDGE, guarded_fit, pulled
 from horizonval.estimation.fit.known import LimbKnowledge, Sliver
 from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
+from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.limb.picture import Picture, in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
@@ -39,11 +41,27 @@ LEAST_PX = 32
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
     """Return the fit of the limb near a start; ``picture`` is the observation's image."""
     sunless = observation.band_kind != "thermal" and observation.sun_cam is None
+
+    def fit(image: FloatArray) -> LimbFit:
+        return _fitted(image, observation.camera, start, knowledge, sunless=sunless)
+
     try:
-        found = _fitted(picture, observation.camera, start, knowledge, sunless=sunless)
+        found = guarded_fit(fit, picture.unclipped, observation, knowledge.ellipsoid, in_air=False)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
-    return fit_of(found, observation, knowledge.ellipsoid)
+    if isinstance(found, Refusal):
+        return found
+    known = knowledge.mean, knowledge.information
+    wrong = pulled(found.pose, found.covariance, *known, found.uv, LEAST_LEARNT_BY_EDGE)
+    if isinstance(wrong, Refusal):
+        return wrong
+    found = replace(found, covariance=found.covariance + wrong, relief_covariance=found.relief_covariance + wrong)
+    claimed = fit_of(found, observation, knowledge.ellipsoid)
+    # What a sphere's fit does not use of the prior must agree with it nevertheless.
+    radius, distance = observation.prior.sphere_radius_m, float(np.linalg.norm(found.pose.r_itrs))
+    rho, sigma_m = float(np.arcsin(min(radius / distance, 1.0))), claimed.sigma_altitude_m or 0.0
+    refusal = contradicted(claimed, observation, rho, (float(np.tan(rho)) / distance * sigma_m) ** 2)
+    return claimed if refusal is None else refusal
 
 
 WHOLE_RAD = float(np.deg2rad(270.0))
@@ -77,13 +95,14 @@ def sliver_of(found: LimbFit, camera: CameraModel) -> Sliver | None:
 
 
 def _fitted(
-    picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge, *, sunless: bool
+    image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge, *, sunless: bool
 ) -> LimbFit:
     """Return the fit in pixels as wide as the limb is deep, or in those of the picture where they are as wide.
 
-    ``sunless``: whether the Sun may be anywhere, and a whole disc have an unlit sliver.
+    ``image``: shape (H, W), linear in radiance, NaN where missing; ``sunless``: whether the Sun may be anywhere, and a
+    whole disc have an unlit sliver.
     """
-    scale, image = limb_scale(camera, start, knowledge), picture.unclipped
+    scale = limb_scale(camera, start, knowledge)
     if scale > 1:
         image, camera = smaller(image, camera, scale)
         knowledge = knowledge.in_wider_pixels(scale)

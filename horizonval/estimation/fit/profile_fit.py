@@ -8,10 +8,6 @@ were known, and one of the air. If the air is inconsistent with its prior, the s
 the degrees of freedom that the pixels determine, ``tr(1 - C_z)``. Where the excess is more than two standard deviations
 the air's part is multiplied by the ratio of the two (Birge's).
 
-**Position.** The altitude has moved by ``d`` from a prior of sigma ``s``, and is left with ``p``. By chance ``d`` has
-the variance ``s^2 - p^2``; beyond some of its roots (:data:`PULLED`) the prior is taken to be as wrong as the image
-says, ``d s^2 / (s^2 - p^2)``, and the claim has what this makes of the pose.
-
 **Lens.** Lenses soften towards the corners as the angle squared. The growth of ``ln s`` over the limb in view is no
 unknown of the fit; it is the step that it would take from there as one more unknown::
 
@@ -59,9 +55,6 @@ GROWTH_SIGMA = 0.5
 MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
 """Largest change of ln blur over the limb in view, and its significance. A lens with 0.6 px on the axis and 1.1 px in
 the corners shows 0.36 to 0.57 and biases the nadir; one with uniform blur shows below 0.12."""
-PULLED, LEAST_LEARNT = (2.0, 3.0), 1e-3
-"""Pull of the altitude's prior, in what chance makes of it, from which the claim is widened and where it is in full:
-chance alone exceeds these in 5 and 0.3 % of frames. And share of its variance that the image must have taken away."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared beyond which its excess is no chance."""
 
@@ -146,7 +139,7 @@ def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     looks = [look for look in seen.looks if isinstance(look, ProfileLook)]
     known, covariance = found.known[:POSE, :POSE], found.covariance[:POSE, :POSE]
     squares, determined = float(state.air @ state.air), len(state.air) - found.air_open
-    of_air = (covariance - known) * strained(squares, determined) + pulled(shot.prior, state.pose, covariance)
+    of_air = (covariance - known) * strained(squares, determined)
     by_lens = found.by_shared[:POSE, :LENS]
     of_air += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
     growths = [_growth(shot, solution, k) for k in range(len(models))]
@@ -185,22 +178,6 @@ def strained(squares: float, determined: float) -> float:
     """
     ratio = squares / max(determined, 1e-300)
     return ratio if determined > 0.0 and ratio > 1.0 + SCATTERED * np.sqrt(2.0 / determined) else 1.0
-
-
-def pulled(prior: ShotPrior, pose: LimbPose, covariance: FloatArray) -> FloatArray:
-    """Return what the image has against the altitude that is known, as a covariance of the pose, shape (7, 7)."""
-    up = np.zeros(POSE)
-    up[3:6] = pose.r_itrs / np.linalg.norm(pose.r_itrs)
-    information = float(up @ prior.information @ up)
-    along = covariance @ up
-    left = float(up @ along)
-    learnt = 1.0 / information - left if information > 0.0 else 0.0
-    moved = -float(up @ prior.wanted(pose, np.zeros(0)))
-    if not learnt > LEAST_LEARNT / information:
-        return np.zeros((POSE, POSE))
-    believed = np.clip((abs(moved) / np.sqrt(learnt) - PULLED[0]) / (PULLED[1] - PULLED[0]), 0.0, 1.0)
-    wrong = believed * moved / information / learnt * along / left
-    return np.outer(wrong, wrong)
 
 
 def _growth(shot: Shot, solution: Solution, image: int) -> tuple[float, float]:

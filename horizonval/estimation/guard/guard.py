@@ -9,8 +9,7 @@
 4. *The answer* must agree with the cone through the points, and with what is known of altitude and attitude, each by
    the Mahalanobis distance. No second limb may run beside the first.
 
-A method that uses the whole image instead of points answers first and is then tested against the pixels
-(:mod:`horizonval.estimation.guard.three_tests`).
+Fits of the pixels have their guard within (:mod:`horizonval.estimation.fit.guard`).
 
 Where the calibration states errors of the lens, they are part of the claim (:mod:`horizonval.estimation.lens_error`). A
 claim that becomes too uncertain is refused.
@@ -31,49 +30,45 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs, systematic_covariance
+from horizonval.estimation.fit.guard import examined, too_uncertain, too_wide
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.guard.limits import model_covariance
-from horizonval.estimation.guard.points import (
-    MUCH_LOST,
-    TrustedPoints,
-    read_sides,
-    saturated,
-    second_limb,
-    trusted_points,
-)
+from horizonval.estimation.guard.points import MUCH_LOST, TrustedPoints, second_limb, trusted_points
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
-from horizonval.estimation.guard.three_tests import doubted
 from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
 from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty
 from horizonval.estimation.limb.finder import largest_rho_rad
-from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_noise
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.camera import project, unproject
+from horizonval.geometry.camera import project
+from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import angle_between, off_axis_angle, tangent_basis
 
 
 def guarded(estimator: Estimator) -> Estimator:
-    """Return the estimator behind the guard, named ``guarded-<name>``; one that is given the pose is only renamed."""
+    """Return the estimator behind the guard, named ``guarded-<name>``.
+
+    One that is given the pose is only renamed.
+    """
     run: Callable[[Observation], Fit | Refusal] = estimator.run
-    if estimator.needs != "pose":
-        of_points = estimator.from_points or estimator.needs == "heads"
-        run = partial(_run if of_points else _run_on_pixels, estimator)
-        # A fit of the pixels has the lens among its unknowns.
-        if of_points:
-            run = with_lens_error(run, estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None)
-        run = partial(_not_too_wide, run, 1.0 if of_points else limits.PIXEL_SHARE)
+    if estimator.from_points or estimator.needs == "heads":
+        run = partial(_run, estimator)
+        run = with_lens_error(run, estimator.run.axis_of if isinstance(estimator.run, WithLensError) else None)
+        run = partial(_not_too_wide, run)
+    elif estimator.needs == "image":
+        run = partial(_run_on_pixels, estimator)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
-def _not_too_wide(run: Callable[[Observation], Fit | Refusal], share: float, observation: Observation) -> Fit | Refusal:
+def _not_too_wide(run: Callable[[Observation], Fit | Refusal], observation: Observation) -> Fit | Refusal:
     """Return what a guarded method claims, if it is enough for a claim with the errors of its lenses too."""
     result = run(observation)
     if isinstance(result, Refusal) or not any(lens_errors(observation)):
         return result
-    refusal = too_wide(result, share * observation.prior.accept_rad)
+    refusal = too_wide(result, observation.prior.accept_rad)
     return result if refusal is None else refusal
 
 
@@ -162,7 +157,7 @@ def _determined(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, G
         return Refusal(Outcome.NO_LIMB, f"the points bend by {1e-3 * relief_m:.0f} km along the limb", uv)
     seen_rho = float(off_axis_angle(points.seen, points.seen_cone().axis_cam).mean())
     limb = GuardLimb(axis, seen_rho, noise, systematic)
-    if (reason := _too_uncertain(limb.sigma_rad, observation.prior.accept_rad)) is not None:
+    if (reason := too_uncertain(limb.sigma_rad, observation.prior.accept_rad)) is not None:
         return Refusal(status, f"the limb that can be trusted {reason}", uv)
     return points, limb
 
@@ -379,45 +374,25 @@ def _confirmed(fit: Fit, limb: GuardLimb, observation: Observation, systematic: 
     return confirmed
 
 
-def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
-    """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
-    basis = tangent_basis(np.asarray(fit.nadir_cam))
-    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
-    reason = _too_uncertain(sigma, largest_rad)
-    return None if reason is None else Refusal(Outcome.SHORT_ARC, f"the method {reason}", fit.points)
-
-
-def _too_uncertain(sigma_rad: float, largest_rad: float) -> str | None:
-    if sigma_rad <= largest_rad:
-        return None
-    accepted = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
-    return f"determines the nadir to {np.degrees(sigma_rad):.2f} deg, {accepted}"
-
-
 def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refusal:
-    """Run a method that takes the whole image, and test what it claims."""
+    """Run a method that takes the whole image, and test its claim; a fit of the pixels has most of its guard within."""
     result = estimator.run(observation)
     if isinstance(result, Refusal):
         return result
-    for refusal in (
-        _too_bright(result, observation),
-        doubted(result, observation),
-        too_wide(result, limits.PIXEL_SHARE * observation.prior.accept_rad),
-    ):
-        if refusal is not None:
-            return refusal
-    return result
-
-
-def _too_bright(fit: Fit, observation: Observation) -> Refusal | None:
-    """Refuse a limb most of which is saturated: its profile is cut off, and the rest of it stands too high."""
-    if observation.full_scale is None:
-        return None
-    los = unproject(observation.camera, fit.points)
-    los = los[np.isfinite(los).all(axis=1)]
-    picture = Picture(observation.image, observation.full_scale)
-    sides = read_sides(picture, observation.camera, los, fit.nadir_cam)
-    share = float(np.mean(saturated(sides, observation.full_scale)))
-    if not share > limits.MOST_SATURATED:
-        return None
-    return Refusal(Outcome.SATURATED, f"{share:.0%} of the limb is saturated", fit.points)
+    prior, nadir = observation.prior, np.asarray(result.nadir_cam)
+    rho = result.angular_radius_rad
+    if rho is None:
+        altitude = result.altitude_m or 0.0
+        rho = float(np.arcsin(prior.sphere_radius_m / (prior.sphere_radius_m + max(altitude, 1.0))))
+    if prior.angular_radius is None and rho < limits.SMALLEST_RHO_RAD:
+        return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is not the Earth", result.points)
+    if estimator.claim == "likelihood":
+        # Claims of a fit are false beyond half of the error that is allowed to a cone.
+        refusal = too_wide(result, 0.5 * prior.accept_rad)
+        return result if refusal is None else refusal
+    pose = LimbPose(np.eye(3), -prior.sphere_radius_m / float(np.sin(rho)) * nadir)
+    image, planet = np.asarray(observation.image, dtype=np.float64), sphere(prior.sphere_radius_m)
+    refusal = examined(image, observation, pose, planet, in_air=True, points=result.points).refusal
+    if refusal is None:
+        refusal = too_wide(result, prior.accept_rad)
+    return result if refusal is None else refusal

@@ -19,11 +19,6 @@ FEWEST_POINTS = 12
 """Smallest number of points of an image: four for each of a cone's three unknowns."""
 SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 """Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
-PIXEL_SHARE = 0.5
-"""Share of the accepted accuracy (``Prior.accept_rad``) at which methods that fit the pixels are refused: their claims
-are false beyond half of the error that is allowed to a fit of a cone."""
-MOST_SATURATED = 0.5
-"""Largest saturated share of a limb that is fitted by its pixels; above it, fits are wrong by 0.03 deg and more."""
 AGREEMENT = 5.0
 """Threshold of all consistency tests: two Gaussian degrees of freedom exceed it four times in a million."""
 AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))

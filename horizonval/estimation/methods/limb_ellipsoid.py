@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.fit.claim import claim
+from horizonval.estimation.fit.guard import accepted
 from horizonval.estimation.fit.start import ellipsoid_start
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
@@ -26,7 +27,7 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-ellipsoid",
     title="Limb of the Earth's ellipsoid, maximum likelihood of the pixels, position known",
-    run=run,
+    run=accepted(run),
     estimates="geocentric",
     claim="likelihood",
 )

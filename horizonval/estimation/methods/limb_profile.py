@@ -19,12 +19,15 @@ prior's; a lens whose blur changes along the limb by more than stated (:func:`.u
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.spatial.transform import Rotation
+from dataclasses import replace
 
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.bundle import ShotPrior
 from horizonval.estimation.fit.claim import fit_of
+from horizonval.estimation.fit.guard import accepted, guarded_fit, pulled
 from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.profile import ProfileImage
 from horizonval.estimation.fit.profile_fit import ProfileFit, fit_profiles, uneven_lens
@@ -32,7 +35,6 @@ from horizonval.estimation.fit.profile_pixels import NoLimbError
 from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.foreign import without_foreign_light
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.estimation.prior import Prior
 
 LEAST_EXPLAINED = 0.95
 """Smallest explained share of the pixels' variance: broken clouds leave 1 to 3 %, noise explains nothing."""
@@ -47,22 +49,34 @@ def run(observation: Observation) -> Fit | Refusal:
     known = known_profile(observation, "limb-profile")
     if isinstance(known, Refusal):
         return known
-    prior, knowledge = observation.prior, known.knowledge
+    knowledge = known.knowledge
     try:
         start = known.start(observation.camera, known.tilt_sigma_rad)
         image = without_foreign_light(known.picture.unclipped, observation.camera, *known.limb(start))
-        seen = ProfileImage(image, observation.camera, knowledge)
-        limb_prior = ShotPrior(knowledge.mean, knowledge.information)
-        found = fit_profiles([seen], limb_prior, start, lens_sigmas=lens_sigmas(observation.calibration))
+        sigmas = lens_sigmas(observation.calibration)
+
+        def fit(image: FloatArray) -> ProfileFit:
+            seen = ProfileImage(image, observation.camera, knowledge)
+            return fit_profiles([seen], ShotPrior(knowledge.mean, knowledge.information), start, lens_sigmas=sigmas)
+
+        found = guarded_fit(fit, image, observation, knowledge.ellipsoid, in_air=True)
     except NoLimbError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb: {e}")
-    doubt = doubt_of(found, prior, Rotation.from_quat(observation.q_cam_from_body).as_matrix())
-    return fit_of(found, observation, knowledge.ellipsoid) if doubt is None else doubt
+    if isinstance(found, Refusal):
+        return found
+    doubt = doubt_of(found)
+    if doubt is not None:
+        return doubt
+    wrong = pulled(found.pose, found.covariance, knowledge.mean, knowledge.information, found.uv)
+    if isinstance(wrong, Refusal):
+        return wrong
+    found = replace(found, covariance=found.covariance + wrong, relief_covariance=found.relief_covariance + wrong)
+    return fit_of(found, observation, knowledge.ellipsoid)
 
 
-def doubt_of(found: ProfileFit, prior: Prior, cam_from_body: np.ndarray) -> Refusal | None:
+def doubt_of(found: ProfileFit) -> Refusal | None:
     """Return why a fit in the axes of the prior's camera is not believed, if it is not."""
     if not found.explained > LEAST_EXPLAINED:
         reason = f"the predicted limb explains {max(found.explained, 0.0):.0%} of the pixels where it should be"
@@ -73,18 +87,13 @@ def doubt_of(found: ProfileFit, prior: Prior, cam_from_body: np.ndarray) -> Refu
     lens = uneven_lens(found.growth, found.growth_sigma)
     if lens is not None:
         return Refusal(Outcome.AMBIGUOUS, lens, found.uv)
-    coarse = Rotation.from_quat(prior.q_cam_from_itrs)
-    turn = cam_from_body.T @ (Rotation.from_matrix(found.pose.cam_from_itrs) * coarse.inv()).as_rotvec()
-    sigmas = float(np.abs(turn / prior.attitude_sigma_rad).max())
-    if sigmas > MOST_SIGMA:
-        return Refusal(Outcome.AMBIGUOUS, f"the limb lies {sigmas:.0f} sigma from the prior's attitude", found.uv)
     return None
 
 
 ESTIMATOR = Estimator(
     name="limb-profile",
     title="Whole profile of the limb, maximum likelihood with rendered profiles of the air",
-    run=run,
+    run=accepted(run),
     estimates="geocentric",
     claim="likelihood",
 )

@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.bundle import ShotPrior
 from horizonval.estimation.fit.claim import fit_of
+from horizonval.estimation.fit.guard import pulled
 from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import ProfileImage
@@ -66,13 +67,18 @@ def run(observation: Observation) -> Fit | Refusal:
     best = min((head.alone for head in heads.values()), key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
     cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
     try:
-        fitted = fit_profiles([head.image for head in heads.values()], first.prior, best.pose).in_axes(cam_from_body)
+        fitted = fit_profiles([head.image for head in heads.values()], first.prior, best.pose)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb in {len(heads)} heads: {e}")
+    wrong = pulled(fitted.pose, fitted.covariance, first.prior.mean, first.prior.information, fitted.uv)
+    if isinstance(wrong, Refusal):
+        return wrong
+    relief = fitted.relief_covariance + wrong
+    fitted = replace(fitted, covariance=fitted.covariance + wrong, relief_covariance=relief).in_axes(cam_from_body)
     if next(iter(observation.heads)) not in heads:
         # Points are drawn into the image of the first head, which has none.
         fitted = replace(fitted, uv=np.empty((0, 2)), residuals_rad=np.empty(0))
-    doubt = doubt_of(fitted, observation.prior, cam_from_body)
+    doubt = doubt_of(fitted)
     return fit_of(fitted, observation, first.image.knowledge.ellipsoid) if doubt is None else doubt
 
 

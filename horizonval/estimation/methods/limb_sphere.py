@@ -13,6 +13,7 @@ import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
+from horizonval.estimation.fit.guard import accepted
 from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge, tilted_to
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
@@ -48,10 +49,14 @@ def run(observation: Observation) -> Fit | Refusal:
     return claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
 
 
+LARGEST_SHARE = 5.0
+"""Accuracy, in what is accepted, that the method refuses: a degree by default. With nothing known beforehand a coarse
+nadir is of use, too."""
+
 ESTIMATOR = Estimator(
     name="limb-sphere",
     title="Limb of a sphere, maximum likelihood of the pixels",
-    run=run,
+    run=accepted(run, LARGEST_SHARE),
     estimates="geocentric",
     claim="likelihood",
 )

@@ -200,7 +200,7 @@ def test_an_answer_far_from_the_limb_is_refused_and_a_near_one_is_not():
     assert isinstance(guarded(liar(0.0)).run(seen), Fit)
     result = guarded(liar(3.0)).run(seen)
     assert isinstance(result, Refusal)
-    assert result.status is Outcome.AMBIGUOUS
+    assert result.status in (Outcome.AMBIGUOUS, Outcome.NO_LIMB)
 
 
 def test_one_that_is_given_the_pose_is_not_touched():

@@ -1,0 +1,800 @@
+"""The guard of the fits: is what the image shows at the fitted limb the limb that the fit predicts?
+
+The pixels about the fitted limb are looked at once more, on both sides and with nothing but the geometry of the fit:
+the limb in view is cut into *pieces* of some 8 px, and the pixels of a piece are ``b + (a + c x) E(x - d) + noise``,
+with ``x`` the distance inside the fitted limb, ``E`` the edge of :mod:`.light`, and its place ``d``, blur and softness
+common to all pieces. Levels are eliminated; three unknowns and a few linear steps remain. A fit whose window, prior or
+air hides a disturbance shows it here. The tests, all at the one level :data:`CHANCE`:
+
+1. *Blur*: the edge is neither wider nor sharper than the lens (and the air) make it.
+2. *Share*: the pieces that are due show the edge, with one sign, and show no second one.
+3. *Place*: the edge lies within the heights of the air, and that of no piece away from its neighbours by more than
+   noise and relief do. Pieces that do are disturbed (bodies, booms, lost blocks): their azimuths are left out of a
+   second fit, and the image is refused if others turn up then, or most of them do at once.
+4. *Rows and columns*: the place of the limb does not jump from one row, or column, to the next (torn, frozen and
+   interlaced readout). Differences of neighbours are free of all that changes slowly: air, relief, errors of the lens.
+5. *Levels*: no more than half of the limb is saturated.
+6. *Prior*: the pose departs from its prior as chance has it, by the Mahalanobis distance; the claim is widened by the
+   departures that are improbable.
+
+Before a fit, rows and columns that hold one value or the same as their neighbours are left out
+(:func:`without_lost_lines`), and so is light beyond the air (:mod:`horizonval.estimation.limb.foreign`).
+
+**Limits.** A mirrored image, and a principal point beyond its stated uncertainty (a tilt is the same image), are not
+seen by any test of one image. An error of the altitude is seen only where the image determines the altitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.stats import binom, chi2, norm
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome, Refusal
+from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR, CLOUD_RELIEF_THERMAL, limb_height_m, reliefs
+from horizonval.estimation.fit.levels import from_widest_gap
+from horizonval.estimation.fit.light import INSIDE_PX, NORMAL_QUARTILE, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile
+from horizonval.estimation.fit.noise import TAIL_FREEDOM
+from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.limb.picture import rounding_variance, smaller
+from horizonval.estimation.observation import Fit, Lens, Observation
+from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.rotation import tangent_basis
+
+BoolArray = NDArray[np.bool_]
+
+CHANCE = 1e-6
+"""Probability with which a test refuses an undisturbed image; all thresholds follow from it."""
+SIGMAS = float(norm.isf(0.5 * CHANCE))
+"""The same for one normal variable, either way: 4.9 standard deviations."""
+
+PIECE_PX = 8.0
+"""Length of a piece along the limb: 8 px by 20 px measure a step to a sixth of the pixel noise, and the place of a full
+step to a hundredth of a pixel at one per cent of noise."""
+FEWEST_OF_PIECE = 60
+"""Fewest pixels of a piece, of 160, where they are thinned."""
+MOST_PIXELS = 6000
+"""Pixels of a large image that are looked at."""
+LEAST_PX = 32
+"""Smallest size of a copy with wider pixels: two windows, and a limb that bends."""
+HELD_STEPS, MOST_STEPS = 3, 12
+"""Steps of an edge's place and blur alone, and of all."""
+HELD = 1e12
+"""Information that holds the softness."""
+LEAST_WIDTH_PX = 0.3
+"""Smallest blur with the pixel's own, which is 0.29 px."""
+STEADY_PX = 0.01
+"""Steps of the edge's place and blur end below this: a fifth of what real air's edge is misplaced by."""
+LARGEST_STEP = (1.0, 0.4, 0.5)
+"""Largest step of place [px], ln blur and scale height in its scale, within the reach of the derivatives."""
+MISPLACED_PX = 0.05
+"""What an exponential edge misplaces a piece, or a row, of real air's limb by: residuals of 0.01 to 0.05 of the step
+over a slope of 0.5 of the step per pixel."""
+JUMP_PX = 0.02
+"""The same for a single line and the next, which have most of it in common."""
+SURE_LINE_PX = 0.5
+"""Largest standard deviation of a line's shift against the next that counts: beyond, a few pixels decide it."""
+INDEPENDENT_LINES = 12
+"""Lines whose shifts count as independent: what the phases of pixels make of an oblique limb repeats itself."""
+PROFILE_SHARE = 0.15
+"""Root-mean-square difference, as a share of the step, between a limb's profile and an exponential: 0.01 to 0.08 under
+a high Sun and in the infrared, up to 0.16 near the terminator."""
+COIN = 0.1
+"""Chance of as many pieces of one sign, if signs are random, below which they are a limb: four pieces, the shortest
+limb of a search, can reach it."""
+BLUR_SIGMA = 0.08
+"""Relative standard deviation of a stated blur: a modulation transfer function is measured to some per cent, and
+focus changes with temperature. At :data:`SIGMAS` a lens is taken for 1.5 times as soft."""
+UNSTATED_BLUR_SIGMA = 0.3
+"""The same of a lens whose file states none."""
+AIR_BLUR_M = 7e3
+"""What air adds to the blur, being no exponential: its scale height."""
+LEAST_BLUR_PX = 0.4
+"""Blur below which pixels hide a lens."""
+DIFFRACTION_BLUR = 0.45
+"""Standard deviation of the Gaussian nearest to an aperture's spread, in wavelengths times f-number."""
+TAIL_PX = 1.0
+"""Softness that wings of a lens and a bolometer's lag make [px]; softer than this and than any air is no limb."""
+PLACED_PX = 3.0
+"""How far a claim may place the limb beyond the air: methods with whole pixels."""
+LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
+"""Largest relief of a limb along itself: cloud tops reach the tropopause; and what an exponential edge misses of a
+limb whose softness changes."""
+FEW_PIECES = 0.1
+"""Share of the pieces to either side that may be farther off than any relief: what a body or a boom hides."""
+NEIGHBOURS = 9
+"""Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
+MOST_HIDDEN = 0.5
+"""Share of the limb in view that may be disturbed."""
+MOST_SATURATED = 0.5
+"""Largest saturated share of a limb that is fitted: above, fits are wrong by 0.03 deg and more."""
+SATURATION_PX = 4.0
+"""Depth inside the limb at which a piece is tested for saturation."""
+RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX = 0.5, 3.0, 40.0
+"""A second limb: least step relative to the first, half-width of its window and how far from the first it is sought."""
+PULLED = 2.0, 3.0
+"""Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
+alone exceeds these in 5 and 0.3 % of frames."""
+LEAST_LEARNT, LEAST_LEARNT_BY_EDGE = 0.0025, 0.01
+"""Share of a prior's variance that the image must have taken away to say anything about the prior. A fit is converged
+to 0.05 of a standard deviation, the root of the first; the second is of an edge in place of a profile, whose model
+errors look like as much."""
+MOST_LEFT = 0.5
+"""Share of a prior's variance that is left where the image determines more than the prior: there the two must agree,
+since nothing would widen the claim."""
+
+
+@dataclass(frozen=True)
+class LimbView:
+    """n pixels about a predicted limb in order of azimuth, in m pieces.
+
+    ``columns``, ``rows``, ``values``, ``x``: shape (n,), the last the distance inside the limb [px]; ``by_column``,
+    ``by_row``: shape (n,), its change per pixel; ``soft``: shape (n,), pixels per metre of height; ``starts``: shape (m
+    + 1,); ``azimuth``: shape (m + 1,), of the pieces' borders about the nadir, from ``first_rad``; ``los_cam``: shape
+    (m, 3), to the middle of the pieces; ``pixel_m``: height that a pixel sees.
+    """
+
+    columns: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    values: FloatArray
+    x: FloatArray
+    by_column: FloatArray
+    by_row: FloatArray
+    soft: FloatArray
+    starts: NDArray[np.intp]
+    azimuth: FloatArray
+    first_rad: float
+    los_cam: FloatArray
+    pixel_m: float
+
+    @property
+    def piece(self) -> NDArray[np.intp]:
+        """Number of every pixel's piece, shape (n,)."""
+        return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+
+
+def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, air_px: float) -> LimbView:
+    """Return the pixels about a limb; raises ``LinAlgError``: none in view.
+
+    ``image``: shape (H, W), NaN where it is not to be looked at; ``axes_m``: shape (3,), of the planet with its limb's
+    height; ``air_px``: how far outside of that the edge may lie.
+    """
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
+    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
+    seen = np.isfinite(image[near.rows, near.columns]) & in_view(camera, near, angle, (0.0, 0.0))
+    near, angle = near.take(seen), angle.take(seen)
+    by_column, by_row = gradient(angle, near.by_column, near.by_row)
+    scale = np.hypot(by_column, by_row)
+    x = angle.delta / scale
+    limb_px = near.every * int(np.count_nonzero(np.abs(x) < 0.5))
+    count = min(int(limb_px / PIECE_PX), len(x) // FEWEST_OF_PIECE)
+    if count < 1:
+        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {PIECE_PX:.0f} are needed")
+    across = tangent_basis(pose.nadir_cam).T @ near.los_cam
+    raw = np.arctan2(across[1], across[0])
+    order, azimuth = from_widest_gap(raw)
+    starts = np.linspace(0, len(x), count + 1).astype(np.intp)
+    near, x = near.take(order), x[order]
+    middles = [first + int(np.argmin(np.abs(x[first:last]))) for first, last in pairwise(starts)]
+    return LimbView(
+        near.columns,
+        near.rows,
+        np.asarray(image[near.rows, near.columns], dtype=np.float64),
+        x,
+        (by_column / scale)[order],
+        (by_row / scale)[order],
+        np.abs(angle.by_height / scale)[order],
+        starts,
+        azimuth[np.minimum(starts, len(x) - 1)],
+        float(raw[order[0]]),
+        near.los_cam[:, middles].T,
+        float(np.median(scale / np.abs(angle.by_height))),
+    )
+
+
+@dataclass(frozen=True)
+class SeenEdge:
+    """What m pieces of a limb show.
+
+    ``place_px``: of the edge, inside the predicted limb; ``blur_px``, ``scale_height_m``: of lens and limb;
+    ``blur_sigma``: of the blur's logarithm. Shape (m,) each: ``steps``, of radiance, positive with the whole limb's
+    sign, and ``step_sigmas``; ``off_px``, how far inside the common edge a piece has its own, and ``off_sigmas``.
+    ``misfit``: mean square residual across the edge, less the noise to both sides, over the squared step.
+    ``by_place``: shape (n,), derivative of the pixels by the place of the edge; ``residuals``, ``weights``: shape (n,).
+    """
+
+    place_px: float
+    blur_px: float
+    blur_sigma: float
+    scale_height_m: float
+    bright_inside: bool
+    steps: FloatArray
+    step_sigmas: FloatArray
+    off_px: FloatArray
+    off_sigmas: FloatArray
+    misfit: float
+    by_place: FloatArray
+    residuals: FloatArray
+    weights: FloatArray
+
+
+def seen_edge(
+    view: LimbView, blur_px: float, scale_m: float, scale_sigma_m: float, between_px: tuple[float, float]
+) -> SeenEdge:
+    """Return the edge in the pixels of a view; raises ``LinAlgError`` where there is none.
+
+    ``blur_px``: of the lens, to start from; ``scale_m``, ``scale_sigma_m``: scale height of the limb and what is known
+    of it; ``between_px``: range of places.
+    """
+    unit_m = max(scale_m, 1.0)
+    known = unit_m / max(scale_sigma_m, 1e-3 * unit_m)
+    least = np.array([between_px[0], np.log(LEAST_WIDTH_PX), 0.0])
+    most = np.array([between_px[1], np.log(OUTSIDE_PX), np.inf])
+    now = np.array([_steepest(view, between_px), 0.5 * np.log(blur_px**2 + PIXEL_VARIANCE), scale_m / unit_m])
+    best, before = np.inf, now
+    levels = _Levels(view)
+    for number in range(MOST_STEPS):
+        place, blur, scale = float(now[0]), float(np.exp(now[1])), unit_m * float(now[2])
+        x = view.x - place
+        edge = edge_profile(x, blur, scale * view.soft if scale > 0.0 else None)
+        merit = levels.solve(edge.level, x) + (known * (now[2] - scale_m / unit_m)) ** 2
+        if merit > best and number < MOST_STEPS - 1:
+            now = 0.5 * (now + before)
+            continue
+        best, before = merit, now
+        by_x = levels.step * edge.slope + levels.shading * edge.level
+        rows = np.array([-by_x, levels.step * edge.by_blur * blur, levels.step * edge.by_scale * view.soft * unit_m])
+        rows = levels.without(rows)
+        normal, right = (rows * levels.weights) @ rows.T, rows @ (levels.weights * levels.residuals)
+        # A soft limb and a blurred one are alike from afar: the softness is held until the edge is in its place.
+        of_scale = known**2 if number >= HELD_STEPS else HELD
+        normal[2, 2] += of_scale
+        right[2] += of_scale * (scale_m / unit_m - now[2])
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
+        step = np.clip(inverse @ right, -np.array(LARGEST_STEP), LARGEST_STEP)
+        if not np.isfinite(step).all():
+            raise np.linalg.LinAlgError("the pixels about the limb show no edge")
+        if number >= HELD_STEPS and np.abs(step).max() < STEADY_PX:
+            break
+        now = np.clip(now + step, least, most)
+    starts = view.starts[:-1]
+    weighted = levels.weights * rows[0]
+    information = np.maximum(np.add.reduceat(weighted * rows[0], starts), 1e-300)
+    steps, step_sigmas = levels.steps()
+    sign = float(np.sign(np.sum(steps / step_sigmas**2))) or 1.0
+    share = np.clip(edge.level, 0.0, 1.0)
+    between = (share > 0.02) & (share < 0.98)
+    beyond = float(np.mean(levels.residuals[between] ** 2 - levels.variance[between])) if between.any() else 0.0
+    shown = sign * steps > SIGMAS * step_sigmas
+    typical = float(np.median(np.abs(steps[shown]))) if shown.any() else 0.0
+    return SeenEdge(
+        place_px=place,
+        blur_px=float(np.sqrt(max(blur**2 - PIXEL_VARIANCE, 0.0))),
+        blur_sigma=float(np.sqrt(max(inverse[1, 1], 0.0))),
+        scale_height_m=scale,
+        bright_inside=sign > 0.0,
+        steps=sign * steps,
+        step_sigmas=step_sigmas,
+        off_px=np.add.reduceat(weighted * levels.residuals, starts) / information,
+        off_sigmas=information**-0.5,
+        misfit=max(beyond, 0.0) / typical**2 if typical > 0.0 else np.inf,
+        by_place=-by_x,
+        residuals=levels.residuals,
+        weights=levels.weights,
+    )
+
+
+def _steepest(view: LimbView, between_px: tuple[float, float]) -> float:
+    """Return the place in a range at which the mean profile across the limb is steepest [px inside]."""
+    depth = np.rint(view.x).astype(np.intp)
+    lowest = int(depth.min())
+    counts = np.bincount(depth - lowest)
+    means = np.bincount(depth - lowest, view.values) / np.maximum(counts, 1)
+    change = np.where((counts[2:] > 0) & (counts[:-2] > 0), np.abs(means[2:] - means[:-2]), 0.0)
+    places = np.arange(lowest + 1, lowest + len(counts) - 1)
+    change[(places < between_px[0]) | (places > between_px[1])] = 0.0
+    return float(places[int(np.argmax(change))]) if change.any() else 0.5 * sum(between_px)
+
+
+class _Levels:
+    """Levels ``b + (a + c x) E`` of all pieces by weighted least squares; ``step``: ``a + c x``, ``shading``: ``c``."""
+
+    def __init__(self, view: LimbView) -> None:
+        self._view, self._piece, self._starts = view, view.piece, view.starts[:-1]
+        self._rounding = rounding_variance(view.values)
+        self.weights = np.ones_like(view.values)
+        self.residuals = self.variance = self.weights
+
+    def solve(self, level: FloatArray, x: FloatArray) -> float:
+        """Solve for the levels with the weights of the residuals so far, then with those of the new ones.
+
+        Return -2 ln likelihood.
+        """
+        basis = np.array([np.ones_like(x), level, level * x])
+        self._fit(basis)
+        space, earth = (self._median_square(there) for there in (level < 0.1, level > 0.9))
+        least = max(self._rounding, 1e-12 * float(np.mean(self.residuals**2)) + 1e-300)
+        self.variance = np.maximum(space + (earth - space) * np.clip(level, 0.0, 1.0), least)
+        self.weights = (TAIL_FREEDOM + 1.0) / (TAIL_FREEDOM + self.residuals**2 / self.variance) / self.variance
+        self._fit(basis)
+        self.shading = self._found[self._piece, 2]
+        self.step = self._found[self._piece, 1] + self.shading * x
+        tails = (TAIL_FREEDOM + 1.0) * np.log1p(self.residuals**2 / (TAIL_FREEDOM * self.variance))
+        return float(np.sum(tails + np.log(self.variance)))
+
+    def without(self, rows: FloatArray) -> FloatArray:
+        """Return rows (k, n) without what levels can make of them."""
+        mixed = np.add.reduceat((self._basis * self.weights)[:, None] * rows, self._starts, axis=2)
+        gains = np.einsum("pij,jkp->pik", self._inverse, mixed)
+        return np.asarray(rows - np.einsum("nik,in->kn", gains[self._piece], self._basis))
+
+    def steps(self) -> tuple[FloatArray, FloatArray]:
+        """Return the step of every piece and its standard deviation."""
+        return self._found[:, 1], np.sqrt(np.maximum(self._inverse[:, 1, 1], 1e-300))
+
+    def _fit(self, basis: FloatArray) -> None:
+        weighted = basis * self.weights
+        normal = np.add.reduceat(basis[:, None] * weighted, self._starts, axis=2).transpose(2, 0, 1)
+        size = np.sqrt(np.maximum(np.einsum("pii->pi", normal), 1e-300))
+        scaled = normal / (size[:, :, None] * size[:, None, :]) + 1e-10 * np.eye(3)
+        self._inverse = np.linalg.inv(scaled) / (size[:, :, None] * size[:, None, :])
+        right = np.add.reduceat(weighted * self._view.values, self._starts, axis=1).T
+        self._found = np.einsum("pij,pj->pi", self._inverse, right)
+        self._basis = basis
+        self.residuals = self._view.values - np.einsum("in,ni->n", basis, self._found[self._piece])
+
+    def _median_square(self, there: BoolArray) -> float:
+        size = np.abs(self.residuals[there])
+        return float(np.median(size) / NORMAL_QUARTILE) ** 2 if len(size) else 0.0
+
+
+def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observation: Observation) -> BoolArray:
+    """Return which pieces must show the limb, shape (m,): of a sunlit limb the lit ones, else half of the round."""
+    if observation.band_kind == "thermal":
+        return np.ones(len(seen.steps), dtype=bool)
+    if observation.sun_cam is not None:
+        # The vertical at the lowest point of a line of sight is perpendicular to it.
+        up = view.los_cam * (view.los_cam @ nadir_cam)[:, None] - nadir_cam
+        lit = up @ observation.sun_cam > 0.0
+        if lit.any():
+            return np.asarray(lit)
+    across = view.los_cam @ tangent_basis(nadir_cam)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    brightest = np.maximum(seen.steps, 0.0) @ across
+    return np.asarray(across @ brightest >= 0.0)
+
+
+def disturbed_pieces(view: LimbView, seen: SeenEdge, due: BoolArray, relief_m: float) -> BoolArray:
+    """Return which pieces have the limb away from their neighbours', or none between pieces that show it, shape (m,).
+
+    ``relief_m``: standard deviation of the limb's height along itself.
+    """
+    shown = seen.steps > SIGMAS * seen.step_sigmas
+    if np.count_nonzero(shown) < NEIGHBOURS:
+        return np.zeros(len(shown), dtype=bool)
+    numbers = np.flatnonzero(shown)
+    off = seen.off_px[numbers]
+    middle = median_filter(off, NEIGHBOURS, mode="nearest")
+    natural = np.hypot(MISPLACED_PX, relief_m / view.pixel_m)
+    sigmas = np.hypot(seen.off_sigmas[numbers], natural)
+    away = np.zeros(len(shown), dtype=bool)
+    away[numbers] = np.abs(off - middle) > SIGMAS * sigmas
+    # A piece of a step that its neighbours would let one see at once, and no edge.
+    expected = median_filter(np.maximum(seen.steps, 0.0), NEIGHBOURS, mode="nearest")
+    return np.asarray(away | (due & ~shown & (expected > 2.0 * SIGMAS * seen.step_sigmas)))
+
+
+def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatArray) -> float:
+    """Return how improbably the limb's place changes from a line of pixels to the next, over the threshold.
+
+    The image would have to be shifted along every line by ``s`` to explain the residuals; for ``k`` differences of
+    neighbours ``sum (s_i+1 - s_i)^2 / variance`` has the distribution of chi-squared, and the largest term that of the
+    largest of ``k`` squared normals.
+
+    ``lines``: shape (n,), rows or columns; ``along``: shape (n,), change of the distance inside the limb along them.
+    """
+    # Where a lit limb ends, what a piece shows changes within it.
+    shown = minimum_filter1d(seen.steps > SIGMAS * seen.step_sigmas, 3, mode="nearest")[view.piece]
+    lines, along, weights = lines[shown], along[shown], seen.weights[shown]
+    if not len(lines):
+        return 0.0
+    by_shift = -seen.by_place[shown] * along
+    count = int(lines.max()) + 1
+    information = weights * by_shift**2
+    known = np.maximum(np.bincount(lines, information, count), 1e-300)
+    shift = np.bincount(lines, weights * by_shift * seen.residuals[shown], count) / known
+    # What misplaces the limb across itself shifts a line by more, the more obliquely it crosses.
+    across = np.maximum(np.bincount(lines, information * np.abs(along), count) / known, 1e-3)
+
+    def squares(apart: int, misplaced_px: float) -> FloatArray:
+        variance = 1.0 / known + (misplaced_px / across) ** 2
+        both = variance[apart:] + variance[:-apart]
+        return np.asarray(((shift[apart:] - shift[:-apart]) ** 2 / both)[both < SURE_LINE_PX**2])
+
+    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    if not len(one) or not len(two):
+        return 0.0
+    # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
+    free = min(len(one), INDEPENDENT_LINES)
+    every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chi2.isf(CHANCE, free)) / free)
+    usual = max(float(np.median(single)) / NORMAL_QUARTILE**2, 1.0)
+    return max(every, float(single.max()) / usual / float(norm.isf(0.5 * CHANCE / len(single))) ** 2)
+
+
+def rival_pieces(
+    image: FloatArray,
+    observation: Observation,
+    pose: LimbPose,
+    axes_m: FloatArray,
+    view: LimbView,
+    seen: SeenEdge,
+) -> BoolArray:
+    """Return which pieces show a step like the limb's at another distance, out of reach of the air, shape (m,)."""
+    low, high = limb_height_m(observation.band_kind)
+    nearest = max(RIVAL_WIDTH_PX, (high - low) / view.pixel_m) + 2.0 * RIVAL_WIDTH_PX
+    far = FARTHEST_RIVAL_PX + RIVAL_WIDTH_PX
+    camera = observation.camera
+    wide = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, far, far, 2 * MOST_PIXELS)
+    angle = limb_angle(wide.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
+    x = angle.delta / np.hypot(*gradient(angle, wide.by_column, wide.by_row)) - seen.place_px
+    values = np.asarray(image[wide.rows, wide.columns], dtype=np.float64)
+    across = tangent_basis(pose.nadir_cam).T @ wide.los_cam
+    own = np.mod(np.arctan2(across[1], across[0]) - view.first_rad, 2.0 * np.pi)
+    piece = np.searchsorted(view.azimuth, own, side="right") - 1
+    good = np.isfinite(values) & (own <= view.azimuth[-1])
+    pieces, depths = len(seen.steps), int(2.0 * far / RIVAL_WIDTH_PX) + 1
+    piece = np.minimum(piece, pieces - 1)
+    # Means over strips as wide as the window.
+    needed = RIVAL_STEP * np.abs(seen.steps)
+    sign = 1.0 if seen.bright_inside else -1.0
+    strip = np.floor((x + far) / RIVAL_WIDTH_PX).astype(np.intp)
+    inside = good & (strip >= 0) & (strip < depths)
+    place = piece[inside] * depths + strip[inside]
+    counts = np.bincount(place, minlength=pieces * depths)
+    sums = np.bincount(place, values[inside], minlength=pieces * depths)
+    means = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).reshape(pieces, depths)
+    # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
+    place_px = (np.arange(3, depths - 3) + 0.5) * RIVAL_WIDTH_PX - far
+    with np.errstate(invalid="ignore"):
+        change = sign * (means[:, 2:] - means[:, :-2])
+        step = change[:, 2:-2] - 0.5 * (change[:, 4:] + change[:, :-4]) >= needed[:, None]
+    step &= (np.abs(place_px) >= nearest) & (np.abs(place_px) <= FARTHEST_RIVAL_PX)
+    # A limb goes on at nearly the same distance in the pieces to both sides; edges of clouds are anywhere.
+    near = np.pad(maximum_filter1d(step, 3, axis=1), ((1, 1), (0, 0)), mode="edge")
+    return np.asarray((step & near[:-2] & near[2:]).any(axis=1))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the guard says of a fitted limb.
+
+    ``refusal``: why it is not believed, None if it is; ``disturbed``: shape (k, 2), from which azimuths about the nadir
+    to which [rad] something stands before the limb or is missing.
+    """
+
+    refusal: Refusal | None
+    disturbed: FloatArray
+
+
+def examined(
+    image: FloatArray,
+    observation: Observation,
+    pose: LimbPose,
+    ellipsoid: Ellipsoid,
+    *,
+    in_air: bool,
+    points: FloatArray,
+) -> Verdict:
+    """Return what the pixels about a fitted limb say of it.
+
+    ``image``: shape (H, W), NaN where the fit had no pixels; ``ellipsoid``: of the planet; ``in_air``: whether the edge
+    may be anywhere in the air above the pose's limb, or is at it; ``points``: shape (k, 2), for refusals.
+    """
+    prior = observation.prior
+    pixel_m = pixel_at_limb_m(observation.camera, pose.r_itrs, float(ellipsoid.axes_m[0]))
+    scale = 1
+    camera = observation.camera
+    while scale * pixel_m < prior.limb_scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+        scale *= 2
+    if scale > 1:
+        # A limb that is many pixels deep is no edge in the image's own pixels.
+        image, camera = smaller(image, camera, scale)
+    seen_by = replace(observation, camera=camera)
+    low, high = limb_height_m(observation.band_kind)
+    axes = ellipsoid.axes_m + (0.0 if in_air else pose.height_m)
+    pixel_m *= scale
+    # Height and softness of a limb are hard to tell apart: an edge may be found lower than the fit has it.
+    between = (-high / pixel_m - PLACED_PX, (-low if in_air else high - low) / pixel_m + PLACED_PX)
+
+    def refused(outcome: Outcome, reason: str) -> Verdict:
+        return Verdict(Refusal(outcome, reason, points), np.zeros((0, 2)))
+
+    lens = observation.lens or Lens()
+    own_px = prior.lens_blur_px / scale if lens.blur_px is None else max(lens.blur_px, LEAST_BLUR_PX) / scale
+    own_px = float(np.hypot(own_px, DIFFRACTION_BLUR * lens.diffraction_px / scale))
+    try:
+        view = limb_view(image, camera, pose, axes, high / pixel_m)
+        seen = seen_edge(view, own_px, prior.limb_scale_height_m, prior.limb_scale_height_sigma_m, between)
+    except np.linalg.LinAlgError as e:
+        return refused(Outcome.NOT_CONVERGED, f"the limb that the claim predicts: {e}")
+    due = due_pieces(view, seen, pose.nadir_cam, observation)
+    for refusal in (
+        _by_saturation(view, seen, observation.full_scale, points),
+        _by_share(view, seen, due, points),
+        _by_misfit(seen, points),
+        _by_rival(rival_pieces(image, seen_by, pose, axes, view, seen), due, points),
+        _by_place(view, seen, between, observation, points),
+        _by_blur(view, seen, own_px, lens, scale, points),
+        _by_lines(view, seen, points),
+    ):
+        if refusal is not None:
+            return Verdict(refusal, np.zeros((0, 2)))
+    clouds = CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL
+    known = reliefs(observation.band_kind, prior.limb_relief_m)
+    relief = float(np.hypot.reduce([one.sigma_m for one in known])) if known else 0.0
+    relief = float(np.hypot(relief, clouds.sigma_m)) if prior.limb_relief_m is None else relief
+    disturbed = disturbed_pieces(view, seen, due, relief)
+    if float(np.mean(disturbed)) > MOST_HIDDEN:
+        return refused(Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed")
+    # What stands before the limb rarely ends with a piece.
+    hidden = maximum_filter1d(disturbed, 3, mode="nearest")
+    borders = view.azimuth + view.first_rad
+    return Verdict(None, np.column_stack([borders[:-1], borders[1:]])[hidden])
+
+
+def without_azimuths(
+    image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, azimuths: FloatArray, air_px: float
+) -> FloatArray:
+    """Return an image (H, W) with NaN about the limb at ranges of azimuth (k, 2) about the nadir [rad]."""
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, FARTHEST_RIVAL_PX + air_px, FARTHEST_RIVAL_PX)
+    across = tangent_basis(pose.nadir_cam).T @ near.los_cam
+    azimuth = np.arctan2(across[1], across[0])
+    hidden = np.zeros(len(azimuth), dtype=bool)
+    for first, last in azimuths:
+        hidden |= np.mod(azimuth - first, 2.0 * np.pi) <= last - first
+    image = np.array(image, dtype=np.float64)
+    image[near.rows[hidden], near.columns[hidden]] = np.nan
+    return image
+
+
+def without_lost_lines(image: FloatArray) -> FloatArray:
+    """Return an image (H, W) with NaN in rows and columns that a readout has lost: of one value, or copied.
+
+    Lines of space may be of one value too: those beside them are then of that value for the most part.
+    """
+    lost = [_lost(lines) for lines in (image, image.T)]
+    if not any(one.any() for one in lost):
+        return image
+    image = np.array(image, dtype=np.float64)
+    image[lost[0]] = np.nan
+    image[:, lost[1]] = np.nan
+    return image
+
+
+def _lost(lines: FloatArray) -> BoolArray:
+    """Return which rows of an array are lost."""
+    even = lines.min(axis=1) == lines.max(axis=1)
+    same = np.zeros(len(lines), dtype=bool)
+    same[1:] = (lines[1:] == lines[:-1]).all(axis=1) & ~even[1:]
+    lost = same
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]]).astype(np.int8)))
+    for first, last in edges.reshape(-1, 2):
+        beside = [row for row in (first - 1, last) if 0 <= row < len(lines)]
+        lost[first:last] = bool(beside) and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in beside)
+    return lost
+
+
+def _by_saturation(view: LimbView, seen: SeenEdge, full_scale: float | None, points: FloatArray) -> Refusal | None:
+    if full_scale is None:
+        return None
+    x = view.x - seen.place_px
+    inside = (x > 0.5) & (x < SATURATION_PX)
+    starts = view.starts[:-1]
+    share = np.add.reduceat((inside & (view.values >= full_scale)).astype(float), starts)
+    share /= np.maximum(np.add.reduceat(inside.astype(float), starts), 1.0)
+    saturated = float(np.mean(share > 0.5))
+    if not saturated > MOST_SATURATED:
+        return None
+    return Refusal(Outcome.SATURATED, f"{saturated:.0%} of the limb is saturated", points)
+
+
+def _needed(due: BoolArray) -> int:
+    return int(binom.isf(COIN, np.count_nonzero(due), 0.5)) + 1
+
+
+def _by_share(view: LimbView, seen: SeenEdge, due: BoolArray, points: FloatArray) -> Refusal | None:
+    shown = int(np.count_nonzero(due & (seen.steps > SIGMAS * seen.step_sigmas)))
+    if shown >= _needed(due):
+        return None
+    reason = f"{shown} of {np.count_nonzero(due)} pieces of the predicted limb show an edge; {_needed(due)} are needed"
+    return Refusal(Outcome.NO_LIMB, reason, points)
+
+
+def _by_misfit(seen: SeenEdge, points: FloatArray) -> Refusal | None:
+    count = len(seen.steps)
+    if seen.misfit / PROFILE_SHARE**2 <= float(chi2.isf(CHANCE, count)) / count:
+        return None
+    reason = f"the pixels miss the limb's profile by {np.sqrt(seen.misfit):.0%} of its step"
+    return Refusal(Outcome.NO_LIMB, reason, points)
+
+
+def _by_rival(rival: BoolArray, due: BoolArray, points: FloatArray) -> Refusal | None:
+    shown = int(np.count_nonzero(rival & due))
+    if shown < _needed(due):
+        return None
+    reason = f"{shown} of {np.count_nonzero(due)} pieces show a second limb beside the first"
+    return Refusal(Outcome.AMBIGUOUS, reason, points)
+
+
+def _by_place(
+    view: LimbView, seen: SeenEdge, between_px: tuple[float, float], observation: Observation, points: FloatArray
+) -> Refusal | None:
+    prior = observation.prior
+    softest_m = prior.limb_scale_height_m + SIGMAS * prior.limb_scale_height_sigma_m
+    if seen.scale_height_m > max(softest_m, TAIL_PX * view.pixel_m):
+        reason = f"the edge is soft as air of a scale height of {seen.scale_height_m / 1e3:.0f} km"
+        return Refusal(Outcome.NO_LIMB, reason, points)
+    if not between_px[0] < seen.place_px < between_px[1]:
+        reason = f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
+        return Refusal(Outcome.AMBIGUOUS, reason, points)
+    shown = seen.steps > SIGMAS * seen.step_sigmas
+    if not shown.any():
+        return Refusal(Outcome.NO_LIMB, "no piece of the predicted limb shows an edge", points)
+    # A body before a few pieces is left out of a second fit.
+    lowest, highest = np.quantile(seen.off_px[shown], (FEW_PIECES, 1.0 - FEW_PIECES))
+    far = float(highest - lowest - SIGMAS * np.median(seen.off_sigmas[shown]))
+    if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX:
+        return None
+    reason = f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
+    return Refusal(Outcome.AMBIGUOUS, reason, points)
+
+
+def _by_blur(
+    view: LimbView, seen: SeenEdge, own_px: float, lens: Lens, scale: int, points: FloatArray
+) -> Refusal | None:
+    known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
+    margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
+    widest = float(np.hypot(margin * own_px * float(lens.ratios.max()), AIR_BLUR_M / view.pixel_m))
+    sharpest = 0.0 if lens.blur_px is None else own_px * float(lens.ratios.min()) / margin**2
+    if sharpest <= float(np.hypot(seen.blur_px, AIR_BLUR_M / view.pixel_m)) and seen.blur_px <= widest:
+        return None
+    stated = "" if lens.blur_px is not None else ", if its file states none (optics.psf_sigma_px)"
+    blur, own = scale * seen.blur_px, scale * own_px
+    reason = f"the limb is blurred by {blur:.1f} px, the camera's own blur is {own:.1f} px{stated}"
+    return Refusal(Outcome.AMBIGUOUS, reason, points)
+
+
+def _by_lines(view: LimbView, seen: SeenEdge, points: FloatArray) -> Refusal | None:
+    for word, lines, along in (("row", view.rows, view.by_column), ("column", view.columns, view.by_row)):
+        if jumps(view, seen, lines, along) > 1.0:
+            return Refusal(Outcome.AMBIGUOUS, f"the limb jumps from one {word} of pixels to the next", points)
+    return None
+
+
+def pulled(
+    pose: LimbPose,
+    covariance: FloatArray,
+    mean: LimbPose,
+    information: FloatArray,
+    points: FloatArray,
+    least_learnt: float = LEAST_LEARNT,
+) -> Refusal | FloatArray:
+    """Return by what the departure from the prior widens the claim, shape (7, 7), or why the claim is refused.
+
+    In units of the prior's standard deviations the covariance ``C`` of a fit has the eigenvalues ``p``. Along each
+    direction the pose departs from the prior by ``d``, of variance ``1 - p`` by chance. The sum of ``d^2 / (1 - p)``
+    has the distribution of chi-squared. An improbable departure widens the claim by what the prior makes of the pose,
+    ``p d / (1 - p)``, as if it were as wrong as the image says.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T) / _sizes(information))
+    free = values > 1e-12 * values[-1]
+    root = (vectors[:, free] * np.sqrt(values[free])).T * np.sqrt(np.diag(information)).clip(1e-300)
+    left, axes = np.linalg.eigh(root @ covariance @ root.T)
+    # What scatters beyond chance has widened the covariance, that of unseen directions beyond their prior: a prior that
+    # is wrong is no reason to know less of it.
+    widened = max(float(left[-1]), 1.0)
+    left, covariance = left / widened, covariance / widened
+    learnt = 1.0 - left
+    off = axes.T @ (root @ -pose.step_to(mean))
+    square = np.where(learnt > least_learnt, off**2 / np.maximum(learnt, least_learnt), 0.0)
+    seen = left < MOST_LEFT
+    total = float(square[seen].sum())
+    if seen.any() and total > float(chi2.isf(CHANCE, np.count_nonzero(seen))):
+        sigmas = float(np.sqrt(total))
+        return Refusal(
+            Outcome.AMBIGUOUS, f"the limb lies {sigmas:.0f} sigma from the position and attitude of the prior", points
+        )
+    added = np.zeros((7, 7))
+    for k in np.flatnonzero(square > PULLED[0] ** 2):
+        beyond = min((float(np.sqrt(square[k])) - PULLED[0]) / (PULLED[1] - PULLED[0]), 1.0)
+        wrong = (beyond * float(off[k] / learnt[k])) * (covariance @ root.T @ axes[:, k])
+        added += np.outer(wrong, wrong)
+    return added
+
+
+def _sizes(information: FloatArray) -> FloatArray:
+    size = np.sqrt(np.diag(information)).clip(1e-300)
+    return np.outer(size, size)
+
+
+class Found(Protocol):
+    """What a fit of the limb gives; ``covariance``: shape (7, 7), of a step of the pose; ``uv``: shape (k, 2)."""
+
+    @property
+    def pose(self) -> LimbPose: ...
+    @property
+    def covariance(self) -> FloatArray: ...
+    @property
+    def uv(self) -> FloatArray: ...
+
+
+F = TypeVar("F", bound=Found)
+
+
+def guarded_fit(
+    fit: Callable[[FloatArray], F],
+    image: FloatArray,
+    observation: Observation,
+    ellipsoid: Ellipsoid,
+    *,
+    in_air: bool,
+) -> F | Refusal:
+    """Return the fit of an image (H, W) with the disturbed pieces of the limb left out, or why it is not believed.
+
+    ``fit``: of an image with NaN where it has no pixels; others as for :func:`examined`.
+    """
+    image = without_lost_lines(image)
+    found = fit(image)
+    seen = examined(image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv)
+    if seen.refusal is None and len(seen.disturbed):
+        high = limb_height_m(observation.band_kind)[1] if in_air else 0.0
+        pixel_m = pixel_at_limb_m(observation.camera, found.pose.r_itrs, float(ellipsoid.axes_m[0]))
+        image = without_azimuths(
+            image, observation.camera, found.pose, ellipsoid.axes_m, seen.disturbed, high / pixel_m
+        )
+        found = fit(image)
+        seen = examined(image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv)
+        if seen.refusal is None and len(seen.disturbed):
+            reason = f"{len(seen.disturbed)} pieces of the limb lie away from their neighbours"
+            return Refusal(Outcome.AMBIGUOUS, reason, found.uv)
+    return found if seen.refusal is None else seen.refusal
+
+
+def accepted(run: Callable[[Observation], Fit | Refusal], share: float = 1.0) -> Callable[[Observation], Fit | Refusal]:
+    """Return a method that refuses what it knows less well than is accepted: a share of ``Prior.accept_rad``."""
+    return partial(_accepted, run, share)
+
+
+def _accepted(run: Callable[[Observation], Fit | Refusal], share: float, observation: Observation) -> Fit | Refusal:
+    found = run(observation)
+    if isinstance(found, Refusal):
+        return found
+    refusal = too_wide(found, share * observation.prior.accept_rad)
+    return found if refusal is None else refusal
+
+
+def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
+    """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
+    basis = tangent_basis(np.asarray(fit.nadir_cam))
+    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
+    reason = too_uncertain(sigma, largest_rad)
+    return None if reason is None else Refusal(Outcome.SHORT_ARC, f"the method {reason}", fit.points)
+
+
+def too_uncertain(sigma_rad: float, largest_rad: float) -> str | None:
+    """Return in words that a standard deviation of the nadir is larger than what is accepted, or None."""
+    if sigma_rad <= largest_rad:
+        return None
+    accepted_deg = f"{np.degrees(largest_rad):.2g} deg are accepted (prior: accept_deg)"
+    return f"determines the nadir to {np.degrees(sigma_rad):.2f} deg, {accepted_deg}"
