@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,7 +96,8 @@ class Shot:
 
     def choose(self, shared: FloatArray, most: int | None = None, tighter: float = 1.0) -> None:
         """Choose the pixels near the limb at the present state; parameters as for ``Chooser``."""
-        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, self.chosen)
+        before = None if self.chosen is None else replace(self.chosen, noises=self.noises)
+        self.chosen = self._chooser(self.state, shared[:LENS], most, tighter, before)
         self.state = self.chosen.state
         self.noises = [noise for noise in self.chosen.noises if noise is not None]
         looks = self._looks(self.state, shared, None)

@@ -43,12 +43,13 @@ LARGEST_MOTION_PX, LARGEST_LOG_STEP = 2.0, 0.5
 LARGEST_SCALE_STEP_PX, LARGEST_SCALE_STEP = 0.25, 0.5
 """Largest step of limb, ln blur and scale height for which the derivatives hold; of the last the larger of pixels and
 a share of it."""
-LOWEST = np.array([-np.inf, 0.0])
-"""Least values of an image's own unknowns."""
+LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
+"""Least values of an image's own unknowns: a lens without blur, a hard limb."""
 MOST_ROOM = 0.5
 """Largest share of the blur's variance that makes room for a scale height in one step."""
 ROUNDS = 2
 """Rounds of an estimate of the noise: by equal weights, then by those that follow from it."""
+NONE = np.empty((2, 0), dtype=np.intp)
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -194,7 +195,7 @@ class EdgeModel:
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
-        """Return the own unknowns after a step; a scale height of less than nothing is a hard limb.
+        """Return the own unknowns after a step, within their limits.
 
         The edge's variance is that of blur and scale height together, ``s^2 + c^2``, and tells them apart badly: to
         second order in the step of ``c`` the blur makes room for it.
@@ -202,7 +203,7 @@ class EdgeModel:
         scale_m = max(float(own[1] + step[1]), LOWEST[1])
         blur_2 = float(np.exp(2.0 * (own[0] + step[0])))
         blur_2 -= min((self._px_per_m * (scale_m - float(own[1]))) ** 2, MOST_ROOM * blur_2)
-        return np.array([0.5 * np.log(blur_2), scale_m])
+        return np.array([max(0.5 * np.log(blur_2), LOWEST[0]), scale_m])
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the prior of blur and scale height."""
@@ -245,7 +246,7 @@ class EdgeModel:
         the ground is uneven, since the faint rim of the edge then fits ever better.
         """
         pixels, basis, weights = self.pixels, look.seen.basis, self.pixels.counts
-        for _ in range(ROUNDS):
+        for number in range(ROUNDS):
             levels = solve_levels(basis, pixels.values, weights, pixels.sectors)
             residuals = pixels.values - levels.of_pixels(basis)
             found = light_noise(
@@ -253,13 +254,22 @@ class EdgeModel:
                 residuals,
                 basis,
                 levels.of_sector,
-                pixels.neighbours,
+                pixels.neighbours if number == ROUNDS - 1 else NONE,
                 pixels.counts,
                 pixels.rounding,
+                start=before is None,
             )
             weights = found.weights(residuals)
-        self._spread = solve_levels(basis, pixels.values, weights, pixels.sectors).spread_information
+        self._spread = levels.spread_information
         return found
+
+    def noise_of(
+        self, before: EdgeModel, noise: LightNoise, pose: LimbPose, own: FloatArray, air: FloatArray
+    ) -> LightNoise:
+        """Return the noise of other pixels of the image as that of these, and take over the levels' spread."""
+        self._spread = before._spread
+        edge = self._seen(pose, self.pixels.lens, own, air).edge.level
+        return noise.at(edge, self.pixels.counts)
 
     def linear(self, look: EdgeLook, own: FloatArray, weights: FloatArray) -> EdgeLinear:
         """Return the normal equations at a look, the levels eliminated."""

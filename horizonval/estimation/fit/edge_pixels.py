@@ -34,7 +34,7 @@ from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, ShotState
 from horizonval.estimation.fit.known import ArcPlaces, LimbKnowledge
 from horizonval.estimation.fit.levels import from_widest_gap, sectors_of
-from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES
+from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES, LightNoise
 from horizonval.estimation.fit.pixels import (
     LimbAngle,
     NearPixels,
@@ -117,6 +117,7 @@ class EdgeChooser:
         )
         self._basis_body: FloatArray | None = None
         self._heights: _Heights | None = None
+        self._most: int | None = None
 
     def start(self, pose: LimbPose) -> ShotState:
         """Return the unknowns before the first choice, of the body's pose."""
@@ -139,7 +140,15 @@ class EdgeChooser:
             state = replace(state, air=np.zeros(self._heights.count))
         models = [_model(limb, pose, self._heights, self.known, self._scaled) for limb in limbs]
         columns = [np.arange(self._heights.count)] * len(models)
-        return Chosen(models, columns, state, [None] * len(models))
+        noises: list[LightNoise | None] = [None] * len(models)
+        if before is not None and most == self._most:
+            for k, (model, own) in enumerate(zip(models, state.own, strict=True)):
+                was, noise = before.models[k], before.noises[k]
+                if isinstance(was, EdgeModel) and isinstance(noise, LightNoise):
+                    pose = state.pose.of_camera(self.images[k].cam_from_body)
+                    noises[k] = model.noise_of(was, noise, pose, own, state.air)
+        self._most = most
+        return Chosen(models, columns, state, noises)
 
 
 @dataclass(frozen=True)

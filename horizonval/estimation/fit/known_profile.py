@@ -48,7 +48,7 @@ from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
 COARSE_PX = 56
 """Longer side of the coarse copy [px], with some thousand pixels."""
-FIRST_PX, FINER_PX = 250, 800
+FIRST_PX, FINER_PX = 500, 800
 """Numbers of pixels of the coarse copy compared with the first grid and the finer ones; blurred by the grid's step it
 shows no more."""
 REACH_SIGMA = 3.5

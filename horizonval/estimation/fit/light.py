@@ -26,7 +26,7 @@ pixels together have the weight of one (:class:`.noise.PixelNoise`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,9 +153,19 @@ def brightness(levels: FloatArray, x: FloatArray, along: FloatArray) -> tuple[Fl
 
 @dataclass(frozen=True)
 class LightNoise(PixelNoise):
-    """Noise of pixels across a limb; ``parts``: variance in space, on the Earth, and excess in the edge's middle."""
+    """Noise of pixels across a limb.
+
+    ``parts``: variance in space, on the Earth, and excess in the edge's middle; ``alike``: number of the Earth's pixels
+    with one common error.
+    """
 
     parts: tuple[float, float, float] = (1.0, 1.0, 0.0)
+    alike: float = 1.0
+
+    def at(self, edge: FloatArray, counts: FloatArray) -> LightNoise:
+        """Return the same noise of pixels at other levels of the edge, shape (n,), means of so many each."""
+        together = _expected(edge, (1.0, self.alike, 0.0))
+        return LightNoise(_expected(edge, self.parts) / counts, together, self.parts, self.alike)
 
 
 def light_noise(
@@ -166,12 +176,14 @@ def light_noise(
     neighbours: NDArray[np.intp],
     counts: FloatArray,
     rounding: float,
+    *,
+    start: bool = False,
 ) -> LightNoise:
     """Return the noise of pixels by their residuals.
 
     ``values``, ``residuals``, ``counts``: shape (n,), the last numbers of pixels that each is the mean of; ``basis``:
     shape (6, n), of :func:`light_basis`; ``of_sector``: shape (m, 6), levels; ``neighbours``: shape (2, k), pairs of
-    adjacent pixels; ``rounding``: smallest variance of a pixel.
+    adjacent pixels; ``rounding``: smallest variance of a pixel; ``start``: whether the limb may be out of its place.
     """
     edge, count = basis[1], len(of_sector)
     each = len(values) // count
@@ -181,8 +193,15 @@ def light_noise(
     parts = _noise((residuals * np.sqrt(counts))[seen], edge[seen], int(seen.sum()) // each, rounding)
     depth = basis[2] / np.where(edge > EARTH_LEVEL, edge, 1.0)
     alike = _alike(residuals, level, np.where(seen, edge, 0.0), depth, neighbours, count)
-    together = np.where(seen, _expected(edge, (1.0, alike, 0.0)), UNSEEN)
-    return LightNoise(_expected(edge, parts) / counts, together, parts)
+    if start:
+        # Before the limb is in its place the edge must not weigh less for being missed: all of the noise is wider.
+        between = seen & (edge > MIDDLE_LEVEL) & (edge < 1.0 - MIDDLE_LEVEL)
+        line = (parts[0], parts[1], 0.0)
+        missed = residuals[between] ** 2 * counts[between] / _expected(edge[between], line)
+        wider = max(float(np.mean(missed)), 1.0) if len(missed) else 1.0
+        parts = (wider * line[0], wider * line[1], 0.0)
+    found = LightNoise(np.ones(1), parts=parts, alike=alike).at(edge, counts)
+    return replace(found, together=np.where(seen, found.together, UNSEEN))
 
 
 def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) -> FloatArray:
@@ -237,7 +256,7 @@ def _alike(
     independent pixels. A misfit common to the whole limb is removed before. Only variations above :data:`EVEN` count.
     """
     within = np.flatnonzero(edge > EARTH_LEVEL)
-    if len(within) <= FEWEST_PIXELS:
+    if len(within) <= FEWEST_PIXELS or not neighbours.shape[1]:
         return 1.0
     level = level[within]
     size = np.where(np.abs(level) > 0.0, level, 1.0)

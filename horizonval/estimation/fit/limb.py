@@ -11,7 +11,7 @@ covariance is multiplied by it (Birge's ratio, Phys. Rev. 40, 207, 1932).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,9 @@ FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
+OPTIONS = SolverOptions(most_steps=60, reweighed=0.5, frozen=0.1, steady=0.1, secant=1.0)
+"""Equations of the edge cost little more than a look at it: derivatives are frozen at the end only. Blur and scale
+height, where they are hard to tell apart, take many steps."""
 FEW_PIXELS, LARGE_PX = 1500, 100_000
 """Pixels by which the limb in an image larger than so many pixels is found to a fraction of a pixel, before all."""
 
@@ -86,7 +89,7 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     sigmas = np.zeros(SHARED)
     if len(images) == 1:
         sigmas[:LENS] = knowledge.lens_sigmas
-    solution = solve(Bundle([shot], sigmas), SolverOptions(stages=(*few, Stage())))
+    solution = solve(Bundle([shot], sigmas), replace(OPTIONS, stages=(*few, Stage(reselect_px=1.0))))
     found, state = solution.shots[0], shot.state
     assert shot.chosen is not None
     assert shot.seen is not None

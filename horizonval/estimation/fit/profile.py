@@ -50,6 +50,7 @@ from horizonval.estimation.fit.profile_pixels import (
     AXIS_CAM,
     GROUP_PX,
     NoLimbError,
+    ProfilePixels,
     level_distance,
     profile_pixels,
 )
@@ -71,8 +72,8 @@ SPACE_PX = 4.0
 """Smallest height of the window above the air."""
 GRID_RIMS = 2.0
 """Extension of the height grid beyond the window, in rims: its ends are five blurs and a lift away."""
-FINEST_STEP_M, STEPS_PER_PIXEL = 250.0, 12.0
-"""Step of the height grid: a thirtieth of the air's scale height, or a seventh of the blur. Measured against 32 steps a
+FINEST_STEP_M, STEPS_PER_PIXEL = 400.0, 12.0
+"""Step of the height grid: a twentieth of the air's scale height, or a seventh of the blur. Measured against 32 steps a
 pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: sampled lenses show waves of half a pixel."""
 SOME = 500
 """Pixels that tell how far a step moves the limb: it moves evenly along it."""
@@ -147,9 +148,9 @@ class ProfileModel:
 
     ``image``: shape (H, W), NaN where missing; ``lens``: shape (4,), errors of the lens that ``camera`` has already;
     ``blur_px``: for the window's width; ``most``: thin out evenly to about so many pixels; ``tighter``: factor on the
-    information on blur and sharpness. ``off_axis`` (n,): squared angles from the axis over the image's largest;
-    ``below_clouds`` (n,): share of a pixel's radiance from below the highest clouds. Raises ``LinAlgError``: too little
-    limb in view.
+    information on blur and sharpness; ``before``: model of a pose near by, whose nodes and air are kept. ``off_axis``
+    (n,): squared angles from the axis over the image's largest; ``below_clouds`` (n,): share of a pixel's radiance from
+    below the highest clouds. Raises ``LinAlgError``: too little limb in view.
     """
 
     own_count = OWN
@@ -164,6 +165,7 @@ class ProfileModel:
         knowledge: ProfileKnowledge,
         most: int | None = None,
         tighter: float = 1.0,
+        before: ProfileModel | None = None,
     ) -> None:
         self.pose, self.lens, self.knowledge, self.camera = pose, lens.copy(), knowledge, camera
         self.tighter = tighter
@@ -177,25 +179,37 @@ class ProfileModel:
         bottom = pose.height_m - (DEPTH_PX + 0.5 * TAPER_PX) * pixel_m
         top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
         self.curve = curve = 0.5 * axes[0] / to_limb_2
-        self.near = near = profile_pixels(
-            image, camera, pose, knowledge.ellipsoid, (bottom, top), high + rim + pose.height_m, curve, most
+        near = profile_pixels(
+            image,
+            camera,
+            pose,
+            knowledge.ellipsoid,
+            (bottom, top),
+            high + rim + pose.height_m,
+            curve,
+            most,
+            None if before is None else before.near.nodes,
         )
+        self.near: ProfilePixels = near
         ends, _ = level_distance(np.array([bottom, top]) - pose.height_m, curve)
         self._bottom, self._taper = ends[0], TAPER_PX * pixel_m
-        step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - GRID_RIMS * rim
-        count = next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / step)), real=True)
-        grid = (first, first + (count - 0.5) * step, step)
-        self.air = knowledge.air(near.normal_cam, near.los_cam, pose, grid, curve)
-        off_axis = off_axis_angle(near.los_cam, AXIS_CAM)
-        self.tables = BlurredProfiles(self.air.functions, step, near.boxes_m, knowledge.lens, off_axis)
+        off_axis = off_axis_angle(near.nodes.los_cam, AXIS_CAM)
+        if before is None:
+            step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - GRID_RIMS * rim
+            count = next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / step)), real=True)
+            grid = (first, first + (count - 0.5) * step, step)
+            self.air = knowledge.air(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
+            self.tables = BlurredProfiles(self.air.functions, step, near.nodes.boxes_m, knowledge.lens, off_axis)
+        else:
+            self.air, self.tables = before.air, before.tables
         self.floor = floor_of(near.space, float(np.nanmin(image)))
         i, t = near.sector, near.along
-        self._lift = near.lift_m[i] * (1.0 - t) + near.lift_m[i + 1] * t
+        self._lift = near.nodes.lift_m[i] * (1.0 - t) + near.nodes.lift_m[i + 1] * t
         variances = knowledge.lens.ratios**2 @ knowledge.lens.shares(off_axis)
         self._variance = variances[i] + (variances[i + 1] - variances[i]) * t
-        shares = off_axis_share(camera, near.los_cam)
+        shares = off_axis_share(camera, near.nodes.los_cam)
         self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
-        self.width_m = near.width_m[i]
+        self.width_m = near.nodes.width_m[i]
         self._some = slice(None, None, max(1, len(t) // SOME))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
@@ -234,22 +248,22 @@ class ProfileModel:
     def reach(self, step: FloatArray) -> float:
         """Return how far a step goes, 1 at the end of the derivatives' range."""
         own = step[POSE + LENS :]
-        most_px = max(LARGEST_MOTION_M / float(np.median(self.near.width_m)), LARGEST_MOTION_PX)
+        most_px = max(LARGEST_MOTION_M / float(np.median(self.near.nodes.width_m)), LARGEST_MOTION_PX)
         logs = float(np.abs(own[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP
         return max(self.motion_px(step[: POSE + LENS]) / most_px, logs)
 
     def motion_px(self, step: FloatArray) -> float:
         """Return by how much a step of pose and lens moves the limb where it moves it most."""
         moved = step[:POSE] @ self.near.by_pose[:, self._some] + step[POSE:] @ self.near.by_lens[:, self._some]
-        return float(np.abs(moved).max() / np.median(self.near.width_m))
+        return float(np.abs(moved).max() / np.median(self.near.nodes.width_m))
 
     def look(
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None = None
     ) -> ProfileLook:
         """Return the pixels as predicted; ``weights`` are not needed."""
-        at = np.concatenate([self.away(pose), lens - self.lens, own, air])
+        at = np.concatenate([pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own, air])
         if self._last is None or not np.array_equal(self._last[0], at):
-            self._last = at, self._look(at[:POSE], at[POSE : POSE + LENS], own, air)
+            self._last = at, self._look(self.away(pose), lens - self.lens, own, air)
         return self._last[1]
 
     def away(self, pose: LimbPose) -> FloatArray:
@@ -473,6 +487,10 @@ NEAR_PX = 0.25
 """Way of the limb up to which pixels stay chosen: distances are then linear to a thousandth of a pixel."""
 
 
+SAME_AIR_PX = 1.0
+"""Way of the limb up to which nodes and air stay: a node is then beside the limb by less than a scale height."""
+
+
 class ProfileChooser:
     """Chooses the pixels of all images of a shot; see :class:`horizonval.estimation.fit.image.Chooser`."""
 
@@ -486,18 +504,22 @@ class ProfileChooser:
         if isinstance(before, ProfileChosen) and self._still_good(before, state, lens, most):
             held = [model.held(tighter) for model in before.profiles]
             return replace(before, models=held, state=state, noises=[None] * len(held))
-        models = []
-        for one, own in zip(self._images, state.own, strict=True):
+        models: list[ProfileModel] = []
+        old = self._near_by(before, state, lens)
+        olds: list[ProfileModel | None] = [None] * len(self._images) if old is None else [*old]
+        for one, own, its in zip(self._images, state.own, olds, strict=True):
             camera = one.camera
             if lens.any():
                 camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), lens[3])
             pose = state.pose.of_camera(one.turn)
             models.append(
-                ProfileModel(one.image, camera, pose, lens, float(np.exp(own[BLUR])), one.knowledge, most, tighter)
+                ProfileModel(one.image, camera, pose, lens, float(np.exp(own[BLUR])), one.knowledge, most, tighter, its)
             )
+        if isinstance(before, ProfileChosen) and old is not None:
+            return replace(before, models=models, state=state, noises=[None] * len(models))
         air = common_air([model.air for model in models], [one.table for one in self._images])
-        for model, its in zip(models, air.images, strict=True):
-            model.air = its
+        for model, own_air in zip(models, air.images, strict=True):
+            model.air = own_air
         if isinstance(before, ProfileChosen):
             state = replace(state, air=air.taken_over(before.air, state.air))
         else:
@@ -510,8 +532,18 @@ class ProfileChooser:
 
     def _still_good(self, before: ProfileChosen, state: ShotState, lens: FloatArray, most: int | None) -> bool:
         """Return whether pixels are as good as those that would be chosen now."""
-        for one, model in zip(self._images, before.profiles, strict=True):
-            step = np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens])
-            if (model.thinned and most is None) or model.motion_px(step) > NEAR_PX:
-                return False
-        return True
+        thinned = most is None and any(model.thinned for model in before.profiles)
+        return not thinned and self._moved_px(before, state, lens) < NEAR_PX
+
+    def _near_by(self, before: Chosen | None, state: ShotState, lens: FloatArray) -> list[ProfileModel] | None:
+        """Return the models whose nodes and air serve the present state too, if they do."""
+        if not isinstance(before, ProfileChosen) or self._moved_px(before, state, lens) > SAME_AIR_PX:
+            return None
+        return before.profiles
+
+    def _moved_px(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> float:
+        """Return by how much the limb has moved since pixels were chosen."""
+        return max(
+            model.motion_px(np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens]))
+            for one, model in zip(self._images, before.profiles, strict=True)
+        )

@@ -223,6 +223,8 @@ def by_sector(model: ProfileModel, look: ProfileLook, weights: FloatArray) -> tu
     per_rad = -model.derivatives(look)[POSE - 1] * near.distance_m
     uv, off = [], []
     for first, last in pairwise(near.starts):
+        if first == last:
+            continue
         here = slice(first, last)
         information = float(weights[here] @ per_rad[here] ** 2)
         pull = float((weights[here] * per_rad[here]) @ look.residuals[here])

@@ -131,16 +131,30 @@ CANDIDATES = 5
 
 
 @dataclass(frozen=True)
+class LimbPlaces:
+    """Nodes along the limb, m + 1.
+
+    ``width_m`` (m + 1,): a pixel across the limb; ``boxes_m`` (m + 1, 2): its parts along column and row, of equal
+    square sum; ``lift_m`` (m + 1,): displacement across the limb by a blur of one pixel's variance; ``normal_cam`` (m +
+    1, 3): of the ellipsoid below; ``los_cam`` (m + 1, 3).
+    """
+
+    width_m: FloatArray
+    boxes_m: FloatArray
+    lift_m: FloatArray
+    normal_cam: FloatArray
+    los_cam: FloatArray
+
+
+@dataclass(frozen=True)
 class ProfilePixels:
     """n pixels that see the profile, or means of some, in order of azimuth, in m sectors with nodes at both ends.
 
     ``columns``, ``rows``, ``values`` (grey levels), ``light`` (response relative to the axis: solid angle through the
     pupil), ``height_m``, ``distance_m`` (from the observer): shape (n,); ``across_m`` (n,): distance across the limb;
     ``by_pose`` (7, n), ``by_lens`` (4, n): its derivatives; ``sector`` (n,); ``starts`` (m + 1,); ``along`` (n,):
-    position in the sector, 0 to 1; ``group``: number of pixels that one stands for. At the nodes: ``width_m`` (m + 1,):
-    a pixel across the limb; ``boxes_m`` (m + 1, 2): its parts along column and row, of equal square sum; ``lift_m`` (m
-    + 1,): displacement across the limb by a blur of one pixel's variance; ``normal_cam`` (m + 1, 3): of the ellipsoid
-    below; ``los_cam`` (m + 1, 3). ``space``: values of pixels above the air.
+    position in the sector, 0 to 1; ``group``: number of pixels that one stands for; ``space``: values of pixels above
+    the air.
     """
 
     columns: FloatArray
@@ -156,11 +170,7 @@ class ProfilePixels:
     starts: NDArray[np.intp]
     along: FloatArray
     group: int
-    width_m: FloatArray
-    boxes_m: FloatArray
-    lift_m: FloatArray
-    normal_cam: FloatArray
-    los_cam: FloatArray
+    nodes: LimbPlaces
     space: FloatArray
 
 
@@ -173,10 +183,12 @@ def profile_pixels(
     space_m: float,
     curve: float,
     most: int | None = None,
+    nodes: LimbPlaces | None = None,
 ) -> ProfilePixels:
     """Return valid pixels between two heights at a pose, about ``most`` of them, evenly spread.
 
-    ``space_m``: height from which there is no air. Raises ``LinAlgError``: too little limb in view.
+    ``space_m``: height from which there is no air; ``nodes``: of a pose near by, to be kept. Raises ``LinAlgError``:
+    too little limb in view.
     """
     bottom_m, top_m = between_m
     axes = ellipsoid.axes_m
@@ -199,15 +211,28 @@ def profile_pixels(
     limb_px = int(on_limb.sum())
     if limb_px < FEWEST_LIMB_PX:
         raise NoLimbError(f"{limb_px} pixels of limb in view; {FEWEST_LIMB_PX} are needed")
-    seen = tangent_basis(pose.nadir_cam).T @ near.los_cam
-    azimuth = np.arctan2(seen[1], seen[0])
-    order, turned = from_widest_gap(azimuth)
-    at_centre = float(np.sqrt(max(1.0 - axes[0] ** 2 / float(pose.r_itrs @ pose.r_itrs), 0.0)))
-    count = int(np.clip(np.ceil(turned[-1] * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
-    starts = np.linspace(0, len(order), count + 1).astype(np.intp)
-    sector = np.repeat(np.arange(count), np.diff(starts))
-    borders = turned[np.minimum(starts, len(order) - 1)]
-    along = (turned - borders[sector]) / np.maximum(np.diff(borders), 1e-12)[sector]
+    basis = tangent_basis(pose.nadir_cam)
+    azimuth = _azimuth(basis, near.los_cam)
+    if nodes is None:
+        order, turned = from_widest_gap(azimuth)
+        at_centre = float(np.sqrt(max(1.0 - axes[0] ** 2 / float(pose.r_itrs @ pose.r_itrs), 0.0)))
+        count = int(np.clip(np.ceil(turned[-1] * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
+        borders = turned[np.linspace(0, len(order) - 1, count + 1).astype(np.intp)]
+        some = np.flatnonzero(on_limb)
+        some = some[:: max(1, len(some) // BEND_PLACES)]
+        by_node = _Along(camera, pose, axes, curve, azimuth[order[0]], borders)
+        nodes = by_node.nodes(near.take(some), azimuth[some], width[some], by_column[some], by_row[some])
+    else:
+        # Pixels may lie a little before the first node and after the last one.
+        at_nodes = _azimuth(basis, nodes.los_cam.T)
+        borders = np.mod(at_nodes - at_nodes[0], 2.0 * np.pi)
+        before = 0.5 * (2.0 * np.pi - borders[-1])
+        from_first = np.mod(azimuth - at_nodes[0] + before, 2.0 * np.pi) - before
+        order = np.argsort(from_first, kind="stable")
+        turned, count = from_first[order], len(borders) - 1
+    sector = np.clip(np.searchsorted(borders, turned, side="right") - 1, 0, count - 1)
+    starts = np.searchsorted(sector, np.arange(count + 1))
+    along = np.clip((turned - borders[sector]) / np.maximum(np.diff(borders), 1e-12)[sector], 0.0, 1.0)
     values = np.asarray(image[near.rows, near.columns], dtype=np.float64)
     of_each = np.concatenate(
         [
@@ -226,19 +251,6 @@ def profile_pixels(
         together, starts = _grouped(together, starts, group, limb_px / count)
         of_each, along = together[:-1], together[-1]
         sector = np.repeat(np.arange(count), np.diff(starts))
-    some = order[np.flatnonzero(on_limb[order])]
-    some = some[:: max(1, len(some) // BEND_PLACES)]
-    at = np.mod(azimuth[some] - azimuth[order[0]], 2.0 * np.pi)
-    uv = np.column_stack([near.columns[some], near.rows[some]]).astype(float)
-    lifted = 0.5 * _laplacian(camera, uv, pose, axes, curve)
-    known = np.isfinite(lifted)
-    boxes_m = np.column_stack([np.interp(borders, at, np.abs(part[some])) for part in (by_column, by_row)])
-    # Nodes at the ends may lie outside the image: where they are is a matter of geometry alone.
-    basis = tangent_basis(pose.nadir_cam)
-    turn = borders + azimuth[order[0]]
-    outwards = basis @ np.array([np.cos(turn), np.sin(turn)])
-    los_cam = _level_los(np.sqrt(1.0 - at_centre**2) * outwards + at_centre * pose.nadir_cam[:, None], pose, axes)
-    beneath = ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam
     columns, rows, values, light, height_m, distance_m, across_m = of_each[:7]
     return ProfilePixels(
         columns=columns,
@@ -254,11 +266,7 @@ def profile_pixels(
         starts=starts,
         along=along,
         group=group,
-        width_m=np.interp(borders, at, width[some]),
-        boxes_m=boxes_m,
-        lift_m=np.interp(borders, at[known], lifted[known]) if known.any() else np.zeros(len(borders)),
-        normal_cam=beneath.T,
-        los_cam=los_cam.T,
+        nodes=nodes,
         space=space,
     )
 
@@ -310,6 +318,49 @@ def _by_lens(camera: CameraModel, near: NearPixels, by_column: FloatArray, by_ro
     return by_lens
 
 
+def _azimuth(basis: FloatArray, los_cam: FloatArray) -> FloatArray:
+    """Return the azimuths of lines of sight (3, n) about the nadir, by its tangents (3, 2)."""
+    across = basis.T @ los_cam
+    return np.asarray(np.arctan2(across[1], across[0]))
+
+
+@dataclass(frozen=True)
+class _Along:
+    """Azimuths of nodes, ``borders`` (m + 1,) from ``first_rad``, on the limb of a pose."""
+
+    camera: CameraModel
+    pose: LimbPose
+    axes: FloatArray
+    curve: float
+    first_rad: float
+    borders: FloatArray
+
+    def nodes(
+        self, near: NearPixels, azimuth: FloatArray, width: FloatArray, by_column: FloatArray, by_row: FloatArray
+    ) -> LimbPlaces:
+        """Return the nodes, by some pixels on the limb and what these see per pixel."""
+        pose, axes = self.pose, self.axes
+        at = np.mod(azimuth - self.first_rad, 2.0 * np.pi)
+        rising = np.argsort(at)
+        at = at[rising]
+        uv = np.column_stack([near.columns, near.rows])[rising].astype(float)
+        lifted = 0.5 * _laplacian(self.camera, uv, pose, axes, self.curve)
+        known = np.isfinite(lifted)
+        parts = [np.interp(self.borders, at, np.abs(part[rising])) for part in (width, by_column, by_row)]
+        # Nodes at the ends may lie outside the image: where they are is a matter of geometry alone.
+        turn = self.borders + self.first_rad
+        outwards = tangent_basis(pose.nadir_cam) @ np.array([np.cos(turn), np.sin(turn)])
+        sine = float(axes[0] / np.linalg.norm(pose.r_itrs))
+        los_cam = _level_los(sine * outwards + np.sqrt(1.0 - sine**2) * pose.nadir_cam[:, None], pose, axes)
+        return LimbPlaces(
+            width_m=parts[0],
+            boxes_m=np.column_stack(parts[1:]),
+            lift_m=np.interp(self.borders, at[known], lifted[known]) if known.any() else np.zeros(len(turn)),
+            normal_cam=ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam.T,
+            los_cam=los_cam.T,
+        )
+
+
 def _level_los(los_cam: FloatArray, pose: LimbPose, axes: FloatArray) -> FloatArray:
     """Return lines of sight (3, n) to a sphere's limb turned to touch the ellipsoid, up to 21 km lower."""
     for _ in range(LEVELLINGS):
@@ -325,11 +376,9 @@ def _laplacian(camera: CameraModel, uv: FloatArray, pose: LimbPose, axes: FloatA
     A blur of variance ``s^2`` displaces the limb by ``s^2 / 2`` times it: limbs are curved and the scale varies.
     """
 
-    def across(places: FloatArray) -> FloatArray:
-        height = ray_height(unproject(camera, places).T, pose.cam_from_itrs, pose.r_itrs, axes).height_m
-        return level_distance(height, curve)[0]
-
-    right, below = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    steps = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     with np.errstate(invalid="ignore"):
-        around = across(uv + right) + across(uv - right) + across(uv + below) + across(uv - below)
-        return np.asarray(around - 4.0 * across(uv))
+        los = unproject(camera, (uv[None] + steps[:, None]).reshape(-1, 2)).T
+        height = ray_height(los, pose.cam_from_itrs, pose.r_itrs, axes).height_m
+        across = level_distance(height, curve)[0].reshape(len(steps), -1)
+    return np.asarray(across[1:].sum(axis=0) - 4.0 * across[0])

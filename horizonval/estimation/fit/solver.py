@@ -43,20 +43,23 @@ class SolverOptions:
     """Settings of the solver.
 
     ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held, and ``near`` in all stages but the last; ``reweighed``: change that asks for new equations; ``good``:
-    share of the predicted gain above which derivatives stay frozen; ``frozen``: square of a step up to which they do;
-    ``most_cuts``, ``least_share``: how often a step that gains nothing is shortened, and to which share of it;
-    ``first_damping``, ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does not help;
-    ``rounding``: loss of merit that counts as none [sigma^2].
+    noise is held, and ``near`` in all stages but the last; ``most_weighs``: how often it is estimated in a stage;
+    ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which derivatives
+    stay frozen; ``frozen``: square of a step up to which they do; ``secant``: square of a step up to which it corrects
+    the next one; ``most_cuts``, ``least_share``: how often a step that gains nothing is shortened, and to which share
+    of it; ``first_damping``, ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does
+    not help; ``rounding``: loss of merit that counts as none [sigma^2].
     """
 
     stages: tuple[Stage, ...] = (Stage(),)
     most_steps: int = 30
     steady: float = 0.02
     near: float = 0.2
+    most_weighs: int = 8
     reweighed: float = np.inf
     good: float = 0.7
     frozen: float = np.inf
+    secant: float = np.inf
     most_cuts: int = 3
     least_share: float = 0.1
     first_damping: float = 1.0
@@ -92,7 +95,7 @@ class _Search:
     def __init__(self, bundle: Bundle, options: SolverOptions, progress: Progress) -> None:
         self.bundle, self.options, self.progress = bundle, options, progress
         self.steps: list[list[FloatArray]] = [[] for _ in bundle.shots]
-        self.moved_px = 0.0
+        self.moved_px, self.weighed = 0.0, 0
 
     def run(self) -> Solution:
         bundle = self.bundle
@@ -110,6 +113,7 @@ class _Search:
         equations: list[ShotEquations] = []
         solved: Solved | None = None
         damping, steady, before = 0.0, not stage.settle, None
+        self.weighed = 0
         step: Step | None = None
         for number in range(options.most_steps):
             fresh = solved is None
@@ -119,14 +123,16 @@ class _Search:
             else:
                 equations = [one.again(bundle.shared) for one in equations]
             step = solved.step(equations)
-            bounded = self._bounded(step if before is None or damping > 0.0 else step.after(before))
+            near = before is not None and before.square < options.secant and damping == 0.0
+            bounded = self._bounded(step.after(before) if near and before is not None else step)
             short = damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0
             gain = self._try(bounded)
             if short and steady:
                 # On the way from where the noise was steady it may have changed; and derivatives of elsewhere end a few
                 # hundredths of a sigma from the best unknowns.
                 good = fresh or not last or all(one.exact for one in equations)
-                if good and (not (stage.settle and last) or self._weigh() < options.steady):
+                held = not (stage.settle and last) or self.weighed >= options.most_weighs
+                if good and (held or self._weigh() < options.steady):
                     return equations
                 solved, before = None, None
                 continue
@@ -164,8 +170,12 @@ class _Search:
                 solved, before = None, None
             elif stage.settle and not steady:
                 change = self._weigh()
+                # Slopes by other weights say nothing of the curvature.
+                before = None if change > options.steady else before
                 # A first stage ends as soon as it is near.
-                steady = change < (options.steady if last else options.near)
+                steady = change < (options.steady if last else options.near) and step.square < 1.0
+                # Two estimates may follow each other by turns.
+                steady = steady or self.weighed >= options.most_weighs
                 if change > options.reweighed:
                     solved, before = None, None
         if step is None or step.square > 1.0:
@@ -174,6 +184,7 @@ class _Search:
 
     def _weigh(self) -> float:
         """Estimate the noise again; return the largest change of a shot's."""
+        self.weighed += 1
         return max(shot.weigh(self.bundle.shared) for shot in self.bundle.shots)
 
     def _choose(self, stage: Stage) -> None:

@@ -280,7 +280,7 @@ def test_nodes_stand_on_the_limb_of_the_ellipsoid() -> None:
     pose, axes = LimbPose(cam, r), WGS84.axes_m
     curve = 0.5 * axes[0] / (r @ r - axes[0] ** 2)
     near = profile_pixels(np.zeros((CAMERA.height, CAMERA.width)), CAMERA, pose, WGS84, (-40e3, 60e3), 60e3, curve)
-    heights = ray_height(near.los_cam.T, cam, r, axes).height_m
+    heights = ray_height(near.nodes.los_cam.T, cam, r, axes).height_m
     assert np.abs(heights).max() < 1.0
 
 
