@@ -29,29 +29,23 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, rounding_variance
 
-FINE_STEP = 0.1
-"""[px], as published."""
-FINE_REACH = 2
-"""[px] to either side of the coarse crossing, as published."""
+FINE_STEP, FINE_REACH = 0.1, 2
+"""Step of the fine crossing and its reach to either side of the coarse one [px], as published."""
 NOISE_REACH = 6
 """Pixels to either side of the steepest one in which noise may make another one the steepest."""
 RESOLVED_PX = 2.0
 """Distance between the 20 % and 80 % levels from which a limb is resolved; a step blurred by half a pixel has 1.2."""
 AREA_REACH = 3
 """Pixels on either side of the edge that the area counts; an unresolved edge has no light beyond."""
-PLATEAU = (5, 9)
-"""Pixels inside a resolved limb that form its plateau: 13 to 25 km below half of it, from 200 to 600 km at 0.1 deg."""
-SPACE = (10, 26)
-"""Pixels outside a resolved limb that make its dark level."""
-NEAREST_SPACE = 6
-"""Pixels outside of the crossing, where a row that ends soon has its dark level."""
-NEAR_SYSTEMATIC_PX = 0.1
-"""Error where the row ends early and its last three pixels serve, from 6 px outside on: some 2 % of the plateau
-remain."""
-LEVEL_PIXELS = 8
-"""Pixels of the level next to an unresolved edge: it is known to a third of a pixel's noise."""
-FEWEST_LEVEL_PIXELS = 3
-"""The same, and for a resolved limb's dark level, where the row ends: 0.6 of a pixel's noise."""
+PLATEAU, SPACE = (5, 9), (10, 26)
+"""Pixels inside a resolved limb that form its plateau (13 to 25 km below half of it, from 200 to 600 km at 0.1 deg),
+and outside of it that make its dark level."""
+NEAREST_SPACE, NEAR_SYSTEMATIC_PX = 6, 0.1
+"""Pixels outside of the crossing where the dark level of a row that ends soon begins, and the error of that: some 2 %
+of the plateau remain."""
+LEVEL_PIXELS, FEWEST_LEVEL_PIXELS = 8, 3
+"""Pixels of the level next to an unresolved edge, which is known to a third of a pixel's noise, and the fewest of any
+level where the row ends: 0.6 of a pixel's noise."""
 CONTRAST_SIGMA = 8.0
 """Smallest step in standard deviations of a pixel's noise."""
 OWN_SHARE = 0.6

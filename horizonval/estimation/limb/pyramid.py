@@ -110,7 +110,8 @@ def without_disc(levels: list[PyramidLevel], column: float, row: float, radius_p
 
 def known_pixels(picture: Picture, camera: CameraModel) -> NDArray[np.bool_] | None:
     """Return which pixels hold a measurement, shape (H, W); None if all do."""
-    unknown = _lost_lines(picture.single) | _blocks(picture)
+    unknown = _lost_lines(picture.single)
+    _mark_blocks(picture, unknown)
     if camera.image_circle_rad is not None:
         unknown |= ~np.isfinite(pixel_directions(camera)[:, :, 0])
     return ~unknown if unknown.any() else None
@@ -132,18 +133,15 @@ def _lost_lines(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
     return lost
 
 
-def _blocks(picture: Picture) -> NDArray[np.bool_]:
-    """Return the pixels of rectangles that have the darkest value throughout."""
-    out = np.zeros(picture.grey.shape, dtype=bool)
+def _mark_blocks(picture: Picture, unknown: NDArray[np.bool_]) -> None:
+    """Mark the pixels of rectangles that have the darkest value throughout."""
     darkest = picture.grey == picture.darkest
     if np.count_nonzero(darkest) < SMALLEST_BLOCK_PX:
-        return out
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(darkest.view(np.uint8), connectivity=4)
-    for label in np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= SMALLEST_BLOCK_PX):
-        wide, high, area = stats[label][2:]
-        if label and area == wide * high and min(wide, high) > 1:
-            out[labels == label] = True
-    return out
+        return
+    _, _, stats, _ = cv2.connectedComponentsWithStats(darkest.view(np.uint8), connectivity=4)
+    for left, top, wide, high, area in stats[1:]:
+        if area >= SMALLEST_BLOCK_PX and area == wide * high and min(wide, high) > 1:
+            unknown[top : top + high, left : left + wide] = True
 
 
 def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
