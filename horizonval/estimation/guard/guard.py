@@ -39,7 +39,7 @@ from horizonval.estimation.guard.points import MUCH_LOST, TrustedPoints, second_
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
 from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty
-from horizonval.estimation.limb.finder import largest_rho_rad
+from horizonval.estimation.limb.finder import SIGMAS, largest_rho_rad
 from horizonval.estimation.limb.steepest import inwards_of, noise_covariance, pixel_noise
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
@@ -361,7 +361,7 @@ def _confirmed(fit: Fit, limb: GuardLimb, observation: Observation, systematic: 
     # Few points bend with the limb's shape otherwise than many do: the model's error counts, too.
     spread = basis.T @ confirmed.total_covariance_nadir_cam @ basis + limb.noise[:2, :2]
     spread += limits.AGREEMENT_FLOOR_RAD**2 * np.eye(2)
-    if fit.nadir_cam @ limb.axis < 0 or apart @ np.linalg.solve(spread, apart) > limits.AGREEMENT**2:
+    if fit.nadir_cam @ limb.axis < 0 or apart @ np.linalg.solve(spread, apart) > SIGMAS**2:
         angle = np.degrees(angle_between(np.asarray(fit.nadir_cam), limb.axis))
         return Refusal(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
     variance = float(limb.noise[2, 2] + limb.systematic[2, 2])

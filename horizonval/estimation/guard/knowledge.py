@@ -8,13 +8,13 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX
 from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE
-from horizonval.estimation.guard import limits
+from horizonval.estimation.limb.finder import SIGMAS
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.rotation import angle_between, tangent_basis
 
 
 def contradicted(claim: Fit, observation: Observation, rho_rad: float, variance: float) -> Refusal | None:
-    """Refuse a claim at :data:`limits.AGREEMENT` standard deviations from the known altitude or attitude.
+    """Refuse a claim at :data:`SIGMAS` standard deviations from the known altitude or attitude.
 
     ``rho_rad``: half-angle of the limb as it is seen, ``variance``: its variance [rad^2].
     """
@@ -30,7 +30,7 @@ def contradicted(claim: Fit, observation: Observation, rho_rad: float, variance:
     apart = basis.T @ (known - nadir)
     spread = basis.T @ claim.total_covariance_nadir_cam @ basis + sigma**2 * np.eye(2)
     # Beyond a right angle the difference of two unit vectors gets no longer across the first one.
-    if known @ nadir > 0.0 and apart @ np.linalg.solve(spread, apart) <= limits.AGREEMENT**2:
+    if known @ nadir > 0.0 and apart @ np.linalg.solve(spread, apart) <= SIGMAS**2:
         return None
     degrees = np.degrees(angle_between(known, nadir))
     return Refusal(Outcome.AMBIGUOUS, f"the nadir lies {degrees:.1f} deg from that of the known attitude", claim.points)
@@ -52,7 +52,7 @@ def _altitude_off(observation: Observation, rho_rad: float, variance: float) -> 
         return None
     # In coarse pixels points lie in the limb's light, not at its edge.
     misplaced = (MISPLACED_PX / max(camera.fx, camera.fy)) ** 2
-    slack = limits.AGREEMENT * float(np.sqrt(variance + of_altitude + misplaced))
+    slack = SIGMAS * float(np.sqrt(variance + of_altitude + misplaced))
     # A limb h higher adds h tan(rho) / R.
     low, high = (height * np.tan(expected) / radius for height in limb_height_m(observation.band_kind))
     off = rho_rad - expected

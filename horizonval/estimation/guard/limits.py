@@ -19,8 +19,6 @@ FEWEST_POINTS = 12
 """Smallest number of points of an image: four for each of a cone's three unknowns."""
 SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 """Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
-AGREEMENT = 5.0
-"""Threshold of all consistency tests: two Gaussian degrees of freedom exceed it four times in a million."""
 AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
 """Smallest tolerance for methods with whole pixels or circles where the guard uses sub-pixels and cones."""
 LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5

@@ -32,7 +32,7 @@ from horizonval.estimation.limb.evidence import MOST_SECTORS, PROFILES, read_pro
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.picture import ROSE_SIGMAS, Picture, in_wider_pixels, median
 from horizonval.estimation.limb.pyramid import PyramidLevel, cone_frame, on_cone, trace_limb
-from horizonval.estimation.limb.steepest import inwards_of, to_steepest
+from horizonval.estimation.limb.steepest import SATURATED_SHARE, inwards_of, to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.horizon import Cone, fit_cone
@@ -40,8 +40,6 @@ from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 BoolArray = NDArray[np.bool_]
 
-SATURATED_SHARE = 0.97
-"""Share of full scale from which a pixel is saturated; converter noise may keep it a little below."""
 FADED_SHARE = 0.3
 """Smallest step relative to the limb's strong steps (their 90th percentile)."""
 RESTLESS_SHARE = 0.25

@@ -25,8 +25,9 @@ from scipy.stats import chi2
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import oblate_limbs, relief_covariance, reliefs
-from horizonval.estimation.guard.points import SATURATED_SHARE
 from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
+from horizonval.estimation.limb.picture import ROSE_SIGMAS
+from horizonval.estimation.limb.steepest import SATURATED_SHARE
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
@@ -41,8 +42,6 @@ ROW_FEWEST_PX = 4
 """Smallest number of pixels of a level that is tested."""
 ROW_SMOOTHING_PX = 1.0
 """Standard deviation of the Gaussian before the levels are compared: less than any object's width."""
-ROW_SIGMAS = 5.0
-"""Largest deviation in units of the smoothed row's noise: among 160 pixels, one row of a million by chance."""
 ROW_SPACE_SHARE = 0.1
 """Largest level beyond the limb, of its step."""
 ROW_EARTH_SHARES = (0.6, 1.5)
@@ -129,7 +128,7 @@ def _second_edge(row: FloatArray, crossing: Crossing, bright_left: bool) -> str 
         return "the row is no darker beyond the limb than within"
     # A Gaussian of that width leaves this much of the noise of single pixels.
     left_over = (2.0 * np.sqrt(np.pi) * ROW_SMOOTHING_PX) ** -0.5
-    noise = ROW_SIGMAS * left_over * row_noise(row, round(crossing.column)) / step
+    noise = ROSE_SIGMAS * left_over * row_noise(row, round(crossing.column)) / step
     within, beyond = (
         gaussian_filter1d((part - space) / step, ROW_SMOOTHING_PX, mode="nearest") for part in (inside, outside)
     )

@@ -104,7 +104,7 @@ SMALLEST_FILL = 0.3
 RIVAL_SHARE = 0.5
 """Log likelihood of a rival, relative to the best curve, that puts it in doubt: limb half as long."""
 SIGMAS = 5.0
-"""Significance of a curve against a straight line, and of two nadirs: one in a million by chance."""
+"""Threshold of all consistency tests: two Gaussian degrees of freedom exceed it four times in a million."""
 LARGEST_RHO_RAD = float(np.deg2rad(82.0))
 """A camera 60 km up sees the Earth at 82 deg; nothing orbits there, and a prior says whose camera is lower."""
 LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))

@@ -132,8 +132,8 @@ NEAR_TOP_PX = 2.0
 """Largest distance of a point from the steepest sample: twice the smoothing is the same edge."""
 CLIPPED_SHARE = 0.1
 """Share of space pixels at one lowest level above which noise is clipped."""
-SATURATED_SHARE = 0.95
-"""Share of full scale above which noise may be clipped."""
+SATURATED_SHARE = 0.97
+"""Share of full scale from which a pixel is saturated; converter noise may keep it a little below."""
 DIM_SHARE = 0.2
 """Share of the median step below which pixels say little about how the variance grows with the level."""
 

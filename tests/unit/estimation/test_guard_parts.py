@@ -14,6 +14,7 @@ from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.guard import GuardLimb, _confirmed
 from horizonval.estimation.guard.limits import seen_relief
 from horizonval.estimation.guard.rows import RowLimb, misfit, row_limb
+from horizonval.estimation.limb.finder import SIGMAS
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel
@@ -184,6 +185,6 @@ def test_an_answer_is_confirmed_within_five_sigma_of_all_that_is_uncertain() -> 
     sigma = math.sqrt(sum(p**2 for p in parts) + limits.AGREEMENT_FLOOR_RAD**2)
     for sign in (-1.0, 1.0):
         for share, expected in ((0.98, None), (1.02, Outcome.AMBIGUOUS)):
-            fit = answer(sign * share * limits.AGREEMENT * sigma, sigma=parts[0])
+            fit = answer(sign * share * SIGMAS * sigma, sigma=parts[0])
             assert outcome(fit, pair_limb(noise=parts[2]), claimed=parts[1]) is expected
     assert outcome(answer(math.pi), pair_limb()) is Outcome.AMBIGUOUS, "the other way round is no agreement"
