@@ -99,7 +99,7 @@ def sliver_of(found: LimbFit, camera: CameraModel) -> Sliver | None:
 
 
 def uneven_disc(found: LimbFit, camera: CameraModel) -> LimbFit:
-    """Return the fit of a whole disc whose sectors scatter beyond what is known, as another sliver may have moved it."""
+    """Return the fit of a whole disc; where its sectors scatter beyond what is known, another sliver may move it."""
     if found.scatter == 1.0:
         return found
     lit = found.levels >= LIT_SHARE * found.levels.max()

@@ -28,6 +28,8 @@ from horizonval.geometry.camera import CameraModel
 
 FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
+UNLIT = 3.0
+"""Largest depth of an unlit sliver, of its mean: two standard deviations above."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
 OPTIONS = SolverOptions(most_steps=60, reweighed=0.5, frozen=0.1, steady=0.1, secant=1.0)
@@ -46,7 +48,8 @@ class LimbFit:
     ``blur_px``, ``scale_height_m``: of the lens and the limb in the first image. ``noise_sigma``: pixel noise in space
     and on the Earth, in grey levels. ``pixels``: number used. ``uv`` (m, 2): a point on each sector's limb in the first
     image [px]; ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief;
-    ``levels`` (m,): the Earth's brightness there above space; ``scatter``: :func:`scatter` of the sectors.
+    ``levels`` (m,): the Earth's brightness there above space; ``scatter``: :func:`scatter` of the sectors;
+    ``uneven_px``: by how much an unlit sliver may have the limb depart from a circle.
     ``steps``: shape (k, 7).
     """
 
@@ -61,6 +64,7 @@ class LimbFit:
     residuals_rad: FloatArray
     levels: FloatArray
     scatter: float
+    uneven_px: float
     steps: FloatArray
 
     @property
@@ -123,6 +127,7 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
         residuals_rad=places[0].off_rad,
         levels=places[0].levels,
         scatter=ratio,
+        uneven_px=0.0 if knowledge.sliver is None else UNLIT * knowledge.sliver.depth_px,
         steps=solution.steps[0],
     )
 
