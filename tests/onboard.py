@@ -1,4 +1,4 @@
-"""The fit in C beside `limb-profile`: a suite whose frames both see, some of them kept, the program made and run.
+"""The fit in C and `limb-profile`: stored frames of a suite that both see, images drawn from its tables, the program.
 
 ``python tests/onboard.py`` renders the suite anew and keeps the second frame of every place and band.
 """
@@ -14,15 +14,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial.transform import Rotation
 
 from horizonval.api.estimate import mission_table
+from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.fit import known_profile
+from horizonval.estimation.fit.air import KnownAir, common_air
+from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.profile_pixels import level_distance, ray_height
+from horizonval.estimation.fit.templates import templates_of
 from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import GAIN_SIGMA, Prior
-from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.ellipsoid import WGS84
+from horizonval.geometry.rotation import tangent_basis
 from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 from horizonval.renderer.frame import render_frame
 from horizonval.sensor.observe import observe
@@ -167,6 +175,71 @@ def answer(program: Path, known: list[Any], image: np.ndarray) -> dict[str, Any]
     pixels = np.rint(image).astype(np.uint16).tobytes()
     done = subprocess.run([program], input=line.encode() + pixels, capture_output=True, check=True)
     return dict(json.loads(done.stdout))
+
+
+FINER, NODES, STEP_M, LOWEST_M, HIGHEST_M = 4, 80, 500.0, -80e3, 170e3
+"""Subpixels per side of a drawn image's pixel, nodes along its limb, and its grid of heights."""
+TILT_RAD = float(np.radians(2.0))
+
+
+def drawn(observation: Observation, table: Path, rng: np.random.Generator) -> tuple[Observation, FloatArray]:
+    """Return an observation with an image drawn from a table, and its true nadir in camera axes.
+
+    The pose is near the observation's prior. Air is drawn from the table's modes, the image made on a finer grid
+    without the package's model of the blur.
+    """
+    camera, prior = observation.camera, observation.prior
+    assert prior.q_cam_from_itrs is not None
+    assert prior.r_itrs is not None
+    assert prior.position_sigma_m is not None
+    assert prior.epoch_utc is not None
+    turn = Rotation.from_rotvec(TILT_RAD * rng.standard_normal(3)) * Rotation.from_quat(prior.q_cam_from_itrs)
+    pose = LimbPose(turn.as_matrix(), prior.r_itrs * (1.0 + rng.uniform(-0.01, 0.01)))
+    place = (pose.cam_from_itrs, pose.r_itrs, WGS84.axes_m)
+    u, v = ((np.arange(n * FINER) + 0.5) / FINER - 0.5 for n in (camera.width, camera.height))
+    los = unproject(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)).T
+    ray = ray_height(los, *place)
+    to_centre, radius = float(np.linalg.norm(pose.r_itrs)), float(WGS84.axes_m[0])
+    curve = 0.5 * radius / (to_centre**2 - radius**2)
+    across, _ = level_distance(ray.height_m, curve)
+    basis = tangent_basis(pose.nadir_cam)
+    azimuth = np.arctan2(*(basis.T @ los)[::-1])
+    near = (np.abs(ray.height_m) < 60e3) & (ray.distance_m > 0.0)
+    middle = np.angle(np.exp(1j * azimuth[near]).mean())
+    away = np.angle(np.exp(1j * (azimuth - middle)))
+    first, last = away[near].min(), away[near].max()
+    at = middle + np.linspace(first, last, NODES)
+    sine = radius / to_centre
+    node = sine * basis @ np.array([np.cos(at), np.sin(at)]) + np.sqrt(1.0 - sine**2) * pose.nadir_cam[:, None]
+    for _ in range(2):
+        limb = ray_height(node, *place)
+        node = node - limb.normal_cam * (limb.height_m / limb.distance_m)
+        node /= np.linalg.norm(node, axis=0)
+    towards_sun = sun_itrs(prior.epoch_utc)[0]
+    sun_cam = turn.apply(towards_sun)
+    known = KnownAir(templates_of(table), prior.epoch_utc, sun_cam, towards_sun)
+    normal = ray_height(node, *place).normal_cam.T
+    air = common_air([known.nodes(normal, node.T, pose, (LOWEST_M, HIGHEST_M, STEP_M), curve)], [None]).images[0]
+    coefficients = air.coefficients(rng.standard_normal(air.wave.shape[1]))
+    profiles = np.maximum(np.einsum("mk,mkn->mn", coefficients, air.functions), 0.0)
+    along = np.clip((away - first) / (last - first), 0.0, 1.0) * (NODES - 1)
+    height = np.clip((across - LOWEST_M) / STEP_M, 0.0, profiles.shape[1] - 1.0)
+    light = map_coordinates(profiles, [along, height], order=1) * (ray.distance_m > 0.0) * los[2] ** 4
+    light = gaussian_filter(light.reshape(len(v), len(u)), rng.uniform(0.55, 0.85) * FINER)
+    level = sent(observation)[-3] * light.reshape(camera.height, FINER, camera.width, FINER).mean(axis=(1, 3))
+    if observation.band_kind == "solar":
+        background, variance = 30.0, 1.44 + level / 60.0
+    else:
+        # at 0 the converter cuts noise off
+        background, variance = rng.choice([0.0, 100.0]), 25.0 + 0.0 * level
+    image = np.clip(np.rint(background + level + np.sqrt(variance) * rng.standard_normal(level.shape)), 0.0, 65535.0)
+    said = replace(
+        prior,
+        r_itrs=pose.r_itrs + prior.position_sigma_m * rng.standard_normal(3),
+        q_cam_from_itrs=(Rotation.from_rotvec(TILT_RAD * rng.standard_normal(3)) * turn).as_quat(),
+    )
+    sun = None if observation.sun_cam is None else sun_cam
+    return replace(observation, image=image, prior=said, sun_cam=sun, full_scale=None), pose.nadir_cam
 
 
 def kept() -> Iterator[tuple[str, Observation]]:

@@ -1,6 +1,6 @@
 /* The tilt of a camera from one image of the limb, by rendered profiles: a reference for a flight computer. C99, no
-   allocation, no library but libm. It reads table.h of `horizonval templates` and has the model, the priors and the noise
-   of the estimator `limb-profile` of horizonval, so that one can be held against the other.
+   allocation, no library but libm. The program reads table.h of `horizonval templates` and has the model, the priors
+   and the noise of the estimator `limb-profile` of horizonval, so that one can be tested against the other.
 
    A pixel whose line of sight passes at the height h over the ellipsoid (below 0: how deep it would come), between two
    nodes along the limb, is
@@ -8,34 +8,32 @@
        I = background + gain * light * P_s(y(h - lift) + c (s^2 + 1/12)) + noise,     P = mean + sum of a_k f_k
 
    P_s is the profile at the nodes, linear between them, as the pixel's two sides and a lens of s pixels blur it, and
-   light the cosine of the off-axis angle to the fourth. y is the way across the limb in which pixels are even,
-   h = y - curve y^2, and c (s^2 + 1/12) what a blur does to a limb that is bent in the image. The functions f_k are the
-   table's modes, once more where lines end in other air, bumps over height for what the modes leave over, and the mean
-   itself for a gain that varies along the limb. Unknown are turn (3), position (3), lift, the logarithms of blur and
-   gain, sharpness of the lens, background, and unit unknowns z behind the coefficients at the nodes, a_k = W_k z, with
-   W W^T their covariance exp(-d^2 / 2 l^2) for nodes a distance d apart at the Earth's centre. Priors are rows of the
-   same normal equations, W weighs pixels by their noise:
+   light the cosine of the off-axis angle to the fourth. y is the distance across the limb in which pixels are even,
+   h = y - curve y^2, and c (s^2 + 1/12) the shift of a bent limb by blur. The functions f_k are the table's modes,
+   once more where lines end in other air, bumps over height for what the modes leave out, and the mean itself for a
+   gain that varies along the limb. Unknown are turn (3), position (3), lift, ln blur, sharpness of the lens, ln gain,
+   background, and unit unknowns z behind the coefficients at the nodes, a_k = W_k z, with W W^T their covariance
+   exp(-d^2 / 2 l^2) for nodes a distance d apart at the Earth's centre.
 
-       step = (J^T W J + Q)^-1 (J^T W residuals + Q (prior - now)),        C = (J^T W J + Q)^-1
+   The program minimises, with priors as rows of the same equations,
 
-   The noise is found in the residuals: of dark pixels, as bright as the pixel, as the square of what clouds can change
-   through lens and pixel, as the slope's square; not less than rounding and what is left out of the air make. Where
-   residuals are alike several pixels count as one (wider), the more of them the more of their variance is not
-   that of dark pixels. The noise depends on the level, and what is made smallest is
+       sum (nu + 1) ln(1 + r^2 / (nu v)) / together + priors,       (J^T W J + Q) step = J^T W r + Q (prior - now)
 
-       sum (residual^2 / variance + ln variance) / wider + priors
+   Residuals r follow Student's distribution, W = (nu + 1) / (nu + r^2 / v) / (v together). The variance v is that of
+   dark pixels plus components fitted to the squared residuals (level, clouds, slope), and not less than rounding and
+   neglected air make. Where residuals are correlated, several pixels count together as one. Where the converter cuts
+   noise off at its lowest level, the prediction is the mean of what is left. The lens is held near its prior in the
+   first of two stages. The derivatives J are computed again only where a step gains less than they predict, and at the
+   end; until then a step costs one prediction and one product. Above MOST_ROWS pixels, means of pixels of nearly one
+   height count as one.
 
-   of which residual + (residual^2 / variance - 1) (d variance / d level) / 2 is the slope by a pixel's level. In the
-   first part of the way noise is held for a step, and the lens near its prior. Where the
-   converter cuts noise off at its lowest level, dark pixels are taken for what they then show in the mean. Pixels and
-   noise are chosen anew until both stand still, closer than `limb-profile` asks for, so that an answer depends little on
-   where the search started.
+   J has few entries in a row: the functions at the two nodes of the pixel, and the shared unknowns. Their products are
+   summed at the nodes, of which only neighbours couple; the sums for the unknowns z follow from these.
 
-   Left out: lenses with distortion, what is told of a lens's diffraction and of its blur over the field, the refusal
-   of a lens that is softer at one part of the limb, planets that are spheres, sigmas of the attitude by axis, and fewer
-   pixels in the first part of the way. A saturated pixel is known by full_scale alone. Not as in `limb-profile`:
-   MOST_NODES, half of what it has at most, which is less only where more than 1.1 rad of limb at the Earth's centre are
-   in view; and MOST_NEAR pixels near the limb.
+   Not in this program: lenses with distortion, stated diffraction and blur over the field, foreign light outside the
+   limb, a lens that is softer at one part of the limb, planets that are spheres, sigmas of the attitude by axis. A
+   saturated pixel is known by full_scale alone. MOST_NODES is half of the most that `limb-profile` has, which matters
+   only where more than 1.1 rad of limb at the Earth's centre are in view.
 
    Standard input: one line of 28 numbers, and then width * height values of 16 bits in the machine's order, row by row:
      width height fx fy cx cy                  pixels
@@ -44,12 +42,11 @@
      month                                     1.0 in the middle of January
      sx sy sz                                  towards the Sun as a sensor reads it, or as time and attitude say it;
                                                camera axes, unit vector
-     tx ty tz                                  towards the Sun as the time says it, Earth-fixed axes; 0 0 0: it is not said
+     tx ty tz                                  towards the Sun as the time says it, Earth-fixed axes; 0 0 0: unknown
      blur  blur_log_sigma  lift_sigma          px of the lens, m
      gain  gain_log_sigma                      values per radiance of the table on the axis; sigma 0 without calibration
      full_scale                                value of a saturated pixel; 0: none is
-   Standard output: one JSON object, as docs/howto/estimator-program.md says; beside its keys q_cam_from_itrs,
-   position_itrs_km and lift_m. */
+   Standard output: one JSON object, as docs/howto/estimator-program.md says. */
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
@@ -58,118 +55,115 @@
 #include "table.h"
 
 #define MOST_PIXELS (2048 * 2048)
-#define MOST_NEAR 200000
+#define MOST_NEAR 400000
 #define MOST_SIDE 32767
 #define MOST_SQUARES (MOST_PIXELS / 16 + MOST_SIDE / 2 + 1) /* of 4 pixels a side, in an image of any shape */
+#define MOST_ROWS 6000
+#define ROWS (MOST_ROWS + 2048) /* groups at the ends of pieces of the limb are not full */
 #define MOST_NODES 33
 #define BUMPS 15
 #define FUNCTIONS (1 + 2 * LIMB_K + BUMPS + 1)
 #define SETS (LIMB_K + 2)
 #define MOST_UNKNOWNS (SHARED + MOST_NODES * (FUNCTIONS - 1))
+#define COLUMNS (2 * (FUNCTIONS - 1) + SHARED + WIDE)
+#define THREE for (int i = 0; i < 3; i++)
 
-/* Shared unknowns; the pose comes last, so that the last rows of Cholesky's triangle are what is known of it. */
+/* Shared unknowns; the pose comes last, so that the last rows of Cholesky's triangle are its information. */
 enum { BLUR, SHARPNESS, GAIN, BACKGROUND, TURN, POSITION = TURN + 3, LIFT = POSITION + 3, SHARED };
 enum { POSE = SHARED - TURN };
+/* Tables of a node over the grid of heights, and transforms of the lens. */
+enum { LEVEL, SLOPE, BY_BLUR, BY_SHARPNESS, TABLES };
+enum { SMOOTH, SAMPLED, SMOOTH_BY_BLUR, SAMPLED_BY_BLUR, LENSES };
 
 static const double A_M = 6378137.0, EARTH_M = 6.371e6, PIXEL_VARIANCE = 1.0 / 12.0;
 static const double SHARPNESS_PRIOR = 0.5, SHARPNESS_SIGMA = 0.5;
 /* Window of heights, and grid beyond it. */
-static const double DEPTH_PX = 0.5, SPACE_PX = 4.0, EDGE_BLURS = 2.5, GRID_RIMS = 2.0, NODE_RAD = 0.035;
+static const double DEPTH_PX = 0.5, TAPER_PX = 0.5, LEAST_TAPER = 1e-3, SPACE_PX = 4.0, EDGE_BLURS = 2.5, GRID_RIMS = 2.0;
+static const double ABOVE_RIMS = 0.3, STEPS_PER_PIXEL = 6.0, NODE_RAD = 0.035, GROUP_PX = 0.25;
 enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8 };
-/* Air. */
-static const double LEFT_OUT = 1e-5, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_LEFT = 5e-5, LEAST_APART = 0.05;
-static const double LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3, ENDS_STEP = 0.05, AT_POLE = 1e-9;
-static const double SUNLIT_M = -20e3, SUNLIT_STEP_M = 20e3;
-/* Noise. */
-static const double OUTLIER = 5.0, CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.67448975;
-static const double LEAST_ALIKE = 1.1, SURELY_ALIKE = 1.3;
-static const double LEAST_SHARE_DARK = 0.01;
+/* Air. Bumps are compared at the places of the grid that `limb-profile` has, so that both leave out the same. */
+static const double LEFT_OUT = 1e-4, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_LEFT = 5e-5;
+static const double LEAST_APART = 0.15, LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3;
+static const double ENDS_STEP = 0.05, AT_POLE = 1e-9, SUNLIT_M = -20e3, SUNLIT_STEP_M = 20e3;
+static const double FINEST_STEP_M = 250.0, BUMP_STEPS_PER_PIXEL = 12.0;
+/* Noise: degrees of freedom of Student's distribution, and the weighed mean square of normal residuals. */
+static const double FREEDOM = 10.0, OF_NORMAL = 0.8713634110071656;
+static const double CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.67448975;
+static const double LEAST_COMMON = 1.1, SURELY_COMMON = 1.3, LEAST_SHARE_DARK = 0.01;
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
-/* Steps. */
-enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8 };
-static const double SETTLED = 0.03, NEARLY_SETTLED = 1.0, STEADY = 0.03, CONVERGED = 1e-3, HELD = 10.0;
-static const double RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3, WORTH = 0.002;
-static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, LEAST_GAIN = 0.2;
-static const double FINEST_M = 4e3, FINEST_PX = 0.5;
-static const double LEAST_SHARE = 0.1, MOST_SHARE = 0.7, MOST_ROUND = 0.5, ROUNDED = 1e-4;
+/* Steps: lengths in standard deviations of the pose, changes of ln variance, gains in squared sigmas. */
+static const double TOLERANCE = 0.05, STEADY = 0.02, NEARLY_STEADY = 0.5, REWEIGHED = 0.5, GOOD = 0.7, FROZEN = 0.3;
+static const double ROUNDING = 1e-3, HELD = 10.0, RESELECT_PX = 0.5, NEAR_PX = 0.25, LEAST_SHARE = 0.1;
+static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, FINEST_M = 4e3, FINEST_PX = 0.5;
+enum { MOST_STEPS = 30, MOST_CUTS = 5 };
 /* What is believed. */
 static const double SCATTERED = 2.0, LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
 
 typedef struct {
-  double R[3][3], r[3], lift;                        /* for which the pixels were chosen */
-  double away[POSE];                                 /* from there: turn, position, lift */
+  double R[3][3], r[3], lift;                        /* pose for which the pixels were chosen */
+  double away[POSE];                                 /* displacement from there: turn, position, lift */
   double blur, sharpness, gain, background, z[MOST_UNKNOWNS - SHARED];
 } State;
 typedef struct {
-  double value, light;                               /* of the image */
-  double h, y, by_pose[POSE];                        /* height, and way across the limb with its derivatives */
-  double share, level, slope, kept, off, weight;     /* of what is predicted, its change by light; 1 / variance */
-  double variance, least, by_level, pull;            /* of the noise, its derivative by the level, what that adds to off */
-  double below, brightest, left, shown, wider;       /* what noise is made of, and how many pixels count as one */
-  float along;                                       /* from its node to the next */
-  int16_t column, row, node, place;
+  double u[3], up[3], n[3], distance, h, y, by_height; /* of a line of sight: normal below its lowest point, Earth-fixed */
+} Ray;                                               /* and in camera axes, distance, height, distance across the limb */
+typedef struct {
+  double value, light, column, row, h, along;        /* means of a group of pixels; along: from its node to the next */
+  double y, by_pose[POSE];                           /* distance across the limb with its derivatives */
+  double share, level, table[TABLES], passed, off;   /* prediction, share of its changes that passes the floor, residual */
+  double weight, variance, together, beyond, left;   /* noise: beyond dark pixels, of neglected air */
+  double depth;                                      /* in the taper at the lower end of the window, 0 to 1 */
+  int node, place;
 } Pixel;
 typedef struct {
-  double width_m, box_m[2], lift_m;                  /* a pixel's way across the limb, its sides', and what blur lifts */
+  double key;                                        /* by which pixels are sorted */
+  float h, along;
+  int pixel, piece, on_limb;
+} Key;
+typedef struct {
+  double width_m, box_m[2], lift_m;                  /* a pixel and its sides across the limb, shift by blur */
   double up[3], north[3], length[LIMB_K + 1][2];     /* Earth-fixed; of modes along the meridian and the parallel */
-  double mean[LIMB_H], modes[LIMB_K + 1][LIMB_H], left[LIMB_H], alike[LIMB_K + 1][LIMB_H];
+  double mean[LIMB_H], modes[LIMB_K + 1][LIMB_H], left[LIMB_H], ends[LIMB_K + 1][LIMB_H];
 } Node;
 
 static uint16_t image[MOST_PIXELS];
 static int width, height;
-static double full_scale;
-static double fx, fy, cx, cy, sigma_r, sigma_q, month, sun_read[3], sun_known[3], blur_sigma, lift_sigma, gain_sigma;
+static double full_scale, fx, fy, cx, cy, sigma_r, sigma_q, month, sun_read[3], sun_known[3], blur_sigma, lift_sigma, gain_sigma;
 static State prior;
 
-static Pixel near_[MOST_NEAR];
+static Pixel near_[ROWS];
+static Key key[MOST_NEAR];
 static Node node[MOST_NODES];
-static int count, nodes, functions, unknowns, air;
-static int first_part; /* of the way: noise is held for a step and not wider, and the lens near its prior */
-static double curve, grid_low, grid_step, median_width, floor_level, floor_sigma, floor_space;
-static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS], pivot_of[SETS][MOST_NODES];
-static double wave[SETS][MOST_NODES][MOST_NODES];
+static int count, group, nodes, functions, unknowns, air, half; /* half: steps of the grid of heights */
+static int first_stage;
+static double curve, pixel_m, bottom_y, taper_m, grid_low, grid_step, mean_width, floor_level, floor_sigma, floor_space;
+static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS];
+static double wave[SETS][MOST_NODES][MOST_NODES + WIDE], coefficient[MOST_NODES][FUNCTIONS];
 
-static double transform[MOST_NODES][FUNCTIONS][GRID], smooth[MOST_NODES][GRID], sampled[MOST_NODES][GRID];
-static double smooth_by_blur[MOST_NODES][GRID], sampled_by_blur[MOST_NODES][GRID];
-static double level_at[MOST_NODES][GRID], slope_at[MOST_NODES][GRID], blur_at[MOST_NODES][GRID], sharp_at[MOST_NODES][GRID];
-static float value_at[MOST_NODES][GRID][FUNCTIONS];
-static double coefficient[MOST_NODES][FUNCTIONS];
-static double N[MOST_UNKNOWNS][MOST_UNKNOWNS], L[MOST_UNKNOWNS][MOST_UNKNOWNS], right_[MOST_UNKNOWNS];
-static double scratch[MOST_NEAR];
+static double transform[MOST_NODES][FUNCTIONS][GRID], lens_at[MOST_NODES][LENSES][GRID], summed[MOST_NODES][GRID];
+static double table_at[MOST_NODES][GRID][TABLES], value_at[MOST_NODES][GRID][FUNCTIONS], largest_at[MOST_NODES];
+static double neglected[MOST_NODES][GRID];           /* standard deviation of what bumps leave out */
+static double N[MOST_UNKNOWNS][MOST_UNKNOWNS + WIDE], U[MOST_UNKNOWNS][MOST_UNKNOWNS + WIDE];
 
-/* Line of sight of a pixel. */
-static void sight(double column, double row, double *u) {
-  u[0] = (column - cx) / fx, u[1] = (row - cy) / fy, u[2] = 1.0;
-  unit(u);
-}
-
-/* Height of the lowest point, distance to it, and the normal there in Earth-fixed axes. */
-static double lowest(const State *s, const double *u, double *distance, double *n) {
+static Ray trace(const State *s, double column, double row) {
   static const double axes[3] = {6378137.0, 6378137.0, 6356752.314245};
+  Ray a = {.u = {(column - cx) / fx, (row - cy) / fy, 1.0}};
   double d[3], p[3], e[3], q[3];
-  times_transposed(s->R[0], u, d);
-  for (int i = 0; i < 3; i++) p[i] = s->r[i] / axes[i], e[i] = d[i] / axes[i];
-  *distance = -dot(p, e) / dot(e, e);
-  for (int i = 0; i < 3; i++) q[i] = p[i] + *distance * e[i];
-  double m = sqrt(dot(q, q));
-  for (int i = 0; i < 3; i++) n[i] = q[i] / axes[i];
-  double size = sqrt(dot(n, n));
-  for (int i = 0; i < 3; i++) n[i] /= size;
-  return (m - 1.0) * m / size;
+  unit(a.u);
+  times_transposed(s->R[0], a.u, d);
+  THREE p[i] = s->r[i] / axes[i], e[i] = d[i] / axes[i];
+  a.distance = -dot(p, e) / dot(e, e);
+  THREE q[i] = p[i] + a.distance * e[i], a.up[i] = q[i] / axes[i];
+  double m = sqrt(dot(q, q)), size = sqrt(dot(a.up, a.up));
+  unit(a.up);
+  times(s->R[0], a.up, a.n);
+  a.h = (m - 1.0) * m / size;
+  double root = sqrt(fmax(1.0 - 4.0 * curve * (a.h - s->lift), 0.01));
+  a.y = 2.0 * (a.h - s->lift) / (1.0 + root), a.by_height = 1.0 / root;
+  return a;
 }
-
-/* The way y across the limb to a height, and its derivative. */
-static double across(double h, double *by_height) {
-  double root = sqrt(fmax(1.0 - 4.0 * curve * h, 0.01));
-  *by_height = 1.0 / root;
-  return 2.0 * h / (1.0 + root);
-}
-
-static double across_at(const State *s, double column, double row) {
-  double u[3], n[3], distance, spare;
-  sight(column, row, u);
-  return across(lowest(s, u, &distance, n), &spare);
-}
+static Ray trace_along(const State *s, const double *u) { return trace(s, cx + fx * u[0] / u[2], cy + fy * u[1] / u[2]); }
+static double across(double h) { return 2.0 * h / (1.0 + sqrt(fmax(1.0 - 4.0 * curve * h, 0.01))); }
 
 static void nadir_of(const State *s, double *nadir) {
   double down[3] = {-s->r[0], -s->r[1], -s->r[2]};
@@ -186,45 +180,22 @@ static int before(const float *axis, int n, double x, double *share) {
   return i;
 }
 
-/* A place of the limb in the table: four rows and their shares by straight lines, and what every row counts for by
-   splines where the Sun shines. */
+/* A place of the limb in the table: four rows with their shares by straight lines, and all rows with weights, which are
+   those of splines where the Sun shines. */
 typedef struct {
-  int corner[4];
-  double share[4], curved[LIMB_A * LIMB_B];
+  int corner[4], rows, row[LIMB_A * LIMB_B + 4];
+  double share[4], weight[LIMB_A * LIMB_B + 4];
 } Place;
 
-/* Zenith angles of the Sun: tables that reach beyond the first are taken for dark at the second. */
-static const double TWILIGHT = 1.7104226669544429, DARK_AT = 1.8500490071139892, ROUNDED_RAD = 1e-6;
-static float zenith[LIMB_A + 1];
-static double of_zenith[(LIMB_A + 1) * (LIMB_A + 1)], of_azimuth[LIMB_B * LIMB_B];
-static int zeniths;
-static float root_of_mean[LIMB_A * LIMB_B * LIMB_H];
-
-static void prepare_splines(void) {
-  double spare[LIMB_A + LIMB_B + 1];
-  zeniths = LIMB_A;
-  memcpy(zenith, limb_first, sizeof limb_first);
-  if (zenith[LIMB_A - 1] >= TWILIGHT && zenith[LIMB_A - 1] < DARK_AT) zenith[zeniths++] = DARK_AT;
-  spline_slopes(zenith, zeniths, 0, 1, of_zenith, spare);
-  spline_slopes(limb_second, LIMB_B, limb_second[0] < ROUNDED_RAD, limb_second[LIMB_B - 1] > PI - ROUNDED_RAD, of_azimuth,
-                spare);
-  for (int row = 0; row < LIMB_A * LIMB_B; row++)
-    for (int h = 0; h < LIMB_H; h++)
-      root_of_mean[row * LIMB_H + h] = sqrt(fmax(limb_mean_scale[row] * limb_mean[row * LIMB_H + h], 0.0));
-}
-
-/* Towards the Sun, camera axes: how far from the nadir it stands is as time and place say it, about it as it was read. */
+/* Towards the Sun, camera axes: its angle from the nadir is that of time and position, its azimuth that of the sensor. */
 static void sun_of(const State *s, double *sun) {
-  if (dot(sun_known, sun_known) == 0.0) {
-    for (int i = 0; i < 3; i++) sun[i] = sun_read[i];
-    return;
-  }
   double nadir[3], level[3], down = -dot(sun_known, s->r) / sqrt(dot(s->r, s->r)), along;
   nadir_of(s, nadir);
   along = dot(sun_read, nadir);
-  for (int i = 0; i < 3; i++) level[i] = sun_read[i] - along * nadir[i];
+  THREE level[i] = sun_read[i] - along * nadir[i];
   double size = sqrt(fmax(1.0 - down * down, 0.0)) / fmax(sqrt(dot(level, level)), 1e-9);
-  for (int i = 0; i < 3; i++) sun[i] = down * nadir[i] + size * level[i];
+  int known = dot(sun_known, sun_known) > 0.0;
+  THREE sun[i] = known ? down * nadir[i] + size * level[i] : sun_read[i];
 }
 
 /* Where a normal n and a line of sight u, camera axes, are in the table. */
@@ -237,105 +208,88 @@ static void find(const State *s, const double *n, const double *u, Place *at) {
     second = limb_second[0] + fmod(fmod(month - limb_second[0], 12.0) + 12.0, 12.0);
     for (j = 0; j < LIMB_B - 1 && second >= limb_second[j + 1];) j++;
     next = (j + 1) % LIMB_B;
-    double end = j + 1 < LIMB_B ? limb_second[next] : limb_second[0] + 12.0;
-    b = (second - limb_second[j]) / (end - limb_second[j]);
+    b = (second - limb_second[j]) / (j + 1 < LIMB_B ? limb_second[next] - limb_second[j] : limb_second[0] + 12.0 - limb_second[j]);
   } else {
     double sun[3];
     sun_of(s, sun);
     cross(n, u, up);
-    first = acos(clip(dot(n, sun), -1.0, 1.0));
-    second = fabs(atan2(dot(up, sun), dot(u, sun)));
-    j = before(limb_second, LIMB_B, second, &b);
-    next = j + 1 < LIMB_B ? j + 1 : j;
-    spline_weights(zenith, zeniths, of_zenith, first, row);
-    spline_weights(limb_second, LIMB_B, of_azimuth, second, column);
-    for (int k = 0; k < LIMB_A; k++)
-      for (int l = 0; l < LIMB_B; l++) at->curved[k * LIMB_B + l] = row[k] * column[l];
+    first = acos(clip(dot(n, sun), -1.0, 1.0)), second = fabs(atan2(dot(up, sun), dot(u, sun)));
+    j = before(limb_second, LIMB_B, second, &b), next = j + 1 < LIMB_B ? j + 1 : j;
   }
-  i = before(limb_first, LIMB_A, first, &a);
-  below = i + 1 < LIMB_A ? i + 1 : i;
-  at->corner[0] = i * LIMB_B + j, at->corner[1] = i * LIMB_B + next;
-  at->corner[2] = below * LIMB_B + j, at->corner[3] = below * LIMB_B + next;
-  at->share[0] = (1 - a) * (1 - b), at->share[1] = (1 - a) * b, at->share[2] = a * (1 - b), at->share[3] = a * b;
+  i = before(limb_first, LIMB_A, first, &a), below = i + 1 < LIMB_A ? i + 1 : i;
+  for (int c = 0; c < 4; c++) {
+    at->corner[c] = (c < 2 ? i : below) * LIMB_B + (c % 2 ? next : j);
+    at->share[c] = (c < 2 ? 1.0 - a : a) * (c % 2 ? b : 1.0 - b);
+  }
+  at->rows = LIMB_THERMAL ? 4 : LIMB_A * LIMB_B;
+  if (!LIMB_THERMAL) spline_weights(limb_zenith, LIMB_Z, limb_zenith_slopes, first, row);
+  if (!LIMB_THERMAL) spline_weights(limb_second, LIMB_B, limb_second_slopes, second, column);
+  for (int k = 0; k < at->rows; k++) {
+    at->row[k] = LIMB_THERMAL ? at->corner[k] : k;
+    at->weight[k] = LIMB_THERMAL ? at->share[k] : row[k / LIMB_B] * column[k % LIMB_B];
+  }
 }
 
+/* The mean at a height; splines are those of its root. */
 static double mean_at(const Place *at, int h) {
   double sum = 0.0;
-  if (LIMB_THERMAL) {
-    for (int c = 0; c < 4; c++)
-      sum += at->share[c] * limb_mean_scale[at->corner[c]] * limb_mean[at->corner[c] * LIMB_H + h];
-    return sum;
+  for (int k = 0; k < at->rows; k++) {
+    double value = limb_mean_scale[at->row[k]] * limb_mean[at->row[k] * LIMB_H + h];
+    sum += at->weight[k] * (LIMB_THERMAL ? value : sqrt(fmax(value, 0.0)));
   }
-  for (int row = 0; row < LIMB_A * LIMB_B; row++) sum += at->curved[row] * root_of_mean[row * LIMB_H + h];
-  return sum > 0.0 ? sum * sum : 0.0;
+  return LIMB_THERMAL ? sum : sum > 0.0 ? sum * sum : 0.0;
 }
 
-static double mode_at(const Place *at, int k, int h) {
-  double sum = 0.0;
-  int rows = LIMB_THERMAL ? 4 : LIMB_A * LIMB_B;
-  for (int i = 0; i < rows; i++) {
-    int row = (LIMB_THERMAL ? at->corner[i] : i) * (LIMB_K + 1) + k;
-    sum += (LIMB_THERMAL ? at->share[i] : at->curved[i]) * limb_modes_scale[row] * limb_modes[row * LIMB_H + h];
-  }
-  return sum;
-}
-
-/* The table's profiles at a node whose line of sight is u. A line that passes below the height z from which light comes
-   ends earlier, by the angle d = (2 (z - h) / R)^1/2: thermal means are those of the latitude there, and a mode is there
-   alike with what it is at the lowest point as exp(-d^2 / 2 l^2), l its length along the line. A line that passes h above
-   the limb, l away, is turned by h / l and has its lowest point as much nearer: sunlit means are those of the Sun there. */
-static void look_up(const State *s, const double *u, Node *at) {
+/* The table's profiles at a node. A line that passes below the height z from which light comes ends earlier, by the angle
+   d = (2 (z - h) / R)^1/2: thermal means are those of the latitude there, and the correlation of a mode with what it is at
+   the lowest point is exp(-d^2 / 2 l^2), l its length along the line. A line that passes h above the limb, l away, is
+   turned by h / l, and its lowest point is nearer by that: sunlit means are those of the Sun there. */
+static void look_up(const State *s, const Ray *a, Node *at) {
   enum { ENDS = 6 };
   static Place here, end[ENDS];
-  double n[3], line_fixed[3], along[LIMB_K + 1], distance;
-  lowest(s, u, &distance, at->up);
-  times(s->R[0], at->up, n);
-  find(s, n, u, &here);
-  at->north[0] = -at->up[2] * at->up[0], at->north[1] = -at->up[2] * at->up[1], at->north[2] = 1.0 - at->up[2] * at->up[2];
+  double line_fixed[3], along[LIMB_K + 1], source[2] = {0.0, 0.0};
+  memcpy(at->up, a->up, sizeof at->up);
+  find(s, a->n, a->u, &here);
+  THREE at->north[i] = (i == 2) - at->up[2] * at->up[i];
   double level = sqrt(dot(at->north, at->north));
-  for (int i = 0; i < 3; i++) at->north[i] = level > AT_POLE ? at->north[i] / level : 0.0;
-  times_transposed(s->R[0], u, line_fixed);
+  THREE at->north[i] = level > AT_POLE ? at->north[i] / level : 0.0;
+  times_transposed(s->R[0], a->u, line_fixed);
   double northward = pow(dot(at->north, line_fixed), 2.0);
   for (int k = 0; k < LIMB_K; k++) {
-    for (int i = 0; i < 2; i++) {
-      at->length[k][i] = 0.0;
-      for (int c = 0; c < 4; c++)
-        at->length[k][i] += here.share[c] * limb_correlation_rad[(here.corner[c] / LIMB_B * (LIMB_K + 1) + k) * 2 + i];
-    }
-    if (level <= AT_POLE) at->length[k][0] = at->length[k][1];
-    along[k] = 1.0 / sqrt(northward / pow(at->length[k][0], 2.0) + (1.0 - northward) / pow(at->length[k][1], 2.0));
+    double *length = at->length[k];
+    length[0] = length[1] = 0.0;
+    for (int c = 0; c < 8; c++)
+      length[c / 4] += here.share[c % 4] * limb_correlation_rad[(here.corner[c % 4] / LIMB_B * (LIMB_K + 1) + k) * 2 + c / 4];
+    if (level <= AT_POLE) length[0] = length[1];
+    along[k] = 1.0 / sqrt(northward / pow(length[0], 2.0) + (1.0 - northward) / pow(length[1], 2.0));
   }
   for (int h = 0; h < LIMB_H; h++) {
     at->mean[h] = mean_at(&here, h);
     at->left[h] = 0.0;
     for (int c = 0; c < 4; c++)
       at->left[h] += here.share[c] * limb_left_scale[here.corner[c]] * limb_left[here.corner[c] * LIMB_H + h];
-    for (int k = 0; k < LIMB_K; k++) at->modes[k][h] = mode_at(&here, k, h);
+    for (int k = 0; k < LIMB_K; k++) {
+      at->modes[k][h] = 0.0;
+      for (int j = 0, row; j < here.rows; j++)
+        row = here.row[j] * (LIMB_K + 1) + k, at->modes[k][h] += here.weight[j] * limb_modes_scale[row] * limb_modes[row * LIMB_H + h];
+    }
   }
   for (int e = 0; e < ENDS; e++) {
-    double angle = LIMB_THERMAL ? e * ENDS_STEP : (SUNLIT_M + e * SUNLIT_STEP_M) * sqrt(2.0 * curve / EARTH_M);
-    double up[3], line[3];
-    for (int i = 0; i < 3; i++) up[i] = cos(angle) * n[i] - sin(angle) * u[i], line[i] = cos(angle) * u[i] + sin(angle) * n[i];
-    find(s, up, LIMB_THERMAL ? u : line, &end[e]);
+    double angle = LIMB_THERMAL ? e * ENDS_STEP : (SUNLIT_M + e * SUNLIT_STEP_M) * sqrt(2.0 * curve / EARTH_M), up[3], line[3];
+    THREE up[i] = cos(angle) * a->n[i] - sin(angle) * a->u[i], line[i] = cos(angle) * a->u[i] + sin(angle) * a->n[i];
+    find(s, up, LIMB_THERMAL ? a->u : line, &end[e]);
   }
-  if (!LIMB_THERMAL)
-    for (int h = 0; h < LIMB_H; h++) {
-      double place = clip((limb_height_m[h] - SUNLIT_M) / SUNLIT_STEP_M, 0.0, ENDS - 1.0);
-      int e = place < ENDS - 2 ? (int)place : ENDS - 2;
-      at->mean[h] = (e + 1 - place) * mean_at(&end[e], h) + (place - e) * mean_at(&end[e + 1], h);
-    }
-  /* thermal means are moved by their own brightest height, the modes by that of the moved means */
-  for (int pass = LIMB_THERMAL ? 0 : 1; pass < 2; pass++) {
-    double largest = 0.0, source = 0.0;
-    for (int h = 0; h < LIMB_H; h++) largest = fmax(largest, at->mean[h]);
+  /* Thermal means are moved by their own brightest height, the modes by that of the moved means. */
+  for (int pass = 0; pass < 2; pass++) {
+    double largest = largest_of(at->mean, 1, LIMB_H);
     for (int h = 0; h < LIMB_H; h++)
-      if (at->mean[h] >= 0.5 * largest) source = limb_height_m[h];
+      if (at->mean[h] >= 0.5 * largest) source[pass] = limb_height_m[h];
     for (int h = 0; h < LIMB_H; h++) {
-      double away = sqrt(fmax(2.0 * (source - limb_height_m[h]) / EARTH_M, 0.0)), place = fmin(away / ENDS_STEP, ENDS - 1.001);
+      double away = sqrt(fmax(2.0 * (source[pass] - limb_height_m[h]) / EARTH_M, 0.0)), place = fmin(away / ENDS_STEP, ENDS - 1.001);
+      if (!LIMB_THERMAL) place = clip((limb_height_m[h] - SUNLIT_M) / SUNLIT_STEP_M, 0.0, ENDS - 1.001);
       int e = (int)place;
-      if (pass == 1)
-        for (int k = 0; k < LIMB_K; k++) at->alike[k][h] = exp(-0.5 * pow(away / along[k], 2.0));
-      else at->mean[h] = (e + 1 - place) * mean_at(&end[e], h) + (place - e) * mean_at(&end[e + 1], h);
+      if (pass == 0) at->mean[h] = (e + 1 - place) * mean_at(&end[e], h) + (place - e) * mean_at(&end[e + 1], h);
+      for (int k = 0; k < LIMB_K; k++) at->ends[k][h] = exp(-0.5 * pow(away / along[k], 2.0));
     }
   }
 }
@@ -346,7 +300,7 @@ static void even(const double *f, double *out) {
   const float *h = limb_height_m;
   double whole[LIMB_H] = {0}, sum_before = 0.0, z_before = 0.0;
   for (int j = 1; j < LIMB_H; j++) whole[j] = whole[j - 1] + 0.5 * (f[j] + f[j - 1]) * (h[j] - h[j - 1]);
-  for (int i = 0, j = 0; i <= GRID; i++) {
+  for (int i = 0, j = 0; i <= half + 1; i++) {
     double y = grid_low + (i - 0.5) * grid_step, z = y - curve * y * y, sum, d;
     while (j < LAST - 1 && z >= h[j + 1]) j++;
     d = z < h[LAST] ? z - h[j] : fmin(z - h[LAST], 1.0);
@@ -358,72 +312,78 @@ static void even(const double *f, double *out) {
   }
 }
 
-/* How alike a function is at two nodes, exp(-d^2 / 2 l^2) where its length is the same everywhere. With lengths l_n along
-   the meridian and l_e along the parallel it varies at a node as one of the covariance S = l_e^2 1 + (l_n^2 - l_e^2) n n^T,
-   and from one to the other (Paciorek and Schervish 2006, equation 1), S_m the mean of both,
-   c = |S_i|^1/4 |S_j|^1/4 |S_m|^-1/2 exp(-d^T S_m^-1 d / 2). */
-static double alike_at(const Node *i, const Node *j, int set) {
-  double d[3], d2;
-  for (int c = 0; c < 3; c++) d[c] = i->up[c] - j->up[c];
-  d2 = dot(d, d);
+/* The correlation of a function at two nodes, exp(-d^2 / 2 l^2) where its length is the same everywhere. With lengths l_n
+   along the meridian and l_e along the parallel it varies at a node as one of the covariance
+   S = l_e^2 1 + (l_n^2 - l_e^2) n n^T, and from one to the other (Paciorek and Schervish 2006, equation 1), S_m the mean of
+   both, c = |S_i|^1/4 |S_j|^1/4 |S_m|^-1/2 exp(-d^T S_m^-1 d / 2). */
+static double correlation_of(const Node *i_, const Node *j, int set) {
+  double d[3];
+  THREE d[i] = i_->up[i] - j->up[i];
+  double d2 = dot(d, d);
   if (set >= LIMB_K) return exp(-0.5 * d2 / pow(set == LIMB_K ? LEFT_LENGTH : AIR_GAIN_LENGTH, 2.0));
-  double in2 = pow(i->length[set][0], 2.0), ie2 = pow(i->length[set][1], 2.0);
+  double in2 = pow(i_->length[set][0], 2.0), ie2 = pow(i_->length[set][1], 2.0);
   double jn2 = pow(j->length[set][0], 2.0), je2 = pow(j->length[set][1], 2.0);
   double a = 0.5 * (ie2 + je2), b = 0.5 * (in2 - ie2) / a, c = 0.5 * (jn2 - je2) / a;
-  double g = dot(i->north, j->north), p = dot(i->north, d), q = dot(j->north, d);
-  double D = (1.0 + b) * (1.0 + c) - b * c * g * g;
+  double g = dot(i_->north, j->north), p = dot(i_->north, d), q = dot(j->north, d), D = (1.0 + b) * (1.0 + c) - b * c * g * g;
   double along = (b * (1.0 + c) * p * p - 2.0 * b * c * g * p * q + c * (1.0 + b) * q * q) / D;
   return pow(ie2 * ie2 * in2 * je2 * je2 * jn2, 0.25) / sqrt(a * a * a * D) * exp(-0.5 * (d2 - along) / a);
 }
 
-/* A square root of the covariance of the nodes, columns until little variance is left (Cholesky with pivots); returns how
-   many. */
-static int root_of_covariance(int set, double sigma, double W[MOST_NODES][MOST_NODES], int *pivots) {
-  double left[MOST_NODES], sum = nodes;
-  int rank = 0;
-  for (int i = 0; i < nodes; i++) left[i] = 1.0;
-  for (; rank < nodes && sum > LEFT_OUT * nodes; rank++) {
-    int pivot = 0;
-    for (int i = 1; i < nodes; i++)
-      if (left[i] > left[pivot] + 1e-6) pivot = i;
-    double size = sqrt(left[pivot]);
-    pivots[rank] = pivot;
-    sum = 0.0;
-    for (int i = 0; i < nodes; i++) {
-      double v = alike_at(&node[i], &node[pivot], set);
-      for (int k = 0; k < rank; k++) v -= W[i][k] * W[pivot][k];
-      W[i][rank] = v / size;
-    }
-    for (int i = 0; i < nodes; i++) {
-      left[i] = i == pivot ? 0.0 : fmax(left[i] - W[i][rank] * W[i][rank], 0.0);
-      sum += left[i];
-    }
-  }
+/* A square root of the covariance of the nodes: its eigenvectors (Jacobi's rotations) from the largest eigenvalue on, until
+   little variance is left. */
+static void root_of_covariance(int set) {
+  double A[MOST_NODES][MOST_NODES], V[MOST_NODES][MOST_NODES], sum = 0.0, whole = nodes * (1.0 - LEFT_OUT);
   for (int i = 0; i < nodes; i++)
-    for (int k = 0; k < rank; k++) W[i][k] *= sigma;
-  return rank;
+    for (int j = 0; j < nodes; j++) A[i][j] = correlation_of(&node[i], &node[j], set), V[i][j] = i == j;
+  for (int sweep = 0; sweep < 8; sweep++)
+    for (int p = 0; p < nodes; p++)
+      for (int q = p + 1; q < nodes; q++) {
+        if (fabs(A[p][q]) < 1e-9) continue;
+        double angle = 0.5 * atan2(2.0 * A[p][q], A[q][q] - A[p][p]), c = cos(angle), d = sin(angle), x;
+        for (int i = 0; i < nodes; i++) x = A[i][p], A[i][p] = c * x - d * A[i][q], A[i][q] = d * x + c * A[i][q];
+        for (int i = 0; i < nodes; i++) x = A[p][i], A[p][i] = c * x - d * A[q][i], A[q][i] = d * x + c * A[q][i];
+        for (int i = 0; i < nodes; i++) x = V[p][i], V[p][i] = c * x - d * V[q][i], V[q][i] = d * x + c * V[q][i];
+      }
+  int rank = 0;
+  for (; rank < nodes && sum < whole; rank++) {
+    int largest = 0;
+    for (int i = 1; i < nodes; i++)
+      if (A[i][i] > A[largest][largest]) largest = i;
+    double size = sqrt(fmax(A[largest][largest], 0.0)) * (set == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0);
+    for (int i = 0; i < nodes; i++) wave[set][i][rank] = size * V[largest][i];
+    sum += A[largest][largest], A[largest][largest] = -1.0;
+  }
+  rank_of[set] = rank;
 }
 
 /* The window */
 
+/* Shell's sort. */
+static void sort(Key *x, int n) {
+  int gap = 1;
+  while (gap < n / 3) gap = 3 * gap + 1;
+  for (; gap > 0; gap /= 3)
+    for (int i = gap, j; i < n; i++) {
+      Key v = x[i];
+      for (j = i; j >= gap && x[j - gap].key > v.key; j -= gap) x[j] = x[j - gap];
+      x[j] = v;
+    }
+}
+
 /* The pose moves to where its unknowns say it is. */
 static void rest(State *s) {
   turn(s->R, s->away);
-  for (int i = 0; i < 3; i++) s->r[i] += s->away[3 + i];
+  THREE s->r[i] += s->away[3 + i];
   s->lift += s->away[6];
   memset(s->away, 0, sizeof s->away);
 }
 
-/* Noise about the lowest level, of the share and the mean of dark pixels there; 0 where the floor cuts nothing off, or
-   where too few pixels tell. Space without the floor is kept: far below it no pixel shows how far. */
+/* Noise at the lowest level, from the share and the mean of dark pixels there; 0 where the floor cuts nothing off, or
+   where too few pixels show it. Space without the floor stays as it was: far below it no pixel shows how far. */
 static double noise_at_floor(int dark, double share, double mean) {
   double low = -10.0, high = 10.0, sigma = mean;
   if (dark < FEWEST_DARK || !(share > LEAST_SHARE_DARK && share < 1.0 - LEAST_SHARE_DARK && mean > 0.0)) return 0.0;
-  for (int i = 0; i < 60; i++) {
-    double middle = 0.5 * (low + high);
-    if (normal(middle) < share) low = middle;
-    else high = middle;
-  }
+  while (high - low > 1e-12) *(normal(0.5 * (low + high)) < share ? &low : &high) = 0.5 * (low + high);
   for (int i = 0; i < 20; i++) {
     double z = 0.5 / sigma - low;
     sigma = mean / (exp(-0.5 * z * z) / sqrt(2.0 * PI) + z * normal(z));
@@ -432,211 +392,189 @@ static double noise_at_floor(int dark, double share, double mean) {
   return sigma > 0.5 && sigma < 1e6 ? sigma : 0.0;
 }
 
-/* Whether a pixel or one beside it is saturated: below full scale by its noise alone, or with charge of others in it. */
+/* Whether a pixel or a neighbour is saturated: below full scale by its noise alone, or with charge of others in it. */
 static int clipped(int column, int row) {
-  for (int i = -2; full_scale > 0.0 && i <= 2; i++)
-    for (int j = -2; j <= 2; j++)
-      if (row + i >= 0 && row + i < height && column + j >= 0 && column + j < width &&
-          image[(row + i) * width + column + j] >= full_scale)
-        return 1;
+  for (int i = row - 2; full_scale > 0.0 && i <= row + 2; i++)
+    for (int j = column - 2; j <= column + 2; j++)
+      if (i >= 0 && i < height && j >= 0 && j < width && image[i * width + j] >= full_scale) return 1;
   return 0;
 }
 
-/* Chooses the pixels near the limb; 0 if there is too little limb. Nodes are as many pixels apart, from the end of the
-   widest gap in azimuth on. */
+/* Adds a pixel to the means of its group. */
+static void add_pixel(const State *s, const Key *k, double share, Pixel *p) {
+  double arm[3];
+  Ray a = trace(s, k->pixel % width, k->pixel / width);
+  cross(a.n, a.u, arm);
+  p->y += share * a.y, p->by_pose[6] -= share * a.by_height, p->h += share * a.h;
+  THREE p->by_pose[i] += share * a.by_height * a.distance * arm[i], p->by_pose[3 + i] += share * a.by_height * a.up[i];
+  p->column += share * (k->pixel % width), p->row += share * (k->pixel / width);
+  p->value += share * image[k->pixel], p->light += share * pow(a.u[2], 4.0), p->along += share * k->along;
+}
+
+/* A node whose azimuth has a line of sight u to a sphere's limb, and the nearest one in view. */
+static void place_node(const State *s, double *u, const double *in_view, Node *at) {
+  Ray a = trace_along(s, u);
+  for (int k = 0; k < 2; k++) { /* the limb of the ellipsoid is up to 21 km lower than that of a sphere */
+    THREE a.u[i] -= a.n[i] * a.h / a.distance;
+    a = trace_along(s, a.u);
+  }
+  look_up(s, &a, at);
+  double column = cx + fx * in_view[0] / in_view[2], row = cy + fy * in_view[1] / in_view[2];
+  double left = trace(s, column - 1.0, row).y, right = trace(s, column + 1.0, row).y;
+  double above = trace(s, column, row - 1.0).y, below = trace(s, column, row + 1.0).y;
+  at->box_m[0] = 0.5 * fabs(right - left), at->box_m[1] = 0.5 * fabs(below - above);
+  at->width_m = hypot(at->box_m[0], at->box_m[1]);
+  at->lift_m = 0.5 * (left + right + above + below - 4.0 * trace(s, column, row).y);
+}
+
+/* Chooses the pixels near the limb; 0 if there is too little limb. Between nodes are equal numbers of pixels, from the
+   end of the widest gap in azimuth on. */
 static int choose(State *s) {
-  double dark_above, dark_mean = 0.0;
-  int dark = 0, at_floor = 0;
+  double nadir[3], a[3], b[3], dark_mean = 0.0, border[MOST_NODES], ends[2] = {1e9, -1e9};
+  int total = 0, limb = 0, dark = 0, at_floor = 0, first = 0;
   rest(s);
-  double r2 = dot(s->r, s->r), to_limb = sqrt(fmax(r2 - A_M * A_M, 1.0)), pixel_m = to_limb / fmax(fx, fy), spare;
+  double r2 = dot(s->r, s->r), to_limb_2 = fmax(r2 - A_M * A_M, 1.0);
+  pixel_m = sqrt(to_limb_2) / fmax(fx, fy), curve = 0.5 * A_M / to_limb_2, taper_m = TAPER_PX * pixel_m;
   double rim = EDGE_BLURS * sqrt(s->blur * s->blur + PIXEL_VARIANCE) * pixel_m;
-  double bottom = s->lift - DEPTH_PX * pixel_m;
-  double top = limb_height_m[LIMB_H - 1] + fmax(rim, SPACE_PX * pixel_m) + s->lift, nadir[3], a[3], b[3];
-  curve = 0.5 * A_M / fmax(r2 - A_M * A_M, 1.0);
-  grid_low = across(bottom, &spare) - GRID_RIMS * rim;
-  grid_step = (across(top, &spare) + GRID_RIMS * rim - grid_low) / HALF;
-  dark_above = limb_height_m[LIMB_H - 1] + rim + s->lift;
-  floor_level = image[0];
+  double bottom = s->lift - (DEPTH_PX + 0.5 * TAPER_PX) * pixel_m, air_top = limb_height_m[LIMB_H - 1] + s->lift;
+  double top = air_top + fmax(rim, SPACE_PX * pixel_m);
+  bottom_y = across(bottom - s->lift), grid_low = bottom_y - GRID_RIMS * rim;
+  double reach = across(top - s->lift) + ABOVE_RIMS * rim - grid_low; /* the mirror image at its top is space, too */
+  for (half = 64; half < HALF && half * pixel_m < reach * STEPS_PER_PIXEL;) half *= 2;
+  grid_step = reach / half, floor_level = image[0];
   for (int i = 1; i < width * height; i++) floor_level = fmin(floor_level, image[i]);
   nadir_of(s, nadir);
   basis(nadir, a, b);
-  static double azimuth[MOST_NEAR], sorted[MOST_NEAR], on_limb[MOST_NEAR];
-  int limb = 0;
-  count = 0;
   for (int row = BORDER_PX; row < height - BORDER_PX; row++)
     for (int column = BORDER_PX; column < width - BORDER_PX; column++) {
-      Pixel *p = &near_[count];
-      double u[3], n[3], n_cam[3], arm[3], distance, by_height;
-      sight(column, row, u);
-      p->h = lowest(s, u, &distance, n);
-      if (distance <= 0.0 || p->h <= bottom || p->h >= top || clipped(column, row)) continue;
-      p->y = across(p->h - s->lift, &by_height);
-      times(s->R[0], n, n_cam);
-      cross(n_cam, u, arm);
-      for (int i = 0; i < 3; i++) p->by_pose[i] = by_height * distance * arm[i], p->by_pose[3 + i] = by_height * n[i];
-      p->by_pose[6] = -by_height;
-      p->column = column, p->row = row;
-      p->value = image[row * width + column];
-      p->light = pow(u[2], 4.0);
-      p->weight = 1.0;
-      if (p->h > dark_above) dark++, at_floor += p->value <= floor_level, dark_mean += p->value - floor_level;
-      azimuth[count] = sorted[count] = atan2(dot(b, u), dot(a, u));
-      if (fabs(p->h) < pixel_m) {
-        double by_column = across_at(s, column + 0.5, row) - across_at(s, column - 0.5, row);
-        double by_row = across_at(s, column, row + 0.5) - across_at(s, column, row - 0.5);
-        if (fabs(p->h) < 0.5 * hypot(by_column, by_row)) on_limb[limb++] = azimuth[count];
-      }
-      if (++count == MOST_NEAR) return 0;
+      Ray ray = trace(s, column, row);
+      double above = image[row * width + column] - floor_level;
+      if (ray.distance <= 0.0 || ray.h <= bottom || ray.h >= top || clipped(column, row)) continue;
+      if (ray.h > air_top + rim) dark++, at_floor += above <= 0.0, dark_mean += above;
+      Key *k = &key[total];
+      k->key = atan2(dot(b, ray.u), dot(a, ray.u)), k->pixel = row * width + column, k->h = ray.h;
+      /* off the axis pixels are smaller, and see the limb farther away */
+      limb += k->on_limb = fabs(ray.h) < 0.5 * pixel_m / ray.u[2];
+      if (++total == MOST_NEAR) return 0;
     }
   if (limb < FEWEST_LIMB_PX) return 0;
   floor_sigma = noise_at_floor(dark, at_floor / fmax(dark, 1.0), dark_mean / fmax(dark, 1.0));
-  sort(sorted, count);
-  int first = 0;
-  double gap = sorted[0] + 2.0 * PI - sorted[count - 1];
-  for (int i = 1; i < count; i++)
-    if (sorted[i] - sorted[i - 1] > gap) gap = sorted[i] - sorted[i - 1], first = i;
-  double start = sorted[first], at_centre = sqrt(fmax(1.0 - A_M * A_M / r2, 0.0)), border[MOST_NODES], ends[2] = {1e9, -1e9};
-  int sectors = (int)ceil((2.0 * PI - gap) * at_centre / NODE_RAD), most = limb / 2 < MOST_NODES - 1 ? limb / 2 : MOST_NODES - 1;
-  sectors = sectors > most ? most : sectors < 2 ? 2 : sectors;
+  sort(key, total);
+  double gap = key[0].key + 2.0 * PI - key[total - 1].key;
+  for (int i = 1; i < total; i++)
+    if (key[i].key - key[i - 1].key > gap) gap = key[i].key - key[i - 1].key, first = i;
+  double start = key[first].key, at_centre = sqrt(fmax(1.0 - A_M * A_M / r2, 0.0)), sine = sqrt(1.0 - at_centre * at_centre);
+  for (int i = 0; i < total; i++) {
+    key[i].key -= start - (key[i].key < start ? 2.0 * PI : 0.0);
+    if (key[i].on_limb) ends[0] = fmin(ends[0], key[i].key), ends[1] = fmax(ends[1], key[i].key);
+  }
+  int sectors = (int)clip(ceil((2.0 * PI - gap) * at_centre / NODE_RAD), 2.0, fmin(limb / 2, MOST_NODES - 1));
   nodes = sectors + 1;
   for (int m = 0; m < nodes; m++) {
-    int i = (int)((double)m * count / sectors);
-    double at = sorted[(first + (i < count ? i : count - 1)) % count] - start;
-    border[m] = at < 0.0 ? at + 2.0 * PI : at;
+    int i = (int)((double)m * total / sectors);
+    border[m] = key[(first + (i < total ? i : total - 1)) % total].key;
   }
-  for (int i = 0; i < limb; i++) {
-    double at = fmod(on_limb[i] - start + 4.0 * PI, 2.0 * PI);
-    ends[0] = fmin(ends[0], at), ends[1] = fmax(ends[1], at);
-  }
-  for (int i = 0; i < count; i++) {
-    double at = azimuth[i] - start;
-    if (at < 0.0) at += 2.0 * PI;
+  /* Pieces of the limb are so long that pixels next to each other in height differ by GROUP_PX. */
+  group = (total + MOST_ROWS - 1) / MOST_ROWS;
+  int pieces = group > 1 ? (int)fmax(limb * GROUP_PX / (sectors * group), 1.0) : 1;
+  for (int i = 0; i < total; i++) {
+    Key *k = &key[i];
     int m = 0;
-    while (m < sectors - 1 && at >= border[m + 1]) m++;
-    near_[i].node = m;
-    near_[i].along = clip((at - border[m]) / fmax(border[m + 1] - border[m], 1e-12), 0.0, 1.0);
+    while (m < sectors - 1 && k->key >= border[m + 1]) m++;
+    k->along = clip((k->key - border[m]) / fmax(border[m + 1] - border[m], 1e-12), 0.0, 1.0);
+    k->piece = m * pieces + (int)clip(k->along * pieces, 0.0, pieces - 1.0);
+    k->key = k->piece + 0.999 * (k->h - bottom) / (top - bottom);
   }
-  double sine = sqrt(1.0 - at_centre * at_centre);
+  sort(key, total);
+  count = 0;
+  for (int i = 0, last; i < total; i = last) {
+    for (last = i + 1; last < total && last < i + group && key[last].piece == key[i].piece;) last++;
+    if (count == ROWS) return 0;
+    Pixel *p = &near_[count++];
+    memset(p, 0, sizeof *p);
+    p->node = key[i].piece / pieces;
+    for (int j = i; j < last; j++) add_pixel(s, &key[j], 1.0 / (last - i), p);
+  }
+  mean_width = 0.0;
   for (int m = 0; m < nodes; m++) {
-    double u[3], seen[3];
-    /* what a pixel is at the ends is that of the last limb in view */
-    for (int e = 0; e < 2; e++) {
-      double t = start + (e ? clip(border[m], ends[0], ends[1]) : border[m]), *v = e ? seen : u;
-      for (int i = 0; i < 3; i++) v[i] = sine * (cos(t) * a[i] + sin(t) * b[i]) + at_centre * nadir[i];
-    }
-    /* The limb of the ellipsoid is up to 21 km lower than that of a sphere. */
-    for (int k = 0; k < 2; k++) {
-      double n[3], n_cam[3], distance, h = lowest(s, u, &distance, n);
-      times(s->R[0], n, n_cam);
-      for (int i = 0; i < 3; i++) u[i] -= n_cam[i] * h / distance;
-      unit(u);
-    }
-    look_up(s, u, &node[m]);
-    double column = cx + fx * seen[0] / seen[2], row = cy + fy * seen[1] / seen[2], here = across_at(s, column, row);
-    double left = across_at(s, column - 1.0, row), right = across_at(s, column + 1.0, row);
-    double above = across_at(s, column, row - 1.0), below = across_at(s, column, row + 1.0);
-    node[m].box_m[0] = 0.5 * fabs(right - left), node[m].box_m[1] = 0.5 * fabs(below - above);
-    node[m].width_m = hypot(node[m].box_m[0], node[m].box_m[1]);
-    node[m].lift_m = 0.5 * (left + right + above + below - 4.0 * here);
-    scratch[m] = node[m].width_m;
-  }
-  median_width = median(scratch, nodes);
-  for (int i = 0; i < count; i++) {
-    double soft_m = sqrt(s->blur * s->blur + PIXEL_VARIANCE) * node[near_[i].node].width_m;
-    near_[i].below = normal((CLOUD_TOP_M - near_[i].h) / soft_m);
+    double u[3], in_view[3], t = border[m] + start, seen = clip(border[m], ends[0], ends[1]) + start;
+    THREE u[i] = sine * (cos(t) * a[i] + sin(t) * b[i]) + at_centre * nadir[i];
+    THREE in_view[i] = sine * (cos(seen) * a[i] + sin(seen) * b[i]) + at_centre * nadir[i];
+    place_node(s, u, in_view, &node[m]);
+    mean_width += node[m].width_m / nodes;
   }
   return 1;
 }
 
-static double neglected[MOST_NODES][GRID];             /* what bumps that are left out would be */
+static double height_of(double g) { return grid_low + g * grid_step - curve * pow(grid_low + g * grid_step, 2.0); }
+static double bump_at(int j, double h) { return cos(0.5 * PI * fmin(fabs(h - LOWEST_BUMP_M - j * BUMP_M) / BUMP_M, 1.0)); }
 
-/* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns. */
+/* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns.
+   Functions that are small at all nodes are left out. */
 static void functions_of_air(void) {
   static double shape[LIMB_H], left[MOST_NODES][GRID], spare[GRID];
-  int second[LIMB_K + 1] = {0}, bump[BUMPS] = {0};
-  static double bump_of[BUMPS][GRID], largest_of[MOST_NODES];
-  double last = grid_low + HALF * grid_step;
-  for (int k = 0; k < SETS; k++)
-    rank_of[k] = root_of_covariance(k, k == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0, wave[k], pivot_of[k]);
-  for (int j = 0; j < BUMPS; j++)
-    for (int g = 0; g < GRID; g++) {
-      double y = grid_low + g * grid_step, away = fabs(y - curve * y * y - LOWEST_BUMP_M - j * BUMP_M) / BUMP_M;
-      bump_of[j][g] = cos(0.5 * PI * fmin(away, 1.0));
-    }
-  /* left out is what is too little everywhere */
+  int second[LIMB_K + 1] = {0}, bump[BUMPS] = {0}, size = half + 1;
+  double largest[MOST_NODES], share;
   for (int m = 0; m < nodes; m++) {
-    double largest = 0.0;
     even(node[m].mean, transform[m][0]);
     even(node[m].left, left[m]);
-    for (int g = 0; g < GRID; g++) largest = fmax(largest, transform[m][0][g]);
-    largest_of[m] = largest;
-    for (int j = 0; j < BUMPS; j++)
-      for (int g = 0; g < GRID; g++)
-        if (left[m][g] * bump_of[j][g] > LEAST_BUMP * largest) bump[j] = 1;
-    for (int k = 0; k < LIMB_K; k++)
-      for (int h = 0; h < LIMB_H; h++)
-        if (limb_height_m[h] > grid_low && limb_height_m[h] < last && 1.0 - pow(node[m].alike[k][h], 2.0) > LEAST_APART * LEAST_APART)
-          second[k] = 1;
+    largest[m] = largest_of(transform[m][0], 1, size);
+    for (double g = 0.0; g < half; g += fmax(FINEST_STEP_M, pixel_m / BUMP_STEPS_PER_PIXEL) / grid_step) {
+      double h = height_of(g);
+      int at = before(limb_height_m, LIMB_H, h, &share);
+      double here = h > limb_height_m[LIMB_H - 1] ? 0.0 : (1.0 - share) * node[m].left[at] + share * node[m].left[at + 1];
+      for (int j = 0; j < BUMPS; j++) bump[j] |= here * bump_at(j, h) > LEAST_BUMP * largest[m];
+    }
+    for (int i = 0; i < LIMB_K * LIMB_H; i++)
+      second[i / LIMB_H] |= limb_height_m[i % LIMB_H] > grid_low && limb_height_m[i % LIMB_H] < grid_low + half * grid_step &&
+                            1.0 - pow(node[m].ends[i / LIMB_H][i % LIMB_H], 2.0) > LEAST_APART * LEAST_APART;
   }
-  for (int g = 0; g < GRID; g++) {
-    double y = grid_low + g * grid_step, out = y - curve * y * y > LOWEST_BUMP_M + BUMP_M ? 1.0 : 0.0;
+  for (int g = 0; g < size; g++) {
+    double out = height_of(g) > LOWEST_BUMP_M + BUMP_M ? 1.0 : 0.0;
     for (int j = 0; j < BUMPS; j++)
-      if (bump[j] && out > 0.0) out = fmax(out - bump_of[j][g] * bump_of[j][g], 0.0);
-    for (int m = 0; m < nodes; m++) neglected[m][g] = fmax(left[m][g], LEAST_LEFT * largest_of[m]) * sqrt(out);
+      if (bump[j]) out = fmax(out - pow(bump_at(j, height_of(g)), 2.0), 0.0);
+    for (int m = 0; m < nodes; m++) neglected[m][g] = fmax(left[m][g], LEAST_LEFT * largest[m]) * sqrt(out);
   }
   for (int m = 0; m < nodes; m++) {
     double(*f)[GRID] = transform[m];
     functions = 1;
-    for (int part = 0; part < 2; part++)
-      for (int k = 0; k < LIMB_K; k++) {
-        if (part == 1 && !second[k]) continue;
-        for (int h = 0; h < LIMB_H; h++) {
-          double alike = node[m].alike[k][h];
-          shape[h] = node[m].modes[k][h] * (part == 0 ? alike : sqrt(1.0 - alike * alike));
-        }
-        set_of[functions] = k, kind_of[functions] = part * LIMB_K + k;
-        even(shape, f[functions++]);
-      }
-    for (int j = 0; j < BUMPS; j++) {
-      if (!bump[j]) continue;
-      for (int g = 0; g < GRID; g++) f[functions][g] = left[m][g] * bump_of[j][g];
-      set_of[functions] = LIMB_K, kind_of[functions++] = 2 * LIMB_K + j;
+    for (int kind = 0; kind < 2 * LIMB_K + BUMPS + 1; kind++) {
+      int k = kind % LIMB_K, j = kind - 2 * LIMB_K, part = kind >= LIMB_K;
+      if (j < 0 ? part && !second[k] : j < BUMPS && !bump[j]) continue;
+      for (int h = 0; j < 0 && h < LIMB_H; h++)
+        shape[h] = node[m].modes[k][h] * (part ? sqrt(1.0 - pow(node[m].ends[k][h], 2.0)) : node[m].ends[k][h]);
+      if (j < 0) even(shape, f[functions]);
+      else
+        for (int g = 0; g < size; g++) f[functions][g] = j < BUMPS ? left[m][g] * bump_at(j, height_of(g)) : f[0][g];
+      set_of[functions] = j < 0 ? k : j < BUMPS ? LIMB_K : LIMB_K + 1, kind_of[functions++] = kind;
     }
-    memcpy(f[functions], f[0], sizeof f[0]);
-    set_of[functions] = LIMB_K + 1, kind_of[functions++] = 2 * LIMB_K + BUMPS;
     memset(spare, 0, sizeof spare);
-    for (int k = 0; k < functions; k += 2) cosines(f[k], k + 1 < functions ? f[k + 1] : spare, 1.0);
-    for (int g = 0; g < GRID; g++) {
-      double frequency = g / (2.0 * HALF * grid_step);
-      double pixel = sinc(node[m].box_m[0] * frequency) * sinc(node[m].box_m[1] * frequency);
+    for (int k = 0; k < functions; k += 2) cosines(f[k], k + 1 < functions ? f[k + 1] : spare, half, 1.0);
+    for (int g = 0; g < size; g++) {
+      double frequency = g / (2.0 * half * grid_step), *box = node[m].box_m;
+      double pixel = sinc(box[0] * frequency) * sinc(box[1] * frequency) / sinc(grid_step * frequency);
       for (int k = 0; k < functions; k++) f[k][g] *= pixel;
     }
   }
+  for (int k = 0; k < SETS; k++) root_of_covariance(k);
   air = 0;
-  for (int k = 1; k < functions; k++) {
-    offset_of[k] = air;
-    air += rank_of[set_of[k]];
-  }
+  for (int k = 1; k < functions; k++) offset_of[k] = air, air += rank_of[set_of[k]];
   unknowns = air + SHARED;
 }
 
-/* The lens's transform at the nodes and its change with the logarithm of the blur: a Gaussian, and one of samples at
-   whole pixels (Chebyshev: cos (k + 1) x = 2 cos x cos k x - cos (k - 1) x). */
+/* The lens's transforms at the nodes and their change with ln blur: a Gaussian, and one of samples at whole pixels
+   (Chebyshev: cos (k + 1) x = 2 cos x cos k x - cos (k - 1) x). */
 static void lens(double blur) {
   enum { MOST_PLACES = 64 };
-  double weight[MOST_PLACES], steep[MOST_PLACES], sum = 1.0, sum_steep = 0.0, limit = fmax(blur, 0.15);
+  double weight[MOST_PLACES], steep[MOST_PLACES], sum = 1.0, sum_steep = 0.0;
   int places = (int)fmin(ceil(5.0 * blur), MOST_PLACES);
   for (int k = 0; k < places; k++) {
-    weight[k] = 2.0 * exp(-0.5 * pow((k + 1) / limit, 2.0));
-    steep[k] = weight[k] * pow((k + 1) / limit, 2.0);
-    sum += weight[k], sum_steep += steep[k];
+    double square = pow((k + 1) / fmax(blur, 0.15), 2.0);
+    sum += weight[k] = 2.0 * exp(-0.5 * square), sum_steep += steep[k] = weight[k] * square;
   }
   for (int m = 0; m < nodes; m++)
-    for (int g = 0; g < GRID; g++) {
-      double frequency = 2.0 * PI * g / (2.0 * HALF * grid_step), one_way[2], change[2];
-      double x2 = pow(blur * node[m].width_m * frequency, 2.0);
-      smooth[m][g] = exp(-0.5 * x2);
-      smooth_by_blur[m][g] = -x2 * smooth[m][g];
+    for (int g = 0; g <= half; g++) {
+      double frequency = PI * g / (half * grid_step), one[2], change[2], x2 = pow(blur * node[m].width_m * frequency, 2.0);
       for (int side = 0; side < 2; side++) {
         double c = cos(node[m].box_m[side] * frequency), previous = 1.0, now = c, total = 1.0, by_blur = 0.0;
         for (int k = 0; k < places; k++) {
@@ -644,68 +582,72 @@ static void lens(double blur) {
           double next = 2.0 * c * now - previous;
           previous = now, now = next;
         }
-        one_way[side] = total / sum;
-        change[side] = (by_blur - one_way[side] * sum_steep) / sum;
+        one[side] = total / sum, change[side] = (by_blur - one[side] * sum_steep) / sum;
       }
-      sampled[m][g] = one_way[0] * one_way[1];
-      sampled_by_blur[m][g] = change[0] * one_way[1] + one_way[0] * change[1];
+      lens_at[m][SMOOTH][g] = exp(-0.5 * x2), lens_at[m][SAMPLED][g] = one[0] * one[1];
+      lens_at[m][SMOOTH_BY_BLUR][g] = -x2 * exp(-0.5 * x2);
+      lens_at[m][SAMPLED_BY_BLUR][g] = change[0] * one[1] + one[0] * change[1];
     }
 }
 
-static double read_grid(double table[MOST_NODES][GRID], const Pixel *p, double share) {
-  const double *a = table[p->node] + p->place, *b = table[p->node + 1] + p->place;
-  return (1.0 - p->along) * ((1.0 - share) * a[0] + share * a[1]) + p->along * ((1.0 - share) * b[0] + share * b[1]);
+/* A mixture of smooth and sampled lens, of their transforms or of these by blur. */
+static double mixed(const State *s, int m, int g, int which) {
+  return lens_at[m][which][g] + s->sharpness * (lens_at[m][which + 1][g] - lens_at[m][which][g]);
 }
 
 /* What all pixels see as the unknowns say it. */
-static void look(const State *s) {
-  static double re[2 * HALF], im[2 * HALF];
-  static double largest[MOST_NODES];
+static void predict(const State *s) {
+  static double re[2 * HALF], im[2 * HALF], change[2][GRID];
   lens(s->blur);
   for (int m = 0; m < nodes; m++) {
-    for (int k = 1; k < functions; k++) {
-      coefficient[m][k] = 0.0;
-      for (int j = 0; j < rank_of[set_of[k]]; j++) coefficient[m][k] += wave[set_of[k]][m][j] * s->z[offset_of[k] + j];
-    }
-    for (int g = 0; g <= HALF; g++) {
-      double sum = transform[m][0][g], frequency = 2.0 * PI * g / (2.0 * HALF * grid_step);
-      for (int k = 1; k < functions; k++) sum += coefficient[m][k] * transform[m][k][g];
-      double lens_ = smooth[m][g] + s->sharpness * (sampled[m][g] - smooth[m][g]);
-      blur_at[m][g] = sum * (smooth_by_blur[m][g] + s->sharpness * (sampled_by_blur[m][g] - smooth_by_blur[m][g]));
-      sharp_at[m][g] = sum * (sampled[m][g] - smooth[m][g]);
-      /* even for the profile itself, odd for its slope in metres of the grid */
-      double slope = g < HALF ? frequency * grid_step : 0.0;
-      re[g] = sum * lens_ * (1.0 + slope);
-      if (g > 0) re[2 * HALF - g] = sum * lens_ * (1.0 - slope);
-    }
+    for (int k = 1; k < functions; k++)
+      coefficient[m][k] = product(wave[set_of[k]][m], s->z + offset_of[k], rank_of[set_of[k]]);
     memset(im, 0, sizeof im);
-    fft(re, im);
-    for (int g = 0; g <= HALF; g++) level_at[m][g] = re[g] / (2.0 * HALF), slope_at[m][g] = im[g] / (2.0 * HALF * grid_step);
-    largest[m] = level_at[m][0];
-    for (int g = 1; g < GRID; g++) largest[m] = fmax(largest[m], level_at[m][g]);
-    cosines(blur_at[m], sharp_at[m], 1.0 / (2.0 * HALF));
+    for (int g = 0; g <= half; g++) {
+      double sum = transform[m][0][g], slope = g < half ? PI * g / half : 0.0; /* of frequencies in steps of the grid */
+      for (int k = 1; k < functions; k++) sum += coefficient[m][k] * transform[m][k][g];
+      summed[m][g] = sum;
+      change[0][g] = sum * mixed(s, m, g, SMOOTH_BY_BLUR);
+      change[1][g] = sum * (lens_at[m][SAMPLED][g] - lens_at[m][SMOOTH][g]);
+      /* even for the profile itself, odd for its slope */
+      re[g] = sum * mixed(s, m, g, SMOOTH) * (1.0 + slope);
+      if (g > 0) re[2 * half - g] = sum * mixed(s, m, g, SMOOTH) * (1.0 - slope);
+    }
+    fft(re, im, 2 * half);
+    cosines(change[0], change[1], half, 0.5 / half);
+    for (int g = 0; g <= half; g++) {
+      double *t = table_at[m][g];
+      t[LEVEL] = re[g] * 0.5 / half, t[SLOPE] = im[g] * 0.5 / (half * grid_step);
+      t[BY_BLUR] = change[0][g], t[BY_SHARPNESS] = change[1][g];
+    }
+    largest_at[m] = largest_of(table_at[m][0], TABLES, half + 1);
   }
   for (int i = 0; i < count; i++) {
     Pixel *p = &near_[i];
-    double lift = (1.0 - p->along) * node[p->node].lift_m + p->along * node[p->node + 1].lift_m;
+    double lift = (1.0 - p->along) * node[p->node].lift_m + p->along * node[p->node + 1].lift_m, two[2][TABLES];
     double y = p->y + product(s->away, p->by_pose, POSE) + lift * (s->blur * s->blur + PIXEL_VARIANCE);
-    double at = (y - grid_low) / grid_step;
-    p->place = (int)clip(at, 0.0, GRID - 2.0);
-    p->share = clip(at - p->place, 0.0, 1.0);
-    p->slope = read_grid(slope_at, p, p->share);
-    /* between two heights a parabola that their slopes bend: model and derivative are of one piece */
-    double bend = 0.5 * grid_step * (read_grid(slope_at, p, 0.0) - read_grid(slope_at, p, 1.0));
-    p->level = read_grid(level_at, p, p->share) + p->share * (1.0 - p->share) * bend;
-    double shown = s->background + s->gain * p->light * p->level, z = (shown - floor_level) / floor_sigma;
-    p->kept = floor_sigma > 0.0 ? normal(z) : 1.0;
-    if (floor_sigma > 0.0) shown = floor_level + floor_sigma * (exp(-0.5 * z * z) / sqrt(2.0 * PI) + z * p->kept);
+    p->place = (int)clip((y - grid_low) / grid_step, 0.0, half - 1.0);
+    p->share = clip((y - grid_low) / grid_step - p->place, 0.0, 1.0);
+    p->depth = clip((y - bottom_y) / taper_m, 0.0, 1.0);
+    for (int t = 0; t < TABLES; t++) {
+      for (int g = 0; g < 2; g++)
+        two[g][t] = (1.0 - p->along) * table_at[p->node][p->place + g][t] + p->along * table_at[p->node + 1][p->place + g][t];
+      p->table[t] = two[0][t] + p->share * (two[1][t] - two[0][t]);
+    }
+    /* Between two heights the cubic of their slopes: prediction and derivatives are of one piece. */
+    double twist = grid_step * (two[0][SLOPE] + two[1][SLOPE]) - 2.0 * (two[1][LEVEL] - two[0][LEVEL]);
+    double bow = p->share * (1.0 - p->share), bent = 0.5 * grid_step * (two[0][SLOPE] - two[1][SLOPE]) + (0.5 - p->share) * twist;
+    p->table[LEVEL] += bow * bent;
+    p->table[SLOPE] = (two[1][LEVEL] - two[0][LEVEL] + (1.0 - 2.0 * p->share) * bent - bow * twist) / grid_step;
+    p->level = p->light * p->table[LEVEL];
+    double shown = s->background + s->gain * p->level, z = (shown - floor_level) / floor_sigma;
+    p->passed = floor_sigma > 0.0 ? normal(z) : 1.0;
+    if (floor_sigma > 0.0) shown = floor_level + floor_sigma * (exp(-0.5 * z * z) / sqrt(2.0 * PI) + z * p->passed);
     p->off = p->value - shown;
-    p->brightest = p->light * ((1.0 - p->along) * largest[p->node] + p->along * largest[p->node + 1]);
   }
 }
 
-/* Chooses the window anew. The air stays as it is: coefficients go over to nodes that lie a little elsewhere, from them
-   to the unknowns at the nodes that Cholesky's pivots were. */
+/* Chooses the window again. The air stays as it is: coefficients are taken over to nodes that lie a little elsewhere. */
 static int select_pixels(State *s) {
   static double had[FUNCTIONS][MOST_NODES];
   int had_nodes = nodes;
@@ -715,178 +657,142 @@ static int select_pixels(State *s) {
   if (!choose(s)) return 0;
   functions_of_air();
   memset(s->z, 0, sizeof s->z);
-  for (int k = 1; had_nodes && k < functions; k++) {
-    double(*W)[MOST_NODES] = wave[set_of[k]], *z = s->z + offset_of[k];
+  for (int k = 1; had_nodes && k < functions; k++)
     for (int j = 0; j < rank_of[set_of[k]]; j++) {
-      int m = pivot_of[set_of[k]][j];
-      double at = (double)m * (had_nodes - 1) / (nodes - 1);
-      int i = at < had_nodes - 2 ? (int)at : had_nodes - 2;
-      z[j] = (at - i) * had[kind_of[k]][i + 1] + (i + 1 - at) * had[kind_of[k]][i];
-      for (int l = 0; l < j; l++) z[j] -= W[m][l] * z[l];
-      z[j] /= W[m][j];
+      double sum = 0.0, squares = 0.0;
+      for (int m = 0; m < nodes; m++) {
+        double at = (double)m * (had_nodes - 1) / (nodes - 1), w = wave[set_of[k]][m][j];
+        int i = at < had_nodes - 2 ? (int)at : had_nodes - 2;
+        sum += w * ((at - i) * had[kind_of[k]][i + 1] + (i + 1 - at) * had[kind_of[k]][i]), squares += w * w;
+      }
+      s->z[offset_of[k] + j] = sum / squares;
     }
-  }
+  predict(s);
   return 1;
 }
 
 /* Gain and background that fit best. */
 static int levels(State *s) {
   double n = count, x = 0, y = 0, xx = 0, xy = 0;
-  look(s);
-  for (int i = 0; i < count; i++) {
-    double level = near_[i].light * near_[i].level;
-    x += level, y += near_[i].value, xx += level * level, xy += level * near_[i].value;
-  }
+  for (const Pixel *p = near_; p < near_ + count; p++)
+    x += p->level, y += p->value, xx += p->level * p->level, xy += p->level * p->value;
   s->gain = (n * xy - x * y) / (n * xx - x * x);
   s->background = floor_sigma > 0.0 ? floor_space : (y - s->gain * x) / n;
-  look(s);
+  predict(s);
   return s->gain > 0.0;
 }
 
 /* Noise */
 
-/* Mean of squared residuals between two levels (of the brightest) that are no outliers by their quartiles. */
+/* The weight of a residual by Student's distribution, 1 in the middle. */
+static double tail(double square, double variance) { return (FREEDOM + 1.0) / (FREEDOM + square / variance); }
+
+/* Mean square of the residuals between two levels (of the brightest), with the weights of their own distribution. */
 static double variance_between(double low, double high, double brightest) {
-  double sum = 0.0, number = 0.0, limit;
-  int n = 0, all;
-  for (int i = 0; i < count; i++) {
-    double level = clip(near_[i].light * near_[i].level / brightest, 0.0, 1.0);
-    if (level > low && level < high && near_[i].weight > 0.0) scratch[n++] = near_[i].off * near_[i].off;
+  int n = 0;
+  for (int all = 0; all < 2 && n <= FEWEST_PIXELS; all++, n = n > FEWEST_PIXELS || all ? n : 0)
+    for (int i = 0; i < count; i++) {
+      double level = clip(near_[i].level / brightest, 0.0, 1.0);
+      if (all || (level > low && level < high)) key[n++].key = near_[i].off * near_[i].off;
+    }
+  sort(key, n);
+  double mean = fmax(0.5 * (key[(n - 1) / 2].key + key[n / 2].key) / (QUARTILE * QUARTILE), 1e-300);
+  for (int round = 0; round < WEIGHINGS; round++) {
+    double sum = 0.0;
+    for (int i = 0; i < n; i++) sum += key[i].key * tail(key[i].key, mean);
+    mean = fmax(sum / (n * OF_NORMAL), 1e-300);
   }
-  all = n <= FEWEST_PIXELS;
-  if (all)
-    for (n = 0; n < count; n++) scratch[n] = near_[n].off * near_[n].off;
-  limit = OUTLIER * OUTLIER * median(scratch, n) / (QUARTILE * QUARTILE);
-  for (int i = 0; i < n; i++)
-    if (scratch[i] <= limit) sum += scratch[i], number += 1.0;
-  return fmax(sum / fmax(number, 1.0), 1e-300);
+  return mean;
 }
 
-/* The variance that there is at least: what rounding to whole numbers leaves, and bumps that are left out. */
-static void least_noise(const State *s) {
-  for (int i = 0; i < count; i++) {
-    Pixel *p = &near_[i];
-    const double *out = &neglected[p->node][p->place];
-    p->left = pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
-    p->least = 1.0 / 12.0 + p->left;
-  }
-}
-
-/* The noise of the pixels by the residuals as they are. */
+/* The variance of the pixels by their residuals: that of dark pixels, and components by level, clouds and slope. */
 static void estimate_noise(const State *s) {
-  static double part[MOST_NEAR][3], expected[MOST_NEAR];
-  double brightest = 1e-300, steepest = 1e-300, found[3] = {0.0, 0.0, 0.0};
-  for (int i = 0; i < count; i++) {
-    const Pixel *p = &near_[i];
-    double per_px = s->gain * p->light * p->slope * node[p->node].width_m;
-    brightest = fmax(brightest, p->light * p->level);
-    part[i][2] = per_px * per_px;
-    steepest = fmax(steepest, part[i][2]);
+  static double part[ROWS][3];
+  double largest[3] = {1e-300, 1e-300, 1e-300}, x[3];
+  for (int j = 0; j < count; j++) {
+    const Pixel *p = &near_[j];
+    const Node *at = &node[p->node];
+    double bright = p->light * ((1.0 - p->along) * largest_at[p->node] + p->along * largest_at[p->node + 1]);
+    double soft_m = sqrt(s->blur * s->blur + PIXEL_VARIANCE) * at->width_m;
+    part[j][0] = fmax(p->level, 0.0), part[j][1] = pow(bright * normal((CLOUD_TOP_M - p->h) / soft_m), 2.0);
+    part[j][2] = pow(p->light * p->table[SLOPE] * at->width_m, 2.0);
+    THREE largest[i] = fmax(largest[i], part[j][i]);
   }
-  double dark = variance_between(-1.0, DARK, brightest);
-  double bright = variance_between(BRIGHT, 2.0, brightest);
-  for (int i = 0; i < count; i++) {
-    const Pixel *p = &near_[i];
-    double level = clip(p->light * p->level / brightest, 0.0, 1.0);
-    part[i][0] = level, part[i][1] = pow(p->below * p->brightest / brightest, 2.0), part[i][2] /= steepest;
-    expected[i] = fmax(dark + fmax(bright - dark, 0.0) * level, p->least);
+  double dark = variance_between(-1.0, DARK, largest[0]), bright = variance_between(BRIGHT, 2.0, largest[0]);
+  for (int j = 0; j < count; j++) {
+    Pixel *p = &near_[j];
+    const double *out = &neglected[p->node][p->place];
+    THREE part[j][i] /= largest[i];
+    p->left = pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
+    p->variance = fmax(dark + fmax(bright - dark, 0.0) * part[j][0], PIXEL_VARIANCE / group + p->left);
   }
   for (int round = 0; round < WEIGHINGS; round++) {
-    double A[3][3] = {{0}}, b[3] = {0}, size[3], x[3];
-    for (int i = 0; i < count; i++) {
-      double square = near_[i].off * near_[i].off;
-      if (square >= OUTLIER * OUTLIER * expected[i]) continue;
-      for (int j = 0; j < 3; j++) {
-        b[j] += part[i][j] * (square - dark) / pow(expected[i], 2.0);
-        for (int k = 0; k < 3; k++) A[j][k] += part[i][j] * part[i][k] / pow(expected[i], 2.0);
+    double A[3][3] = {{0}}, b[3] = {0}, size[3];
+    for (int j = 0; j < count; j++) {
+      double square = near_[j].off * near_[j].off, v = near_[j].variance;
+      double beyond = (square * tail(square, v) / OF_NORMAL - dark) / (v * v);
+      THREE {
+        b[i] += part[j][i] * beyond;
+        for (int k = 0; k < 3; k++) A[i][k] += part[j][i] * part[j][k] / (v * v);
       }
     }
-    for (int j = 0; j < 3; j++) size[j] = sqrt(fmax(A[j][j], 1e-300));
-    for (int j = 0; j < 3; j++) {
-      b[j] /= size[j];
-      for (int k = 0; k < 3; k++) A[j][k] = A[j][k] / (size[j] * size[k]) + (j == k ? 1e-9 : 0.0);
+    THREE size[i] = sqrt(fmax(A[i][i], 1e-300));
+    THREE {
+      b[i] /= size[i];
+      for (int k = 0; k < 3; k++) A[i][k] = A[i][k] / (size[i] * size[k]) + (i == k ? 1e-9 : 0.0);
     }
     not_negative(A, b, x);
-    for (int j = 0; j < 3; j++) found[j] = x[j] / size[j];
-    for (int i = 0; i < count; i++) expected[i] = fmax(dark + product(found, part[i], 3), near_[i].least);
+    THREE x[i] /= size[i];
+    for (Pixel *p = near_; p < near_ + count; p++) {
+      p->beyond = dot(x, part[p - near_]);
+      p->variance = fmax(dark + p->beyond, PIXEL_VARIANCE / group + p->left);
+    }
   }
-  for (int i = 0; i < count; i++) {
-    Pixel *p = &near_[i];
-    p->variance = expected[i];
-    p->shown = fmin(product(found, part[i], 3) / expected[i], 1.0);
-    p->by_level = expected[i] <= p->least ? 0.0 : found[0] / brightest;
-  }
-}
-
-/* The weights of pixels that are chosen again; those that are new are as good as the median one. With noise that began
-   anew the pose left its place, for which the pixels were chosen again, and so on until the steps were used up. */
-static float kept_weight[MOST_PIXELS];
-static void keep_weights(void) {
-  int n = 0;
-  for (int i = 0; i < count; i++)
-    if (near_[i].weight > 0.0) scratch[n++] = near_[i].weight;
-  double usual = n > 0 ? median(scratch, n) : 1.0;
-  for (int i = 0; i < width * height; i++) kept_weight[i] = (float)usual;
-  for (int i = 0; i < count; i++) kept_weight[near_[i].row * width + near_[i].column] = (float)near_[i].weight;
-}
-static void take_weights_over(void) {
-  for (int i = 0; i < count; i++) near_[i].weight = kept_weight[near_[i].row * width + near_[i].column];
 }
 
 /* How much larger the variance of the residuals' sums over squares is than of independent ones. */
-static double alike(void) {
+static double correlated(void) {
   static double sum[MOST_SQUARES], number[MOST_SQUARES];
   double most = 1.0;
   for (int side = 4; side <= 32; side *= 2) {
-    int in_row = (width - 1) / side + 1, squares = in_row * ((height - 1) / side + 1);
-    double total = 0.0, pixels = 0.0;
+    double side_px = group > 1 ? side * group / GROUP_PX : side, total = 0.0, pixels = 0.0;
+    int in_row = (int)((width - 1) / side_px) + 1, squares = in_row * ((int)((height - 1) / side_px) + 1);
     for (int i = 0; i < squares; i++) sum[i] = number[i] = 0.0;
-    for (int i = 0; i < count; i++) {
-      int square = near_[i].row / side * in_row + near_[i].column / side;
-      sum[square] += sqrt(near_[i].weight) * near_[i].off;
-      number[square] += near_[i].weight > 0.0;
+    for (const Pixel *p = near_; p < near_ + count; p++) {
+      int square = (int)(p->row / side_px) * in_row + (int)(p->column / side_px);
+      sum[square] += p->off * sqrt(tail(p->off * p->off, p->variance) / p->variance), number[square] += 1.0;
     }
     for (int i = 0; i < squares; i++)
       if (number[i] > side) total += sum[i] * sum[i], pixels += number[i];
     most = fmax(most, total / fmax(pixels, 1.0));
   }
-  return most;
+  return 1.0 + (most - 1.0) * clip((most - LEAST_COMMON) / (SURELY_COMMON - LEAST_COMMON), 0.0, 1.0);
 }
 
-/* How many pixels count as one. What the residuals show beyond the noise of dark pixels is as alike as their sums
-   over squares say, what is left out of the air over a bump's height and length. */
-static void widen(void) {
-  double beyond = alike(), shown = 0.0, used = 0.0;
-  for (int i = 0; i < count; i++)
-    if (near_[i].weight > 0.0) shown += near_[i].shown, used += 1.0;
-  double more = (beyond - 1.0) * clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0);
-  more /= fmax(shown / fmax(used, 1.0), 1e-300);
-  for (int i = 0; i < count; i++) {
-    Pixel *p = &near_[i];
-    double of_left = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0), 1.0) - 1.0;
-    p->wider = first_part ? 1.0 : 1.0 + more * p->shown + of_left * fmin(p->left / p->variance, 1.0);
-  }
+/* Weights of the present residuals by their noise. */
+static void take_weights(void) {
+  for (Pixel *p = near_; p < near_ + count; p++) p->weight = tail(p->off * p->off, p->variance) / (p->variance * p->together);
 }
 
-/* Weighs the pixels by their noise; returns by how much the weights' logarithms changed (rms). */
+/* Estimates the noise, and how many pixels count as one: what residuals show beyond dark pixels has the correlation of
+   their sums over squares, neglected air that of a bump's height and length. Not in the first stage, where a limb that is
+   still displaced would hide in it. Returns the change of the variances' logarithms (rms). */
 static double weigh(const State *s) {
-  static double before[MOST_NEAR];
-  double changed = 0.0, both = 0.0;
-  least_noise(s);
+  static double before_[ROWS];
+  double changed = 0.0, shown = 0.0;
+  for (int i = 0; i < count; i++) before_[i] = near_[i].variance * near_[i].together;
   estimate_noise(s);
-  for (int i = 0; i < count; i++) {
-    Pixel *p = &near_[i];
-    double square = p->off * p->off / p->variance;
-    before[i] = p->weight;
-    p->weight = square < OUTLIER * OUTLIER ? 1.0 / p->variance : 0.0;
-    p->pull = first_part ? 0.0 : 0.5 * (fmin(square, OUTLIER * OUTLIER) - 1.0) * p->by_level / s->gain;
+  for (int i = 0; i < count; i++) shown += fmin(near_[i].beyond / near_[i].variance, 1.0) / count;
+  double more = first_stage ? 0.0 : (correlated() - 1.0) / fmax(shown, 1e-300);
+  for (Pixel *p = near_; p < near_ + count; p++) {
+    double bump_px = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0) / group, 1.0);
+    p->together = 1.0 + more * fmin(p->beyond / p->variance, 1.0);
+    if (!first_stage) p->together += (bump_px - 1.0) * fmin(p->left / p->variance, 1.0);
+    p->together /= fmax(p->depth * p->depth * (3.0 - 2.0 * p->depth), LEAST_TAPER);
+    changed += pow(log(p->variance * p->together / before_[p - near_]), 2.0) / count;
   }
-  widen();
-  for (int i = 0; i < count; i++) {
-    double weight = near_[i].weight /= near_[i].wider;
-    if (weight > 0.0 && before[i] > 0.0) changed += pow(log(weight / before[i]), 2.0), both += 1.0;
-  }
-  return sqrt(changed / fmax(both, 1.0));
+  take_weights();
+  return sqrt(changed);
 }
 
 /* Equations */
@@ -894,390 +800,350 @@ static double weigh(const State *s) {
 /* The step to the priors' values, and their information; shared unknowns. */
 static void priors(const State *s, double *wanted, double *information) {
   turn_between(prior.R[0], s->R[0], wanted + TURN);
-  for (int i = 0; i < 3; i++) {
-    wanted[TURN + i] -= s->away[i], wanted[POSITION + i] = prior.r[i] - s->r[i] - s->away[3 + i];
-    information[TURN + i] = 1.0 / (sigma_q * sigma_q), information[POSITION + i] = 1.0 / (sigma_r * sigma_r);
-  }
-  wanted[LIFT] = -s->lift - s->away[6], information[LIFT] = 1.0 / (lift_sigma * lift_sigma);
-  wanted[BLUR] = log(prior.blur / s->blur), information[BLUR] = 1.0 / (blur_sigma * blur_sigma);
-  wanted[SHARPNESS] = prior.sharpness - s->sharpness, information[SHARPNESS] = 1.0 / (SHARPNESS_SIGMA * SHARPNESS_SIGMA);
+  THREE wanted[TURN + i] -= s->away[i], wanted[POSITION + i] = prior.r[i] - s->r[i] - s->away[3 + i];
+  THREE information[TURN + i] = pow(sigma_q, -2.0), information[POSITION + i] = pow(sigma_r, -2.0);
+  wanted[LIFT] = -s->lift - s->away[6], information[LIFT] = pow(lift_sigma, -2.0);
+  wanted[BLUR] = log(prior.blur / s->blur), information[BLUR] = (first_stage ? HELD : 1.0) * pow(blur_sigma, -2.0);
+  wanted[SHARPNESS] = prior.sharpness - s->sharpness;
+  information[SHARPNESS] = (first_stage ? HELD : 1.0) * pow(SHARPNESS_SIGMA, -2.0);
   wanted[GAIN] = gain_sigma > 0.0 ? log(prior.gain / s->gain) : 0.0;
-  information[GAIN] = gain_sigma > 0.0 ? 1.0 / (gain_sigma * gain_sigma) : 0.0;
-  wanted[BACKGROUND] = floor_space - s->background;
-  information[BACKGROUND] = floor_sigma > 0.0 ? 1.0 / (floor_sigma * floor_sigma) : 0.0;
+  information[GAIN] = gain_sigma > 0.0 ? pow(gain_sigma, -2.0) : 0.0;
+  wanted[BACKGROUND] = floor_space - s->background, information[BACKGROUND] = floor_sigma > 0.0 ? pow(floor_sigma, -2.0) : 0.0;
 }
 
-/* What the most probable unknowns make smallest: with the noise that fits the residuals. */
+/* Minus twice the log likelihood, up to a constant of the variances. */
 static double merit_of(const State *s) {
-  double wanted[SHARED], information[SHARED], sum = 0.0;
-  if (!first_part) estimate_noise(s);
+  double wanted[SHARED], information[SHARED], sum = product(s->z, s->z, air);
   priors(s, wanted, information);
   for (int i = 0; i < SHARED; i++) sum += information[i] * wanted[i] * wanted[i];
-  for (int i = 0; i < air; i++) sum += s->z[i] * s->z[i];
-  for (int i = 0; i < count; i++) {
-    const Pixel *p = &near_[i];
-    if (first_part)
-      sum += p->weight * p->off * p->off;
-    else
-      sum += (fmin(p->off * p->off / p->variance, OUTLIER * OUTLIER) + log(p->variance)) / p->wider;
-  }
+  for (const Pixel *p = near_; p < near_ + count; p++)
+    sum += (FREEDOM + 1.0) * log1p(p->off * p->off / p->variance / FREEDOM) / p->together;
   return sum;
 }
 
-/* L L^T = N, lower triangles. */
-static int cholesky(void) {
-  for (int i = 0; i < unknowns; i++)
-    for (int j = 0; j <= i; j++) {
-      double v = N[i][j] - product(L[i], L[j], j);
-      if (j < i) {
-        L[i][j] = v / L[j][j];
-      } else {
-        if (!(v > 0.0)) return 0;
-        L[i][i] = sqrt(v);
+/* Derivatives of a pixel by the shared unknowns. */
+static void by_shared(const State *s, const Pixel *p, double *J) {
+  const Node *at = &node[p->node];
+  double amplitude = s->gain * p->light * p->passed, slope = amplitude * p->table[SLOPE];
+  double lifted = 2.0 * s->blur * s->blur * ((1.0 - p->along) * at[0].lift_m + p->along * at[1].lift_m);
+  J[BLUR] = amplitude * p->table[BY_BLUR] + slope * lifted, J[SHARPNESS] = amplitude * p->table[BY_SHARPNESS];
+  J[GAIN] = amplitude * p->table[LEVEL], J[BACKGROUND] = p->passed;
+  for (int c = 0; c < POSE; c++) J[TURN + c] = slope * p->by_pose[c];
+}
+
+/* Half of the merit's gradient, downwards. The residuals are laid out on the nodes' grids and transformed: the product
+   with all functions there is the product of the transforms. */
+static void gradient(const State *s, double *out) {
+  static double laid[MOST_NODES][2][GRID], pull[MOST_NODES][FUNCTIONS], re[2 * HALF], im[2 * HALF], to_all[GRID];
+  double wanted[SHARED], information[SHARED], J[SHARED];
+  priors(s, wanted, information);
+  for (int j = 0; j < SHARED; j++) out[air + j] = information[j] * wanted[j];
+  memset(laid, 0, sizeof laid);
+  for (const Pixel *p = near_; p < near_ + count; p++) {
+    double weighed = p->weight * p->off, amplitude = s->gain * p->light * p->passed;
+    double bow = p->share * (1.0 - p->share), bent = 2.0 * bow * (0.5 - p->share);
+    by_shared(s, p, J);
+    J[BLUR] -= amplitude * p->table[BY_BLUR], J[SHARPNESS] = 0.0; /* they follow from the transforms */
+    for (int j = 0; j < SHARED; j++) out[air + j] += weighed * J[j];
+    for (int e = 0; e < 2; e++) {
+      double along = weighed * amplitude * (e ? p->along : 1.0 - p->along);
+      double *value = &laid[p->node + e][0][p->place], *slope = &laid[p->node + e][1][p->place];
+      value[0] += along * (1.0 - p->share + bent), value[1] += along * (p->share - bent);
+      slope[0] += along * bow * (1.0 - p->share), slope[1] -= along * bow * p->share;
+    }
+  }
+  for (int m = 0; m < nodes; m++) {
+    memset(im, 0, sizeof im);
+    for (int g = 0; g <= half; g++) {
+      int end = g == 0 || g == half;
+      re[g] = end ? 2.0 * laid[m][0][g] : laid[m][0][g] + laid[m][1][g];
+      if (!end) re[2 * half - g] = laid[m][0][g] - laid[m][1][g];
+    }
+    fft(re, im, 2 * half);
+    for (int g = 0; g <= half; g++) {
+      double both = (g == 0 || g == half ? 0.25 : 0.5) / half * (re[g] + (g < half ? PI * g / half * im[g] : 0.0));
+      out[air + BLUR] += both * summed[m][g] * mixed(s, m, g, SMOOTH_BY_BLUR);
+      out[air + SHARPNESS] += both * summed[m][g] * (lens_at[m][SAMPLED][g] - lens_at[m][SMOOTH][g]);
+      to_all[g] = both * mixed(s, m, g, SMOOTH);
+    }
+    for (int k = 1; k < functions; k++) pull[m][k] = product(to_all, transform[m][k], half + 1);
+  }
+  for (int j = 1; j < functions; j++)
+    for (int a = 0; a < rank_of[set_of[j]]; a++) {
+      double *sum = &out[offset_of[j] + a];
+      *sum = -s->z[offset_of[j] + a];
+      for (int m = 0; m < nodes; m++) *sum += wave[set_of[j]][m][a] * pull[m][j];
+    }
+}
+
+/* All functions as the lens blurs them. */
+static void tabulate(const State *s) {
+  static double two[2][GRID];
+  for (int m = 0; m < nodes; m++)
+    for (int k = 1; k < functions; k += 2) {
+      int other = k + 1 < functions ? k + 1 : k;
+      for (int g = 0; g <= half; g++)
+        two[0][g] = mixed(s, m, g, SMOOTH) * transform[m][k][g], two[1][g] = mixed(s, m, g, SMOOTH) * transform[m][other][g];
+      cosines(two[0], two[1], half, 0.5 / half);
+      for (int g = 0; g <= half; g++) value_at[m][g][k - 1] = two[0][g], value_at[m][g][other - 1] = two[1][g];
+    }
+}
+
+/* Normal equations: sums at the nodes, where a pixel adds to two neighbours, then of the unknowns of the waves. Derivatives
+   of a pixel: by the functions at its two nodes, then by the shared unknowns. */
+static void equations(const State *s) {
+  static double own[MOST_NODES + 1][FUNCTIONS][FUNCTIONS], next[MOST_NODES][FUNCTIONS][FUNCTIONS], row[4][COLUMNS];
+  static double shared[MOST_NODES + 1][FUNCTIONS][SHARED], square[COLUMNS][COLUMNS], pushed[MOST_NODES + 3][MOST_NODES + WIDE];
+  double wanted[SHARED], information[SHARED], share[4];
+  int added = functions - 1, columns = 2 * added + SHARED;
+  tabulate(s);
+  priors(s, wanted, information);
+  for (int j = 0; j < SHARED; j++)
+    for (int k = 0; k < SHARED; k++) N[air + j][air + k] = j == k ? information[j] : 0.0;
+  memset(own, 0, sizeof own), memset(shared, 0, sizeof shared);
+  for (int m = 0, i = 0; m + 1 < nodes; m++) {
+    memset(square, 0, sizeof square);
+    while (i < count && near_[i].node == m) {
+      double weight[4] = {0, 0, 0, 0};
+      for (int c = 0; c < 4 && i < count && near_[i].node == m; c++, i++) {
+        const Pixel *p = &near_[i];
+        weight[c] = p->weight;
+        for (int e = 0; e < 2; e++) {
+          double along = s->gain * p->light * p->passed * (e ? p->along : 1.0 - p->along);
+          const double *v = value_at[m + e][p->place], *w = value_at[m + e][p->place + 1];
+          for (int k = 0; k < added; k++) row[c][e * added + k] = along * (v[k] + p->share * (w[k] - v[k]));
+        }
+        by_shared(s, p, row[c] + 2 * added);
+      }
+      for (int j = 0; j < columns; j++) {
+        for (int c = 0; c < 4; c++) share[c] = weight[c] * row[c][j];
+        add_rows(square[j], share, row[0], COLUMNS, j + 1);
       }
     }
+    for (int j = 0; j < added; j++) {
+      for (int k = 0; k <= j; k++) own[m][j][k] += square[j][k], own[m + 1][j][k] = square[added + j][added + k];
+      for (int k = 0; k < added; k++) next[m][j][k] = square[added + k][j];
+      for (int k = 0; k < SHARED; k++)
+        shared[m][j][k] += square[2 * added + k][j], shared[m + 1][j][k] = square[2 * added + k][added + j];
+    }
+    for (int j = 0; j < SHARED; j++)
+      for (int k = 0; k <= j; k++) N[air + k][air + j] += square[2 * added + j][2 * added + k];
+  }
+  for (int j = 0; j < added; j++) {
+    double(*W)[MOST_NODES + WIDE] = wave[set_of[j + 1]];
+    int rank = rank_of[set_of[j + 1]], first = offset_of[j + 1];
+    for (int k = j; k < added; k++) {
+      double(*V)[MOST_NODES + WIDE] = wave[set_of[k + 1]];
+      int other = rank_of[set_of[k + 1]];
+      for (int m = 0; m < nodes; m++)
+        for (int b = 0; b < other; b++)
+          pushed[m][b] = own[m][k][j] * V[m][b] + (m + 1 < nodes ? next[m][j][k] * V[m + 1][b] : 0.0) +
+                         (m > 0 ? next[m - 1][k][j] * V[m - 1][b] : 0.0);
+      for (int a = 0; a < rank; a++) {
+        double *out = N[first + a] + offset_of[k + 1];
+        for (int b = 0; b < other; b++) out[b] = j == k && a == b;
+        for (int m = 0; m < nodes; m += 4) {
+          for (int c = 0; c < 4; c++) share[c] = m + c < nodes ? W[m + c][a] : 0.0;
+          add_rows(out, share, pushed[m], MOST_NODES + WIDE, other);
+        }
+      }
+    }
+    for (int a = 0; a < rank; a++)
+      for (int c = 0; c < SHARED; c++) {
+        N[first + a][air + c] = 0.0;
+        for (int m = 0; m < nodes; m++) N[first + a][air + c] += W[m][a] * shared[m][j][c];
+      }
+  }
+}
+
+/* U^T U = N, upper triangles, four rows at a time. */
+static int cholesky(void) {
+  for (int i = 0; i < unknowns; i++) memcpy(U[i] + i, N[i] + i, sizeof(double) * (unknowns - i));
+  for (int first = 0, last; first < unknowns; first = last) {
+    last = first + 4 < unknowns ? first + 4 : unknowns;
+    for (int i = first; i < last; i++) {
+      for (int k = first; k < i; k++)
+        for (int j = unknowns - 1; j >= i; j--) U[i][j] -= U[k][i] * U[k][j];
+      if (!(U[i][i] > 0.0)) return 0;
+      double size = 1.0 / sqrt(U[i][i]);
+      for (int j = i; j < unknowns; j++) U[i][j] *= size;
+    }
+    for (int i = last; i < unknowns; i++) {
+      double share[4] = {-U[first][i], -U[first + 1][i], -U[first + 2][i], -U[first + 3][i]};
+      add_rows(U[i] + i, share, U[first] + i, MOST_UNKNOWNS + WIDE, unknowns - i);
+    }
+  }
   return 1;
 }
 
 /* N x = x */
 static void solve(double *x) {
-  for (int i = 0; i < unknowns; i++) x[i] = (x[i] - product(L[i], x, i)) / L[i][i];
-  for (int i = unknowns - 1; i >= 0; i--) {
-    x[i] /= L[i][i];
-    for (int k = 0; k < i; k++) x[k] -= L[i][k] * x[i];
+  for (int i = 0; i < unknowns; i++) {
+    x[i] /= U[i][i];
+    for (int k = i + 1; k < unknowns; k++) x[k] -= U[i][k] * x[i];
   }
+  for (int i = unknowns - 1; i >= 0; i--) x[i] = (x[i] - product(U[i] + i + 1, x + i + 1, unknowns - i - 1)) / U[i][i];
 }
 
-/* All functions as the lens blurs them. */
-static void tabulate(const State *s) {
-  static double a[GRID], b[GRID];
-  for (int m = 0; m < nodes; m++)
-    for (int k = 1; k < functions; k += 2) {
-      int other = k + 1 < functions ? k + 1 : k;
-      for (int g = 0; g < GRID; g++) {
-        double lens_ = smooth[m][g] + s->sharpness * (sampled[m][g] - smooth[m][g]);
-        a[g] = lens_ * transform[m][k][g], b[g] = lens_ * transform[m][other][g];
-      }
-      cosines(a, b, 1.0 / (2.0 * HALF));
-      for (int g = 0; g < GRID; g++) value_at[m][g][k] = a[g], value_at[m][g][other] = b[g];
-    }
-}
-
-/* Normal equations at the present state. Those of the coefficients at a node, and at a node and the next, first: a pixel
-   lies between two nodes. Then those of the unknowns that the coefficients come of. */
-static int equations(const State *s) {
-  static double own[MOST_NODES][FUNCTIONS][FUNCTIONS], next[MOST_NODES][FUNCTIONS][FUNCTIONS];
-  static double to_shared[MOST_NODES][FUNCTIONS][SHARED], pull[MOST_NODES][FUNCTIONS];
-  static double pushed[MOST_NODES][MOST_NODES];
-  double wanted[SHARED], information[SHARED], shared[SHARED][SHARED] = {{0}}, shared_pull[SHARED] = {0};
-  memset(own, 0, sizeof own), memset(next, 0, sizeof next);
-  memset(to_shared, 0, sizeof to_shared), memset(pull, 0, sizeof pull);
-  tabulate(s);
-  for (int i = 0; i < count; i++) {
-    const Pixel *p = &near_[i];
-    if (p->weight == 0.0) continue;
-    const Node *a = &node[p->node], *b = a + 1;
-    double amplitude = s->gain * p->light * p->kept, J[SHARED], row[2][FUNCTIONS];
-    double lifted = 2.0 * s->blur * s->blur * ((1.0 - p->along) * a->lift_m + p->along * b->lift_m);
-    J[BLUR] = amplitude * (read_grid(blur_at, p, p->share) + p->slope * lifted);
-    J[SHARPNESS] = amplitude * read_grid(sharp_at, p, p->share);
-    J[GAIN] = amplitude * p->level;
-    J[BACKGROUND] = p->kept;
-    for (int c = 0; c < POSE; c++) J[TURN + c] = amplitude * p->slope * p->by_pose[c];
-    for (int e = 0; e < 2; e++) {
-      double along = amplitude * (e ? p->along : 1.0 - p->along), low = along * (1.0 - p->share), high = along * p->share;
-      const float *v = value_at[p->node + e][p->place], *w = value_at[p->node + e][p->place + 1];
-      for (int k = 1; k < functions; k++) row[e][k] = low * v[k] + high * w[k];
-    }
-    for (int j = 0; j < SHARED; j++) {
-      double weighted = p->weight * J[j];
-      /* gain and background do without: with them the noise changes as a whole */
-      shared_pull[j] += weighted * (p->off + (j == GAIN || j == BACKGROUND ? 0.0 : p->pull));
-      for (int k = 0; k <= j; k++) shared[j][k] += weighted * J[k];
-      for (int e = 0; e < 2; e++)
-        for (int k = 1; k < functions; k++) to_shared[p->node + e][k][j] += weighted * row[e][k];
-    }
-    for (int j = 1; j < functions; j++) {
-      double here = p->weight * row[0][j], there = p->weight * row[1][j];
-      double *x = own[p->node][j], *y = own[p->node + 1][j], *z = next[p->node][j];
-      pull[p->node][j] += here * (p->off + p->pull), pull[p->node + 1][j] += there * (p->off + p->pull);
-      for (int k = 1; k <= j; k++) x[k] += here * row[0][k], y[k] += there * row[1][k];
-      for (int k = 1; k < functions; k++) z[k] += here * row[1][k];
-    }
-  }
-  for (int j = 1; j < functions; j++) {
-    double(*W)[MOST_NODES] = wave[set_of[j]];
-    int rank = rank_of[set_of[j]], first = offset_of[j];
-    for (int a = 0; a < rank; a++) {
-      right_[first + a] = -s->z[first + a];
-      for (int c = 0; c < SHARED; c++) N[air + c][first + a] = 0.0;
-      for (int m = 0; m < nodes; m++) {
-        right_[first + a] += W[m][a] * pull[m][j];
-        for (int c = 0; c < SHARED; c++) N[air + c][first + a] += W[m][a] * to_shared[m][j][c];
-      }
-    }
-    for (int k = 1; k <= j; k++) {
-      double(*V)[MOST_NODES] = wave[set_of[k]];
-      int other = rank_of[set_of[k]];
-      for (int m = 0; m < nodes; m++)
-        for (int b = 0; b < other; b++)
-          pushed[m][b] = own[m][j][k] * V[m][b] + (m + 1 < nodes ? next[m][j][k] * V[m + 1][b] : 0.0) +
-                         (m > 0 ? next[m - 1][k][j] * V[m - 1][b] : 0.0);
-      for (int a = 0; a < rank; a++) {
-        double *out = N[first + a] + offset_of[k];
-        for (int b = 0; b < other; b++) out[b] = j == k && a == b;
-        for (int m = 0; m < nodes; m++)
-          for (int b = 0; b < other; b++) out[b] += W[m][a] * pushed[m][b];
-      }
-    }
-  }
-  priors(s, wanted, information);
-  if (first_part) information[BLUR] *= HELD, information[SHARPNESS] *= HELD;
-  for (int j = 0; j < SHARED; j++) {
-    for (int k = 0; k <= j; k++) N[air + j][air + k] = shared[j][k] + (j == k ? information[j] : 0.0);
-    right_[air + j] = shared_pull[j] + information[j] * wanted[j];
-  }
-  return cholesky();
-}
-
-/* Variance of the lens along one axis, and its change by the blur's logarithm and the sharpness. */
-static double lens_variance(double blur, double sharpness, double *by_log, double *by_sharpness) {
-  double limit = fmax(blur, 0.15), whole = 1.0, second = 0.0, fourth = 0.0;
-  for (int k = 1; k <= (int)ceil(5.0 * limit); k++) {
-    double weight = 2.0 * exp(-0.5 * k * k / (limit * limit));
-    whole += weight, second += weight * k * k, fourth += weight * pow(k, 4.0);
-  }
-  double sampled_ = second / whole, smooth_ = blur * blur;
-  *by_log = (1.0 - sharpness) * 2.0 * smooth_ + sharpness * (fourth / whole - sampled_ * sampled_) / (limit * limit);
-  *by_sharpness = sampled_ - smooth_;
-  return (1.0 - sharpness) * smooth_ + sharpness * sampled_;
-}
-
-/* The blur after a step. Blur and sharpness turn along a bent valley: the lens's variance goes as far as their
-   derivatives say, the sharpness as it is told, and the blur follows (Newton). */
-static double blur_after(const State *s, double log_step, double sharpness_step) {
-  double plain = s->blur * exp(log_step), blur = plain, by_log, by_sharpness;
-  double variance = lens_variance(s->blur, s->sharpness, &by_log, &by_sharpness);
-  if (!(variance > 0.0 && by_log > 0.0)) return plain;
-  double wanted = log(variance) + (by_log * log_step + by_sharpness * sharpness_step) / variance;
-  for (int round = 0; round < MOST_ROUNDS; round++) {
-    variance = lens_variance(blur, s->sharpness + sharpness_step, &by_log, &by_sharpness);
-    if (!(variance > 0.0 && by_log > 0.0)) return plain;
-    double off = (wanted - log(variance)) * variance / by_log;
-    blur *= exp(clip(off, -MOST_ROUND, MOST_ROUND));
-    if (fabs(off) < ROUNDED) return blur;
-  }
-  return plain;
-}
-
-static void move(State *s, const double *step, double scale) {
-  const double *own = step + air;
-  double brighter = fmax(1.0 + scale * own[GAIN], LEAST_GAIN);
-  for (int i = 0; i < POSE; i++) s->away[i] += scale * own[TURN + i];
-  s->blur = blur_after(s, scale * own[BLUR], scale * own[SHARPNESS]);
-  s->sharpness += scale * own[SHARPNESS];
-  /* brightness is a product of gain and air: taken like this, it moves as the derivatives say, however far */
-  s->gain *= brighter;
-  s->background += scale * own[BACKGROUND];
-  for (int i = 0; i < air; i++) s->z[i] += scale * step[i] / brighter;
-}
-
-/* By how many pixels a way, or a step, moves the limb at most. */
-static double motion_px_of(const double *away) {
+/* By how many pixels a way moves the limb at most. */
+static double motion_px(const double *away) {
   double most = 0.0;
   for (int i = 0; i < count; i++) most = fmax(most, fabs(product(away, near_[i].by_pose, POSE)));
-  return most / median_width;
-}
-static double motion_px(const double *step) { return motion_px_of(step + air + TURN); }
-
-/* The square of a step of the pose over its own covariance: Cholesky's last rows. */
-static double size_of(const double *step) {
-  double size = 0.0;
-  for (int j = 0; j < POSE; j++) {
-    double sum = 0.0;
-    for (int i = j; i < POSE; i++) sum += L[unknowns - POSE + i][unknowns - POSE + j] * step[unknowns - POSE + i];
-    size += sum * sum;
-  }
-  return size;
+  return most / mean_width;
 }
 
-/* Goes as far along a step as the pixels become more probable; 0 for no way. Where less than half of the merit is gained
-   that the step promised, as in a bent valley, the parabola through what is known of the way says how far to go. */
-static int search_along(State *s, const double *step, double promised) {
-  static State origin, found;
-  double merit_before = merit_of(s), best = INFINITY, share = 1.0;
+/* A step of the normal matrix as it is and the gradient as it is now, not longer than the derivatives reach. Returns the
+   gain that it promises, and the square of the pose's part over its covariance, of which Cholesky's last rows are. */
+static double step_of(const State *s, double *step, double *square) {
+  static double downwards[MOST_UNKNOWNS];
+  gradient(s, downwards);
+  memcpy(step, downwards, sizeof(double) * unknowns);
+  solve(step);
+  double promised = product(step, downwards, unknowns), most_px = fmax(LARGEST_M / mean_width, LARGEST_PX);
+  double over = fmax(motion_px(step + air + TURN) / most_px, fmax(fabs(step[air + BLUR]), fabs(step[air + GAIN])) / LARGEST_LOG);
+  *square = 0.0;
+  for (int i = unknowns - POSE; i < unknowns; i++) *square += pow(product(U[i] + i, step + i, unknowns - i), 2.0);
+  for (int i = 0; over > 1.0 && i < unknowns; i++) step[i] /= over;
+  return over > 1.0 ? promised * (2.0 - 1.0 / over) / over : promised;
+}
+
+/* Takes a step unless it makes the merit worse; returns by how much the merit falls. */
+static double try_step(State *s, const double *step) {
+  static State origin;
+  const double *own = step + air, merit = merit_of(s);
   origin = *s;
-  for (int trial = 0; trial < MOST_TRIALS; trial++) {
-    *s = origin;
-    move(s, step, share);
-    look(s);
-    double merit = merit_of(s);
-    if (merit < best && merit <= merit_before + ROUNDING) best = merit, found = *s;
-    else if (best < INFINITY) break;
-    if (merit_before - merit >= 0.5 * promised * share * (2.0 - share) - ROUNDING) break;
-    double bend = (merit - merit_before + 2.0 * promised * share) / (share * share);
-    share = clip(promised / bend, LEAST_SHARE * share, MOST_SHARE * share);
+  for (int i = 0; i < POSE; i++) s->away[i] += own[TURN + i];
+  s->blur *= exp(own[BLUR]), s->sharpness += own[SHARPNESS], s->gain *= exp(own[GAIN]), s->background += own[BACKGROUND];
+  for (int i = 0; i < air; i++) s->z[i] += step[i];
+  predict(s);
+  double gain = merit - merit_of(s);
+  if (!(gain > -ROUNDING)) *s = origin, predict(s), gain = fmin(gain, -2.0 * ROUNDING);
+  take_weights();
+  return gain;
+}
+
+/* One stage of the search; returns the steps it took, 0 without an answer, and says why. A step that gains nothing is cut
+   to the minimum of the parabola through both merits. The noise is estimated after every step until it is steady, and
+   again at the end. */
+static int stage(State *s, double tolerance, double steady, const char **reason) {
+  static double step[MOST_UNKNOWNS];
+  double square = INFINITY, changed = INFINITY;
+  int fresh = 0;
+  *reason = "too little limb in view, or more pixels of it than this program holds";
+  if ((first_stage || motion_px(s->away) > NEAR_PX) && !select_pixels(s)) return 0;
+  *reason = "the image is not brighter where the limb should be";
+  if (first_stage && !levels(s)) return 0;
+  weigh(s);
+  *reason = "the limb in view does not determine the fit's unknowns";
+  for (int number = 1, built; number <= MOST_STEPS; number++) {
+    if ((built = !fresh)) equations(s);
+    if (built && !cholesky()) return 0;
+    double promised = step_of(s, step, &square), gain = try_step(s, step);
+    int close = square < tolerance * tolerance && promised < 1.0;
+    for (int cut = 0; built && gain < -ROUNDING && cut < MOST_CUTS; cut++) {
+      double share = clip(promised / (2.0 * promised - gain), LEAST_SHARE, 0.5);
+      for (int i = 0; i < unknowns; i++) step[i] *= share;
+      promised *= share * (2.0 - share), gain = try_step(s, step);
+    }
+    fresh = gain > GOOD * promised - ROUNDING && square < FROZEN;
+    if (motion_px(s->away) > RESELECT_PX) {
+      if (!select_pixels(s)) return 0;
+      weigh(s), changed = INFINITY, fresh = 0;
+    } else if (changed < steady && (close || (built && gain < -ROUNDING))) {
+      if ((built || first_stage) && (first_stage || (changed = weigh(s)) < steady)) return number;
+      fresh = 0;
+    } else if (changed >= steady) fresh = (changed = weigh(s)) < REWEIGHED && fresh;
   }
-  *s = best < INFINITY ? found : origin;
-  look(s);
-  return merit_before - best > WORTH;
+  *reason = "no convergence";
+  return square < 1.0 ? MOST_STEPS : 0;
 }
 
 /* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
 static int search(State *s, const char **reason) {
-  static double step[MOST_UNKNOWNS];
-  int settled = 0, round = 0;
-  double size = INFINITY;
-  *reason = "too little limb in view, or more pixels of it than this program holds";
-  first_part = 1;
-  if (!select_pixels(s)) return 0;
-  *reason = "the image is not brighter where the limb should be";
-  if (!levels(s)) return 0;
-  weigh(s);
-  *reason = "the limb in view does not determine the fit's unknowns";
-  while (round++ < MOST_STEPS) {
-    if (!equations(s)) return 0;
-    memcpy(step, right_, sizeof(double) * unknowns);
-    solve(step);
-    double promised = product(step, right_, unknowns), most_px = fmax(LARGEST_M / median_width, LARGEST_PX);
-    double over = fmax(motion_px(step) / most_px, fmax(fabs(step[air + BLUR]), fabs(step[air + GAIN])) / LARGEST_LOG);
-    for (int i = 0; over > 1.0 && i < unknowns; i++) step[i] /= over;
-    promised /= fmax(over * over, 1.0);
-    size = size_of(step);
-    int held = settled >= SETTLING_STEPS;
-    if (held && size < CONVERGED && promised < 1.0) {
-      move(s, step, 1.0);
-      look(s);
-      return round;
-    }
-    int improved = search_along(s, step, promised);
-    if (held && !improved) return round;
-    if (held) continue;
-    int close = size < (first_part ? NEARLY_SETTLED : SETTLED) || !improved;
-    double away_px = motion_px_of(s->away);
-    if ((close && first_part) || away_px > (close ? CLOSE_PX : RESELECT_PX)) {
-      keep_weights();
-      if (!select_pixels(s)) return 0;
-      take_weights_over();
-      look(s);
-      first_part = first_part && !close;
-    }
-    double changed = weigh(s);
-    settled = close && changed < STEADY ? settled + 1 : 0;
-  }
-  *reason = "no convergence";
-  if (size > 1.0) return 0;
-  /* the claim is that of the noise as it is now */
-  return equations(s) ? MOST_STEPS : 0;
-}
-
-/* How many of the air's unknowns the pixels determine, the trace of 1 - C: the sum of their squares is as many in the mean. */
-static double determined_air(void) {
-  static double column[MOST_UNKNOWNS];
-  double determined = air;
-  for (int j = 0; j < air; j++)
-    for (int i = j; i < unknowns; i++) {
-      column[i] = ((i == j) - product(L[i] + j, column + j, i - j)) / L[i][i];
-      determined -= column[i] * column[i];
-    }
-  return determined;
-}
-
-/* Share of the pixels' variance that the prediction explains, outliers apart. */
-static double explained(void) {
-  double used = 0.0, mean = 0.0, off = 0.0, whole = 0.0;
-  for (int i = 0; i < count; i++)
-    if (near_[i].weight > 0.0) used += 1.0, mean += near_[i].value;
-  mean /= used;
-  for (int i = 0; i < count; i++)
-    if (near_[i].weight > 0.0) off += pow(near_[i].off, 2.0), whole += pow(near_[i].value - mean, 2.0);
-  return 1.0 - off / whole;
+  first_stage = 1;
+  int first = stage(s, 1.0, NEARLY_STEADY, reason);
+  first_stage = 0;
+  int second = first ? stage(s, TOLERANCE, STEADY, reason) : 0;
+  return second ? first + second : 0;
 }
 
 /* The start */
 
 /* The tilt near the prior's attitude at which the predicted picture is most like a coarse copy of the image. */
 static int start(State *s) {
-  enum { MOST_COARSE = 64 * 64, AZIMUTHS = 24, MOST_GRID = 1024, STEPS = 14, FINER_STEPS = 4, COARSE_PX = 56 };
+  enum { MOST_COARSE = 64 * 64, AZIMUTHS = 24, MOST_GRID = 256, STEPS = 10, FINER_STEPS = 3, COARSE_PX = 56, FIRST_PX = 500 };
   static double value[MOST_COARSE], radius[MOST_COARSE], light[MOST_COARSE], u[MOST_COARSE][3];
   static double profile[AZIMUTHS][MOST_GRID], blurred[AZIMUTHS][MOST_GRID];
   static int bin[MOST_COARSE];
   static Node at;
-  double nadir[3], a[3], b[3], distance = sqrt(dot(s->r, s->r)), to_limb = sqrt(distance * distance - A_M * A_M);
-  double fine = 1e3, best[2] = {0, 0}, score = -INFINITY, mean = 0.0, power = 0.0, spare, n_[3];
+  double nadir[3], a[3], b[3], distance = sqrt(dot(s->r, s->r)), to_limb = sqrt(distance * distance - A_M * A_M), down[3], w[3];
+  double low = limb_height_m[0], fine = (limb_height_m[LIMB_H - 1] + 60e3 - low) / MOST_GRID, best[2] = {0, 0};
+  double score = -INFINITY, cosine = to_limb / distance, sine = sqrt(1.0 - cosine * cosine), share;
   int n = 0, factor = ((width > height ? width : height) + COARSE_PX - 1) / COARSE_PX;
+  curve = 0.5 * A_M / (to_limb * to_limb);
   nadir_of(s, nadir);
   basis(nadir, a, b);
   for (int row = 0; row + factor <= height; row += factor)
     for (int column = 0; column + factor <= width; column += factor, n++) {
-      sight(column + (factor - 1) / 2, row + (factor - 1) / 2, u[n]);
+      Ray ray = trace(s, column + (factor - 1) / 2, row + (factor - 1) / 2);
       value[n] = 0.0;
-      for (int i = 0; i < factor; i++)
-        for (int j = 0; j < factor; j++) value[n] += image[(row + i) * width + column + j] / (double)(factor * factor);
-      light[n] = pow(u[n][2], 4.0);
-      double down = dot(nadir, u[n]), h = lowest(s, u[n], &spare, n_);
+      for (int i = 0; i < factor * factor; i++)
+        value[n] += image[(row + i / factor) * width + column + i % factor] / (double)(factor * factor);
+      memcpy(u[n], ray.u, sizeof ray.u);
+      light[n] = pow(ray.u[2], 4.0);
+      double c = dot(nadir, ray.u);
       /* the Earth's radius there, as the ellipsoid has it; beyond a right angle from the nadir there is only space */
-      radius[n] = down > 0.0 ? distance * sqrt(fmax(1.0 - down * down, 0.0)) - h : 0.0;
-      int i = (int)floor(atan2(dot(b, u[n]), dot(a, u[n])) * AZIMUTHS / (2.0 * PI) + 0.5);
-      bin[n] = (i + AZIMUTHS) % AZIMUTHS;
-      mean += value[n];
+      radius[n] = c > 0.0 ? distance * sqrt(fmax(1.0 - c * c, 0.0)) - ray.h : 0.0;
+      bin[n] = (int)floor(atan2(dot(b, ray.u), dot(a, ray.u)) * AZIMUTHS / (2.0 * PI) + AZIMUTHS + 0.5) % AZIMUTHS;
     }
-  mean /= n;
-  for (int i = 0; i < n; i++) value[i] -= mean, power += value[i] * value[i];
-  double low = limb_height_m[0], high = limb_height_m[LIMB_H - 1] + 60e3;
-  int size = (int)ceil((high - low) / fine);
-  if (size > MOST_GRID) size = MOST_GRID, fine = (high - low) / size;
-  double cosine = to_limb / distance, sine = sqrt(1.0 - cosine * cosine);
   for (int k = 0; k < AZIMUTHS; k++) {
-    double angle = 2.0 * PI * k / AZIMUTHS, los[3];
-    for (int i = 0; i < 3; i++) los[i] = sine * (cos(angle) * a[i] + sin(angle) * b[i]) + cosine * nadir[i];
-    look_up(s, los, &at);
-    for (int g = 0; g < size; g++) {
-      double share, h = low + g * fine;
-      int i = before(limb_height_m, LIMB_H, h, &share);
-      profile[k][g] = h > limb_height_m[LIMB_H - 1] ? 0.0 : (1.0 - share) * at.mean[i] + share * at.mean[i + 1];
+    double angle = 2.0 * PI * k / AZIMUTHS;
+    Ray ray = {.distance = to_limb};
+    THREE ray.u[i] = sine * (cos(angle) * a[i] + sin(angle) * b[i]) + cosine * nadir[i];
+    THREE ray.n[i] = cosine * (cos(angle) * a[i] + sin(angle) * b[i]) - sine * nadir[i];
+    times_transposed(s->R[0], ray.n, ray.up);
+    look_up(s, &ray, &at);
+    for (int g = 0; g < MOST_GRID; g++) {
+      int i = before(limb_height_m, LIMB_H, low + g * fine, &share);
+      profile[k][g] = low + g * fine > limb_height_m[LIMB_H - 1] ? 0.0 : (1.0 - share) * at.mean[i] + share * at.mean[i + 1];
     }
   }
   double step = 3.5 * sigma_q / STEPS, pixel_rad = factor / fmax(fx, fy), finest = fmax(FINEST_M / to_limb, FINEST_PX * pixel_rad);
-  for (int reach = STEPS;; reach = FINER_STEPS, step /= 3.0) {
+  for (int reach = STEPS, every = n / FIRST_PX | 1;; reach = FINER_STEPS, every = 1, step /= 3.0) {
     double sigma = fmax(step, pixel_rad) * to_limb * 0.5 / fine, middle[2] = {best[0], best[1]};
-    int taps = (int)fmin(4.0 * sigma + 0.5, MOST_GRID);
-    for (int k = 0; k < AZIMUTHS; k++)
-      for (int g = 0; g < size; g++) {
-        double sum = 0.0, weights = 0.0;
-        for (int t = -taps; t <= taps; t += 1 + taps / 40) {
-          double w = exp(-0.5 * t * t / (sigma * sigma));
-          sum += w * profile[k][(int)clip(g + t, 0, size - 1)], weights += w;
-        }
-        blurred[k][g] = sum / weights;
+    int taps = (int)fmin(3.0 * sigma + 0.5, MOST_GRID), used = (n + every - 1) / every;
+    for (int k = 0; k < AZIMUTHS * MOST_GRID; k++) {
+      double sum = 0.0, weights = 0.0;
+      for (int t = -taps; t <= taps; t += 1 + taps / 20) {
+        double weight = exp(-0.5 * t * t / (sigma * sigma));
+        sum += weight * profile[k / MOST_GRID][(int)clip(k % MOST_GRID + t, 0, MOST_GRID - 1)], weights += weight;
       }
-    for (int i = -reach; i <= reach; i++)
-      for (int j = -reach; j <= reach; j++) {
-        double tilt[2] = {middle[0] + i * step, middle[1] + j * step}, down[3], x = 0.0, xx = 0.0, xy = 0.0;
-        for (int c = 0; c < 3; c++) down[c] = nadir[c] + tilt[0] * a[c] + tilt[1] * b[c];
-        unit(down);
-        for (int p = 0; p < n; p++) {
-          double c = dot(down, u[p]);
-          if (c <= 0.0) continue;
-          int g = (int)clip((distance * sqrt(fmax(1.0 - c * c, 0.0)) - radius[p] - low) / fine, 0.0, size - 1.0);
-          double level = light[p] * blurred[bin[p]][g];
-          x += level, xx += level * level, xy += level * value[p];
-        }
-        double like = -(tilt[0] * tilt[0] + tilt[1] * tilt[1]) / (sigma_q * sigma_q);
-        if (xy > 0.0) like -= n * log(fmax(1.0 - xy * xy / fmax((xx - x * x / n) * power, 1e-300), 1e-12));
-        if (like > score || (i == -reach && j == -reach)) score = like, best[0] = tilt[0], best[1] = tilt[1];
+      blurred[k / MOST_GRID][k % MOST_GRID] = sum / weights;
+    }
+    score = -INFINITY;
+    for (int k = 0; k < (2 * reach + 1) * (2 * reach + 1); k++) {
+      double tilt[2] = {middle[0] + (k / (2 * reach + 1) - reach) * step, middle[1] + (k % (2 * reach + 1) - reach) * step};
+      double x = 0, y = 0, xx = 0, xy = 0, yy = 0, like = -(tilt[0] * tilt[0] + tilt[1] * tilt[1]) / (sigma_q * sigma_q);
+      THREE down[i] = nadir[i] + tilt[0] * a[i] + tilt[1] * b[i];
+      unit(down);
+      for (int p = 0; p < n; p += every) {
+        double c = dot(down, u[p]), g = (distance * sqrt(fmax(1.0 - c * c, 0.0)) - radius[p] - low) / fine;
+        double level = c > 0.0 ? light[p] * blurred[bin[p]][g < 0.0 ? 0 : g > MOST_GRID - 1.0 ? MOST_GRID - 1 : (int)g] : 0.0;
+        y += value[p], yy += value[p] * value[p], x += level, xx += level * level, xy += level * value[p];
       }
+      double common = xy - x * y / used, power = (xx - x * x / used) * (yy - y * y / used);
+      if (common > 0.0) like -= used * log(fmax(1.0 - common * common / fmax(power, 1e-300), 1e-7));
+      if (like > score) score = like, best[0] = tilt[0], best[1] = tilt[1];
+    }
     if (step <= finest) break;
   }
-  if (!(score > 0.0)) return 0;
-  double down[3], w[3];
-  for (int c = 0; c < 3; c++) down[c] = nadir[c] + best[0] * a[c] + best[1] * b[c];
+  THREE down[i] = nadir[i] + best[0] * a[i] + best[1] * b[i];
   unit(down);
   cross(nadir, down, w);
   double length = sqrt(dot(w, w));
-  for (int c = 0; length > 0.0 && c < 3; c++) w[c] *= asin(length) / length;
+  THREE w[i] *= length > 0.0 ? asin(length) / length : 0.0;
   turn(s->R, w);
-  return 1;
+  return score > 0.0;
 }
 
 /* The answer */
@@ -1287,45 +1153,16 @@ static int refuse(const char *status, const char *reason) {
   return 0;
 }
 
-/* By how much the air's unknowns scatter more than they should, 1 where chance may do so. */
-static double strain(const State *s) {
-  double squares = product(s->z, s->z, air), determined = determined_air();
-  return squares > determined + SCATTERED * sqrt(2.0 * determined) ? squares / determined : 1.0;
-}
-
-/* The variance of a change g of the pose if the air were known: of the shared unknowns' own equations (Cholesky). */
-static double known_variance(const double *g) {
-  double C[SHARED][SHARED], x[SHARED], variance = 0.0;
-  for (int i = 0; i < SHARED; i++) {
-    for (int j = 0; j <= i; j++) {
-      C[i][j] = N[air + i][air + j] - product(C[i], C[j], j);
-      C[i][j] = i == j ? sqrt(C[i][i]) : C[i][j] / C[j][j];
-    }
-    x[i] = ((i < TURN ? 0.0 : g[i - TURN]) - product(C[i], x, i)) / C[i][i];
-    variance += x[i] * x[i];
+/* Share of the pixels' variance that the prediction explains, by their weights in the tails. */
+static double explained(void) {
+  double used = 0.0, mean = 0.0, off = 0.0, whole = 0.0;
+  for (int i = 0; i < 2 * count; i++) {
+    const Pixel *p = &near_[i % count];
+    double weight = tail(p->off * p->off, p->variance);
+    if (i < count) used += weight, mean += weight * p->value;
+    else off += weight * p->off * p->off, whole += weight * pow(p->value - mean / used, 2.0);
   }
-  return variance;
-}
-
-/* Mean square of the nadir's error: by the turn w it moves by w x nadir, by the position by -R (across r) / |r|. Air that
-   strains what is known of it makes its part of that larger. */
-static double nadir_variance(const State *s, const double *nadir) {
-  static double f[MOST_UNKNOWNS];
-  double variance = 0.0, r2 = dot(s->r, s->r), strained = strain(s);
-  for (int c = 0; c < 3; c++) {
-    double e[3] = {0, 0, 0}, g[POSE] = {0}, arm[3], down[3];
-    e[c] = 1.0;
-    cross(nadir, e, arm);
-    times_transposed(s->R[0], e, down);
-    double radial = dot(down, s->r) / r2;
-    for (int i = 0; i < 3; i++) g[i] = arm[i], g[3 + i] = -(down[i] - radial * s->r[i]) / sqrt(r2);
-    memset(f, 0, sizeof f);
-    memcpy(f + air + TURN, g, sizeof g);
-    solve(f);
-    double known = known_variance(g), whole = product(g, f + air + TURN, POSE);
-    variance += known + strained * (whole - known);
-  }
-  return variance;
+  return 1.0 - off / whole;
 }
 
 /* The largest coefficient of any function in its own standard deviations. */
@@ -1335,6 +1172,49 @@ static double improbable(void) {
     for (int m = 0; m < nodes; m++)
       most = fmax(most, fabs(coefficient[m][k]) / (set_of[k] == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0));
   return most;
+}
+
+/* By how much the air's unknowns scatter more than they should, 1 where chance may do so. The pixels determine as many
+   as the trace of 1 - C, the mean of the sum of squares; its rows are those of U's inverse. */
+static double strain(const State *s) {
+  static double row[MOST_UNKNOWNS];
+  double squares = product(s->z, s->z, air), determined = air;
+  for (int i = 0; i < air; i++) {
+    memset(row + i, 0, sizeof(double) * (unknowns - i));
+    row[i] = 1.0;
+    for (int j = i; j < unknowns; j++) {
+      row[j] /= U[j][j];
+      determined -= row[j] * row[j];
+      for (int k = j + 1; k < unknowns; k++) row[k] -= row[j] * U[j][k];
+    }
+  }
+  return squares > determined + SCATTERED * sqrt(2.0 * determined) ? squares / determined : 1.0;
+}
+
+/* Mean square of the nadir's error: by the turn w it moves by w x nadir, by the position by -R (across r) / |r|. Without
+   the air's part it is that of the shared unknowns' own equations (Cholesky); strain makes that part larger. */
+static double nadir_variance(const State *s, const double *nadir) {
+  static double f[MOST_UNKNOWNS];
+  double variance = 0.0, r2 = dot(s->r, s->r), strained = strain(s), C[SHARED][SHARED], x[SHARED];
+  for (int c = 0; c < 3; c++) {
+    double e[3] = {c == 0, c == 1, c == 2}, g[SHARED] = {0}, down[3], known = 0.0;
+    cross(nadir, e, g + TURN);
+    times_transposed(s->R[0], e, down);
+    THREE g[POSITION + i] = -(down[i] - dot(down, s->r) / r2 * s->r[i]) / sqrt(r2);
+    for (int i = 0; i < SHARED; i++) {
+      for (int j = 0; j <= i; j++) {
+        C[i][j] = N[air + j][air + i] - product(C[i], C[j], j);
+        C[i][j] = i == j ? sqrt(C[i][i]) : C[i][j] / C[j][j];
+      }
+      x[i] = (g[i] - product(C[i], x, i)) / C[i][i];
+      known += x[i] * x[i];
+    }
+    memset(f, 0, sizeof f);
+    memcpy(f + air, g, sizeof g);
+    solve(f);
+    variance += known + strained * (product(g, f + air, SHARED) - known);
+  }
+  return variance;
 }
 
 int main(void) {
@@ -1350,15 +1230,13 @@ int main(void) {
       scanf("%lf", &full_scale) != 1 || getchar() != '\n' ||
       width < 8 || height < 8 || width > MOST_SIDE || height > MOST_SIDE || (long)width * height > MOST_PIXELS ||
       fread(image, sizeof *image, (size_t)width * height, stdin) != (size_t)width * height)
-    return refuse("bad_input", "the image or what is known beside it cannot be read");
+    return refuse("bad_input", "the image or the numbers before it cannot be read");
   double numbers = cx + cy + dot(s.r, s.r) + dot(q, q) + q[3] + month + dot(sun_read, sun_read) + dot(sun_known, sun_known);
   double above_0[] = {fx, fy, sigma_r, sigma_q, s.blur, blur_sigma, lift_sigma};
   for (size_t i = 0; i < sizeof above_0 / sizeof *above_0; i++)
-    if (!(above_0[i] > 0.0 && isfinite(above_0[i])))
-      return refuse("bad_input", "focal lengths, blur and sigmas must be above 0");
+    if (!(above_0[i] > 0.0 && isfinite(above_0[i]))) return refuse("bad_input", "focal lengths, blur and sigmas must be above 0");
   if (!isfinite(numbers + full_scale) || !isfinite(gain_sigma) || (gain_sigma > 0.0 && !(s.gain > 0.0 && isfinite(s.gain))))
-    return refuse("bad_input", "a number beside the image is not finite, or the gain not above 0");
-  prepare_splines();
+    return refuse("bad_input", "a number before the image is not finite, or the gain not above 0");
   from_quaternion(q, s.R);
   if (dot(s.r, s.r) < A_M * A_M * 1.0001) return refuse("bad_input", "the position lies in the Earth");
   s.sharpness = SHARPNESS_PRIOR;
@@ -1370,14 +1248,11 @@ int main(void) {
   if (!(explained() > LEAST_EXPLAINED)) return refuse("no_limb", "the predicted limb explains too little of the image");
   if (improbable() > MOST_IMPROBABLE) return refuse("ambiguous", "the air would be far from what its table knows");
   turn_between(s.R[0], prior.R[0], w);
-  for (int i = 0; i < 3; i++)
+  THREE
     if (fabs(w[i]) > MOST_SIGMA * sigma_q) return refuse("ambiguous", "the limb lies far from the prior's attitude");
   nadir_of(&s, nadir);
-  to_quaternion(s.R, q);
-  printf("{\"status\": \"valid\", \"nadir_cam\": [%.12f, %.12f, %.12f], \"sigma_nadir_arcsec\": %.4f, ", nadir[0], nadir[1],
-         nadir[2], sqrt(nadir_variance(&s, nadir)) * 180.0 / PI * 3600.0);
-  printf("\"q_cam_from_itrs\": [%.12f, %.12f, %.12f, %.12f], ", q[0], q[1], q[2], q[3]);
-  printf("\"position_itrs_km\": [%.6f, %.6f, %.6f], \"lift_m\": %.3f, ", s.r[0] / 1e3, s.r[1] / 1e3, s.r[2] / 1e3, s.lift);
-  printf("\"reason\": \"%d steps, %d pixels, %d nodes, %d unknowns\"}\n", steps, count, nodes, unknowns);
+  printf("{\"status\": \"valid\", \"nadir_cam\": [%.12f, %.12f, %.12f], \"sigma_nadir_arcsec\": %.4f, \"reason\": ", nadir[0],
+         nadir[1], nadir[2], sqrt(nadir_variance(&s, nadir)) * 180.0 / PI * 3600.0);
+  printf("\"%d steps, %d pixels, %d nodes, %d unknowns\"}\n", steps, count, nodes, unknowns);
   return 0;
 }

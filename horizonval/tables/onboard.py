@@ -188,9 +188,12 @@ def header_text(table: LimbTemplates, comment: str) -> str:
     """Return the text of a header.
 
     ``value = scale[a][b] * whole[a][b][h]``; ``LIMB_FIRST`` is the Sun's zenith angle [rad] or the latitude [rad],
-    ``LIMB_SECOND`` the Sun's azimuth from the line of sight [rad] or the month.
+    ``LIMB_SECOND`` the Sun's azimuth from the line of sight [rad] or the month. Slopes are matrices from the values on
+    an axis to the slopes of the spline through them.
     """
     a, b, k, h = table.modes.shape
+    # of sunlit tables only; thermal ones are linear
+    (zenith, zenith_slopes), (_, second_slopes) = table.splines
     lines = [
         "/* Profiles of the limb, made by `horizonval templates SUITE -o table.h`.",
         *textwrap.wrap(comment, 100, initial_indent="   ", subsequent_indent="   "),
@@ -207,6 +210,10 @@ def header_text(table: LimbTemplates, comment: str) -> str:
         _floats("limb_first", "LIMB_A", table.axes[0]),
         _floats("limb_second", "LIMB_B", table.axes[1]),
         _floats("limb_height_m", "LIMB_H", table.height_m),
+        f"#define LIMB_Z {len(zenith)}",
+        _floats("limb_zenith", "LIMB_Z", zenith),
+        _floats("limb_zenith_slopes", "LIMB_Z * LIMB_Z", zenith_slopes.ravel()),
+        _floats("limb_second_slopes", "LIMB_B * LIMB_B", second_slopes.ravel()),
         # a table may have no modes, an array of C not
         _floats(
             "limb_correlation_rad",

@@ -114,6 +114,8 @@ FEW_PIECES = 0.1
 """Share of the pieces to either side that may be farther off than any relief: what a body or a boom hides."""
 NEIGHBOURS = 9
 """Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
+DARKEST = 0.1
+"""Smallest step relative to the neighbours' that is still dark ground: the sea is a tenth of a cloud."""
 MOST_HIDDEN = 0.5
 """Share of the limb in view that may be disturbed."""
 MOST_SATURATED = 0.5
@@ -380,7 +382,9 @@ def disturbed_pieces(view: LimbView, seen: SeenEdge, due: BoolArray, relief_m: f
 
     ``relief_m``: standard deviation of the limb's height along itself.
     """
-    shown = seen.steps > SIGMAS * seen.step_sigmas
+    # Where the Sun may not light the limb, its edge may be the terminator, which departs from it by and by.
+    due = minimum_filter1d(due, NEIGHBOURS, mode="nearest")
+    shown = due & (seen.steps > SIGMAS * seen.step_sigmas)
     if np.count_nonzero(shown) < NEIGHBOURS:
         return np.zeros(len(shown), dtype=bool)
     numbers = np.flatnonzero(shown)
@@ -390,9 +394,10 @@ def disturbed_pieces(view: LimbView, seen: SeenEdge, due: BoolArray, relief_m: f
     sigmas = np.hypot(seen.off_sigmas[numbers], natural)
     away = np.zeros(len(shown), dtype=bool)
     away[numbers] = np.abs(off - middle) > SIGMAS * sigmas
-    # A piece of a step that its neighbours would let one see at once, and no edge.
+    # No edge where that of the neighbours would be seen at once: dark ground is a fraction of clouds, and not nothing.
     expected = median_filter(np.maximum(seen.steps, 0.0), NEIGHBOURS, mode="nearest")
-    return np.asarray(away | (due & ~shown & (expected > 2.0 * SIGMAS * seen.step_sigmas)))
+    none = (seen.steps < DARKEST * expected) & (DARKEST * expected > seen.step_sigmas)
+    return np.asarray(away | (due & ~shown & none))
 
 
 def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatArray) -> float:
@@ -536,7 +541,7 @@ def examined(
         _by_share(view, seen, due, points),
         _by_misfit(seen, points),
         _by_rival(rival_pieces(image, seen_by, pose, axes, view, seen), due, points),
-        _by_place(view, seen, between, observation, points, uneven_px / scale),
+        _by_place(view, seen, due, between, observation, points, uneven_px / scale),
         _by_blur(view, seen, own_px, lens, scale, points),
         _by_lines(view, seen, points),
     ):
@@ -589,6 +594,9 @@ def _lost(lines: FloatArray) -> BoolArray:
     even = lines.min(axis=1) == lines.max(axis=1)
     same = np.zeros(len(lines), dtype=bool)
     same[1:] = (lines[1:] == lines[:-1]).all(axis=1) & ~even[1:]
+    # Black space with a hot column is the same everywhere, too.
+    for row in np.flatnonzero(same):
+        same[row] = float(np.mean(lines[row] == np.median(lines[row]))) < 0.5
     lost = same
     edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]]).astype(np.int8)))
     for first, last in edges.reshape(-1, 2):
@@ -642,6 +650,7 @@ def _by_rival(rival: BoolArray, due: BoolArray, points: FloatArray) -> Refusal |
 def _by_place(
     view: LimbView,
     seen: SeenEdge,
+    due: BoolArray,
     between_px: tuple[float, float],
     observation: Observation,
     points: FloatArray,
@@ -655,7 +664,7 @@ def _by_place(
     if not between_px[0] < seen.place_px < between_px[1]:
         reason = f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
         return Refusal(Outcome.AMBIGUOUS, reason, points)
-    shown = seen.steps > SIGMAS * seen.step_sigmas
+    shown = due & (seen.steps > SIGMAS * seen.step_sigmas)
     if not shown.any():
         return Refusal(Outcome.NO_LIMB, "no piece of the predicted limb shows an edge", points)
     # A body before a few pieces is left out of a second fit.
@@ -787,16 +796,16 @@ def guarded_fit(
     return found if seen.refusal is None else seen.refusal
 
 
-def accepted(run: Callable[[Observation], Fit | Refusal], share: float = 1.0) -> Callable[[Observation], Fit | Refusal]:
-    """Return a method that refuses what it knows less well than is accepted: a share of ``Prior.accept_rad``."""
-    return partial(_accepted, run, share)
+def accepted(run: Callable[[Observation], Fit | Refusal]) -> Callable[[Observation], Fit | Refusal]:
+    """Return a method that refuses what it knows less well than is accepted (``Prior.accept_rad``)."""
+    return partial(_accepted, run)
 
 
-def _accepted(run: Callable[[Observation], Fit | Refusal], share: float, observation: Observation) -> Fit | Refusal:
+def _accepted(run: Callable[[Observation], Fit | Refusal], observation: Observation) -> Fit | Refusal:
     found = run(observation)
     if isinstance(found, Refusal):
         return found
-    refusal = too_wide(found, share * observation.prior.accept_rad)
+    refusal = too_wide(found, observation.prior.accept_rad)
     return found if refusal is None else refusal
 
 

@@ -25,16 +25,21 @@ the angle ::
 
 farther from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon.
 
-**Height of the fitted edge** (:func:`edge_height`). A fit (:mod:`horizonval.estimation.fit.edge`) explains the
-pixels across a limb by ``b + (a + c x + d x^2) E(x)``, with the edge ``E`` of
-:mod:`horizonval.estimation.fit.light` and the scale height of the fit's prior. For a rendered profile, blurred
-by lens and pixel, the levels are solved for at every height of a grid; the height is that of the least residual,
-refined by a parabola. The residual adds a variance (:data:`MISFIT_PX`): the profile is no exponential.
+**Two criteria of the height.** :func:`edge_height`: a fit (:mod:`horizonval.estimation.fit.edge`) explains the pixels
+across a limb by ``b + (a + c x + d x^2) E(x)``, with the edge ``E`` of :mod:`horizonval.estimation.fit.light`. For a
+rendered profile, blurred by lens and pixel, the levels are solved for at every height of a grid; the height is that of
+the least residual. :func:`steepest_height`: a search takes the position where the blurred profile is steepest. A
+parabola refines both.
 
-**Table of heights** (:class:`BandHeights`). Heights are tabulated by pixel size and the two axes of the profiles: the
-Sun's angles of a sunlit band, latitude and month of a thermal one. A mode changes the height by half of the difference
-between one standard deviation above the mean and one below. Whether a scene has clouds is a binary variable: the height
-is the middle of both cases, with half of their distance as standard deviation.
+**Blurred profile.** A profile is a polygon over the height ``z``, level below its first height, with the slope changes
+``D_j`` at ``z_j``; above the last height it falls to zero over a kilometre. Blurred by a Gaussian of ``s`` its slope is
+``sum_j D_j Phi((x - z_j) / s)`` with ``Phi`` the normal distribution, and its value the integral of that.
+
+**Tables of heights** (:class:`HeightGrid`). Heights are tabulated by pixel size or blur and the two axes of the
+profiles: the Sun's angles of a sunlit band, latitude and month of a thermal one. In :class:`BandHeights` a mode changes
+the height by half of the difference between one standard deviation above the mean and one below. Whether a scene has
+clouds is a binary variable: the height is the middle of both cases, with half of their distance as standard deviation.
+The residual of the edge adds a variance (:data:`MISFIT_PX`): the profile is no exponential.
 
 **Height along the arc**, for the relief of a fit::
 
@@ -49,6 +54,7 @@ spread over all latitudes and months is one number for the whole arc, and the me
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
@@ -70,10 +76,8 @@ from horizonval.estimation.fit.light import (
     light_basis,
 )
 from horizonval.estimation.fit.templates import MONTHS, LimbTemplates, shipped_templates
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
-
-AT_POLE = 1e-9
-"""Cosine of a latitude above which a place is the pole itself, where no direction is north."""
 
 
 def everywhere(lengths_rad: ArrayLike, count: int) -> FloatArray:
@@ -115,12 +119,12 @@ def lengths_along(lengths_rad: FloatArray, up: FloatArray, level: FloatArray, po
 
 def north_of(up: FloatArray, pole: FloatArray) -> FloatArray:
     """Return unit vectors towards the north, shape (n, 3), and nothing at a pole."""
+    at_pole = 1e-9  # cosine of a latitude, above the rounding of unit vectors
     level = pole - (up @ pole)[:, None] * up
     size = np.linalg.norm(level, axis=1, keepdims=True)
-    return np.asarray(np.where(size > AT_POLE, level / np.maximum(size, AT_POLE), 0.0))
+    return np.asarray(np.where(size > at_pole, level / np.maximum(size, at_pole), 0.0))
 
 
-EARTH_RADIUS_M = 6371008.8
 ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
 """Zenith angles of the Sun; beyond the last there is too little radiance."""
 CLOUDED = 0.75
@@ -149,8 +153,8 @@ def seen_from(table: LimbTemplates, values: FloatArray, altitude_m: float) -> Fl
     zenith, azimuth = np.meshgrid(ZENITHS_RAD, table.axes[1], indexing="ij")
     up, ahead = np.cos(zenith)[..., None], (np.sin(zenith) * np.cos(azimuth))[..., None]
     side = (np.sin(zenith) * np.sin(azimuth))[..., None]
-    away = EARTH_RADIUS_M + altitude_m
-    turn = np.arccos(np.minimum((EARTH_RADIUS_M + table.height_m) / away, 1.0)) - math.acos(EARTH_RADIUS_M / away)
+    away = MEAN_RADIUS_M + altitude_m
+    turn = np.arccos(np.minimum((MEAN_RADIUS_M + table.height_m) / away, 1.0)) - math.acos(MEAN_RADIUS_M / away)
     there = np.arccos(np.clip(up * np.cos(turn) + ahead * np.sin(turn), -1.0, 1.0))
     level = np.arctan2(np.broadcast_to(side, there.shape), ahead * np.cos(turn) - up * np.sin(turn))
     (i, u), (j, v) = (_before(axis, x) for axis, x in zip(table.axes, (there, level), strict=True))
@@ -165,14 +169,10 @@ def _before(axis: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
     return i, np.clip((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0)
 
 
+FADE_M = 1e3
+"""Distance over which the radiance above the last height falls to zero: one step of the shipped tables."""
 LOWEST_M, HIGHEST_M = -20e3, 60e3
-"""Range of edge heights over all bands."""
-STEP_M, STEP_PX = 1e3, 0.05
-"""Step of the grid of heights, the larger of both; the parabola leaves a hundredth of it."""
-BETWEEN_PX = 0.5
-"""Spacing of profile samples; a lens of 0.7 px leaves no finer structure."""
-LEVELS = 4
-"""Number of basis functions of local radiance; the others describe its change along the limb."""
+"""Range of edge heights over all bands [m]: below lie tropical clouds in wide pixels, above no band has radiance."""
 
 
 def edge_height(
@@ -185,38 +185,68 @@ def edge_height(
     """
     blur = float(np.sqrt(blur_px**2 + PIXEL_VARIANCE))
     soft = scale_m / pixel_m
-    x = np.arange(-OUTSIDE_PX - OUTSIDE_SCALES * soft, INSIDE_PX, BETWEEN_PX)
+    # A lens of 0.7 px leaves no structure finer than half a pixel.
+    x = np.arange(-OUTSIDE_PX - OUTSIDE_SCALES * soft, INSIDE_PX, 0.5)
     middle = 0.5 * (LOWEST_M + HIGHEST_M)
     seen = _blurred(height_m, profiles, middle - x * pixel_m, blur * pixel_m)
-    span = np.ptp(seen, axis=1)
-    heights = np.arange(LOWEST_M, HIGHEST_M, max(STEP_M, STEP_PX * pixel_m))
+    # A kilometre or a twentieth of a pixel: the parabola leaves a hundredth of it.
+    heights = np.arange(LOWEST_M, HIGHEST_M, max(1e3, 0.05 * pixel_m))
     total = np.einsum("ij,ij->i", seen, seen)
     left = np.empty((len(profiles), len(heights)))
     for k, height in enumerate(heights):
         inside = x + (height - middle) / pixel_m
         edge = edge_profile(inside, blur, np.full(len(x), soft)).level
-        basis = light_basis(edge, inside, np.zeros_like(x))[:LEVELS]
+        # The first four functions are local levels; the others describe their change along the limb.
+        basis = light_basis(edge, inside, np.zeros_like(x))[:4]
         explained = seen @ np.linalg.qr(basis.T)[0]
         left[:, k] = total - np.einsum("ij,ij->i", explained, explained)
-    best = np.clip(np.argmin(left, axis=1), 1, len(heights) - 2)
-    row = np.arange(len(left))
-    before, at, after = left[row, best - 1], left[row, best], left[row, best + 1]
-    bent = before - 2.0 * at + after
-    share = np.clip(0.5 * (before - after) / np.where(bent > 0.0, bent, np.inf), -0.5, 0.5)
-    lowest = np.maximum(at - 0.25 * (before - after) * share, 0.0)
-    return heights[best] + (heights[1] - heights[0]) * share, np.sqrt(lowest / len(x)) / np.maximum(span, 1e-300)
+    best, share, bent, fall = _vertex(left, np.argmin(left, axis=1))
+    share = np.where(bent > 0.0, np.clip(share, -0.5, 0.5), 0.0)
+    lowest = np.maximum(left[np.arange(len(left)), best] - 0.5 * fall * share, 0.0)
+    misfit = np.sqrt(lowest / len(x)) / np.maximum(np.ptp(seen, axis=1), 1e-300)
+    return heights[best] + (heights[1] - heights[0]) * share, misfit
+
+
+def steepest_height(height_m: FloatArray, profiles: FloatArray, sigma_m: float) -> FloatArray:
+    """Return the heights [m], shape (n,); NaN where a profile has no steepest position within reach.
+
+    ``height_m``: shape (h,), rising; ``profiles``: shape (n, h); ``sigma_m``: of the blur.
+    """
+    places, bends = _polygon(height_m, profiles)
+    # Sunlit limbs are steepest from the ground to 40 km, and none has radiance above 55 km. A search of limb points
+    # looks six pixels far, five sigmas of its blur. Steps of a fifth of the blur leave a thousandth of it.
+    typical_m, reach_m, step_m = 20e3, max(5.0 * sigma_m, 35e3), sigma_m / 5.0
+    x = np.arange(typical_m - reach_m, typical_m + reach_m, step_m)
+    fall = -bends @ ndtr((x[None, :] - places[:, None]) / sigma_m)
+    highest = np.argmax(fall, axis=1)
+    best, share, bent, _ = _vertex(fall, highest)
+    found = (best == highest) & (fall[np.arange(len(fall)), best] > 0.0) & (bent < 0.0)
+    return np.where(found, x[best] + step_m * share, np.nan)
+
+
+def _vertex(values: FloatArray, best: np.ndarray) -> tuple[np.ndarray, FloatArray, FloatArray, FloatArray]:
+    """Return the extremes' inner columns, the vertex of the parabola from there, second and twice first differences.
+
+    ``values``: shape (n, m); ``best``: shape (n,).
+    """
+    best = np.clip(best, 1, values.shape[1] - 2)
+    row = np.arange(len(values))
+    before, at, after = values[row, best - 1], values[row, best], values[row, best + 1]
+    bent, fall = before - 2.0 * at + after, before - after
+    return best, 0.5 * fall / np.where(bent == 0.0, np.inf, bent), bent, 0.5 * fall
+
+
+def _polygon(height_m: FloatArray, profiles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of profiles (n, h) [m], shape (h + 1,), and the changes of slope there, (n, h + 1)."""
+    places = np.append(height_m, height_m[-1] + FADE_M)
+    none = np.zeros((len(profiles), 1))
+    slopes = np.diff(np.concatenate([profiles, none], axis=1), axis=1) / np.diff(places)
+    return places, np.diff(np.concatenate([none, slopes, none], axis=1), axis=1)
 
 
 def _blurred(height_m: FloatArray, profiles: FloatArray, at_m: FloatArray, sigma_m: float) -> FloatArray:
-    """Return profiles (n, h) blurred by a Gaussian, at heights (m,), shape (n, m).
-
-    A polygon has the bends ``D_j`` at ``z_j``; a blurred bend is ``D_j`` times the integral of ``Phi((z - z_j) / s)``.
-    """
-    places = np.append(height_m, height_m[-1] + STEP_M)
-    values = np.concatenate([profiles, np.zeros((len(profiles), 1))], axis=1)
-    slopes = np.diff(values, axis=1) / np.diff(places)
-    ends = np.zeros((len(profiles), 1))
-    bends = np.diff(np.concatenate([ends, slopes, ends], axis=1), axis=1)
+    """Return profiles (n, h) blurred by a Gaussian, at heights (m,), shape (n, m)."""
+    places, bends = _polygon(height_m, profiles)
     z = (at_m[None, :] - places[:, None]) / sigma_m
     ramp = sigma_m * (z * ndtr(z) + np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi))
     return np.asarray(profiles[:, :1] + bends @ ramp)
@@ -229,6 +259,44 @@ SEEN_FROM_M = 700e3
 MISFIT_PX = 5.0
 """Displacement of a limb [px] per misfit, relative to its step: of a residual like the edge's slope, half a step per
 pixel over three of the twenty fitted pixels."""
+
+
+def heights_on_grid(
+    table: LimbTemplates,
+    states: FloatArray,
+    sizes_m: FloatArray,
+    criterion: Callable[[FloatArray, FloatArray, float], FloatArray | tuple[FloatArray, ...]],
+    altitude_m: float = SEEN_FROM_M,
+) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
+    """Return two axes and what a criterion makes of profiles (s, A, B, h) at every size, shape (c, S, s, A, B).
+
+    ``criterion``: of heights (h,), profiles (n, h) and a size, to c rows (n,); ``altitude_m``: of the observer, of a
+    sunlit band.
+    """
+    if table.band_kind == "solar":
+        states = np.exp(seen_from(table, np.log(np.maximum(states, 1e-300)), altitude_m))
+        axes = ZENITHS_RAD, table.axes[1]
+    else:
+        # The year is a circle: its first month follows the last.
+        states = np.concatenate([states, states[:, :, :1]], axis=2)
+        axes = table.axes[0], np.append(table.axes[1], table.axes[1][0] + MONTHS)
+    flat = states.reshape(-1, len(table.height_m))
+    found = np.array([np.atleast_2d(criterion(table.height_m, flat, float(size))) for size in sizes_m])
+    return axes, np.moveaxis(found.reshape(len(sizes_m), -1, *states.shape[:3]), 1, 0)
+
+
+class HeightGrid:
+    """Values (m, S, A, B) over the logarithm of a size [m] and two axes, linear between; NaN beyond the two axes."""
+
+    def __init__(self, sizes_m: FloatArray, axes: Sequence[FloatArray], values: FloatArray) -> None:
+        self._smallest, self._largest = float(sizes_m[0]), float(sizes_m[-1])
+        grid = (np.log(sizes_m), *axes)
+        self._at = RegularGridInterpolator(grid, np.moveaxis(values, 0, -1), bounds_error=False, fill_value=np.nan)
+
+    def at(self, size_m: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Return the values, shape (m, n); beyond the ends of the sizes the last ones hold, for NaN the largest's."""
+        size = np.clip(np.nan_to_num(size_m, nan=self._largest), self._smallest, self._largest)
+        return np.asarray(self._at(np.column_stack([np.log(size), first, second])).T)
 
 
 @dataclass(frozen=True)
@@ -248,20 +316,11 @@ class BandHeights:
     """Heights of a band's edge on a grid. ``scale_m``: scale height of the edge that is fitted."""
 
     def __init__(self, table: LimbTemplates, scale_m: float) -> None:
-        states = _states(table)
-        axes = (ZENITHS_RAD, table.axes[1]) if table.band_kind == "solar" else table.axes
-        self._thermal = table.band_kind == "thermal"
-        if table.band_kind == "solar":
-            states = np.exp(seen_from(table, np.log(np.maximum(states, 1e-300)), SEEN_FROM_M))
-        else:
-            # The year is a circle: its first month follows the last.
-            states = np.concatenate([states, states[:, :, :1]], axis=2)
-            axes = (table.axes[0], np.append(table.axes[1], table.axes[1][0] + MONTHS))
-        flat = states.reshape(-1, len(table.height_m))
-        found = [edge_height(table.height_m, flat, float(pixel), BLUR_PX, scale_m) for pixel in PIXELS_M]
-        shape = (len(PIXELS_M), *states.shape[:3])
-        heights = np.moveaxis(np.array([one[0] for one in found]).reshape(shape), 1, 0)
-        misfit = np.array([one[1] for one in found]).reshape(shape)[:, 0]
+        def edge(height_m: FloatArray, profiles: FloatArray, pixel_m: float) -> tuple[FloatArray, FloatArray]:
+            return edge_height(height_m, profiles, pixel_m, BLUR_PX, scale_m)
+
+        axes, (heights, misfit) = heights_on_grid(table, _states(table), PIXELS_M, edge)
+        heights, misfit = np.moveaxis(heights, 1, 0), misfit[:, 0]
         changes = 0.5 * (heights[1::2] - heights[2::2])
         middle = heights[0] + sum(
             0.5 * (more + less) - heights[0]
@@ -269,8 +328,7 @@ class BandHeights:
             if kind == "scene"
         )
         open_m = MISFIT_PX * misfit * PIXELS_M[:, None, None]
-        values = np.concatenate([middle[None], changes, open_m[None]])
-        self._grid = RegularGridInterpolator((np.log(PIXELS_M), *axes), np.moveaxis(values, 0, -1))
+        self._grid = HeightGrid(PIXELS_M, axes, np.concatenate([middle[None], changes, open_m[None]]))
         self._ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
         # What is no exponential is so as the light is, which changes along the limb no faster than the air does.
         self._table, self._air = table, [kind == "air" for kind in table.mode_kinds]
@@ -281,13 +339,11 @@ class BandHeights:
         ``pixel_m``: shape (n,), height per pixel; ``first``, ``second``: shape (n,), along the table's axes: the Sun's
         zenith angle and azimuth [rad], or latitude [rad] and month. Beyond the ends the last values hold.
         """
-        if self._thermal:
+        if self._table.band_kind == "thermal":
             second = self._ends[1][0] + (second - self._ends[1][0]) % MONTHS
-        places = [np.log(np.clip(pixel_m, PIXELS_M[0], PIXELS_M[-1]))]
-        places += [np.clip(x, *ends) for x, ends in zip((first, second), self._ends, strict=True)]
-        points = np.column_stack(np.broadcast_arrays(*places))
-        found = self._grid(points).T
-        lengths = self._table.lengths_at(points[:, 1])
+        first, second = (np.clip(x, *ends) for x, ends in zip((first, second), self._ends, strict=True))
+        found = self._grid.at(pixel_m, first, second)
+        lengths = self._table.lengths_at(first)
         lengths = np.concatenate([lengths, lengths[:, self._air].mean(axis=1, keepdims=True)], axis=1)
         return EdgeHeights(found[0], found[1:], lengths)
 
@@ -328,9 +384,25 @@ def _of_clouds(table: LimbTemplates, mode: FloatArray) -> float:
 SUN_SIGMA_RAD = math.radians(0.5)
 """Standard deviation of a coarse Sun sensor, right to a degree."""
 SUNS = 64
-"""Evenly over the sphere, for one that is not known."""
-TOTAL_LATITUDES, TOTAL_MONTHS = 19, 12
-"""Grid over latitude and month for an unknown position."""
+"""Number of directions, evenly over the sphere, that stand for a Sun that is not known."""
+
+
+def sun_angles_at(los_cam: FloatArray, up_cam: FloatArray, sun_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return zenith angle and azimuth from the line of sight [rad] of the Sun, shape (n,) each or (k, n) for k Suns.
+
+    ``los_cam``, ``up_cam``: shape (n, 3), line of sight and vertical at tangent points; ``sun_cam``: (3,) or (k, 3).
+    """
+    cosine = np.clip(sun_cam @ up_cam.T, -1.0, 1.0)
+    level = sun_cam[..., None, :] - cosine[..., None] * up_cam
+    length = np.maximum(np.linalg.norm(level, axis=-1), 1e-9)
+    ahead = np.einsum("...ij,ij->...i", level, los_cam) / length
+    return np.arccos(cosine), np.arccos(np.clip(ahead, -1.0, 1.0))
+
+
+def misread_suns(sun_cam: FloatArray, sigma_rad: float) -> FloatArray:
+    """Return directions one standard deviation off a Sun direction (3,), along two axes, shape (2, 3)."""
+    moved = sun_cam + sigma_rad * tangent_basis(sun_cam).T
+    return np.asarray(moved / np.linalg.norm(moved, axis=1)[:, None])
 
 
 @dataclass(frozen=True)
@@ -367,8 +439,9 @@ class UnevenLimb:
             edge = self.heights.at(places.pixel_m, latitude, np.full(len(latitude), self.month))
             return edge.mean_m, _covariance(edge, places)
         # The mean over the sphere: latitudes whose sines are even.
-        latitude = np.repeat(np.arcsin(np.linspace(-1.0, 1.0, TOTAL_LATITUDES)), TOTAL_MONTHS)
-        month = np.tile(np.arange(1.0, TOTAL_MONTHS + 1.0), TOTAL_LATITUDES)
+        sines, months = np.linspace(-1.0, 1.0, 19), np.arange(1.0, MONTHS + 1.0)
+        latitude = np.repeat(np.arcsin(sines), len(months))
+        month = np.tile(months, len(sines))
         edge = self.heights.at(np.full(len(month), np.median(places.pixel_m)), latitude, month)
         variance = float(np.var(edge.mean_m) + np.mean((edge.patterns_m**2).sum(axis=0)))
         apart = np.abs(azimuth[:, None] - azimuth[None, :])
@@ -382,9 +455,8 @@ class UnevenLimb:
         if self.sun_cam is not None:
             edge = self._under(places, self.sun_cam)
             covariance = _covariance(edge, places)
-            for across in tangent_basis(self.sun_cam).T:
-                moved = self.sun_cam + self.sun_sigma_rad * across
-                change = self._under(places, moved / np.linalg.norm(moved)).mean_m - edge.mean_m
+            for moved in misread_suns(self.sun_cam, self.sun_sigma_rad):
+                change = self._under(places, moved).mean_m - edge.mean_m
                 covariance += np.outer(change, change)
             return edge.mean_m, covariance
         suns = fibonacci_sphere(SUNS)
@@ -397,11 +469,7 @@ class UnevenLimb:
         return mean, spread + np.mean([_covariance(edge, places) for edge in edges], axis=0)
 
     def _under(self, places: ArcPlaces, sun_cam: FloatArray) -> EdgeHeights:
-        cosine = np.clip(places.up_cam @ sun_cam, -1.0, 1.0)
-        level = sun_cam - cosine[:, None] * places.up_cam
-        length = np.maximum(np.linalg.norm(level, axis=1), 1e-9)
-        ahead = np.einsum("ij,ij->i", level, places.los_cam) / length
-        return self.heights.at(places.pixel_m, np.arccos(cosine), np.arccos(np.clip(ahead, -1.0, 1.0)))
+        return self.heights.at(places.pixel_m, *sun_angles_at(places.los_cam, places.up_cam, sun_cam))
 
 
 def _covariance(edge: EdgeHeights, places: ArcPlaces) -> FloatArray:

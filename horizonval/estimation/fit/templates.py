@@ -167,7 +167,7 @@ class LimbTemplates:
         return np.sqrt(np.maximum(self.mean, 0.0))
 
     @cached_property
-    def _splines(self) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    def splines(self) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
         """Return positions on both axes and their slope matrices; azimuth is symmetric."""
         zenith, azimuth = self.axes
         if TWILIGHT_RAD <= zenith[-1] < DARK_RAD:
@@ -178,7 +178,7 @@ class LimbTemplates:
 
     def _curved(self, a: FloatArray, b: FloatArray, *tables: FloatArray) -> list[FloatArray]:
         """Return values at places of a sunlit table by splines."""
-        zenith, azimuth = self._splines
+        zenith, azimuth = self.splines
         rows = spline_weights(*zenith, a)[:, : len(self.axes[0])]
         columns = spline_weights(*azimuth, _folded(b))
         weights = (rows[:, :, None] * columns[:, None, :]).reshape(len(a), -1)

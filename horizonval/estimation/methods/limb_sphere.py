@@ -13,13 +13,17 @@ import numpy as np
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
-from horizonval.estimation.fit.guard import accepted
+from horizonval.estimation.fit.guard import too_wide
 from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge, tilted_to
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
-from horizonval.estimation.limb.finder import find_limb_and_picture
+from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
+
+SHARE_IN_AIR = 5.0
+"""Uncertainty that is accepted of a camera within the air, relative to others: a degree by default. Its limb may be at
+any height below its own."""
 
 
 def run(observation: Observation) -> Fit | Refusal:
@@ -46,17 +50,18 @@ def run(observation: Observation) -> Fit | Refusal:
     if prior.nadir_cam is not None and prior.rough_nadir is not None:
         mean, information = tilted_to(mean, information, *prior.rough_nadir)
     knowledge = knowledge_in_air(observation, planet, mean, information, flattened, of_height=known)
-    return claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
+    fit = claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
+    if isinstance(fit, Refusal):
+        return fit
+    share = 1.0 if altitude_in_air_m(prior) is None else SHARE_IN_AIR
+    refusal = too_wide(fit, share * prior.accept_rad)
+    return fit if refusal is None else refusal
 
-
-LARGEST_SHARE = 5.0
-"""Accuracy, in what is accepted, that the method refuses: a degree by default. With nothing known beforehand a coarse
-nadir is of use, too."""
 
 ESTIMATOR = Estimator(
     name="limb-sphere",
     title="Limb of a sphere, maximum likelihood of the pixels",
-    run=accepted(run, LARGEST_SHARE),
+    run=run,
     estimates="geocentric",
     claim="likelihood",
 )

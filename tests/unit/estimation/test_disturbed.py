@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.fit import known_profile
-from horizonval.estimation.guard.guard import guarded
+from horizonval.estimation.fit.guard import pulled, without_lost_lines
+from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.limb.foreign import without_foreign_light
 from horizonval.estimation.methods import limb_profile, limb_sphere
 from horizonval.estimation.observation import Fit, Lens, Observation
@@ -64,6 +65,9 @@ QUICK: dict[str, Change] = {
     "motion 5 px": lambda image, _: uniform_filter(image, (5, 1)),
     "twice": lambda image, _: 0.5 * (image + shift(image, (3.0, 0.0), order=1, mode="nearest")),
     "disc": disc(4.8, 8.0),
+    "torn": lambda image, _: np.concatenate([image[:60], np.roll(image[60:], 3, axis=1)]),
+    "interlaced": lambda image, _: np.where(np.arange(len(image))[:, None] % 2, np.roll(image, 2, axis=1), image),
+    "upside down": lambda image, _: image[::-1, ::-1],
 }
 MANY: dict[str, Change] = {
     **{f"motion {n} px": (lambda image, _, n=n: uniform_filter(image, (n, 1))) for n in (3, 7, 9)},
@@ -109,7 +113,7 @@ def profile_seen(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Observatio
 
 def _tried(seed: int, cases: dict[str, Change], monkeypatch: pytest.MonkeyPatch) -> dict[str, Fit | Refusal]:
     seen, nadir, outside_px = profile_seen(seed, monkeypatch)
-    method = guarded(limb_profile.ESTIMATOR)
+    method = limb_profile.ESTIMATOR
     found = {}
     for name, change in cases.items():
         image = np.clip(np.rint(change(seen.image, outside_px)), 0.0, 4095.0)
@@ -122,7 +126,45 @@ def test_a_disturbed_limb_is_refused_or_claimed_as_wide_as_it_is(monkeypatch: py
     found = _tried(3, QUICK, monkeypatch)
     assert isinstance(found["clean"], Fit), found["clean"]
     assert isinstance(found["disc"], Fit), found["disc"]
-    assert "blurred" in found["motion 5 px"].reason
+    for name, word in (("motion 5 px", "blurred"), ("interlaced", "jumps")):
+        refusal = found[name]
+        assert isinstance(refusal, Refusal), name
+        assert word in refusal.reason, refusal
+
+
+def test_a_prior_that_the_image_contradicts_widens_the_claim_or_refuses_it() -> None:
+    """Each number is a standard deviation of its own prior; the image leaves a share of the height's variance."""
+    information = np.diag([1e4, 1e4, 1e4, 1e-6, 1e-6, 1e-6, 1e-4])
+    mean = LimbPose(np.eye(3), np.array([0.0, 0.0, -7e6]), 0.0)
+
+    def told(departure: float, left: float) -> Refusal | np.ndarray:
+        """What the departure of the height by so many sigmas does, if so much of its variance is left."""
+        covariance = np.linalg.inv(information)
+        covariance[5, 5] *= left
+        pose = replace(mean, r_itrs=mean.r_itrs + np.array([0.0, 0.0, 1e3 * departure]))
+        return pulled(pose, covariance, mean, information, np.zeros((0, 2)))
+
+    assert not np.any(told(0.5, 0.9))
+    widened = told(3.0, 0.9)
+    assert isinstance(widened, np.ndarray)
+    # The image alone has the height 3 / (1 - 0.9) sigma from the prior's.
+    assert np.sqrt(widened[5, 5]) == pytest.approx(0.9 * 30.0 * 1e3)
+    assert isinstance(told(30.0, 0.01), Refusal)
+
+
+def test_lost_lines_are_left_out_and_black_space_is_not() -> None:
+    rng = np.random.default_rng(0)
+    image = np.zeros((60, 80))
+    image[30:] = rng.normal(100.0, 3.0, (30, 80))
+    assert without_lost_lines(image) is image
+    for lines, lost in (((slice(40, 43),), 3 * 80), ((slice(None), 7), 60)):
+        changed = image.copy()
+        changed[lines] = 4095.0
+        missing = np.isnan(without_lost_lines(changed))
+        assert missing[lines].all()
+        assert missing.sum() == lost
+    image[50:52] = image[49]
+    assert np.isnan(without_lost_lines(image)).sum() == 2 * 80
 
 
 @pytest.mark.slow

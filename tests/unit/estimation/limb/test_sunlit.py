@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from horizonval.estimation.fit.heights import steepest_height
 from horizonval.estimation.fit.templates import FOLDER, load_templates
 from horizonval.estimation.guard.sunlit import (
     cone_perturbation,
     heights_of,
-    steepest_height,
     sun_angles,
     sunlit_limb,
 )
