@@ -41,8 +41,6 @@ from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import tangent_basis
 from horizonval.spec.camera import unified_radius
 
-EXACT = Calibration()
-
 
 def miscalibrated(
     camera: CameraModel,
@@ -50,14 +48,12 @@ def miscalibrated(
     principal_point_px: tuple[float, float] = (0.0, 0.0),
     distortion_px: float = 0.0,
 ) -> CameraModel:
-    """Return a camera as it is believed to be.
+    """Return a camera with errors; raises ``UserError`` as :func:`k1_per_px` does.
 
-    Raises ``UserError``: an error of the distortion of a camera that has none, or whose corner has no direction.
-
-    ``camera``: as it is; ``focal_length``: error as a share of it; ``principal_point_px``: error of column and row;
-    ``distortion_px``: error of the radial distortion at the farthest corner.
+    ``focal_length``: relative; ``principal_point_px``: of column and row; ``distortion_px``: radial, at the farthest
+    corner.
     """
-    k1 = camera.distortion[0]
+    k1, *others = camera.distortion
     if distortion_px != 0.0:
         k1 += distortion_px * k1_per_px(camera)
     return replace(
@@ -66,7 +62,7 @@ def miscalibrated(
         fy=camera.fy * (1.0 + focal_length),
         cx=camera.cx + principal_point_px[0],
         cy=camera.cy + principal_point_px[1],
-        distortion=(k1, *camera.distortion[1:]),
+        distortion=(k1, *others),
     )
 
 
@@ -75,31 +71,25 @@ def k1_per_px(camera: CameraModel) -> float:
 
     Raises ``UserError``: the camera has no distortion, or its corner no direction.
     """
+    where = "calibration: distortion_error_px, distortion_sigma_px"
     if camera.projection == "equal_angle":
-        raise UserError(
-            "the projection equal_angle has no distortion",
-            where="calibration: distortion_error_px, distortion_sigma_px",
-            expected="a pinhole, a fisheye or a unified lens",
-        )
-    u = max((-0.5, camera.width - 0.5), key=lambda place: abs(place - camera.cx))
-    v = max((-0.5, camera.height - 0.5), key=lambda place: abs(place - camera.cy))
+        expected = "a pinhole, a fisheye or a unified lens"
+        raise UserError("the projection equal_angle has no distortion", where=where, expected=expected)
+    u = max((-0.5, camera.width - 0.5), key=lambda column: abs(column - camera.cx))
+    v = max((-0.5, camera.height - 0.5), key=lambda row: abs(row - camera.cy))
     if camera.wide and camera.image_circle_rad is not None:
         angle = camera.image_circle_rad
     else:
         x, y, z = unproject(replace(camera, image_circle_rad=None), np.array([u, v]))
         angle = math.atan2(math.hypot(x, y), z)
+    radius = angle
     if camera.projection == "pinhole":
         radius = math.hypot(x, y) / z
     elif camera.projection == "unified":
         radius = (1.0 + camera.shape[0]) * float(unified_radius(angle, camera.shape))
-    else:
-        radius = angle
     if not (math.isfinite(radius) and radius > 0.0):
-        raise UserError(
-            "the image's farthest corner has no direction",
-            where="calibration: distortion_error_px, distortion_sigma_px",
-            expected="a camera whose distortion is one to one over the image",
-        )
+        expected = "a camera whose distortion is one to one over the image"
+        raise UserError("the image's farthest corner has no direction", where=where, expected=expected)
     denominator = 1.0 if camera.projection == "fisheye" else brown.denominator(camera.distortion, radius)
     return denominator / (math.sqrt(camera.fx * camera.fy) * radius**3)
 
@@ -118,7 +108,7 @@ AxisOf = Callable[[Sequence[View]], FloatArray]
 
 def lens_sigmas(calibration: Calibration | None) -> FloatArray:
     """Return the standard deviations (4,) of ln focal length, principal point [px] and corner [px]; 0 of exact ones."""
-    said = calibration or EXACT
+    said = calibration or Calibration()
     point = said.principal_point_sigma_px
     return np.array([said.focal_length_sigma, point, point, said.distortion_sigma_px])
 
@@ -203,21 +193,13 @@ def los_body(head: Observation, uv: FloatArray) -> FloatArray:
 
 
 def _held_exact(observation: Observation) -> Observation:
-    """Return the observation with lenses that are taken for exact, so that no method within does this once more."""
+    """Return the observation with lenses taken as exact, so that an inner method does not count their errors again."""
 
     def exact(said: Calibration | None) -> Calibration | None:
-        if said is None:
-            return None
-        return replace(said, focal_length_sigma=0.0, principal_point_sigma_px=0.0, distortion_sigma_px=0.0)
+        return said and replace(said, focal_length_sigma=0.0, principal_point_sigma_px=0.0, distortion_sigma_px=0.0)
 
     heads = {name: replace(one, calibration=exact(one.calibration)) for name, one in observation.heads.items()}
     return replace(observation, calibration=exact(observation.calibration), heads=heads)
-
-
-MOST_POINTS = 64
-"""Largest number of a fit's points whose lines of sight are moved: the errors of a lens are smooth over the image."""
-HEAD_POINTS = 256
-"""Points round the whole limb, of which every head sees some."""
 
 
 def _heads(observation: Observation) -> list[Observation]:
@@ -231,12 +213,14 @@ def _cam_from_body(observation: Observation) -> FloatArray:
 def _views(fit: Fit, observation: Observation) -> list[View]:
     heads = _heads(observation)
     if len(heads) == 1:
-        return [(heads[0], fit.points[:: -(-len(fit.points) // MOST_POINTS) or 1])]
+        # 64 points at most: the errors of a lens are smooth over the image.
+        return [(heads[0], fit.points[:: -(-len(fit.points) // 64) or 1])]
     if len(fit.points) == len(heads):
         return [(head, fit.points[k : k + 1]) for k, head in enumerate(heads)]
     nadir_body = fit.nadir_cam @ _cam_from_body(observation)
     rho = 0.5 * math.pi if fit.angular_radius_rad is None else fit.angular_radius_rad
-    azimuth = np.linspace(0.0, 2.0 * np.pi, HEAD_POINTS, endpoint=False)
+    # Of these directions round the whole limb every head sees some.
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 256, endpoint=False)
     first, second = tangent_basis(nadir_body).T
     outwards = np.cos(azimuth)[:, None] * first + np.sin(azimuth)[:, None] * second
     limb = math.cos(rho) * nadir_body + math.sin(rho) * outwards

@@ -28,8 +28,6 @@ from horizonval.geometry.ellipsoid import WGS84
 MEAN_RADIUS_M = 6371008.8
 """(2 a + b) / 3 of WGS84, the radius of the sphere that a method assumes which is given no other."""
 
-UNIT_TOLERANCE = 1e-3
-"""Tolerance of a quaternion's length, for components of four digits; it is scaled to 1."""
 
 ROUNDING = 1e-12
 """Departure from unit length that is not rescaled, so that a prior rebuilt from its values keeps their bits."""
@@ -218,7 +216,8 @@ class Prior:
             raise UserError("found one of 0 or less", where="Prior: attitude_sigma_rad", expected="angles above 0")
         if self.q_cam_from_itrs is not None:
             norm = float(np.linalg.norm(self.q_cam_from_itrs))
-            if abs(norm - 1.0) > UNIT_TOLERANCE:
+            # Components of four digits are scaled to unit length.
+            if abs(norm - 1.0) > 1e-3:
                 raise UserError(
                     f"found a length of {norm:.6g}", where="Prior: q_cam_from_itrs", expected="a unit quaternion"
                 )

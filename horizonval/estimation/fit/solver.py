@@ -125,7 +125,7 @@ class _Search:
             step = solved.step(equations)
             near = before is not None and before.square < options.secant and damping == 0.0
             bounded = self._bounded(step.after(before) if near and before is not None else step)
-            short = damping == 0.0 and step.square < stage.tolerance**2 and step.gained < 1.0
+            short = damping == 0.0 and step.square < stage.tolerance**2 and step.gained < len(bundle.shots)
             gain = self._try(bounded)
             if short and steady:
                 # On the way from where the noise was steady it may have changed; and derivatives of elsewhere end a few

@@ -25,8 +25,6 @@ LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
 """Largest relief of a limb along itself: cloud tops reach the tropopause; and what the phases of wide pixels leave."""
 SMOOTHED_RAD = float(np.deg2rad(4.0))
 """Length of limb, by azimuth, of a mean along it: clouds vary faster along it than sunlight."""
-SEEN_RELIEF_RAD = 0.15
-"""Correlation length of the relief that an image shows of itself: clouds and coasts of some hundred kilometres."""
 
 
 def model_covariance(
@@ -84,7 +82,8 @@ def seen_relief(los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, earth
     k = float((np.abs(azimuth[:, None] - azimuth[None, :]) <= 0.5 * SMOOTHED_RAD).sum(axis=1).mean())
     noise = float(np.var(off - waves)) / max(k - 1.0, 1.0)
     sigma = float(np.sqrt(max(float(np.var(waves)) - noise, 0.0)))
-    return Relief(sigma * earth_radius_m / float(np.tan(rho_rad)), SEEN_RELIEF_RAD)
+    # Clouds and coasts are correlated over some hundred kilometres.
+    return Relief(sigma * earth_radius_m / float(np.tan(rho_rad)), correlation_rad=0.15)
 
 
 def smoothed(values: FloatArray, azimuth: FloatArray) -> FloatArray:

@@ -32,22 +32,6 @@ from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
-ROW_PX = 16
-"""An image whose shorter side has no more pixels is a linear array."""
-ROW_NEAR_PX = 10.0
-"""Least distance from the crossing of the levels beyond and within the limb."""
-ROW_NEAR_WIDTHS = 4.0
-"""The same in widths from 20 to 80 %: a plateau bends over."""
-ROW_FEWEST_PX = 4
-"""Smallest number of pixels of a level that is tested."""
-ROW_SMOOTHING_PX = 1.0
-"""Standard deviation of the Gaussian before the levels are compared: less than any object's width."""
-ROW_SPACE_SHARE = 0.1
-"""Largest level beyond the limb, of its step."""
-ROW_EARTH_SHARES = (0.6, 1.5)
-"""Levels within the limb, of its step: carbon dioxide's disc is 0.9 to 1.1 of its plateau, space a hundredth of it;
-what comes near half of the step is another edge."""
-
 
 @dataclass(frozen=True)
 class RowLimb:
@@ -73,8 +57,8 @@ class RowLimb:
 
 
 def is_row(observation: Observation) -> bool:
-    """Return whether an image is a linear array's: too narrow for a profile across it."""
-    return min(np.shape(observation.image), default=0) <= ROW_PX and np.ndim(observation.image) == 2
+    """Return whether an image is a linear array's: 16 pixels or fewer are too narrow for a profile across them."""
+    return min(np.shape(observation.image), default=0) <= 16 and np.ndim(observation.image) == 2
 
 
 def row_limb(head: Observation) -> RowLimb | Refusal:
@@ -118,25 +102,25 @@ def _second_edge(row: FloatArray, crossing: Crossing, bright_left: bool) -> str 
     line = row if bright_left else row[::-1]
     column = crossing.column if bright_left else len(row) - 1 - crossing.column
     # Falling from the Earth to space: everything from here on is put in these terms.
-    reach = max(ROW_NEAR_PX, ROW_NEAR_WIDTHS * crossing.width_px)
+    # A plateau bends over within four widths of the edge.
+    reach = max(10.0, 4.0 * crossing.width_px)
     inside, outside = line[: max(int(column - reach), 0)], line[int(np.ceil(column + reach)) :]
-    if min(len(inside), len(outside)) < ROW_FEWEST_PX:
+    if min(len(inside), len(outside)) < 4:
         return None
     space, earth = float(np.median(outside)), float(np.median(inside))
     step = earth - space
     if step <= 0.0:
         return "the row is no darker beyond the limb than within"
-    # A Gaussian of that width leaves this much of the noise of single pixels.
-    left_over = (2.0 * np.sqrt(np.pi) * ROW_SMOOTHING_PX) ** -0.5
+    # A Gaussian of one pixel, narrower than any object, leaves this much of the noise of single pixels.
+    left_over = (2.0 * np.sqrt(np.pi)) ** -0.5
     noise = ROSE_SIGMAS * left_over * row_noise(row, round(crossing.column)) / step
-    within, beyond = (
-        gaussian_filter1d((part - space) / step, ROW_SMOOTHING_PX, mode="nearest") for part in (inside, outside)
-    )
-    if beyond.max() > ROW_SPACE_SHARE + noise:
+    within, beyond = (gaussian_filter1d((part - space) / step, 1.0, mode="nearest") for part in (inside, outside))
+    # Carbon dioxide's disc is 0.9 to 1.1 of its plateau and space 0.01; half of the step is another edge.
+    if beyond.max() > 0.1 + noise:
         return f"beyond the limb the row rises to {beyond.max():.0%} of its step"
-    if within.min() < ROW_EARTH_SHARES[0] - noise:
+    if within.min() < 0.6 - noise:
         return f"within the limb the row falls to {within.min():.0%} of its step"
-    if within.max() > ROW_EARTH_SHARES[1] + noise:
+    if within.max() > 1.5 + noise:
         return f"within the limb the row rises to {within.max():.0%} of its step"
     return None
 

@@ -23,9 +23,6 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.edges import find_edges
 from horizonval.estimation.limb.picture import DARK_LEVEL, MEDIAN_TO_SIGMA, TRIM_SIGMAS, Picture, check_image
 
-STRAIGHT = 1e-9
-"""Points of unit spread with less curvature than this have no centre that float64 could tell."""
-
 
 @dataclass(frozen=True)
 class Circle:
@@ -65,19 +62,16 @@ def fit_circle(uv: FloatArray) -> Circle | None:
     columns = np.column_stack([(z - mean) / (2.0 * np.sqrt(mean)), xy])
     _, _, rows = np.linalg.svd(columns, full_matrices=False)
     a = rows[2, 0] / (2.0 * np.sqrt(mean))
-    if abs(a) < STRAIGHT:
+    # Less curvature of points of unit spread has no centre that float64 could tell.
+    if abs(a) < 1e-9:
         return None
     centre = -rows[2, 1:] / (2.0 * a)
     radius = float(np.sqrt(centre @ centre + mean))
     return Circle(centre * scale + middle, radius * scale)
 
 
-RIM_PX = 2
-"""The blur before Canny reflects the image at its border: edges in the last pixels are bent."""
 FEWEST_PIXELS = 24
 """A shorter arc of 100 px radius bends by less than the 0.7 px that whole pixels are off."""
-SMALLEST_TRIM_PX = 1.5
-"""Whole pixels lie up to 0.7 px from any curve."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +87,8 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusa
     if (refusal := check_image(image, full_scale)) is not None:
         return refusal
     grey = np.asarray(image, dtype=np.float64)
-    edges = find_edges(Picture(grey, full_scale).eight_bit, RIM_PX)
+    # The blur before Canny reflects the image at its border, which bends edges in the last two pixels.
+    edges = find_edges(Picture(grey, full_scale).eight_bit, 2)
     uv = longest_chain(edges.uv, (grey.shape[0], grey.shape[1]))
     if len(uv) < FEWEST_PIXELS:
         if full_scale is not None and float(np.percentile(grey, 99.9)) < DARK_LEVEL * full_scale:
@@ -104,7 +99,8 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusa
         if circle is None:
             return Refusal(Outcome.SHORT_ARC, "the longest edge is straight: it has no circle")
         off = np.abs(circle.distance_px(uv))
-        kept = off <= max(TRIM_SIGMAS * MEDIAN_TO_SIGMA * float(np.median(off)), SMALLEST_TRIM_PX)
+        # Whole pixels lie up to 0.7 px from any curve.
+        kept = off <= max(TRIM_SIGMAS * MEDIAN_TO_SIGMA * float(np.median(off)), 1.5)
         uv = uv[kept]
         if len(uv) < FEWEST_PIXELS:
             return Refusal(Outcome.NO_LIMB, "the longest edge is no arc of a circle")

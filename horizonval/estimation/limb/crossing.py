@@ -29,27 +29,14 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, rounding_variance
 
-FINE_STEP, FINE_REACH = 0.1, 2
-"""Step of the fine crossing and its reach to either side of the coarse one [px], as published."""
-NOISE_REACH = 6
-"""Pixels to either side of the steepest one in which noise may make another one the steepest."""
-RESOLVED_PX = 2.0
-"""Distance between the 20 % and 80 % levels from which a limb is resolved; a step blurred by half a pixel has 1.2."""
 AREA_REACH = 3
 """Pixels on either side of the edge that the area counts; an unresolved edge has no light beyond."""
 PLATEAU, SPACE = (5, 9), (10, 26)
 """Pixels inside a resolved limb that form its plateau (13 to 25 km below half of it, from 200 to 600 km at 0.1 deg),
 and outside of it that make its dark level."""
-NEAREST_SPACE, NEAR_SYSTEMATIC_PX = 6, 0.1
-"""Pixels outside of the crossing where the dark level of a row that ends soon begins, and the error of that: some 2 %
-of the plateau remain."""
 LEVEL_PIXELS, FEWEST_LEVEL_PIXELS = 8, 3
 """Pixels of the level next to an unresolved edge, which is known to a third of a pixel's noise, and the fewest of any
 level where the row ends: 0.6 of a pixel's noise."""
-CONTRAST_SIGMA = 8.0
-"""Smallest step in standard deviations of a pixel's noise."""
-OWN_SHARE = 0.6
-"""Share of the row's whole range that the step must have: a slope from end to end is no limb."""
 SYSTEMATIC_PX = 5e-3
 """Error of the locators without noise: the spline's on a limb of three pixels or more, and lens fall-off in the
 window."""
@@ -82,12 +69,13 @@ def published_crossing(row: FloatArray) -> PublishedCrossing:
     """Return the published pipeline's crossing of a row (n >= 5); the first of equally large differences."""
     smooth = median_filter(np.asarray(row, dtype=np.float64), size=3, mode="nearest")
     coarse = int(np.argmax(np.abs(np.diff(smooth))))
-    low, high = max(coarse - FINE_REACH, 0), min(coarse + FINE_REACH, len(smooth) - 1)
-    samples = low + FINE_STEP * np.arange(round((high - low) / FINE_STEP) + 1)
+    step, reach = 0.1, 2  # [px], as published
+    low, high = max(coarse - reach, 0), min(coarse + reach, len(smooth) - 1)
+    samples = low + step * np.arange(round((high - low) / step) + 1)
     difference = np.abs(np.diff(np.interp(samples, np.arange(len(smooth)), smooth)))
     # Equal differences differ in the last bits of the interpolation.
     first = int(np.argmax(difference >= difference.max() * (1.0 - 1e-9)))
-    return PublishedCrossing(coarse, float(samples[first] + 0.5 * FINE_STEP), _published_sigma_px(row, smooth, coarse))
+    return PublishedCrossing(coarse, float(samples[first] + 0.5 * step), _published_sigma_px(row, smooth, coarse))
 
 
 def _published_sigma_px(row: FloatArray, smooth: FloatArray, coarse: int) -> float:
@@ -97,7 +85,8 @@ def _published_sigma_px(row: FloatArray, smooth: FloatArray, coarse: int) -> flo
     limbs.
     """
     step = np.abs(np.diff(smooth))
-    near = np.arange(max(coarse - NOISE_REACH, 0), min(coarse + NOISE_REACH + 1, len(step)))
+    # Six pixels away noise does not make another pixel the steepest.
+    near = np.arange(max(coarse - 6, 0), min(coarse + 7, len(step)))
     lacking = step[coarse] - step[near]
     noise = row_noise(np.asarray(row, dtype=np.float64), coarse)
     weight = np.exp(-((lacking / noise) ** 2)) if noise > 0.0 else (lacking == 0.0).astype(np.float64)
@@ -115,7 +104,8 @@ def sub_pixel_crossing(row: FloatArray) -> Crossing | Refusal:
         return Refusal(Outcome.NO_LIMB, "the largest step of the row lies at its very end")
     noise = row_noise(row, edge)
     sharp = _by_area(row, edge, noise)
-    if isinstance(sharp, Crossing) and sharp.width_px < RESOLVED_PX:
+    # A step blurred by half a pixel is 1.2 px wide from 20 to 80 %.
+    if isinstance(sharp, Crossing) and sharp.width_px < 2.0:
         return sharp
     return _half_level(row, edge, noise)
 
@@ -141,11 +131,13 @@ def _levels(row: FloatArray, left: range, right: range, noise: float) -> tuple[f
         return Refusal(Outcome.NO_LIMB, "the largest step of the row lies too near to its end to know the level beyond")
     low, high = float(on_left.mean()), float(on_right.mean())
     step = abs(low - high)
-    if step <= CONTRAST_SIGMA * noise:
+    # Eight standard deviations: no step among a row's pixels by chance.
+    if step <= 8.0 * noise:
         return Refusal(Outcome.NO_LIMB, f"no step in the row: {step:.3g} of levels, {noise:.3g} of noise")
     # Smoothed, or the noise of a faint limb would count as its range.
     whole = float(np.ptp(gaussian_filter1d(row, 1.5, mode="nearest")))
-    if step < OWN_SHARE * whole:
+    # A slope from end to end is no limb.
+    if step < 0.6 * whole:
         return Refusal(Outcome.NO_LIMB, f"no limb: the steepest place has {step:.3g} of the row's range of {whole:.3g}")
     return low, high, len(on_left), len(on_right)
 
@@ -171,7 +163,7 @@ def _half_level(row: FloatArray, edge: int, noise: float) -> Crossing | Refusal:
     column = float(centre)
     for _ in range(8):
         centre = round(column)
-        start = max(min(centre + SPACE[0], len(line) - FEWEST_LEVEL_PIXELS), centre + NEAREST_SPACE)
+        start = max(min(centre + SPACE[0], len(line) - FEWEST_LEVEL_PIXELS), centre + 6)
         levels = _levels(
             line,
             range(centre - PLATEAU[1], centre - PLATEAU[0] + 1),
@@ -196,7 +188,8 @@ def _half_level(row: FloatArray, edge: int, noise: float) -> Crossing | Refusal:
     slope = abs(float(spline(column, 1)))
     # The spline's value between two pixels has at most one pixel's noise.
     variance = 1.0 + 0.25 / n_plateau + 0.25 / n_space
-    systematic = SYSTEMATIC_PX if start == centre + SPACE[0] else NEAR_SYSTEMATIC_PX
+    # From 6 px outside on, where the row ends soon, some 2 % of the plateau remain in the dark level: 0.1 px.
+    systematic = SYSTEMATIC_PX if start == centre + SPACE[0] else 0.1
     sigma = np.hypot(noise * np.sqrt(variance) / slope, systematic)
     place = column if bright_left else len(row) - 1 - column
     return Crossing(place, float(sigma), "half-level", _width((line[low : high + 1] - space) / plateau))

@@ -39,12 +39,6 @@ from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
 from horizonval.geometry.horizon import cones_through, fit_cone
 from horizonval.geometry.rotation import off_axis_angle
 
-MAX_STEPS = 20
-"""Newton's method doubles its digits with every step: five from a tenth of a radian, some to get there."""
-CONVERGED_RAD = 1e-10
-"""A Newton step of quadratic convergence below this leaves nothing to gain in float64."""
-
-
 Step = Callable[[FloatArray, FloatArray], FloatArray]
 """Function of the Jacobian (n, 3) and F (n,) that returns Newton's decrement of the state (3,)."""
 
@@ -61,7 +55,8 @@ def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -
     ``los_cam``: shape (n, 3), n >= 3; ``step_of``: solver of a step's equations. Raises ``LinAlgError``: undetermined.
     """
     steps = [np.asarray(start, dtype=float)]
-    for _ in range(MAX_STEPS):
+    # Each step doubles the digits: five from a tenth of a radian, and some to get there.
+    for _ in range(20):
         phi, theta, rho = steps[-1]
         f = los_cam @ nadir_of_roll_pitch(phi, theta) - np.cos(rho)
         by_phi = np.array([0.0, np.cos(theta) * np.cos(phi), -np.cos(theta) * np.sin(phi)])
@@ -71,7 +66,8 @@ def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -
         steps.append(steps[-1] - step)
         if not np.all(np.isfinite(step)):
             raise np.linalg.LinAlgError("the Newton step is not finite")
-        if np.abs(step).max() < CONVERGED_RAD:
+        # After a step of 1e-10 quadratic convergence leaves nothing to gain in float64.
+        if np.abs(step).max() < 1e-10:
             break
     return np.array(steps)
 
@@ -96,12 +92,12 @@ def start_from(los_cam: FloatArray) -> tuple[Rotation, FloatArray]:
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Return nadir (3,), angular radius [rad] and iterates (k, 3) of (phi, theta, rho) in the camera's own axes.
 
-    Raises ``LinAlgError``: undetermined, or no convergence within :data:`MAX_STEPS`.
+    Raises ``LinAlgError``: undetermined, or no convergence.
     """
     turn, start = start_from(los_cam)
     steps = newton(turn.apply(los_cam), start)
     if np.abs(steps[-1] - steps[-2]).max() > 1e-8:
-        raise np.linalg.LinAlgError(f"no convergence in {MAX_STEPS} Newton steps")
+        raise np.linalg.LinAlgError(f"no convergence in {len(steps) - 1} Newton steps")
     nadirs = turn.inv().apply(np.array([nadir_of_roll_pitch(phi, theta) for phi, theta, _ in steps]))
     rho = float(steps[-1, 2])
     nadir = nadirs[-1]

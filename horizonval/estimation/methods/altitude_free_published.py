@@ -12,7 +12,7 @@ iteration may end at the mirrored cone (-n, pi - rho), or nowhere.
 **Covariance.** A whole-pixel point is off by up to half a pixel, with correlation where the limb runs along the pixels;
 :func:`horizonval.estimation.limb.cone.cone_uncertainty` counts the correlation of the residuals along the arc. Errors
 common to all points (Canny's choice between equally steep pixels, the pull of shaded ground) are
-:data:`COMMON_OFFSET_PX`.
+a pixel over the root of 12.
 """
 
 from __future__ import annotations
@@ -31,10 +31,6 @@ from horizonval.geometry.frames import nadir_of_roll_pitch
 
 START = np.array([0.0, 0.0, np.pi / 4])
 """(phi, theta, rho) [rad]."""
-COMMON_OFFSET_PX = 1.0 / np.sqrt(12.0)
-"""Standard deviation of what all whole-pixel points may be off by together, across the limb."""
-CONVERGED_RAD = 1e-8
-"""A last step of 0.002 arcsec, as quadratic convergence has it, is followed by one below rounding."""
 
 
 def step_by_pseudo_inverse(jacobian: FloatArray, f: FloatArray) -> FloatArray:
@@ -63,7 +59,8 @@ def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole
     try:
         steps = newton(los_cam, START, step_by_pseudo_inverse)
         phi, theta, rho = steps[-1]
-        if np.abs(steps[-1] - steps[-2]).max() > CONVERGED_RAD:
+        # A last step of 0.002 arcsec is followed by one below rounding.
+        if np.abs(steps[-1] - steps[-2]).max() > 1e-8:
             return Refusal(Outcome.NOT_CONVERGED, f"no convergence in {len(steps) - 1} Newton steps", uv)
         nadir = nadir_of_roll_pitch(phi, theta)
         # cos rho = u.n is periodic in rho, and also holds for (-n, pi - rho); the Earth is the smaller cap
@@ -85,7 +82,7 @@ def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observati
 def with_common_offset(uncertainty: ConeUncertainty, pixel_rad: float) -> ConeUncertainty:
     """Add the covariance of a common offset of all points, which residuals do not show: a change of the radius."""
     covariance = uncertainty.covariance.copy()
-    covariance[2, 2] += (COMMON_OFFSET_PX * pixel_rad) ** 2
+    covariance[2, 2] += pixel_rad**2 / 12.0
     return replace(uncertainty, covariance=covariance)
 
 

@@ -37,14 +37,6 @@ from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
-QUARTER_TOLERANCE_RAD = np.radians(1.0)
-"""Tolerance of the heads' azimuths for a formula in which they are a quarter turn apart."""
-DISAGREEMENT_SIGMA = 6.0
-"""Largest misfit in sigmas of the crossings' noise: two in a thousand million by chance."""
-DISAGREEMENT_RAD = np.radians(1.0)
-"""Largest misfit of four crossings to one cone; latitude and oblateness take a tenth of a degree, more is another
-object."""
-
 
 @dataclass(frozen=True)
 class HeadRow:
@@ -88,7 +80,7 @@ def published_axes(rows: list[HeadRow]) -> float | Refusal:
     boresight = np.array([rotate(inverse(r.observation.q_cam_from_body), [0.0, 0.0, 1.0]) for r in rows])
     azimuth = np.arctan2(boresight[:, 1], boresight[:, 0])
     off = np.angle(np.exp(1j * (azimuth - azimuth[0] - np.arange(4) * (np.pi / 2))))
-    if np.abs(off).max() > QUARTER_TOLERANCE_RAD:
+    if np.abs(off).max() > np.radians(1.0):
         return Refusal(Outcome.BAD_INPUT, "the published formula needs heads a quarter turn apart, in that order")
     return float(azimuth[0] - 0.75 * np.pi)
 
@@ -151,7 +143,8 @@ def fit_crossings(rows: list[HeadRow], columns: FloatArray, sigma_px: FloatArray
         return Refusal(Outcome.NOT_CONVERGED, str(e))
     covariance = (gain * sigma**2) @ gain.T
     residual = off_axis_angle(los, cone.axis_cam) - rho
-    if np.abs(residual).sum() > max(DISAGREEMENT_RAD, DISAGREEMENT_SIGMA * float(np.linalg.norm(sigma))):
+    # Latitude and oblateness take a tenth of a degree and six sigmas are no chance: more is another object.
+    if np.abs(residual).sum() > max(np.radians(1.0), 6.0 * float(np.linalg.norm(sigma))):
         text = f"the four crossings miss one cone by {np.degrees(np.abs(residual).sum()):.2g} deg in sum"
         return Refusal(Outcome.AMBIGUOUS, text, _points(rows, columns))
     axis_body = cone.axis_cam

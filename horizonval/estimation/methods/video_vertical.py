@@ -48,10 +48,6 @@ from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle
 
-HEADS = 2
-"""As published."""
-SMALLEST_SINE = 1e-3
-"""Smallest sine of the angle between the chords; below it their cross product is noise."""
 PIXEL_SIGMA_PX = float(np.sqrt(PIXEL_VARIANCE))
 """Standard deviation of a position rounded to whole pixels."""
 END_PIXELS = 8
@@ -87,7 +83,8 @@ def vertical(chords_body: FloatArray) -> FloatArray | None:
     across = np.cross(chords_body[0], chords_body[1])
     length = float(np.linalg.norm(across))
     lengths = float(np.prod(np.linalg.norm(chords_body, axis=1)))
-    if not np.isfinite(length) or length <= SMALLEST_SINE * lengths:
+    # Below this sine of the angle between the chords their cross product is noise.
+    if not np.isfinite(length) or length <= 1e-3 * lengths:
         return None
     return np.asarray(across / length)
 
@@ -99,8 +96,8 @@ def run(observation: Observation) -> Fit | Refusal:
 
 def solve(observation: Observation, ends: ChordEnds = ChordEnds.SIGHT) -> Fit | Refusal:
     """Estimate the nadir from the images of two heads, with one of the readings of the end points."""
-    if len(observation.heads) != HEADS:
-        return Refusal(Outcome.BAD_INPUT, f"{len(observation.heads)} heads; the method has {HEADS}")
+    if len(observation.heads) != 2:
+        return Refusal(Outcome.BAD_INPUT, f"{len(observation.heads)} heads; the method has two")
     arcs: list[Arc] = []
     for name, head in observation.heads.items():
         if np.shape(head.image) != (head.camera.height, head.camera.width):
@@ -114,8 +111,8 @@ def solve(observation: Observation, ends: ChordEnds = ChordEnds.SIGHT) -> Fit | 
 
 def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | Refusal:
     """Return the vertical from sub-pixel limb points (n, 2), by head, of another search."""
-    if len(points) != HEADS or any(len(uv) < 2 * END_PIXELS for uv in points.values()):
-        return Refusal(Outcome.BAD_INPUT, f"the method needs {2 * END_PIXELS} points in each of {HEADS} heads")
+    if len(points) != 2 or any(len(uv) < 2 * END_PIXELS for uv in points.values()):
+        return Refusal(Outcome.BAD_INPUT, f"the method needs {2 * END_PIXELS} points in each of two heads")
     arcs = []
     for name, uv in points.items():
         circle = fit_circle(uv)
