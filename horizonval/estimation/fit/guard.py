@@ -600,8 +600,9 @@ def _lost(lines: FloatArray) -> BoolArray:
     lost = same
     edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]]).astype(np.int8)))
     for first, last in edges.reshape(-1, 2):
-        beside = [row for row in (first - 1, last) if 0 <= row < len(lines)]
-        lost[first:last] = bool(beside) and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in beside)
+        # At the image's border it is space, which nothing tells from loss.
+        inside = first > 0 and last < len(lines)
+        lost[first:last] = inside and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in (first - 1, last))
     return lost
 
 

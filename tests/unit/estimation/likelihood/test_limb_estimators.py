@@ -184,7 +184,7 @@ def test_a_limb_deeper_than_a_pixel_is_fitted_in_wider_pixels(monkeypatch: pytes
 
     monkeypatch.setattr(claims, "fit_limb", watched)
     image = noisy(picture(there), np.random.default_rng(5))
-    seen = Observation(image, camera, full_scale=255.0, prior=Prior(shape="sphere", accept_rad=0.02))
+    seen = Observation(image, camera, full_scale=255.0, prior=Prior(shape="sphere", accept_rad=np.radians(0.5)))
     fit = registry.get("limb-sphere").run(seen)
     assert sizes == [160]
     assert _error(fit, there.nadir) < 3.0 * _claimed(fit)
@@ -194,9 +194,7 @@ def test_a_limb_deeper_than_a_pixel_is_fitted_in_wider_pixels(monkeypatch: pytes
     # A scale height is two pixels, and a copy's pixel two more.
     assert np.abs(off_px).max() < 6.0
     # A pixel that sees more than a scale height is not made wider.
-    wide = Observation(
-        noisy(picture(LEVEL), np.random.default_rng(5)), CAMERA, full_scale=255.0, prior=Prior(accept_rad=0.02)
-    )
+    wide = Observation(noisy(picture(LEVEL), np.random.default_rng(5)), CAMERA, full_scale=255.0)
     assert isinstance(registry.get("limb-sphere").run(wide), Fit)
     assert sizes == [160, CAMERA.width]
 
@@ -206,9 +204,7 @@ def test_a_fit_that_does_not_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
         raise np.linalg.LinAlgError("no convergence in 30 steps")
 
     monkeypatch.setattr(claims, "fit_limb", endless)
-    wide = Observation(
-        noisy(picture(LEVEL), np.random.default_rng(5)), CAMERA, full_scale=255.0, prior=Prior(accept_rad=0.02)
-    )
+    wide = Observation(noisy(picture(LEVEL), np.random.default_rng(5)), CAMERA, full_scale=255.0)
     assert registry.get("limb-sphere").run(wide).status is Outcome.NOT_CONVERGED
 
 
