@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
@@ -74,42 +75,62 @@ DIMMED_PX = 4.0
 """Depth inside the limb at which a sector's level is measured, half of the window. At that depth ``x`` a Lambert sphere
 of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(r / 2 x)`` round the limb, so that its
 sliver is ``r (1 - cos p) = m^2 x`` wide."""
+HIDDEN_PX = DIMMED_PX / 3.0**0.5
+"""Root mean square of what a terminator hides from a window, anywhere between the limb and that depth."""
 
 
-def sliver_of(found: LimbFit, camera: CameraModel) -> Sliver | None:
-    """Return what a whole disc may have unlit, None of an arc.
+def round_limb(azimuth: FloatArray) -> bool:
+    """Return whether azimuths (n,) of sectors go round a disc."""
+    if len(azimuth) < FEWEST_OF_DISC:
+        return False
+    azimuth = np.sort(azimuth)
+    gap = float(np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max())
+    return 2.0 * np.pi - gap >= WHOLE_RAD
+
+
+def lit_sectors(found: LimbFit) -> NDArray[np.bool_]:
+    """Return which sectors the Sun lights, shape (m,)."""
+    return np.asarray(found.levels >= LIT_SHARE * found.levels.max())
+
+
+def with_unlit_part(found: LimbFit, image: FloatArray, camera: CameraModel, knowledge: LimbKnowledge) -> LimbFit:
+    """Return the fit of a disc with what it may have unlit, that of an arc as it is.
 
     A Sun that is not quite behind the camera leaves a sliver of the disc dark, whose edge is the terminator. It shows
-    in levels that fall from one side of the disc to the other.
+    in levels that fall from one side of the disc to the other, and is fitted. Of a disc with a large unlit part the
+    limb ends at the terminator, which may bend the ends of the lit limb by all that a window hides.
     """
     basis = tangent_basis(found.pose.nadir_cam)
     across = unproject(camera, found.uv) @ basis
-    azimuth = np.sort(np.arctan2(across[:, 1], across[:, 0]))
-    if len(azimuth) < FEWEST_OF_DISC:
-        return None
-    gap = float(np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max())
-    if 2.0 * np.pi - gap < WHOLE_RAD:
-        return None
+    azimuth, lit = np.arctan2(across[:, 1], across[:, 0]), lit_sectors(found)
+    if not round_limb(azimuth):
+        return found
+    if not round_limb(azimuth[lit]):
+        return replace(with_terminator(found, camera, HIDDEN_PX), uneven_px=DIMMED_PX)
     rows = np.column_stack([np.ones(len(across)), across / np.linalg.norm(across, axis=1)[:, None]])
     (mean, *slope), *_ = np.linalg.lstsq(rows, found.levels, rcond=None)
     scatter = float(np.mean((found.levels - rows @ np.array([mean, *slope])) ** 2))
     # Clouds make a slope of their own.
     dimmed_2 = min((float(slope[0] ** 2 + slope[1] ** 2) + 4.0 * scatter / len(across)) / max(mean**2, 1e-300), 1.0)
-    return Sliver(-basis @ np.array(slope), dimmed_2 * DIMMED_PX)
+    sliver = Sliver(-basis @ np.array(slope), dimmed_2 * DIMMED_PX)
+    found = fit_limb(image, camera, found.pose, replace(knowledge, sliver=sliver))
+    # Where the sectors scatter beyond what is known, another sliver may move the disc.
+    return found if found.scatter == 1.0 else with_terminator(found, camera, 0.0)
 
 
-def uneven_disc(found: LimbFit, camera: CameraModel) -> LimbFit:
-    """Return the fit of a whole disc; where its sectors scatter beyond what is known, another sliver may move it."""
-    if found.scatter == 1.0:
-        return found
-    lit = found.levels >= LIT_SHARE * found.levels.max()
-    left = float(np.sqrt(np.mean(found.residuals_rad[lit] ** 2)))
+def with_terminator(found: LimbFit, camera: CameraModel, depth_px: float) -> LimbFit:
+    """Return the fit of a disc, its covariance with what a terminator does that leaves the sectors' residuals.
+
+    ``depth_px``: by how much the terminator may move the disc without any residual.
+    """
+    left_2 = float(np.mean(found.residuals_rad[lit_sectors(found)] ** 2))
+    hidden_2 = (depth_px / max(camera.fx, camera.fy)) ** 2
     distance = float(np.linalg.norm(found.pose.r_itrs))
     up = found.pose.r_itrs / distance
     rho = float(np.median(off_axis_angle(unproject(camera, found.uv), found.pose.nadir_cam)))
     along, added = np.outer(up, up), np.zeros_like(found.covariance)
-    added[3:6, 3:6] = (SHIFT_OF_SLIVER * left * distance) ** 2 * (np.eye(3) - along)
-    added[3:6, 3:6] += (SIZE_OF_SLIVER * left * distance / np.tan(rho)) ** 2 * along
+    added[3:6, 3:6] = (SHIFT_OF_SLIVER**2 * left_2 + hidden_2) * distance**2 * (np.eye(3) - along)
+    added[3:6, 3:6] += (SIZE_OF_SLIVER**2 * left_2 + hidden_2) * (distance / np.tan(rho)) ** 2 * along
     return replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
 
 
@@ -126,8 +147,8 @@ def _fitted(
         image, camera = smaller(image, camera, scale)
         knowledge = knowledge.in_wider_pixels(scale)
     found = fit_limb(image, camera, start, knowledge)
-    if sunless and (sliver := sliver_of(found, camera)) is not None:
-        found = uneven_disc(fit_limb(image, camera, found.pose, replace(knowledge, sliver=sliver)), camera)
+    if sunless:
+        found = with_unlit_part(found, image, camera, knowledge)
     return replace(found, uv=in_whole(found.uv, scale)) if scale > 1 else found
 
 

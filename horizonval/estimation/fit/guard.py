@@ -82,6 +82,10 @@ MISPLACED_PX = 0.05
 over a slope of 0.5 of the step per pixel."""
 JUMP_PX = 0.02
 """The same for a single line and the next, which have most of it in common."""
+LEAST_JUMP_PX = 0.3
+"""Smallest jump across the limb that counts: six times what misplaces a line; a readout errs by whole pixels."""
+CROSSED_PX = 1.0
+"""Least distance from the edge, to both sides, at which a line shows its step."""
 SURE_LINE_PX = 0.5
 """Largest standard deviation of a line's shift against the next that counts: beyond, a few pixels decide it."""
 INDEPENDENT_LINES = 12
@@ -411,7 +415,7 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     """
     # Where a lit limb ends, what a piece shows changes within it.
     shown = minimum_filter1d(seen.steps > SIGMAS * seen.step_sigmas, 3, mode="nearest")[view.piece]
-    lines, along, weights = lines[shown], along[shown], seen.weights[shown]
+    lines, along, weights, x = lines[shown], along[shown], seen.weights[shown], view.x[shown] - seen.place_px
     if not len(lines):
         return 0.0
     by_shift = -seen.by_place[shown] * along
@@ -422,19 +426,27 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     # What misplaces the limb across itself shifts a line by more, the more obliquely it crosses.
     across = np.maximum(np.bincount(lines, information * np.abs(along), count) / known, 1e-3)
 
-    def squares(apart: int, misplaced_px: float) -> FloatArray:
+    # Lines that end before they cross the limb see its tails, in which no exponential is right.
+    outside, inside = (np.bincount(lines, sign * x > CROSSED_PX, count) > 0.0 for sign in (-1.0, 1.0))
+    crossed = outside & inside
+
+    def squares(apart: int, misplaced_px: float) -> tuple[FloatArray, FloatArray]:
         variance = 1.0 / known + (misplaced_px / across) ** 2
         both = variance[apart:] + variance[:-apart]
-        return np.asarray(((shift[apart:] - shift[:-apart]) ** 2 / both)[both < SURE_LINE_PX**2])
+        change = np.abs(shift[apart:] - shift[:-apart])
+        sure = (both < SURE_LINE_PX**2) & crossed[apart:] & crossed[:-apart]
+        return (change**2 / both)[sure], (change * np.minimum(across[apart:], across[:-apart]))[sure]
 
-    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    (one, sizes), (two, _), (single, jump) = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
     if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
     free = min(len(one), INDEPENDENT_LINES)
     every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chi2.isf(CHANCE, free)) / free)
     usual = max(float(np.median(single)) / NORMAL_QUARTILE**2, 1.0)
-    return max(every, float(single.max()) / usual / float(norm.isf(0.5 * CHANCE / len(single))) ** 2)
+    every *= float(np.sqrt(np.mean(sizes**2))) > LEAST_JUMP_PX
+    largest = float(np.max(single * (jump > LEAST_JUMP_PX)))
+    return max(every, largest / usual / float(norm.isf(0.5 * CHANCE / len(single))) ** 2)
 
 
 def rival_pieces(
