@@ -316,10 +316,11 @@ class _Search:
     def _fitted(self, number: int, start: _Candidate) -> _Candidate | None:
         """Return the cone through the sectors that show a limb, and what a level shows of it."""
         shown = start.evidence.los[start.evidence.shows]
-        if len(shown) < 3:
-            return None
-        axis = fit_cone(shown).axis_cam
-        rho = float(off_axis_angle(shown, axis).mean())
+        axis, rho = start.axis_cam, start.rho_rad
+        # Near the image's border few profiles of a small level are whole, and a larger one has more.
+        if len(shown) >= 3:
+            axis = fit_cone(shown).axis_cam
+            rho = float(off_axis_angle(shown, axis).mean())
         evidence = weigh(self.levels[number], self.camera, axis, rho)
         return None if evidence is None else _Candidate(axis, rho, number, evidence)
 
