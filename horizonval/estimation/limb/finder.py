@@ -311,7 +311,8 @@ class _Search:
                 break
             best, largest = here, max(largest, here.evidence.score)
         # The width of the edge is that at a cone of this level.
-        return self._fitted(best.number, best) or best
+        last = self._fitted(best.number, best)
+        return best if last is None or last.evidence.score < STILL_SHOWN * best.evidence.score else last
 
     def _fitted(self, number: int, start: _Candidate) -> _Candidate | None:
         """Return the cone through the sectors that show a limb, and what a level shows of it."""
