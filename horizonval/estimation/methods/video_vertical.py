@@ -7,8 +7,8 @@ vectors is the vertical, and its angle to the longitudinal axis is the output.
 
 **Which vector.** Every line of sight to a spherical horizon makes the angle rho with the nadir n, so that for *any* two
 of them, or means of some, ``(u1 - u2) . n = cos rho - cos rho = 0``, whatever the camera's turn. An end of the arc is
-therefore the mean over its last pixels, which rounds less than one pixel does. The circle separates the arc from what is
-attached to it, orders its pixels, and its centre says on which side the Earth lies. :class:`ChordEnds` has the other
+therefore the mean over its last pixels, which rounds less than one pixel does. The circle separates the arc from what
+is attached to it, orders its pixels, and its centre says on which side the Earth lies. :class:`ChordEnds` has the other
 readings of the text: end points in the image plane are perpendicular to n only if both lie equally far from the
 principal point, and points of the circle leave the horizon, which is a conic. Single end pixels come to the published
 model error.
