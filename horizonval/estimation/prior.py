@@ -29,9 +29,6 @@ MEAN_RADIUS_M = 6371008.8
 """(2 a + b) / 3 of WGS84, the radius of the sphere that a method assumes which is given no other."""
 
 
-ROUNDING = 1e-12
-"""Departure from unit length that is not rescaled, so that a prior rebuilt from its values keeps their bits."""
-
 BY_LATITUDE_MONTH = "by_latitude_month"
 
 FILE_KEYS: tuple[tuple[str, str, float | None], ...] = (
@@ -186,9 +183,9 @@ class Prior:
                 given, other = (value, sigma) if getattr(self, sigma) is None else (sigma, value)
                 raise UserError(f"{given} without {other}", where="Prior", expected="both or neither")
         if self.shape not in (None, "wgs84", "sphere"):
-            raise UserError(f"found {self.shape!r}", where="Prior: shape", expected="'wgs84' or 'sphere'")
+            raise _found(repr(self.shape), "shape", "'wgs84' or 'sphere'")
         if self.radius_m is not None and self.shape != "sphere":
-            raise UserError(f"found {self.radius_m!r}", where="Prior: radius_m", expected="shape = 'sphere' beside it")
+            raise _found(repr(self.radius_m), "radius_m", "shape = 'sphere' beside it")
         for names, least, words in (
             (_ABOVE_0, np.nextafter(0.0, 1.0), "a number above 0"),
             (_NOT_BELOW_0, 0.0, "a number of 0 or more"),
@@ -198,35 +195,17 @@ class Prior:
                 self._number(name, float(least), words)
         for name, length in (("r_itrs", 3), ("q_cam_from_itrs", 4), ("attitude_sigma_rad", 3), ("nadir_cam", 3)):
             self._vector(name, length)
-        if self.nadir_cam is not None:
-            norm = float(np.linalg.norm(self.nadir_cam))
-            if norm == 0.0:
-                raise UserError("found no direction", where="Prior: nadir_cam", expected="a vector other than 0")
-            if abs(norm - 1.0) > ROUNDING:
-                self._keep("nadir_cam", self.nadir_cam / norm)
+        for name in ("nadir_cam", "q_cam_from_itrs"):
+            self._scale_to_unit_length(name)
         if self.r_itrs is not None:
             distance, least = float(np.linalg.norm(self.r_itrs)), self._least_radius_m
             if distance <= least:
-                raise UserError(
-                    f"found a place {distance / 1e3:.6g} km from the Earth's centre",
-                    where="Prior: r_itrs",
-                    expected=f"one outside of the planet, beyond {least / 1e3:.6g} km",
-                )
+                found = f"a place {distance / 1e3:.6g} km from the Earth's centre"
+                raise _found(found, "r_itrs", f"one outside of the planet, beyond {least / 1e3:.6g} km")
         if self.attitude_sigma_rad is not None and not (self.attitude_sigma_rad > 0).all():
-            raise UserError("found one of 0 or less", where="Prior: attitude_sigma_rad", expected="angles above 0")
-        if self.q_cam_from_itrs is not None:
-            norm = float(np.linalg.norm(self.q_cam_from_itrs))
-            # Components of four digits are scaled to unit length.
-            if abs(norm - 1.0) > 1e-3:
-                raise UserError(
-                    f"found a length of {norm:.6g}", where="Prior: q_cam_from_itrs", expected="a unit quaternion"
-                )
-            if abs(norm - 1.0) > ROUNDING:
-                self._keep("q_cam_from_itrs", self.q_cam_from_itrs / norm)
+            raise _found("one of 0 or less", "attitude_sigma_rad", "angles above 0")
         if self.climate == BY_LATITUDE_MONTH and (self.r_itrs is None or self.epoch_utc is None):
-            raise UserError(
-                f"found {self.climate!r}", where="Prior: climate", expected="r_itrs and epoch_utc beside it"
-            )
+            raise _found(repr(self.climate), "climate", "r_itrs and epoch_utc beside it")
         if self.epoch_utc is not None:
             naive = self.epoch_utc.tzinfo is None
             utc = self.epoch_utc.replace(tzinfo=UTC) if naive else self.epoch_utc.astimezone(UTC)
@@ -354,9 +333,9 @@ class Prior:
         if value is None and DEFAULTS[name] is None:
             return
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
-            raise UserError(f"found {value!r}", where=f"Prior: {name}", expected="a finite number")
+            raise _found(repr(value), name, "a finite number")
         if value < least:
-            raise UserError(f"found {value!r}", where=f"Prior: {name}", expected=expected)
+            raise _found(repr(value), name, expected)
         object.__setattr__(self, name, float(value))
 
     def _vector(self, name: str, length: int) -> None:
@@ -368,12 +347,30 @@ class Prior:
         except (TypeError, ValueError):
             array = np.empty(0)
         if array.shape != (length,) or not np.isfinite(array).all():
-            raise UserError(f"found {value!r}", where=f"Prior: {name}", expected=f"{length} finite numbers")
+            raise _found(repr(value), name, f"{length} finite numbers")
         self._keep(name, array)
+
+    def _scale_to_unit_length(self, name: str) -> None:
+        value: FloatArray | None = getattr(self, name)
+        if value is None:
+            return
+        norm = float(np.linalg.norm(value))
+        # Components of four digits are a unit quaternion; a rough nadir has any length.
+        if name == "q_cam_from_itrs" and abs(norm - 1.0) > 1e-3:
+            raise _found(f"a length of {norm:.6g}", name, "a unit quaternion")
+        if norm == 0.0:
+            raise _found("no direction", name, "a vector other than 0")
+        # Rounding is left, so that a prior that is rebuilt from its values keeps their bits.
+        if abs(norm - 1.0) > 1e-12:
+            self._keep(name, value / norm)
 
     def _keep(self, name: str, array: FloatArray) -> None:
         array.flags.writeable = False
         object.__setattr__(self, name, array)
+
+
+def _found(found: str, field: str, expected: str) -> UserError:
+    return UserError(f"found {found}", where=f"Prior: {field}", expected=expected)
 
 
 DEFAULTS = {field.name: field.default for field in fields(Prior)}

@@ -49,14 +49,6 @@ Known = TypeVar("Known")
 METHOD = "limb-calibrate"
 FOCAL, POINT, BEND = 0, slice(1, 3), 3
 """Places of focal length, principal point and distortion among the shared unknowns; see :mod:`.bundle`."""
-FOCAL_SIGMA, POINT_SIGMA_PX, MOUNTING_SIGMA_RAD = 0.05, 20.0, np.radians(2.0)
-"""Default priors, as from a data sheet and a workshop."""
-FEWEST_IMAGES = 2
-DETERMINED = 0.5
-"""Largest ratio of posterior to prior sigma of an unknown that the images determine."""
-WHOLE = 1.0
-"""Share of the profile across the limb that must be in the picture. A real edge is no exponential, so that a truncated
-profile misplaces it: by 0.3 px at three pixels from the border."""
 ALONE = SolverOptions(stages=(Stage(pixels=1500, tighter=10.0, tolerance=1.0),))
 """Of an image by itself: a start for the bundle, the lens's blur held."""
 FEW = SolverOptions(stages=(Stage(pixels=1500, tolerance=1.0, settle=False),))
@@ -104,7 +96,8 @@ class CameraCalibration:
     @property
     def not_determined(self) -> tuple[str, ...]:
         """Names of what the images say little of, and the priors most."""
-        open_ = self.sigma > DETERMINED * self.prior_sigma
+        # Images determine an unknown whose standard deviation they halve.
+        open_ = self.sigma > 0.5 * self.prior_sigma
         return tuple(name for k, name in enumerate(NAMES) if open_[k] and k != BEND)
 
     def __repr__(self) -> str:
@@ -206,7 +199,8 @@ def edges_of(observations: Sequence[Observation], progress: Progress) -> Gathere
 def edge_shot(start: EllipsoidStart, camera: CameraModel) -> Shot:
     """Return the shot of an image near its limb."""
     image, knowledge = EdgeImage(start.picture.grey, camera, np.eye(3)), start.knowledge
-    chooser = EdgeChooser([image], knowledge, whole=WHOLE, scaled=True)
+    # A real edge is no exponential: a profile cut off three pixels from the border misplaces it by 0.3 px.
+    chooser = EdgeChooser([image], knowledge, whole=1.0, scaled=True)
     return Shot(chooser, ShotPrior(knowledge.mean, knowledge.information), chooser.start(start.pose))
 
 
@@ -237,8 +231,8 @@ def _gathered(
             left_out.append(f"image {number}: {e}")
             continue
         shots.append(shot)
-    if len(shots) < FEWEST_IMAGES:
-        reason = f"{len(shots)} images with a limb; {FEWEST_IMAGES} are needed; " + "; ".join(left_out[:3])
+    if len(shots) < 2:
+        reason = f"{len(shots)} images with a limb; two are needed; " + "; ".join(left_out[:3])
         return Refusal(Outcome.NO_LIMB, reason)
     return Bundle(shots, sigmas), tuple(left_out)
 
@@ -247,11 +241,12 @@ def prior_sigmas(observation: Observation, height_sigma_m: float) -> FloatArray:
     """Return prior standard deviations (8,) of the shared unknowns; ``height_sigma_m``: common height of all limbs."""
     said = observation.calibration
     sigmas = np.empty(SHARED)
-    sigmas[FOCAL] = said.focal_length_sigma if said and said.focal_length_sigma > 0.0 else FOCAL_SIGMA
-    sigmas[POINT] = said.principal_point_sigma_px if said and said.principal_point_sigma_px > 0.0 else POINT_SIGMA_PX
+    # Without a statement 5 % and 20 px, as a data sheet has them, and 2 deg, as a workshop mounts.
+    sigmas[FOCAL] = said.focal_length_sigma if said and said.focal_length_sigma > 0.0 else 0.05
+    sigmas[POINT] = said.principal_point_sigma_px if said and said.principal_point_sigma_px > 0.0 else 20.0
     # A distortion that nobody says is wrong is right.
     sigmas[BEND] = said.distortion_sigma_px if said else 0.0
-    sigmas[TURN] = MOUNTING_SIGMA_RAD
+    sigmas[TURN] = np.radians(2.0)
     if said and any(said.mounting_sigma_rad):
         sigmas[TURN] = max(said.mounting_sigma_rad)
     sigmas[HEIGHT] = height_sigma_m

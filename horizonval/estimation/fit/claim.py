@@ -18,6 +18,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.guard import LEAST_LEARNT_BY_EDGE, guarded_fit, pulled
 from horizonval.estimation.fit.known import LimbKnowledge, Sliver
+from horizonval.estimation.fit.light import LIT_SHARE
 from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
@@ -28,7 +29,7 @@ from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
-from horizonval.geometry.rotation import tangent_basis
+from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
 FEWEST_OF_DISC = 6
 """Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
@@ -66,6 +67,9 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
 
 WHOLE_RAD = float(np.deg2rad(270.0))
 """Azimuth in view from which a limb is that of a disc: the Sun lights all of it only from behind the camera."""
+SHIFT_OF_SLIVER, SIZE_OF_SLIVER = 2.27, 1.34
+"""What a sliver without light does to a circle, over the root mean square that it leaves: a terminator lies ``D cos^2
+azimuth`` inside one half of the limb, which moves the middle by 4 D / 3 pi, the radius by D / 4, and leaves 0.187 D."""
 DIMMED_PX = 4.0
 """Depth inside the limb at which a sector's level is measured, half of the window. At that depth ``x`` a Lambert sphere
 of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(r / 2 x)`` round the limb, so that its
@@ -94,6 +98,21 @@ def sliver_of(found: LimbFit, camera: CameraModel) -> Sliver | None:
     return Sliver(-basis @ np.array(slope), dimmed_2 * DIMMED_PX)
 
 
+def uneven_disc(found: LimbFit, camera: CameraModel) -> LimbFit:
+    """Return the fit of a whole disc; where its sectors scatter beyond what is known, another sliver may move it."""
+    if found.scatter == 1.0:
+        return found
+    lit = found.levels >= LIT_SHARE * found.levels.max()
+    left = float(np.sqrt(np.mean(found.residuals_rad[lit] ** 2)))
+    distance = float(np.linalg.norm(found.pose.r_itrs))
+    up = found.pose.r_itrs / distance
+    rho = float(np.median(off_axis_angle(unproject(camera, found.uv), found.pose.nadir_cam)))
+    along, added = np.outer(up, up), np.zeros_like(found.covariance)
+    added[3:6, 3:6] = (SHIFT_OF_SLIVER * left * distance) ** 2 * (np.eye(3) - along)
+    added[3:6, 3:6] += (SIZE_OF_SLIVER * left * distance / np.tan(rho)) ** 2 * along
+    return replace(found, covariance=found.covariance + added, relief_covariance=found.relief_covariance + added)
+
+
 def _fitted(
     image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge, *, sunless: bool
 ) -> LimbFit:
@@ -108,7 +127,7 @@ def _fitted(
         knowledge = knowledge.in_wider_pixels(scale)
     found = fit_limb(image, camera, start, knowledge)
     if sunless and (sliver := sliver_of(found, camera)) is not None:
-        found = fit_limb(image, camera, found.pose, replace(knowledge, sliver=sliver))
+        found = uneven_disc(fit_limb(image, camera, found.pose, replace(knowledge, sliver=sliver)), camera)
     return replace(found, uv=in_whole(found.uv, scale)) if scale > 1 else found
 
 

@@ -41,8 +41,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR, CLOUD_RELIEF_THERMAL, limb_height_m, reliefs
 from horizonval.estimation.fit.levels import from_widest_gap
-from horizonval.estimation.fit.light import INSIDE_PX, NORMAL_QUARTILE, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile
-from horizonval.estimation.fit.noise import TAIL_FREEDOM
+from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile
+from horizonval.estimation.fit.noise import NORMAL_QUARTILE, TAIL_FREEDOM
 from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.limb.picture import rounding_variance, smaller
@@ -500,11 +500,13 @@ def examined(
     *,
     in_air: bool,
     points: FloatArray,
+    uneven_px: float = 0.0,
 ) -> Verdict:
     """Return what the pixels about a fitted limb say of it.
 
     ``image``: shape (H, W), NaN where the fit had no pixels; ``ellipsoid``: of the planet; ``in_air``: whether the edge
-    may be anywhere in the air above the pose's limb, or is at it; ``points``: shape (k, 2), for refusals.
+    may be anywhere in the air above the pose's limb, or is at it; ``points``: shape (k, 2), for refusals;
+    ``uneven_px``: by how much the fit has the limb depart from the pose's.
     """
     prior = observation.prior
     pixel_m = pixel_at_limb_m(observation.camera, pose.r_itrs, float(ellipsoid.axes_m[0]))
@@ -539,7 +541,7 @@ def examined(
         _by_share(view, seen, due, points),
         _by_misfit(seen, points),
         _by_rival(rival_pieces(image, seen_by, pose, axes, view, seen), due, points),
-        _by_place(view, seen, due, between, observation, points),
+        _by_place(view, seen, due, between, observation, points, uneven_px / scale),
         _by_blur(view, seen, own_px, lens, scale, points),
         _by_lines(view, seen, points),
     ):
@@ -549,7 +551,7 @@ def examined(
     known = reliefs(observation.band_kind, prior.limb_relief_m)
     relief = float(np.hypot.reduce([one.sigma_m for one in known])) if known else 0.0
     relief = float(np.hypot(relief, clouds.sigma_m)) if prior.limb_relief_m is None else relief
-    disturbed = disturbed_pieces(view, seen, due, relief)
+    disturbed = disturbed_pieces(view, seen, due, float(np.hypot(relief, uneven_px / scale * pixel_m)))
     if float(np.mean(disturbed)) > MOST_HIDDEN:
         return refused(Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed")
     # What stands before the limb rarely ends with a piece.
@@ -598,8 +600,9 @@ def _lost(lines: FloatArray) -> BoolArray:
     lost = same
     edges = np.flatnonzero(np.diff(np.concatenate([[False], even, [False]]).astype(np.int8)))
     for first, last in edges.reshape(-1, 2):
-        beside = [row for row in (first - 1, last) if 0 <= row < len(lines)]
-        lost[first:last] = bool(beside) and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in beside)
+        # At the image's border it is space, which nothing tells from loss.
+        inside = first > 0 and last < len(lines)
+        lost[first:last] = inside and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in (first - 1, last))
     return lost
 
 
@@ -652,6 +655,7 @@ def _by_place(
     between_px: tuple[float, float],
     observation: Observation,
     points: FloatArray,
+    uneven_px: float,
 ) -> Refusal | None:
     prior = observation.prior
     softest_m = prior.limb_scale_height_m + SIGMAS * prior.limb_scale_height_sigma_m
@@ -667,7 +671,7 @@ def _by_place(
     # A body before a few pieces is left out of a second fit.
     lowest, highest = np.quantile(seen.off_px[shown], (FEW_PIECES, 1.0 - FEW_PIECES))
     far = float(highest - lowest - SIGMAS * np.median(seen.off_sigmas[shown]))
-    if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX:
+    if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX + uneven_px:
         return None
     reason = f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
     return Refusal(Outcome.AMBIGUOUS, reason, points)
@@ -742,7 +746,8 @@ def _sizes(information: FloatArray) -> FloatArray:
 
 
 class Found(Protocol):
-    """What a fit of the limb gives; ``covariance``: shape (7, 7), of a step of the pose; ``uv``: shape (k, 2)."""
+    """What a fit of the limb gives; ``covariance``: shape (7, 7), of a step of the pose; ``uv``: shape (k, 2);
+    ``uneven_px``: by how much it has the limb depart from that of a planet."""
 
     @property
     def pose(self) -> LimbPose: ...
@@ -750,6 +755,8 @@ class Found(Protocol):
     def covariance(self) -> FloatArray: ...
     @property
     def uv(self) -> FloatArray: ...
+    @property
+    def uneven_px(self) -> float: ...
 
 
 F = TypeVar("F", bound=Found)
@@ -768,8 +775,13 @@ def guarded_fit(
     ``fit``: of an image with NaN where it has no pixels; others as for :func:`examined`.
     """
     image = without_lost_lines(image)
+
+    def looked_at(found: F) -> Verdict:
+        uneven_px = found.uneven_px
+        return examined(image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv, uneven_px=uneven_px)
+
     found = fit(image)
-    seen = examined(image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv)
+    seen = looked_at(found)
     if seen.refusal is None and len(seen.disturbed):
         high = limb_height_m(observation.band_kind)[1] if in_air else 0.0
         pixel_m = pixel_at_limb_m(observation.camera, found.pose.r_itrs, float(ellipsoid.axes_m[0]))
@@ -777,8 +789,9 @@ def guarded_fit(
             image, observation.camera, found.pose, ellipsoid.axes_m, seen.disturbed, high / pixel_m
         )
         found = fit(image)
-        seen = examined(image, observation, found.pose, ellipsoid, in_air=in_air, points=found.uv)
-        if seen.refusal is None and len(seen.disturbed):
+        seen = looked_at(found)
+        # The unlit part of a disc shows no limb, and its fit allows for that.
+        if seen.refusal is None and len(seen.disturbed) and found.uneven_px == 0.0:
             reason = f"{len(seen.disturbed)} pieces of the limb lie away from their neighbours"
             return Refusal(Outcome.AMBIGUOUS, reason, found.uv)
     return found if seen.refusal is None else seen.refusal

@@ -28,6 +28,8 @@ from horizonval.geometry.camera import CameraModel
 
 FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
+UNLIT = 3.0
+"""Largest depth of an unlit sliver, of its mean: two standard deviations above."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
 OPTIONS = SolverOptions(most_steps=60, reweighed=0.5, frozen=0.1, steady=0.1, secant=1.0)
@@ -46,7 +48,8 @@ class LimbFit:
     ``blur_px``, ``scale_height_m``: of the lens and the limb in the first image. ``noise_sigma``: pixel noise in space
     and on the Earth, in grey levels. ``pixels``: number used. ``uv`` (m, 2): a point on each sector's limb in the first
     image [px]; ``residuals_rad`` (m,): how far inside the fitted limb each sector shows it, including relief;
-    ``levels`` (m,): the Earth's brightness there above space.
+    ``levels`` (m,): the Earth's brightness there above space; ``scatter``: :func:`scatter` of the sectors;
+    ``uneven_px``: by how much an unlit sliver may have the limb depart from a circle.
     ``steps``: shape (k, 7).
     """
 
@@ -60,6 +63,8 @@ class LimbFit:
     uv: FloatArray
     residuals_rad: FloatArray
     levels: FloatArray
+    scatter: float
+    uneven_px: float
     steps: FloatArray
 
     @property
@@ -104,7 +109,8 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     turn[:3, :3] = first.cam_from_body
     covariance = turn @ found.covariance[:POSE, :POSE] @ turn.T
     # What the sectors scatter by beyond all that is in the model is no noise of the detector, and not to be averaged.
-    beyond = (scatter(places) - 1.0) * covariance
+    ratio = scatter(places)
+    beyond = (ratio - 1.0) * covariance
     # An error of the lens is the same in every picture of the camera.
     by_lens = turn @ found.by_shared[:POSE, :LENS]
     beyond += by_lens @ solution.covariance[:LENS, :LENS] @ by_lens.T
@@ -120,6 +126,8 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
         uv=places[0].uv,
         residuals_rad=places[0].off_rad,
         levels=places[0].levels,
+        scatter=ratio,
+        uneven_px=0.0 if knowledge.sliver is None else UNLIT * knowledge.sliver.depth_px,
         steps=solution.steps[0],
     )
 

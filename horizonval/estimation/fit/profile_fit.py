@@ -92,6 +92,11 @@ class ProfileFit:
     noises: Sequence[PixelNoise] = ()
     own: Sequence[FloatArray] = ()
 
+    @property
+    def uneven_px(self) -> float:
+        """By how much the fit has the limb depart from that of a planet: a profile's follows it."""
+        return 0.0
+
     def in_axes(self, turn: FloatArray) -> ProfileFit:
         """Return the fit in other axes of the pose; ``turn``: shape (3, 3), from the present ones."""
         turned = np.eye(POSE)

@@ -83,11 +83,7 @@ LEAST_OVERLAP = 0.6
 """Smallest common share of the wavelengths of two bands for one table: 10.5 to 12.5 um has 0.33 of 8 to 14 um, whose
 limb is 10 km higher; the visible bands of the shipped cameras share 0.97."""
 MONTHS = 12.0
-TWILIGHT_RAD, DARK_RAD = np.radians([98.0, 106.0])
-"""Zenith angles of the Sun: a sunlit table that reaches beyond the first is taken for dark at the second. There the
-limb has 1e-5 of its light at noon; on the way there from the last place of the shipped tables, 99 deg, the light is
-right to 0.1 % of that of noon."""
-ROUNDED_RAD = 1e-6
+"""Months of a year: the period of the second axis of thermal tables."""
 _AXES = {"solar": ("sun_zenith_rad", "sun_azimuth_rad"), "thermal": ("latitude_rad", "month")}
 
 
@@ -170,10 +166,13 @@ class LimbTemplates:
     def splines(self) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
         """Return positions on both axes and their slope matrices; azimuth is symmetric."""
         zenith, azimuth = self.axes
-        if TWILIGHT_RAD <= zenith[-1] < DARK_RAD:
-            zenith = np.append(zenith, DARK_RAD)
-        # Numbers of 32 bits may have been rounded.
-        in_plane = (bool(azimuth[0] < ROUNDED_RAD), bool(azimuth[-1] > np.pi - ROUNDED_RAD))
+        # A table that reaches beyond 98 deg is dark at 106 deg, where the limb has 1e-5 of its radiance at noon. On the
+        # way there from 99 deg, the last angle of the shipped tables, radiance is right to 0.1 % of that at noon.
+        twilight, dark = np.radians([98.0, 106.0])
+        if twilight <= zenith[-1] < dark:
+            zenith = np.append(zenith, dark)
+        # Angles of 32 bits are rounded by less than 1e-6.
+        in_plane = (bool(azimuth[0] < 1e-6), bool(azimuth[-1] > np.pi - 1e-6))
         return (zenith, slopes(zenith, (False, True))), (azimuth, slopes(azimuth, in_plane))
 
     def _curved(self, a: FloatArray, b: FloatArray, *tables: FloatArray) -> list[FloatArray]:

@@ -39,8 +39,6 @@ from horizonval.geometry.ellipsoid import sphere
 
 FEWEST_HEADS = 2
 """One head is what the methods of one image are for."""
-POINTS_OF_HEAD = 60
-"""Largest number of start points per head, so that heads count equally."""
 
 
 def run(observation: Observation) -> Fit | Refusal:
@@ -55,7 +53,8 @@ def run(observation: Observation) -> Fit | Refusal:
         image, uv = seen
         cam_from_body = Rotation.from_quat(one.q_cam_from_body).as_matrix()
         heads.append(EdgeImage(image, one.camera, cam_from_body))
-        some = uv[np.linspace(0, len(uv) - 1, min(len(uv), POINTS_OF_HEAD)).round().astype(int)]
+        # 60 points at most, so that heads count equally in the start.
+        some = uv[np.linspace(0, len(uv) - 1, min(len(uv), 60)).round().astype(int)]
         sights.append(unproject(one.camera, some) @ cam_from_body)
     try:
         start, knowledge = _start(observation, np.concatenate(sights))

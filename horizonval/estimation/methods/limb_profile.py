@@ -13,8 +13,8 @@ prediction fits the image best.
 Azimuths with light outside the limb that is no air's are left out (:mod:`..limb.foreign`).
 
 It also refuses an image that no tilt predicts, or of which the fit explains less than :data:`LEAST_EXPLAINED`; an air
-more than :data:`MOST_IMPROBABLE` from its tables; an attitude more than :data:`MOST_SIGMA` standard deviations from the
-prior's; a lens whose blur changes along the limb by more than stated (:func:`.uneven_lens`).
+more than :data:`MOST_IMPROBABLE` from its tables; a lens whose blur changes along the limb by more than stated
+(:func:`.uneven_lens`); and what the guard of all fits refuses (:mod:`horizonval.estimation.fit.guard`).
 """
 
 from __future__ import annotations
@@ -40,8 +40,6 @@ LEAST_EXPLAINED = 0.95
 """Smallest explained share of the pixels' variance: broken clouds leave 1 to 3 %, noise explains nothing."""
 MOST_IMPROBABLE = 6.0
 """Largest mode coefficient in standard deviations; air is not normal (sudden warmings), and clear frames reach 3."""
-MOST_SIGMA = 5.0
-"""Largest departure from the attitude's prior in sigmas: one in two million."""
 
 
 def run(observation: Observation) -> Fit | Refusal:

@@ -184,7 +184,7 @@ def test_a_limb_deeper_than_a_pixel_is_fitted_in_wider_pixels(monkeypatch: pytes
 
     monkeypatch.setattr(claims, "fit_limb", watched)
     image = noisy(picture(there), np.random.default_rng(5))
-    seen = Observation(image, camera, full_scale=255.0, prior=Prior(shape="sphere"))
+    seen = Observation(image, camera, full_scale=255.0, prior=Prior(shape="sphere", accept_rad=np.radians(0.5)))
     fit = registry.get("limb-sphere").run(seen)
     assert sizes == [160]
     assert _error(fit, there.nadir) < 3.0 * _claimed(fit)
