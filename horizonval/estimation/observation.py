@@ -93,39 +93,35 @@ class Observation:
     Attributes
     ----------
     image : ndarray, shape (H, W)
-        Digital numbers (or any grey level that grows, or falls, with radiance), float64.
+        Digital numbers, or any grey level that rises or falls with radiance, float64.
     camera : CameraModel
-        Calibrated intrinsics, right as far as ``calibration`` says.
+        Intrinsics; ``calibration`` states their errors.
     q_cam_from_body : ndarray, shape (4,)
         Mounting, scalar last. Identity when camera and body axes coincide.
     full_scale : float or None
-        Digital number at which the converter saturates, if known.
+        Digital number at which the converter saturates.
     prior : Prior
-        What is known before the image is looked at: shape of the planet, altitude, position, attitude, time, air, each
-        with the sigma of its error. Methods use of it what they can.
+        Knowledge before the image, each value with its standard deviation.
     band_kind : {"solar", "thermal"} or None
-        What the camera sees: scattered sunlight or the Earth's own heat; None if that is not known.
+        Scattered sunlight or the Earth's own emission.
     band_um : tuple of two floats or None
-        First and last wavelength that the camera sees [um]; None if that is not known.
+        First and last wavelength of the band [um].
     band_width_um : float or None
-        Integral of the response over wavelength, its peak 1 [um]: the band radiance over it is the mean over the band.
+        Integral of the response over wavelength, its peak 1 [um]: band radiance over it is the mean over the band.
     radiance_per_dn : float or None
-        Band radiance on the axis that one more digital number stands for [W m-2 sr-1]: as a calibrated thermal detector
-        states it, or as lens, exposure, quantum efficiency and converter of a visible camera's file have it; None
-        without a calibration.
+        Band radiance on the axis per digital number [W m-2 sr-1], from the calibration of a thermal detector or from
+        lens, exposure, quantum efficiency and converter of a visible camera.
     lens : Lens or None
-        What the camera's file says of the lens's blur over the field and of its aperture; None where it says nothing.
+        Blur over the field and aperture.
     sun_cam : ndarray, shape (3,), or None
-        Direction to the Sun in camera axes as a Sun sensor gives it, right to ``prior.sun_sigma_rad``, or without that
-        to a degree; None where there is no such sensor or it sees no Sun.
+        Direction to the Sun in camera axes, with an error of ``prior.sun_sigma_rad``, or of a coarse sensor without it.
     calibration : Calibration or None
-        How well camera, mounting and time are known; None where they are taken for exact.
+        Errors of camera, mounting and time; None for an exact camera.
     oracle : OraclePose or None
         Only for estimators with ``needs = "pose"``.
     heads : mapping of str to Observation
-        Only for estimators with ``needs = "heads"``: the images of all heads of one housing at one instant, by the
-        heads' names and in the camera file's order. The fields above are then those of the first head, and
-        ``nadir_cam`` of a fit is in the first head's axes.
+        Only for estimators with ``needs = "heads"``: images of all heads of one housing at one instant, in the camera
+        file's order. The other fields and ``nadir_cam`` of a fit are then those of the first head.
 
     Examples
     --------

@@ -39,7 +39,7 @@ parabola refines both.
 profiles: the Sun's angles of a sunlit band, latitude and month of a thermal one. In :class:`BandHeights` a mode changes
 the height by half of the difference between one standard deviation above the mean and one below. Whether a scene has
 clouds is a binary variable: the height is the middle of both cases, with half of their distance as standard deviation.
-The residual of the edge adds a variance (:data:`MISFIT_PX`): the profile is no exponential.
+The residual of the edge adds a variance: the profile is no exponential.
 
 **Height along the arc**, for the relief of a fit::
 
@@ -128,9 +128,9 @@ def north_of(up: FloatArray, pole: FloatArray) -> FloatArray:
 ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
 """Zenith angles of the Sun; beyond the last there is too little radiance."""
 CLOUDED = 0.75
-"""Share of the ensemble's scenes that have clouds."""
+"""Share of scenes with clouds in the ensemble of the shipped tables (:mod:`horizonval.tables.sunlit`)."""
 FAINTEST = 0.05
-"""Smallest share of the mean profile that modes leave."""
+"""Smallest share of the mean profile that modes leave: a profile stays positive, and its logarithm finite."""
 
 
 def without_clouds(table: LimbTemplates) -> FloatArray:
@@ -172,7 +172,7 @@ def _before(axis: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
 FADE_M = 1e3
 """Distance over which the radiance above the last height falls to zero: one step of the shipped tables."""
 LOWEST_M, HIGHEST_M = -20e3, 60e3
-"""Range of edge heights over all bands [m]: below lie tropical clouds in wide pixels, above no band has radiance."""
+"""Range of edge heights over all bands [m]."""
 
 
 def edge_height(
@@ -252,26 +252,17 @@ def _blurred(height_m: FloatArray, profiles: FloatArray, at_m: FloatArray, sigma
     return np.asarray(profiles[:, :1] + bends @ ramp)
 
 
-PIXELS_M = np.geomspace(2e3, 256e3, 15)
-"""Heights per pixel: from 0.05 deg in low orbit to a degree at four times the distance."""
-SEEN_FROM_M = 700e3
-"""Observer's altitude for sunlit profiles; from 300 to 2000 km the heights under a high Sun differ by 0.1 km."""
-MISFIT_PX = 5.0
-"""Displacement of a limb [px] per misfit, relative to its step: of a residual like the edge's slope, half a step per
-pixel over three of the twenty fitted pixels."""
-
-
 def heights_on_grid(
     table: LimbTemplates,
     states: FloatArray,
     sizes_m: FloatArray,
     criterion: Callable[[FloatArray, FloatArray, float], FloatArray | tuple[FloatArray, ...]],
-    altitude_m: float = SEEN_FROM_M,
+    altitude_m: float = 700e3,
 ) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
     """Return two axes and what a criterion makes of profiles (s, A, B, h) at every size, shape (c, S, s, A, B).
 
-    ``criterion``: of heights (h,), profiles (n, h) and a size, to c rows (n,); ``altitude_m``: of the observer, of a
-    sunlit band.
+    ``criterion``: of heights (h,), profiles (n, h) and a size, to c rows (n,); ``altitude_m``: of the observer, for a
+    sunlit band; from 300 to 2000 km the heights under a high Sun differ by 0.1 km.
     """
     if table.band_kind == "solar":
         states = np.exp(seen_from(table, np.log(np.maximum(states, 1e-300)), altitude_m))
@@ -316,10 +307,13 @@ class BandHeights:
     """Heights of a band's edge on a grid. ``scale_m``: scale height of the edge that is fitted."""
 
     def __init__(self, table: LimbTemplates, scale_m: float) -> None:
+        # From 0.05 deg in low orbit to a degree at four times the distance, two to an octave.
+        pixels_m = np.geomspace(2e3, 256e3, 15)
+
         def edge(height_m: FloatArray, profiles: FloatArray, pixel_m: float) -> tuple[FloatArray, FloatArray]:
             return edge_height(height_m, profiles, pixel_m, BLUR_PX, scale_m)
 
-        axes, (heights, misfit) = heights_on_grid(table, _states(table), PIXELS_M, edge)
+        axes, (heights, misfit) = heights_on_grid(table, _states(table), pixels_m, edge)
         heights, misfit = np.moveaxis(heights, 1, 0), misfit[:, 0]
         changes = 0.5 * (heights[1::2] - heights[2::2])
         middle = heights[0] + sum(
@@ -327,8 +321,10 @@ class BandHeights:
             for kind, more, less in zip(table.mode_kinds, heights[1::2], heights[2::2], strict=True)
             if kind == "scene"
         )
-        open_m = MISFIT_PX * misfit * PIXELS_M[:, None, None]
-        self._grid = HeightGrid(PIXELS_M, axes, np.concatenate([middle[None], changes, open_m[None]]))
+        # Five pixels per misfit relative to the step: of a residual like the edge's slope, half a step per pixel over
+        # three of the twenty fitted pixels.
+        open_m = 5.0 * misfit * pixels_m[:, None, None]
+        self._grid = HeightGrid(pixels_m, axes, np.concatenate([middle[None], changes, open_m[None]]))
         self._ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
         # What is no exponential is so as the light is, which changes along the limb no faster than the air does.
         self._table, self._air = table, [kind == "air" for kind in table.mode_kinds]

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.special import erfcx, ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.noise import PixelNoise
+from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
 from horizonval.estimation.limb.picture import median
 
 OUTSIDE_PX, INSIDE_PX = 12.0, 8.0
@@ -115,8 +115,6 @@ SIGNIFICANT = 3.0
 """Standard deviations by which an excess must stand out: one that noise makes itself would only cost precision."""
 FEWEST_PIXELS = 8
 """Smallest number of pixels of either side; with fewer, all residuals are used."""
-NORMAL_QUARTILE = 0.67448975
-"""Half of a normal distribution lies within as many standard deviations."""
 LEAST_ALONE = 2
 """Smallest number of independent pixels of the Earth that a sector has."""
 LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95

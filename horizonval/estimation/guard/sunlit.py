@@ -45,33 +45,31 @@ from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.rotation import fibonacci_sphere
 
-ALTITUDES_M = (36000e3, 2000e3, 700e3, 300e3)
-"""Altitudes of observers, from low orbits to the geostationary one; heights are linear in the slant between."""
-SIGMAS_M = np.geomspace(4e3, 512e3, 15)
-"""A narrower blur sees the layers of one haze, which a mean over many has not."""
-LEAST_LENGTH_RAD = math.radians(28.0)
-"""Smallest correlation length of modes that are patterns: half the horizon's radius from an orbit of 800 km."""
 VISIBLE_UM = (0.45, 0.75)
-"""Assumed band of a camera without a known band."""
+"""Assumed band [um] of a camera without a known band."""
 
 
 class SunlitHeights:
     """Heights of a band's steepest position, and their patterns, on a grid. ``table``: of a sunlit band."""
 
     def __init__(self, table: LimbTemplates) -> None:
-        self._slants = np.array([math.tan(math.asin(MEAN_RADIUS_M / (MEAN_RADIUS_M + up))) for up in ALTITUDES_M])
+        # From low orbits to the geostationary one; heights are linear in the slant between. A blur below 4 km sees the
+        # layers of one haze, which a mean over many has not.
+        altitudes_m, sigmas_m = (36000e3, 2000e3, 700e3, 300e3), np.geomspace(4e3, 512e3, 15)
+        self._slants = np.array([math.tan(math.asin(MEAN_RADIUS_M / (MEAN_RADIUS_M + up))) for up in altitudes_m])
 
         def steepest(states: FloatArray, *altitude_m: float) -> FloatArray:
-            found = heights_on_grid(table, states, SIGMAS_M, steepest_height, *altitude_m)[1][0]
+            found = heights_on_grid(table, states, sigmas_m, steepest_height, *altitude_m)[1][0]
             return np.moveaxis(found, 1, 0)
 
         axes = ZENITHS_RAD, table.axes[1]
         clear = without_clouds(table)[None]
-        self._mean = HeightGrid(SIGMAS_M, axes, np.concatenate([steepest(clear, up) for up in ALTITUDES_M]))
-        long = table.modes[:, :, (table.correlation_rad >= LEAST_LENGTH_RAD).all(axis=(0, 2))]
+        self._mean = HeightGrid(sigmas_m, axes, np.concatenate([steepest(clear, up) for up in altitudes_m]))
+        # Half of the horizon's radius from an orbit of 800 km: shorter modes are no patterns of the whole arc.
+        long = table.modes[:, :, (table.correlation_rad >= math.radians(28.0)).all(axis=(0, 2))]
         states = table.mean + np.moveaxis(long, 2, 0), table.mean - np.moveaxis(long, 2, 0)
         more, less = (steepest(np.maximum(one, FAINTEST * table.mean)) for one in states)
-        self._patterns = HeightGrid(SIGMAS_M, axes, 0.5 * (more - less))
+        self._patterns = HeightGrid(sigmas_m, axes, 0.5 * (more - less))
 
     def height_m(self, rho_rad: float, sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
         """Return the heights, shape (n,), of points with a blur and the Sun's angles there; NaN where it is night.

@@ -263,17 +263,23 @@ class _Search:
     def _verdicts(self) -> list[tuple[float, _FoundLimb | Refusal]]:
         """Return verdict and score of every level's most probable cones, smallest level first."""
         verdicts: list[tuple[float, _FoundLimb | Refusal]] = []
-        tried: list[_Candidate] = []
+        # With the smallest number of a level at which a cone is known already: one that is refused at a small level may
+        # show at larger ones.
+        tried: list[tuple[_Candidate, int]] = []
         for number in range(len(self.levels) - 1, -1, -1):
             if max(self.levels[number].grey.shape) > LARGEST_FINE_PX and number < len(self.levels) - 1:
                 break
+            known = [one for one, least in tried if least <= number]
             for one in self._proposed(number):
-                if any(one.same(other) for other in tried):
+                if any(one.same(other) for other in known):
                     continue
-                found = self._followed(one)
-                if not any(found.same(other) for other in tried):
-                    verdicts.append((found.evidence.score, self._judged(found)))
-                tried += [one, found]
+                found, finest = self._followed(one), 0
+                if not any(found.same(other) for other in known):
+                    verdict = self._judged(found)
+                    verdicts.append((found.evidence.score, verdict))
+                    finest = found.number if isinstance(verdict, Refusal) else 0
+                known += [one, found]
+                tried += [(one, finest), (found, finest)]
             limbs = [one for _, one in verdicts if isinstance(one, _FoundLimb)]
             if any(one.explained > WHOLE and self._agrees(one.axis_cam) for one in limbs):
                 break
@@ -311,15 +317,17 @@ class _Search:
                 break
             best, largest = here, max(largest, here.evidence.score)
         # The width of the edge is that at a cone of this level.
-        return self._fitted(best.number, best) or best
+        last = self._fitted(best.number, best)
+        return best if last is None or last.evidence.score < STILL_SHOWN * best.evidence.score else last
 
     def _fitted(self, number: int, start: _Candidate) -> _Candidate | None:
         """Return the cone through the sectors that show a limb, and what a level shows of it."""
         shown = start.evidence.los[start.evidence.shows]
-        if len(shown) < 3:
-            return None
-        axis = fit_cone(shown).axis_cam
-        rho = float(off_axis_angle(shown, axis).mean())
+        axis, rho = start.axis_cam, start.rho_rad
+        # Near the image's border few profiles of a small level are whole, and a larger one has more.
+        if len(shown) >= 3:
+            axis = fit_cone(shown).axis_cam
+            rho = float(off_axis_angle(shown, axis).mean())
         evidence = weigh(self.levels[number], self.camera, axis, rho)
         return None if evidence is None else _Candidate(axis, rho, number, evidence)
 

@@ -20,9 +20,6 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 
-OF_WHOLE_STEPS = 1.0 / 12.0
-"""Variance of rounding, in squared steps. Where the noise is smaller, nearly all pixels of an even field have one
-number, and the few others look like outliers."""
 MEDIAN_TO_SIGMA = 1.4826
 """Ratio of standard deviation to median absolute deviation of normal variables, robust to outliers."""
 ROSE_SIGMAS = 5.0
@@ -32,8 +29,11 @@ TRIM_SIGMAS = 3.5
 
 
 def rounding_variance(values: FloatArray) -> float:
-    """Return the variance of rounding in values of finite numbers: that of whole steps where all are whole, else 0."""
-    return OF_WHOLE_STEPS if np.array_equal(values, np.rint(values)) else 0.0
+    """Return the variance of rounding in values of finite numbers: that of whole steps where all are whole, else 0.
+
+    Where the noise is smaller, nearly all pixels of an even field have one number, and the others look like outliers.
+    """
+    return 1.0 / 12.0 if np.array_equal(values, np.rint(values)) else 0.0
 
 
 def median(values: NDArray[Any]) -> float:

@@ -5,27 +5,20 @@ plane across the satellite's longitudinal axis. Per image: Canny edges, horizon 
 the arc. The vector that joins the end points is perpendicular to the vertical; the cross product of the two cameras'
 vectors is the vertical, and its angle to the longitudinal axis is the output.
 
-**Which vector.** Every line of sight to a spherical horizon makes the angle rho with the nadir n, so for *any* two unit
-lines of sight ::
-
-    (u1 - u2) . n = cos rho - cos rho = 0
-
-exactly, whatever the camera's turn. The equation is linear: it holds for means of lines of sight as well, so that an
-end of the arc is taken here as the mean over its last pixels, which rounds less than one pixel does. The difference of
-the end points in the image plane instead is perpendicular to n only if both lie equally far from the principal point;
-in a camera that is turned about its boresight they do not, and the vertical is off by degrees. Likewise the end points
-are taken where the edge *is*: moved onto the fitted circle they would leave the horizon, which is a conic. The circle's
-part is to separate the arc from what is attached to it, to order its pixels from end to end, and to say on which side
-the Earth lies: that of its centre. :class:`ChordEnds` has the other readings of the text; single end pixels are the one
-that comes to the published model error.
+**Which vector.** Every line of sight to a spherical horizon makes the angle rho with the nadir n, so that for *any* two
+of them, or means of some, ``(u1 - u2) . n = cos rho - cos rho = 0``, whatever the camera's turn. An end of the arc is
+therefore the mean over its last pixels, which rounds less than one pixel does. The circle separates the arc from what
+is attached to it, orders its pixels, and its centre says on which side the Earth lies. :class:`ChordEnds` has the other
+readings of the text: end points in the image plane are perpendicular to n only if both lie equally far from the
+principal point, and points of the circle leave the horizon, which is a conic. Single end pixels come to the published
+model error.
 
 **Uncertainty.** With the chords ``c1``, ``c2`` the vertical solves ``c . n = 0``, so that an error ``e`` of ``c . n``
-moves it by ``-pinv([c1; c2]) e``. Each ``e`` is the difference of two ends' errors across the horizon: few pixels bear
-the result. How far a pixel strays is measured on all pixels of both arcs, as their departure from the cone about the
-vertical that was found, and so is over how many neighbours their departures are one.
+moves it by ``-pinv([c1; c2]) e``. Each ``e`` is the difference of two ends' errors across the horizon. Their variance
+and correlation length are measured on all pixels of both arcs, as departures from the cone about the vertical.
 
-Spherical Earth. A limb whose ends are lit differently, and the ellipsoid, bias the result by more than that departure
-shows. No image is refused for what it shows: see :mod:`horizonval.estimation.limb.arc`.
+Spherical Earth. A limb whose ends are lit differently, and the ellipsoid, bias the result by more than these departures
+show. No image is refused for what it shows: see :mod:`horizonval.estimation.limb.arc`.
 """
 
 from __future__ import annotations

@@ -63,6 +63,14 @@ def test_noise_shows_no_limb_and_a_ramp_neither() -> None:
         assert isinstance(find_limb(image, CAMERA), Refusal)
 
 
+@pytest.mark.parametrize("off", [38.0, 100.0])
+def test_a_limb_so_near_the_border_that_a_small_picture_holds_few_profiles_of_it_is_found(off: float) -> None:
+    """The profiles of the smallest picture size reach 64 pixels to either side of the limb."""
+    camera, nadir = CameraModel(240, 240, 180.0, 180.0, 119.5, 119.5), nadir_at(off, 0.3)
+    found = find_limb(picture(depth_px(camera, nadir, math.radians(67.5))), camera)
+    assert off_deg(found, nadir) < 0.5
+
+
 @pytest.mark.parametrize("harm", ["lines", "block", "jpeg", "antenna"])
 def test_what_harms_a_part_of_the_picture_leaves_the_limb(harm: str) -> None:
     """0.05 deg: a sixth of a pixel along the arc in view."""
