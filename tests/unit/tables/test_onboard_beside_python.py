@@ -71,8 +71,10 @@ def test_images_drawn_from_the_tables_give_the_same_nadir(tables, programs, coun
         found.append(distance(seen, table_of[band], programs[band]))
     off, ratio = np.array([one for one in found if one is not None]).T
     assert len(off) > 0.95 * count
-    assert np.median(off) < MOST_SIGMA, off
-    assert np.quantile(off, 0.9) < 3.0 * MOST_SIGMA, off
+    # Eight images, one of every frame, know their median to a factor of two.
+    most = MOST_SIGMA if count > len(frames) else 2.0 * MOST_SIGMA
+    assert np.median(off) < most, off
+    assert np.quantile(off, 0.9) < 3.0 * most, off
     assert np.median(np.abs(ratio - 1.0)) < SIGMA_SHARE, ratio
 
 
