@@ -103,6 +103,9 @@ UNSTATED_BLUR_SIGMA = 0.3
 """The same of a lens whose file states none."""
 AIR_BLUR_M = 7e3
 """What air adds to the blur, being no exponential: its scale height."""
+CLOUDY_BLUR_PX = 1.0
+"""The same at least in the infrared, where cirrus and the clouds below it make two limbs one above the other: 0.8 px
+with pixels of 20 km. Chosen: unknown blur of this size does no harm to the fits."""
 LEAST_BLUR_PX = 0.4
 """Blur below which pixels hide a lens."""
 DIFFRACTION_BLUR = 0.45
@@ -554,7 +557,7 @@ def examined(
         _by_misfit(seen, points),
         _by_rival(rival_pieces(image, seen_by, pose, axes, view, seen), due, points),
         _by_place(view, seen, due, between, observation, points, uneven_px / scale),
-        _by_blur(view, seen, own_px, lens, scale, points),
+        _by_blur(view, seen, own_px, lens, scale, points, thermal=observation.band_kind == "thermal"),
         _by_lines(view, seen, points),
     ):
         if refusal is not None:
@@ -690,11 +693,12 @@ def _by_place(
 
 
 def _by_blur(
-    view: LimbView, seen: SeenEdge, own_px: float, lens: Lens, scale: int, points: FloatArray
+    view: LimbView, seen: SeenEdge, own_px: float, lens: Lens, scale: int, points: FloatArray, *, thermal: bool
 ) -> Refusal | None:
     known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
     margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
-    widest = float(np.hypot(margin * own_px * float(lens.ratios.max()), AIR_BLUR_M / view.pixel_m))
+    air_px = max(AIR_BLUR_M / view.pixel_m, CLOUDY_BLUR_PX / scale if thermal else 0.0)
+    widest = float(np.hypot(margin * own_px * float(lens.ratios.max()), air_px))
     sharpest = 0.0 if lens.blur_px is None else own_px * float(lens.ratios.min()) / margin**2
     if sharpest <= float(np.hypot(seen.blur_px, AIR_BLUR_M / view.pixel_m)) and seen.blur_px <= widest:
         return None
