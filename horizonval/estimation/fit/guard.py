@@ -447,7 +447,6 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     free = min(len(one), INDEPENDENT_LINES)
     every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chi2.isf(CHANCE, free)) / free)
     usual = max(float(np.median(single)) / NORMAL_QUARTILE**2, 1.0)
-    every *= float(np.sqrt(np.mean(sizes**2))) > LEAST_JUMP_PX
     largest = float(np.max(single * (jump > LEAST_JUMP_PX)))
     return max(every, largest / usual / float(norm.isf(0.5 * CHANCE / len(single))) ** 2)
 
