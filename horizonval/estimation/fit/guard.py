@@ -83,7 +83,8 @@ over a slope of 0.5 of the step per pixel."""
 JUMP_PX = 0.02
 """The same for a single line and the next, which have most of it in common."""
 LEAST_JUMP_PX = 0.3
-"""Smallest jump across the limb that counts: six times what misplaces a line; a readout errs by whole pixels."""
+"""Smallest jump of a single line, across the limb, that counts: six times what misplaces a line. A tear along a limb that
+is nearly parallel to the rows is therefore not seen."""
 CROSSED_PX = 1.0
 """Least distance from the edge, to both sides, at which a line shows its step."""
 SURE_LINE_PX = 0.5
@@ -440,7 +441,7 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
         sure = (both < SURE_LINE_PX**2) & crossed[apart:] & crossed[:-apart]
         return (change**2 / both)[sure], (change * np.minimum(across[apart:], across[:-apart]))[sure]
 
-    (one, sizes), (two, _), (single, jump) = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    (one, _), (two, _), (single, jump) = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
     if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
