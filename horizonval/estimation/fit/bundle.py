@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -356,17 +356,19 @@ class ShotSolution:
     air_open: float
 
 
-@dataclass
 class Bundle:
     """Shots with what they share.
 
     ``sigmas``: shape (8,), prior standard deviations of the shared unknowns, 0 for what is exact; ``shared``: their
-    values.
+    values, which the solver moves as it does the shots' states.
     """
 
-    shots: Sequence[Shot]
-    sigmas: FloatArray = field(default_factory=lambda: np.zeros(SHARED))
-    shared: FloatArray = field(default_factory=lambda: np.zeros(SHARED))
+    def __init__(
+        self, shots: Sequence[Shot], sigmas: FloatArray | None = None, shared: FloatArray | None = None
+    ) -> None:
+        self.shots = shots
+        self.sigmas = np.zeros(SHARED) if sigmas is None else sigmas
+        self.shared = np.zeros(SHARED) if shared is None else shared
 
     @property
     def free(self) -> NDArray[np.intp]:

@@ -641,7 +641,8 @@ def _needed(due: BoolArray) -> int:
 
 def _by_share(view: LimbView, seen: SeenEdge, due: BoolArray, points: FloatArray) -> Refusal | None:
     shown = int(np.count_nonzero(due & (seen.steps > SIGMAS * seen.step_sigmas)))
-    if shown >= _needed(due):
+    # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
+    if not shown < _needed(due) <= np.count_nonzero(due):
         return None
     reason = f"{shown} of {np.count_nonzero(due)} pieces of the predicted limb show an edge; {_needed(due)} are needed"
     return Refusal(Outcome.NO_LIMB, reason, points)

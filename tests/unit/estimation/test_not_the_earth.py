@@ -13,7 +13,6 @@ import pytest
 from not_the_earth import ALTITUDE_M, FOCAL_PX, FULL_SCALE, HEIGHT, NADIR_OFF_DEG, WIDTH
 from scipy.spatial.transform import Rotation
 
-from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
@@ -92,13 +91,3 @@ def _none_is_claimed(name: str, band: str, pictures: Sequence[not_the_earth.Pict
     estimator = registry.get(name)
     claimed = [one.name for one in pictures if isinstance(registry.run_safely(estimator, _seen(one, band)), Fit)]
     assert claimed == []
-
-
-@pytest.mark.parametrize("name", ["disc in a disc", "disc with bright rings"])
-def test_what_is_no_limb_of_the_air_is_given_up_early(name: str) -> None:
-    """After a third of the steps that a fit may take: its prediction explains next to nothing."""
-    picture = next(one for one in _pictures() if one.name == name)
-    refused = registry.run_safely(registry.get("limb-profile"), _seen(picture, "solar"))
-    assert isinstance(refused, Refusal)
-    assert refused.status is Outcome.NO_LIMB
-    assert "explains less than 25%" in refused.reason

@@ -651,7 +651,8 @@ def test_saturated_pixels_tell_nothing(seed: int, monkeypatch: pytest.MonkeyPatc
     full = BLACK + 1500.0
     image = np.minimum(observation.image, full)
     assert 0.1 < np.mean(image == full) < 0.4
-    fit = limb_profile.ESTIMATOR.run(replace(observation, image=image, full_scale=full))
+    prior = replace(observation.prior, accept_rad=float(np.radians(1.0)))
+    fit = limb_profile.ESTIMATOR.run(replace(observation, image=image, full_scale=full, prior=prior))
     assert isinstance(fit, Fit), fit
     assert np.linalg.norm(fit.nadir_cam - nadir) < 1.5 * np.sqrt(np.trace(fit.total_covariance_nadir_cam))
 
