@@ -83,8 +83,8 @@ over a slope of 0.5 of the step per pixel."""
 JUMP_PX = 0.02
 """The same for a single line and the next, which have most of it in common."""
 LEAST_JUMP_PX = 0.3
-"""Smallest jump of a single line, across the limb, that counts: six times what misplaces a line. A tear along a limb that
-is nearly parallel to the rows is therefore not seen."""
+"""Smallest jump of a single line, across the limb, that counts: six times what misplaces a line. A tear along a
+limb that is nearly parallel to the rows is therefore not seen."""
 CROSSED_PX = 1.0
 """Least distance from the edge, to both sides, at which a line shows its step."""
 SURE_LINE_PX = 0.5
