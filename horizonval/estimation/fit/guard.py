@@ -83,7 +83,8 @@ over a slope of 0.5 of the step per pixel."""
 JUMP_PX = 0.02
 """The same for a single line and the next, which have most of it in common."""
 LEAST_JUMP_PX = 0.3
-"""Smallest jump across the limb that counts: six times what misplaces a line; a readout errs by whole pixels."""
+"""Smallest jump of a single line, across the limb, that counts: six times what misplaces a line. A tear along a
+limb that is nearly parallel to the rows is therefore not seen."""
 CROSSED_PX = 1.0
 """Least distance from the edge, to both sides, at which a line shows its step."""
 SURE_LINE_PX = 0.5
@@ -103,6 +104,9 @@ UNSTATED_BLUR_SIGMA = 0.3
 """The same of a lens whose file states none."""
 AIR_BLUR_M = 7e3
 """What air adds to the blur, being no exponential: its scale height."""
+CLOUDY_BLUR_PX = 1.0
+"""The same at least in the infrared, where cirrus and the clouds below it make two limbs one above the other: 0.8 px
+with pixels of 20 km. Chosen: unknown blur of this size does no harm to the fits."""
 LEAST_BLUR_PX = 0.4
 """Blur below which pixels hide a lens."""
 DIFFRACTION_BLUR = 0.45
@@ -437,14 +441,13 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
         sure = (both < SURE_LINE_PX**2) & crossed[apart:] & crossed[:-apart]
         return (change**2 / both)[sure], (change * np.minimum(across[apart:], across[:-apart]))[sure]
 
-    (one, sizes), (two, _), (single, jump) = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    (one, _), (two, _), (single, jump) = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
     if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
     free = min(len(one), INDEPENDENT_LINES)
     every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chi2.isf(CHANCE, free)) / free)
     usual = max(float(np.median(single)) / NORMAL_QUARTILE**2, 1.0)
-    every *= float(np.sqrt(np.mean(sizes**2))) > LEAST_JUMP_PX
     largest = float(np.max(single * (jump > LEAST_JUMP_PX)))
     return max(every, largest / usual / float(norm.isf(0.5 * CHANCE / len(single))) ** 2)
 
@@ -554,7 +557,7 @@ def examined(
         _by_misfit(seen, points),
         _by_rival(rival_pieces(image, seen_by, pose, axes, view, seen), due, points),
         _by_place(view, seen, due, between, observation, points, uneven_px / scale),
-        _by_blur(view, seen, own_px, lens, scale, points),
+        _by_blur(view, seen, own_px, lens, scale, points, thermal=observation.band_kind == "thermal"),
         _by_lines(view, seen, points),
     ):
         if refusal is not None:
@@ -691,11 +694,12 @@ def _by_place(
 
 
 def _by_blur(
-    view: LimbView, seen: SeenEdge, own_px: float, lens: Lens, scale: int, points: FloatArray
+    view: LimbView, seen: SeenEdge, own_px: float, lens: Lens, scale: int, points: FloatArray, *, thermal: bool
 ) -> Refusal | None:
     known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
     margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
-    widest = float(np.hypot(margin * own_px * float(lens.ratios.max()), AIR_BLUR_M / view.pixel_m))
+    air_px = max(AIR_BLUR_M / view.pixel_m, CLOUDY_BLUR_PX / scale if thermal else 0.0)
+    widest = float(np.hypot(margin * own_px * float(lens.ratios.max()), air_px))
     sharpest = 0.0 if lens.blur_px is None else own_px * float(lens.ratios.min()) / margin**2
     if sharpest <= float(np.hypot(seen.blur_px, AIR_BLUR_M / view.pixel_m)) and seen.blur_px <= widest:
         return None
