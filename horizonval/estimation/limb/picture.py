@@ -215,8 +215,11 @@ class Picture:
 
     @cached_property
     def unclipped(self) -> FloatArray:
-        """The image with NaN within 5 x 5 pixels of saturated ones, which may have charge from them; shape (H, W)."""
-        if not self.saturated.any():
+        """The image with NaN within 5 x 5 pixels of saturated ones, which may have charge from them; shape (H, W).
+
+        Without a known full scale nothing is: the even Earth of an image without noise has one level, too.
+        """
+        if self.full_scale is None or not self.saturated.any():
             return self.grey
         near = cv2.dilate(self.saturated.astype(np.uint8), np.ones((5, 5), np.uint8))
         return np.where(near > 0, np.nan, self.grey)
