@@ -134,7 +134,7 @@ class BlurredProfiles:
 
     @cached_property
     def _transform(self) -> FloatArray:
-        """Of all functions, shape (m, k, n)."""
+        """Transforms of all functions, shape (m, k, n)."""
         return np.asarray(fft.dct(self._profiles, type=1) * self._pixel[:, None])
 
     def values(self, blur_px: float, sharpness: float) -> FloatArray:

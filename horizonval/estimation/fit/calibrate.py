@@ -50,11 +50,11 @@ METHOD = "limb-calibrate"
 FOCAL, POINT, BEND = 0, slice(1, 3), 3
 """Places of focal length, principal point and distortion among the shared unknowns; see :mod:`.bundle`."""
 ALONE = SolverOptions(stages=(Stage(pixels=1500, tighter=10.0, tolerance=1.0),))
-"""Of an image by itself: a start for the bundle, the lens's blur held."""
+"""Settings of the fit of one image, which starts the bundle: few pixels, the blur of the lens nearly fixed."""
 FEW = SolverOptions(stages=(Stage(pixels=1500, tolerance=1.0, settle=False),))
-"""Of all images, until the camera is right to about a standard deviation."""
+"""Settings of the first fit of all images: until the camera is right to about a standard deviation."""
 ALL = SolverOptions(stages=(Stage(tolerance=0.1),))
-"""To a tenth of a standard deviation, a hundredth of the claimed variance."""
+"""Settings of the last fit: to a tenth of a standard deviation, a hundredth of the claimed variance."""
 NAMES = (
     "focal length",
     "principal point u",

@@ -72,7 +72,7 @@ WEIGHINGS = 3
 DARK_LEVEL, BRIGHT_LEVEL = 0.05, 0.5
 """Shares of the brightest level below and above which pixels give a first guess of the noise of space and Earth."""
 FEWEST_PIXELS = 20
-"""Of which a variance is known to a third."""
+"""Smallest number of pixels for a variance, which they give to a third."""
 NORMAL_QUARTILE = 0.67448975
 """Median of the absolute value of a unit normal."""
 

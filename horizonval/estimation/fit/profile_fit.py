@@ -46,10 +46,10 @@ OPTIONS = SolverOptions(
 )
 """First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
 clouds soften it, more increases the dependence on the start. A third of its pixels see the profile, enough to be within
-a tenth of a pixel. Equations are made again after half a sigma: what air and height have in common is large, and seen
-by its difference."""
+a tenth of a pixel. Derivatives are computed again after half a standard deviation,
+because the effects of air and height nearly cancel."""
 NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
-"""To about a standard deviation."""
+"""Settings of a start: the first stage alone, to about a standard deviation."""
 GROWTH_SIGMA = 0.5
 """Prior standard deviation of ln(corner blur / axis blur)."""
 MOST_GROWTH, SURE_GROWTH = 0.25, 3.0
