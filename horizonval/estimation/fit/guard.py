@@ -179,7 +179,7 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
     scale = np.hypot(by_column, by_row)
     x = angle.delta / scale
     limb_px = near.every * int(np.count_nonzero(np.abs(x[seen]) < 0.5))
-    pieces = min(int(limb_px / PIECE_PX), np.count_nonzero(seen) // FEWEST_OF_PIECE)
+    pieces = min(int(limb_px / PIECE_PX), int(np.count_nonzero(seen)) // FEWEST_OF_PIECE)
     if pieces < 1:
         raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {PIECE_PX:.0f} are needed")
     across = tangent_basis(pose.nadir_cam).T @ near.los_cam[:, seen]
@@ -411,7 +411,7 @@ def disturbed_pieces(view: LimbView, seen: SeenEdge, due: BoolArray, relief_m: f
     """
     # Where the Sun may not light the limb, its edge may be the terminator, which departs from it by and by.
     due = minimum_filter1d(due, NEIGHBOURS, mode="nearest")
-    shown = due & (seen.shown)
+    shown = due & seen.shown
     if np.count_nonzero(shown) < NEIGHBOURS:
         return np.zeros(len(shown), dtype=bool)
     numbers = np.flatnonzero(shown)
@@ -651,7 +651,7 @@ def _needed(due: BoolArray) -> int:
 
 
 def _by_share(view: LimbView, seen: SeenEdge, due: BoolArray, points: FloatArray) -> Refusal | None:
-    shown = int(np.count_nonzero(due & (seen.shown)))
+    shown = int(np.count_nonzero(due & seen.shown))
     # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
     if not shown < _needed(due) <= np.count_nonzero(due):
         return None
@@ -692,7 +692,7 @@ def _by_place(
     if not between_px[0] < seen.place_px < between_px[1]:
         reason = f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
         return Refusal(Outcome.AMBIGUOUS, reason, points)
-    shown = due & (seen.shown)
+    shown = due & seen.shown
     if not shown.any():
         return Refusal(Outcome.NO_LIMB, "no piece of the predicted limb shows an edge", points)
     # A body before a few pieces is left out of a second fit.
