@@ -416,8 +416,8 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     shown = minimum_filter1d(seen.shown, 3, mode="nearest")
     if not shown.any():
         return 0.0
-    lines, along, weights, slope, residuals = (
-        one[shown].ravel() for one in (lines, along, seen.weights, seen.slope, seen.residuals)
+    lines, along, weights, slope, residuals, x = (
+        one[shown].ravel() for one in (lines, along, seen.weights, seen.slope, seen.residuals, view.x)
     )
     lines = lines - lines.min()
     by_shift = slope * along
@@ -426,13 +426,17 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     shift = np.bincount(lines, weights * by_shift * residuals) / known
     # What misplaces the limb across itself shifts a line by more, the more obliquely it crosses.
     across = np.maximum(np.bincount(lines, information * np.abs(along)) / known, 1e-3)
+    # Lines that end before they cross the limb see its tails, in which no exponential is right.
+    beside = np.bincount(lines, x > seen.place_px), np.bincount(lines, x < seen.place_px)
+    crossed = (beside[0] > 0) & (beside[1] > 0)
 
     def squares(apart: int, misplaced_px: float) -> FloatArray:
         variance = 1.0 / known + (misplaced_px / across) ** 2
-        return np.asarray((shift[apart:] - shift[:-apart]) ** 2 / (variance[apart:] + variance[:-apart]))
+        found = (shift[apart:] - shift[:-apart]) ** 2 / (variance[apart:] + variance[:-apart])
+        return np.asarray(found[crossed[apart:] & crossed[:-apart]])
 
     one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
-    if not len(two):
+    if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
     every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chdtri(len(one), CHANCE)) / len(one))
