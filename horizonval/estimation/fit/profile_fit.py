@@ -40,6 +40,7 @@ from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, sol
 
 OPTIONS = SolverOptions(
     stages=(Stage(pixels=2400, tighter=10.0, tolerance=1.0, reselect_px=3.0), Stage()),
+    steady=0.5,
     frozen=5.0,
     good=0.2,
 )

@@ -55,17 +55,18 @@ class Stage:
 class SolverOptions:
     """Settings of the solver.
 
-    ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances up to which
-    curvatures stay valid; ``reweighed``: change up to which derivatives do, and up to which the noise is held from
-    within a standard deviation on; ``good``: share of the predicted gain above which derivatives stay frozen;
-    ``frozen``: predicted gain up to which they do [sigma^2]; ``most_cuts``, ``least_share``: how often a step that
+    ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances up to which the
+    noise is held from within a standard deviation on; ``most_weighs``: how often it is estimated in a stage;
+    ``reweighed``: change up to which derivatives stay frozen; ``good``: share of the predicted gain above which they
+    do; ``frozen``: predicted gain up to which they do [sigma^2]; ``most_cuts``, ``least_share``: how often a step that
     gains nothing is shortened, and to which share of it; ``first_damping``, ``damping_factor``, ``most_damping``: in
     units of the unknowns' scales, where that does not help; ``rounding``: loss of merit that counts as none [sigma^2].
     """
 
     stages: tuple[Stage, ...] = (Stage(),)
     most_steps: int = 30
-    steady: float = 0.02
+    steady: float = 0.1
+    most_weighs: int = 8
     reweighed: float = 0.5
     good: float = 0.7
     frozen: float = np.inf
@@ -123,7 +124,7 @@ class _Search:
         solved: Solved | None = None
         before: Step | None = None
         curvatures: list[Curvature] = []
-        damping, settled, square = 0.0, not stage.settle, np.inf
+        damping, settled, square, weighs = 0.0, not stage.settle, np.inf, 0
         for number in range(options.most_steps):
             fresh = solved is None
             if solved is None:
@@ -172,15 +173,18 @@ class _Search:
             if damping > 0.0:
                 damping = damping / options.damping_factor if damping > options.first_damping else 0.0
                 solved = None
-            if self.moved_px > stage.reselect_px:
+            # Pixels of elsewhere may be why a step gains nothing.
+            if self.moved_px > stage.reselect_px or cuts > 1:
                 self._choose(stage)
                 solved, before, curvatures = None, None, []
             elif not settled:
                 # A minimum is that of one function: from within a standard deviation on the noise is held.
                 change = self._weigh()
-                settled = bounded.square < 1.0 and change < options.reweighed
+                weighs += 1
+                # Two estimates may follow each other by turns.
+                settled = (bounded.square < 1.0 and change < options.steady) or weighs >= options.most_weighs
                 # Slopes by other weights say nothing of the curvature.
-                before, curvatures = (None, []) if change > options.steady else (before, curvatures)
+                before, curvatures = (before, curvatures) if settled else (None, [])
                 solved = None if change > options.reweighed else solved
         if square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
