@@ -557,7 +557,7 @@ Test = tuple[Outcome, str] | None
 """Why a limb is not believed."""
 
 
-def _needed(count: int) -> int:
+def _needed(count: int | np.signedinteger) -> int:
     """Return how many of so many pieces are more than chance makes of them."""
     return int(np.argmax(bdtr(np.arange(count + 1.0), count, 0.5) >= 1.0 - COIN)) + 1
 
