@@ -139,7 +139,7 @@ class AirColumns:
             packed[:, :, 0, : part.stop - first] = np.moveaxis(self.extinction[part], 0, -1)
             packed[:, :, 1, : part.stop - first] = np.moveaxis(self.source[part], 0, -1)
             yield ColumnBatch(
-                table_of(mi.Float32 if single else mi.Float64, packed),
+                table_of(mi.Float32, packed) if single else table_of(mi.Float64, packed),
                 grid,
                 width,
                 part.stop - first,
