@@ -47,6 +47,7 @@ LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 """Least values of an image's own unknowns: a lens without blur, a hard limb."""
 MOST_ROOM = 0.5
 """Largest share of the blur's variance that makes room for a scale height in one step."""
+HELD = float(__import__("os").environ.get("HE","0.001"))
 ROUNDS = 2
 """Rounds of an estimate of the noise: by equal weights, then by those that follow from it."""
 NONE = np.empty((2, 0), dtype=np.intp)
@@ -192,6 +193,7 @@ class EdgeModel:
         self._px_per_m = float(np.abs(motion[POSE - 1]).max())
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
+        self.held = False
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
@@ -211,6 +213,7 @@ class EdgeModel:
         rows = np.zeros((3, SCALE + 1))
         rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
         sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
+        if self.held: sigmas[:2] *= HELD
         rows /= sigmas[:, None]
         middle = known.middle_m - pose.height_m - own[1]
         off = np.array([*(known.own - own), middle if np.isfinite(known.middle_sigma_m) else 0.0]) / sigmas
@@ -257,10 +260,11 @@ class EdgeModel:
                 pixels.neighbours if number == ROUNDS - 1 else NONE,
                 pixels.counts,
                 pixels.rounding,
-                start=before is None,
+                start=before is None and number == ROUNDS - 1,
             )
             weights = found.weights(residuals)
         self._spread = levels.spread_information
+        self.held = before is None
         return found
 
     def noise_of(
@@ -268,8 +272,9 @@ class EdgeModel:
     ) -> LightNoise:
         """Return the noise of other pixels of the image as that of these, and take over the levels' spread."""
         self._spread = before._spread
-        edge = self._seen(pose, self.pixels.lens, own, air).edge.level
-        return noise.at(edge, self.pixels.counts)
+        seen, pixels = self._seen(pose, self.pixels.lens, own, air), self.pixels
+        levels = solve_levels(seen.basis, pixels.values, pixels.counts, pixels.sectors, self._spread)
+        return noise.at(seen.edge.level, pixels.counts, pixels.values - levels.of_pixels(seen.basis))
 
     def linear(self, look: EdgeLook, own: FloatArray, weights: FloatArray) -> EdgeLinear:
         """Return the normal equations at a look, the levels eliminated."""

@@ -160,10 +160,18 @@ class LightNoise(PixelNoise):
     parts: tuple[float, float, float] = (1.0, 1.0, 0.0)
     alike: float = 1.0
 
-    def at(self, edge: FloatArray, counts: FloatArray) -> LightNoise:
+    def weights(self, residuals: FloatArray) -> FloatArray:
+        """Return the inverse variances, those of the residuals at the last estimate."""
+        return np.asarray(1.0 / self.variance)
+
+    def improbability(self, residuals: FloatArray) -> float:
+        """Return the sum of squared residuals in sigmas."""
+        return float(np.sum(residuals * residuals / self.variance))
+
+    def at(self, edge: FloatArray, counts: FloatArray, residuals: FloatArray, wider=1.0) -> LightNoise:
         """Return the same noise of pixels at other levels of the edge, shape (n,), means of so many each."""
-        together = _expected(edge, (1.0, self.alike, 0.0))
-        return LightNoise(_expected(edge, self.parts) / counts, together, self.parts, self.alike)
+        of_pixels = PixelNoise(_expected(edge, self.parts) / counts*wider, _expected(edge, (1.0, self.alike, 0.0))/wider)
+        return LightNoise(1.0 / of_pixels.weights(residuals), 1.0, self.parts, self.alike)
 
 
 def light_noise(
@@ -197,9 +205,9 @@ def light_noise(
         line = (parts[0], parts[1], 0.0)
         missed = residuals[between] ** 2 * counts[between] / _expected(edge[between], line)
         wider = max(float(np.mean(missed)), 1.0) if len(missed) else 1.0
-        parts = (wider * line[0], wider * line[1], 0.0)
-    found = LightNoise(np.ones(1), parts=parts, alike=alike).at(edge, counts)
-    return replace(found, together=np.where(seen, found.together, UNSEEN))
+        parts = line
+    found = LightNoise(np.ones(1), parts=parts, alike=alike).at(edge, counts, residuals, wider if start else 1.0)
+    return replace(found, variance=np.where(seen, found.variance, UNSEEN * found.variance))
 
 
 def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) -> FloatArray:
