@@ -24,6 +24,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.image import LENS, POSE, OwnPrior
 from horizonval.estimation.fit.levels import Levels, eliminated, solve_levels
 from horizonval.estimation.fit.light import (
+    BRIGHT_QUANTILE,
+    LIT_SHARE,
     PIXEL_VARIANCE,
     EdgeProfile,
     LightNoise,
@@ -50,7 +52,6 @@ MOST_ROOM = 0.5
 HELD = float(__import__("os").environ.get("HE","0.001"))
 ROUNDS = 2
 """Rounds of an estimate of the noise: by equal weights, then by those that follow from it."""
-NONE = np.empty((2, 0), dtype=np.intp)
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -63,8 +64,7 @@ class EdgePixels:
 
     ``columns``, ``rows``, ``values``: shape (n,); ``counts``: shape (n,), pixels of which each is the mean;
     ``wide_px2``: shape (n,), variance of their distances from the limb; ``rounding``: variance of rounding;
-    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2; ``neighbours``: shape
-    (2, k), pairs of adjacent pixels.
+    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2.
 
     Geometry: ``los_cam``: shape (3, n); ``offset``: shape (n,), angle inside the limb beyond that of the line of sight
     [rad]; ``by_lens``: shape (4, n), its change by errors of the lens; ``lens``: shape (4,), those with which the lines
@@ -83,7 +83,6 @@ class EdgePixels:
     rounding: float
     sectors: int
     along: FloatArray
-    neighbours: NDArray[np.intp]
     los_cam: FloatArray
     offset: FloatArray
     by_lens: FloatArray
@@ -222,14 +221,18 @@ class EdgeModel:
     def reach(self, step: FloatArray) -> float:
         """Return how far a step goes, 1 where derivatives end to hold."""
         return max(
-            self.motion_px(step[: POSE + LENS]) / LARGEST_MOTION_PX,
+            self.motion_px(step) / LARGEST_MOTION_PX,
             abs(float(step[BLUR])) / LARGEST_LOG_STEP,
             abs(float(step[SCALE])) / self._largest_scale_step_m,
         )
 
     def motion_px(self, step: FloatArray) -> float:
-        """Return by how much a step of pose and lens moves the limb where it moves it most [px]."""
-        return float(np.abs(step @ self._motion).max())
+        """Return by how much a step (7 + 4 + own) moves the limb where it moves it most [px].
+
+        The limb of a soft air is a scale height above its foot, so that one rises as much as the other falls.
+        """
+        rises = step[SCALE] * self._motion[POSE - 1]
+        return float(np.abs(step[:BLUR] @ self._motion + rises).max())
 
     def look(
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None
@@ -249,22 +252,14 @@ class EdgeModel:
         the ground is uneven, since the faint rim of the edge then fits ever better.
         """
         pixels, basis, weights = self.pixels, look.seen.basis, self.pixels.counts
-        for number in range(ROUNDS):
+        for _ in range(ROUNDS):
             levels = solve_levels(basis, pixels.values, weights, pixels.sectors)
             residuals = pixels.values - levels.of_pixels(basis)
-            found = light_noise(
-                pixels.values,
-                residuals,
-                basis,
-                levels.of_sector,
-                pixels.neighbours if number == ROUNDS - 1 else NONE,
-                pixels.counts,
-                pixels.rounding,
-                start=before is None and number == ROUNDS - 1,
-            )
+            light = np.abs(inner_levels(pixels.values, basis[1], levels.of_sector))
+            lit = np.repeat(light >= LIT_SHARE * np.quantile(light, BRIGHT_QUANTILE), len(residuals) // len(light))
+            found = light_noise(residuals, lit, basis[1], pixels.counts, pixels.sectors, pixels.rounding)
             weights = found.weights(residuals)
-        self._spread = levels.spread_information
-        self.held = before is None
+        self._spread, self.held = levels.spread_information, before is None
         return found
 
     def noise_of(

@@ -59,10 +59,9 @@ LARGEST_BLUR_PX = 8.0
 """Blur of an edge as wide as the window inside it: what is fitted there is no limb. Searches for a limb pass 6.7."""
 FEWEST_LIMB_PX = 8
 """Smallest limb in view [px]: seven unknowns and a level."""
-BEND_PLACES = 100
-"""Along the limb: the bend is interpolated between them."""
-MOTION_PLACES = 48
-"""Along the limb, at which its motion is looked up: four to the wave of a pose's unknowns on a whole disc, and more."""
+PLACES = 48
+"""Places along the limb at which its bend and motion are evaluated: four to the wave of a pose's unknowns on a whole
+disc, and more."""
 SHORTEST_RAD = 0.05
 """Correlation length of cloud heights at the Earth's centre: 3 deg."""
 MISPLACED_PX = 0.05
@@ -73,7 +72,7 @@ DARKEST_SIGMA_RAD = 0.3
 """Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
 STEP_PX = 0.5
 """Step of the limb in the image for differences of the image scale, which changes over a hundred pixels."""
-MOST_PIXELS = 6000
+MOST_PIXELS = int(__import__("os").environ.get("MP","2500"))
 """Number of pixels and cells of an image from which it is fitted by cells."""
 CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
 """Depth of cells at the edge and beside it, and how far the edge reaches. Half a pixel adds 0.02 px^2 to the blur's
@@ -277,15 +276,14 @@ def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown, sca
     near, angle, some = limb.near, limb.angle, limb.on_limb
     pose = body.of_camera(limb.one.cam_from_body)
     values = np.asarray(limb.one.image[near.rows, near.columns], dtype=np.float64)
-    place = np.array([near.columns, near.rows])
     changes = _scale_changes(limb, pose, known) if scaled else np.zeros((0, len(values)))
     each = np.concatenate(
-        [near.los_cam, limb.by_lens, [limb.scale, angle.delta, angle.by_height, values], place, changes]
+        [near.los_cam, limb.by_lens, [limb.scale, angle.delta, angle.by_height, values, near.columns, near.rows], changes]
     )
     azimuth, counts, wide = limb.azimuth, np.ones(len(values)), np.zeros(len(values))
     gathered = len(values) > MOST_PIXELS
     if gathered:
-        azimuth, counts, wide, each, place = _gathered(azimuth, angle.delta / limb.scale, each)
+        azimuth, counts, wide, each = _gathered(azimuth, angle.delta / limb.scale, each)
     sectors = sectors_of(azimuth, limb.limb_px, limb.limb_rad)
     order = sectors.order
     each, azimuth = np.ascontiguousarray(each[:, order]), azimuth[order]
@@ -308,7 +306,6 @@ def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown, sca
         sectors=sectors.count,
         # A linear array crosses the limb in one pixel, which has no place along it.
         along=sectors.along if limb.limb_px > 1 else np.zeros(len(order)),
-        neighbours=_neighbours(place[0, order], place[1, order]),
         los_cam=los,
         offset=offset,
         by_lens=by_lens,
@@ -320,7 +317,7 @@ def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown, sca
         lift_m=lift,
         modes=modes,
     )
-    some = some[:: max(1, len(some) // MOTION_PLACES)]
+    some = some[:: max(1, len(some) // PLACES)]
     by_all = [angle.by_rotation[:, some], angle.by_position[:, some], angle.by_height[None, some]]
     return EdgeModel(pixels, known, np.concatenate([*by_all, limb.by_lens[:, some]]) / limb.scale[some])
 
@@ -328,7 +325,7 @@ def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown, sca
 def _bend(limb: _Limb, pose: LimbPose, known: EdgeKnown, azimuth: FloatArray) -> FloatArray:
     """Return the bend of the limb at azimuths (n,) about the body's nadir."""
     near, some = limb.near, limb.on_limb
-    some = some[:: max(1, len(some) // BEND_PLACES)]
+    some = some[:: max(1, len(some) // PLACES)]
     uv = np.column_stack([near.columns[some], near.rows[some]]).astype(float)
     bend = limb_bend(limb.one.camera, uv, pose.cam_from_itrs, pose.r_itrs, known.axes_m + pose.height_m)
     seen = np.isfinite(bend)
@@ -339,52 +336,25 @@ def _bend(limb: _Limb, pose: LimbPose, known: EdgeKnown, azimuth: FloatArray) ->
 
 def _gathered(
     azimuth: FloatArray, x: FloatArray, each: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return pixels gathered in cells of azimuth and distance.
 
     ``azimuth``, ``x``: shape (n,), distance inside the limb [px]; ``each``: shape (r, n). Result for m cells: azimuth
-    (m,), number of pixels (m,), variance of the distances (m,), means of the rows (r, m), and the cells' numbers along
-    and across the limb (2, m).
+    (m,), number of pixels (m,), variance of the distances (m,), and means of the rows (r, m).
     """
-    first, last = float(x.min()), float(x.max())
     edges = np.arange(-EDGE_PX, EDGE_PX + 0.5 * CELL_PX, CELL_PX)
-    beside = (np.arange(-EDGE_PX, first, -WIDE_CELL_PX)[:0:-1], np.arange(EDGE_PX, last, WIDE_CELL_PX)[1:])
+    beside = (np.arange(-EDGE_PX, x.min(), -WIDE_CELL_PX)[:0:-1], np.arange(EDGE_PX, x.max(), WIDE_CELL_PX)[1:])
     across = np.searchsorted(np.concatenate([beside[0], edges, beside[1]]), x)
     deep = int(across.max()) + 1
     order, along = from_widest_gap(azimuth)
-    start = azimuth[order[0]]
     count = max(MOST_PIXELS // deep, 1)
-    arc = np.empty(len(order), dtype=np.intp)
-    arc[order] = np.minimum((along / max(along[-1], 1e-300) * count).astype(np.intp), count - 1)
-    number = arc * deep + across
-    every = np.bincount(number, minlength=count * deep)
-    used = np.flatnonzero(every)
-    pixels = every[used].astype(np.float64)
     turned = np.empty(len(order))
     turned[order] = along
-
-    def mean(row: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(number, weights=row, minlength=count * deep)[used] / pixels)
-
-    middle = mean(x)
-    wide = np.maximum(mean(x * x) - middle**2, 0.0)
-    means = np.array([mean(row) for row in each])
-    where = np.array([used // deep, used % deep], dtype=np.intp)
-    return np.asarray(np.mod(mean(turned) + start, 2.0 * np.pi)), pixels, np.asarray(wide), means, where
-
-
-def _neighbours(columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the numbers of pixels side by side in a row or a column, shape (2, k)."""
-    across = int(columns.max()) + 2
-    number = rows * across + columns
-    order = np.argsort(number)
-    ranked = number[order]
-    pairs = []
-    for step in (1, across):
-        at = np.minimum(np.searchsorted(ranked, number + step), len(ranked) - 1)
-        found = ranked[at] == number + step
-        pairs.append(np.array([np.flatnonzero(found), order[at[found]]]))
-    return np.concatenate(pairs, axis=1)
+    arc = np.minimum((turned * (count / max(along[-1], 1e-300))).astype(np.intp), count - 1)
+    cells, number = np.unique(arc * deep + across, return_inverse=True)
+    pixels = np.bincount(number).astype(np.float64)
+    along, middle, square, *means = (np.bincount(number, row) / pixels for row in (turned, x, x * x, *each))
+    return along + azimuth[order[0]], pixels, np.maximum(square - middle**2, 0.0), np.array(means)
 
 
 @dataclass(frozen=True)

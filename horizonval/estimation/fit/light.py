@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 from scipy.special import erfcx, ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
-from horizonval.estimation.limb.picture import median
+from horizonval.estimation.fit.noise import WEIGHINGS, PixelNoise, mean_square, weighed
 
 OUTSIDE_PX, INSIDE_PX = 12.0, 8.0
 """Distance of a sharp limb's pixels into space and into the Earth. Separate levels of every sector, from ``w`` pixels
@@ -103,20 +102,8 @@ def edge_profile(x: FloatArray, blur: float | FloatArray, scale: FloatArray | No
     )
 
 
-OUTLIER = 5.0
-EVEN = 0.05
-"""Relative standard deviation of the ground's brightness up to which it counts as uniform: detector noise and profile
-misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35."""
-SPACE_LEVEL, EARTH_LEVEL = 0.1, 0.9
-"""Edge levels below and above which the noise of space and Earth is measured."""
-MIDDLE_LEVEL = 0.02
-"""Edge level from which, up to one minus it, the edge's residuals are measured."""
-SIGNIFICANT = 3.0
-"""Standard deviations by which an excess must stand out: one that noise makes itself would only cost precision."""
-FEWEST_PIXELS = 8
-"""Smallest number of pixels of either side; with fewer, all residuals are used."""
-LEAST_ALONE = 2
-"""Smallest number of independent pixels of the Earth that a sector has."""
+OF_SIDE = 0.02
+"""Edge level up to which, and from one minus which, pixels show the noise of space and Earth; between, the edge's."""
 LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
 """A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
 and above what twilight leaves; chosen."""
@@ -151,69 +138,64 @@ def brightness(levels: FloatArray, x: FloatArray, along: FloatArray) -> tuple[Fl
 
 @dataclass(frozen=True)
 class LightNoise(PixelNoise):
-    """Noise of pixels across a limb.
+    """Noise of pixels across a limb, with the tails of the residuals from which it was estimated.
 
-    ``parts``: variance in space, on the Earth, and excess in the edge's middle; ``alike``: number of the Earth's pixels
-    with one common error.
+    Weights that follow the residuals of each look would change the levels, which are eliminated by them. Held between
+    estimates, they leave a sum of squares, whose steps converge as those of Gauss and Newton.
+
+    ``variance``: shape (n,), inverse weights; ``parts``: variance in space, on the Earth, and excess in the edge's
+    middle; ``alike``: number of the Earth's pixels with one common error.
     """
 
     parts: tuple[float, float, float] = (1.0, 1.0, 0.0)
     alike: float = 1.0
 
     def weights(self, residuals: FloatArray) -> FloatArray:
-        """Return the inverse variances, those of the residuals at the last estimate."""
+        """Return the inverse variances, shape (n,)."""
         return np.asarray(1.0 / self.variance)
 
     def improbability(self, residuals: FloatArray) -> float:
-        """Return the sum of squared residuals in sigmas."""
+        """Return the sum of the squared residuals (n,) in sigmas."""
         return float(np.sum(residuals * residuals / self.variance))
 
-    def at(self, edge: FloatArray, counts: FloatArray, residuals: FloatArray, wider=1.0) -> LightNoise:
-        """Return the same noise of pixels at other levels of the edge, shape (n,), means of so many each."""
-        of_pixels = PixelNoise(_expected(edge, self.parts) / counts*wider, _expected(edge, (1.0, self.alike, 0.0))/wider)
-        return LightNoise(1.0 / of_pixels.weights(residuals), 1.0, self.parts, self.alike)
+    def at(self, edge: FloatArray, counts: FloatArray, residuals: FloatArray) -> LightNoise:
+        """Return the same noise of pixels at levels of the edge, shape (n,), means of so many each."""
+        pixels = PixelNoise(_expected(edge, self.parts) / counts, _expected(edge, (1.0, self.alike, 0.0)))
+        return replace(self, variance=1.0 / pixels.weights(residuals))
 
 
 def light_noise(
-    values: FloatArray,
-    residuals: FloatArray,
-    basis: FloatArray,
-    of_sector: FloatArray,
-    neighbours: NDArray[np.intp],
-    counts: FloatArray,
-    rounding: float,
-    *,
-    start: bool = False,
+    residuals: FloatArray, lit: NDArray[np.bool_], edge: FloatArray, counts: FloatArray, sectors: int, rounding: float
 ) -> LightNoise:
     """Return the noise of pixels by their residuals.
 
-    ``values``, ``residuals``, ``counts``: shape (n,), the last numbers of pixels that each is the mean of; ``basis``:
-    shape (6, n), of :func:`light_basis`; ``of_sector``: shape (m, 6), levels; ``neighbours``: shape (2, k), pairs of
-    adjacent pixels; ``rounding``: smallest variance of a pixel; ``start``: whether the limb may be out of its place.
+    ``residuals``, ``lit``, ``edge``, ``counts``: shape (n,), the second whether a pixel's sector has light, the third
+    level of the profile, the last numbers of pixels that each is the mean of; ``sectors``: number of sectors;
+    ``rounding``: smallest variance of a pixel.
     """
-    edge, count = basis[1], len(of_sector)
-    each = len(values) // count
-    lit = np.abs(inner_levels(values, edge, of_sector))
-    seen = np.repeat(lit >= LIT_SHARE * np.quantile(lit, BRIGHT_QUANTILE), each)
-    level = np.repeat(of_sector[:, 1], each)
-    parts = _noise((residuals * np.sqrt(counts))[seen], edge[seen], int(seen.sum()) // each, rounding)
-    depth = basis[2] / np.where(edge > EARTH_LEVEL, edge, 1.0)
-    alike = _alike(residuals, level, np.where(seen, edge, 0.0), depth, neighbours, count)
-    if start:
-        # Before the limb is in its place the edge must not weigh less for being missed: all of the noise is wider.
-        between = seen & (edge > MIDDLE_LEVEL) & (edge < 1.0 - MIDDLE_LEVEL)
-        line = (parts[0], parts[1], 0.0)
-        missed = residuals[between] ** 2 * counts[between] / _expected(edge[between], line)
-        wider = max(float(np.mean(missed)), 1.0) if len(missed) else 1.0
-        parts = line
-    found = LightNoise(np.ones(1), parts=parts, alike=alike).at(edge, counts, residuals, wider if start else 1.0)
-    return replace(found, variance=np.where(seen, found.variance, UNSEEN * found.variance))
+    squares, level = (residuals**2 * counts)[lit], edge[lit]
+    floor = max(rounding, 1e-12 * float(np.mean(squares)) + 1e-300)
+    of_side = []
+    for there in (level < OF_SIDE, level > 1.0 - OF_SIDE):
+        # Every sector has spent one of its pixels' freedom on the level to either side.
+        freedom = max(1.0 - sectors / max(int(np.count_nonzero(there)), 1), 0.5)
+        of_side.append(mean_square(squares[there], squares) / freedom)
+    earth = max(of_side[1], floor)
+    line = (max(of_side[0], DARKEST * earth, floor), earth, 0.0)
+    between = (level > OF_SIDE) & (level < 1.0 - OF_SIDE)
+    squares, expected = squares[between], _expected(level[between], line)
+    share, excess = 4.0 * level[between] * (1.0 - level[between]), np.inf
+    for _ in range(WEIGHINGS if len(share) else 0):
+        excess = max(float(((weighed(squares, expected + excess * share) - expected) @ share) / (share @ share)), 0.0)
+    found = LightNoise(np.ones(1), parts=(*line[:2], excess if len(share) else 0.0))
+    found = found.at(edge, counts, residuals)
+    return replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
 
 
 def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) -> FloatArray:
     """Return how much brighter than space sectors are inside the limb, shape (m,); parameters as of light_noise."""
     count = len(of_sector)
-    inside = (edge > EARTH_LEVEL).reshape(count, -1).astype(float)
+    inside = (edge > 1.0 - OF_SIDE).reshape(count, -1).astype(float)
     above = values.reshape(count, -1) - of_sector[:, :1]
     return np.asarray((inside * above).sum(axis=1) / np.maximum(inside.sum(axis=1), 1.0))
 
@@ -221,73 +203,3 @@ def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) ->
 def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatArray:
     level = np.clip(edge, 0.0, 1.0)
     return np.asarray(variance[0] + (variance[1] - variance[0]) * level + variance[2] * 4.0 * level * (1.0 - level))
-
-
-def _noise(residuals: FloatArray, edge: FloatArray, sectors: int, rounding: float) -> tuple[float, float, float]:
-    """Return the variances in space and on the Earth, at least rounding's, and the excess at the edge."""
-    floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
-    where = (edge < SPACE_LEVEL, edge > EARTH_LEVEL)
-    space, earth = (_spread_of(residuals[there], residuals) for there in where)
-    # Every sector has spent one of its pixels' freedom on the level to either side.
-    counts = [float(there.sum()) for there in where]
-    freedom = [max(1.0 - sectors / max(count, 1.0), 0.5) for count in counts]
-    earth = max(earth / freedom[1], floor)
-    line = (max(space / freedom[0], DARKEST * earth, floor), earth)
-    between = (edge >= MIDDLE_LEVEL) & (edge <= 1.0 - MIDDLE_LEVEL)
-    share = np.clip(edge[between], 0.0, 1.0)
-    if len(share) <= FEWEST_PIXELS:
-        return line[0], line[1], 0.0
-    expected = _expected(share, (*line, 0.0))
-    squares = residuals[between] ** 2
-    inside = squares <= OUTLIER**2 * median(squares / expected) / NORMAL_QUARTILE**2 * expected
-    squares, expected, share = squares[inside], expected[inside], share[inside]
-    beyond = float((squares - expected).sum())
-    # The square of a normal number has twice its variance squared for a variance.
-    if beyond < SIGNIFICANT * float(np.sqrt(2.0 * (expected**2).sum())):
-        return line[0], line[1], 0.0
-    return line[0], line[1], beyond / float((4.0 * share * (1.0 - share)).sum())
-
-
-def _alike(
-    residuals: FloatArray,
-    level: FloatArray,
-    edge: FloatArray,
-    depth_px: FloatArray,
-    neighbours: NDArray[np.intp],
-    sectors: int,
-) -> float:
-    """Return the number of the Earth's pixels with one common error: 1 for noise, more for clouds, coasts and snow.
-
-    With the correlation ``q`` between neighbours a sum along a line has ``(1 + q) / (1 - q)`` times the variance of
-    independent pixels. A misfit common to the whole limb is removed before. Only variations above :data:`EVEN` count.
-    """
-    within = np.flatnonzero(edge > EARTH_LEVEL)
-    if len(within) <= FEWEST_PIXELS or not neighbours.shape[1]:
-        return 1.0
-    level = level[within]
-    size = np.where(np.abs(level) > 0.0, level, 1.0)
-    relative = residuals[within] / size
-    largest = OUTLIER * median(np.abs(relative)) / NORMAL_QUARTILE
-    relative = np.clip(relative, -largest, largest)
-    depth = np.rint(depth_px[within]).astype(np.intp)
-    depth -= depth.min()
-    profile = np.bincount(depth, weights=relative) / np.maximum(np.bincount(depth), 1)
-    ground = np.full(len(edge), np.nan)
-    ground[within] = relative - profile[depth]
-    a, b = ground[neighbours]
-    seen = np.isfinite(a) & np.isfinite(b)
-    a, b = a[seen], b[seen]
-    share = float(np.sum(a * b)) / max(0.5 * float(np.sum(a * a + b * b)), 1e-300)
-    if share < SIGNIFICANT / float(np.sqrt(max(len(a), 1))):
-        return 1.0
-    variance = float(np.mean(ground[within] ** 2))
-    uneven = max(1.0 - EVEN**2 / variance, 0.0) if variance > 0.0 else 0.0
-    most = max(len(within) / (LEAST_ALONE * sectors), 1.0)
-    return 1.0 + (min(((1.0 + share) / max(1.0 - share, 1e-9)) ** 2, most) - 1.0) * uneven
-
-
-def _spread_of(some: FloatArray, all_of_them: FloatArray) -> float:
-    """Return the mean square of residuals that are no outliers by their quartiles."""
-    size = np.abs(some if len(some) > FEWEST_PIXELS else all_of_them)
-    inside = size <= OUTLIER * median(size) / NORMAL_QUARTILE
-    return float(np.mean(size[inside] ** 2))

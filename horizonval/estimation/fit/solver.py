@@ -57,7 +57,6 @@ class SolverOptions:
     near: float = 0.2
     most_weighs: int = 8
     reweighed: float = np.inf
-    carried: float = 0.02
     good: float = 0.7
     frozen: float = np.inf
     secant: float = np.inf
@@ -172,7 +171,7 @@ class _Search:
             elif stage.settle and not steady:
                 change = self._weigh()
                 # Slopes by other weights say nothing of the curvature.
-                before = None if change > options.carried else before
+                before = None if change > options.steady else before
                 # A first stage ends as soon as it is near.
                 steady = change < (options.steady if last else options.near) and step.square < 1.0
                 # Two estimates may follow each other by turns.
