@@ -50,8 +50,8 @@ LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 MOST_ROOM = 0.5
 """Largest share of the blur's variance that makes room for a scale height in one step."""
 HELD = float(__import__("os").environ.get("HE","0.001"))
-ROUNDS = 2
-"""Rounds of an estimate of the noise: by equal weights, then by those that follow from it."""
+AWAY = float(__import__("os").environ.get("AW","100"))
+"""Weight."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -251,16 +251,16 @@ class EdgeModel:
         It follows from the profile alone, in two rounds: an estimate that leans on the weights before runs away where
         the ground is uneven, since the faint rim of the edge then fits ever better.
         """
-        pixels, basis, weights = self.pixels, look.seen.basis, self.pixels.counts
-        for _ in range(ROUNDS):
-            levels = solve_levels(basis, pixels.values, weights, pixels.sectors)
-            residuals = pixels.values - levels.of_pixels(basis)
-            light = np.abs(inner_levels(pixels.values, basis[1], levels.of_sector))
-            lit = np.repeat(light >= LIT_SHARE * np.quantile(light, BRIGHT_QUANTILE), len(residuals) // len(light))
-            found = light_noise(residuals, lit, basis[1], pixels.counts, pixels.sectors, pixels.rounding)
-            weights = found.weights(residuals)
+        pixels, basis = self.pixels, look.seen.basis
+        edge = basis[1]
+        weights = pixels.counts / (1.0 + AWAY * edge * (1.0 - edge))
+        levels = solve_levels(basis, pixels.values, weights, pixels.sectors)
+        residuals = pixels.values - levels.of_pixels(basis)
+        light = np.abs(inner_levels(pixels.values, edge, levels.of_sector))
+        brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
+        lit = np.repeat(light >= LIT_SHARE * brightest, len(residuals) // len(light))
         self._spread, self.held = levels.spread_information, before is None
-        return found
+        return light_noise(residuals, lit, edge, pixels.counts, pixels.sectors, pixels.rounding)
 
     def noise_of(
         self, before: EdgeModel, noise: LightNoise, pose: LimbPose, own: FloatArray, air: FloatArray

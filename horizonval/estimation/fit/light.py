@@ -175,21 +175,22 @@ def light_noise(
     """
     squares, level = (residuals**2 * counts)[lit], edge[lit]
     floor = max(rounding, 1e-12 * float(np.mean(squares)) + 1e-300)
+    space, earth = level < OF_SIDE, level > 1.0 - OF_SIDE
     of_side = []
-    for there in (level < OF_SIDE, level > 1.0 - OF_SIDE):
+    for there in (space, earth):
         # Every sector has spent one of its pixels' freedom on the level to either side.
         freedom = max(1.0 - sectors / max(int(np.count_nonzero(there)), 1), 0.5)
         of_side.append(mean_square(squares[there], squares) / freedom)
-    earth = max(of_side[1], floor)
-    line = (max(of_side[0], DARKEST * earth, floor), earth, 0.0)
-    between = (level > OF_SIDE) & (level < 1.0 - OF_SIDE)
-    squares, expected = squares[between], _expected(level[between], line)
-    share, excess = 4.0 * level[between] * (1.0 - level[between]), np.inf
-    for _ in range(WEIGHINGS if len(share) else 0):
-        excess = max(float(((weighed(squares, expected + excess * share) - expected) @ share) / (share @ share)), 0.0)
-    found = LightNoise(np.ones(1), parts=(*line[:2], excess if len(share) else 0.0))
-    found = found.at(edge, counts, residuals)
-    return replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
+    line = (max(of_side[0], DARKEST * of_side[1], floor), max(of_side[1], floor), 0.0)
+    between, excess = ~(space | earth), 0.0
+    if between.any():
+        squares, level = squares[between], level[between]
+        expected, share, excess = _expected(level, line), 4.0 * level * (1.0 - level), np.inf
+        for _ in range(WEIGHINGS):
+            beyond = weighed(squares, expected + excess * share) - expected
+            excess = max(float((beyond @ share) / (share @ share)), 0.0)
+    found = LightNoise(np.ones(1), parts=(*line[:2], excess)).at(edge, counts, residuals)
+    return found if lit.all() else replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
 
 
 def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) -> FloatArray:
