@@ -26,6 +26,7 @@ px. It changes slowly along the limb and is evaluated at some positions only.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,28 +39,54 @@ from horizonval.geometry.rotation import cross
 
 @dataclass(frozen=True)
 class LimbAngle:
-    """Angle inside the limb, of n lines of sight.
+    """Angle inside the limb, of n lines of sight, and its derivatives, each computed when it is first needed.
 
-    ``delta``: shape (n,) [rad], positive inside. Derivatives: ``by_direction`` (3, n), line of sight in camera axes;
-    ``by_rotation`` (3, n), rotation vector in camera axes, ``cam_from_itrs`` becomes ``exp([theta x]) cam_from_itrs``;
-    ``by_position`` (3, n), Earth-fixed position [rad/m]; ``by_height`` (n,), limb height [rad/m].
+    ``delta``: shape (n,) [rad], positive inside. Of the symbols above, shape (3, n): ``los`` the lines of sight in
+    camera axes, ``scaled`` = ``d / s``, ``t``, ``q``; ``length``: shape (n,), of ``d / s``; ``p``, ``n``, ``axes``:
+    shape (3,); ``axes_cam``: shape (3, 3), the scaling and turn of camera axes.
     """
 
     delta: FloatArray
-    by_direction: FloatArray
-    by_rotation: FloatArray
-    by_position: FloatArray
-    by_height: FloatArray
+    los: FloatArray
+    scaled: FloatArray
+    length: FloatArray
+    t: FloatArray
+    q: FloatArray
+    p: FloatArray
+    axes_cam: FloatArray
+    axes: FloatArray
 
-    def take(self, which: NDArray[np.bool_]) -> LimbAngle:
+    def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> LimbAngle:
         """Return those of some lines of sight."""
-        return LimbAngle(
-            self.delta[which],
-            self.by_direction[:, which],
-            self.by_rotation[:, which],
-            self.by_position[:, which],
-            self.by_height[which],
-        )
+        some = (one[..., which] for one in (self.delta, self.los, self.scaled, self.length, self.t, self.q))
+        return LimbAngle(*some, self.p, self.axes_cam, self.axes)
+
+    @cached_property
+    def by_direction(self) -> FloatArray:
+        """Derivative by the line of sight in camera axes, shape (3, n)."""
+        return self.axes_cam @ (self.t / self.length)
+
+    @cached_property
+    def by_rotation(self) -> FloatArray:
+        """Derivative by the turn ``theta`` in camera axes, ``exp([theta x]) cam_from_itrs``, shape (3, n)."""
+        return np.array(cross(self.by_direction, self.los))
+
+    @cached_property
+    def by_position(self) -> FloatArray:
+        """Derivative by the Earth-fixed position [rad/m], shape (3, n)."""
+        return self._by_scaled / self.axes[:, None]
+
+    @cached_property
+    def by_height(self) -> FloatArray:
+        """Derivative by the limb's height [rad/m], shape (n,)."""
+        along = np.einsum("ij,ij->j", self.scaled / self.axes[:, None], self.t) / self.length
+        return -((self.p / self.axes) @ self._by_scaled) - along
+
+    @cached_property
+    def _by_scaled(self) -> FloatArray:
+        size_2 = float(self.p @ self.p)
+        outwards = -self.p / (size_2 * np.sqrt(size_2 - 1.0))
+        return np.asarray(outwards[:, None] - self.q / np.sqrt(size_2))
 
 
 def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> LimbAngle:
@@ -73,30 +100,17 @@ def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArra
     size = float(np.sqrt(p @ p))
     if not size > 1.0:
         raise np.linalg.LinAlgError("the position lies below the limb")
-    k = float(np.sqrt((size - 1.0) * (size + 1.0)))
-    n = -p / size
-    scaled = (cam_from_itrs / axes_m).T @ los_cam
+    n = -p[:, None] / size
+    axes_cam = cam_from_itrs / axes_m
+    scaled = axes_cam.T @ los_cam
     length = np.sqrt(np.einsum("ij,ij->j", scaled, scaled))
     e = scaled / length
-    cosine = n @ e
-    t = n[:, None] - cosine * e
+    cosine = n[:, 0] @ e
+    t = n - cosine * e
     sine = np.maximum(np.sqrt(np.einsum("ij,ij->j", t, t)), 1e-300)
     t /= sine
-    delta = np.arctan2(1.0, k) - np.arctan2(sine, cosine)
-    by_scaled_direction = t / length
-    by_direction = (cam_from_itrs / axes_m) @ by_scaled_direction
-    q = (e - cosine * n[:, None]) / sine
-    by_scaled_position = n[:, None] / (size * k) - q / size
-    by_height = -((p / axes_m) @ by_scaled_position) - np.einsum(
-        "ij,ij->j", scaled / axes_m[:, None], by_scaled_direction
-    )
-    return LimbAngle(
-        delta=delta,
-        by_direction=by_direction,
-        by_rotation=np.array(cross(by_direction, los_cam)),
-        by_position=by_scaled_position / axes_m[:, None],
-        by_height=by_height,
-    )
+    delta = np.arctan2(1.0, np.sqrt((size - 1.0) * (size + 1.0))) - np.arctan2(sine, cosine)
+    return LimbAngle(delta, los_cam, scaled, length, t, (e - cosine * n) / sine, p, axes_cam, axes_m)
 
 
 SQUARE_PX = 8
@@ -111,7 +125,8 @@ OBLIQUE = 0.382
 class NearPixels:
     """n pixels near the limb: unit lines of sight ``los_cam``, and their change over one pixel, shape (3, n) each.
 
-    ``every``: number of pixels of the image of which each is one, where they are thinned out.
+    ``every``: number of pixels of the image of which each is one, where they are thinned out; ``angle``: the lines'
+    angle inside the limb of the pose for which they were chosen.
     """
 
     columns: NDArray[np.intp]
@@ -120,6 +135,7 @@ class NearPixels:
     by_column: FloatArray
     by_row: FloatArray
     every: int = 1
+    angle: LimbAngle | None = None
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> NearPixels:
         """Return some of them, by their numbers or by a mask."""
@@ -130,6 +146,7 @@ class NearPixels:
             self.by_column[:, which],
             self.by_row[:, which],
             self.every,
+            None if self.angle is None else self.angle.take(which),
         )
 
     def seen_by(self, camera: CameraModel) -> NearPixels:
@@ -189,7 +206,7 @@ def near_pixels(
     with np.errstate(invalid="ignore", divide="ignore"):
         angle = limb_angle(pixels.los_cam, cam_from_itrs, r_itrs, axes_m)
         x = angle.delta / image_scale(angle, pixels.by_column, pixels.by_row)
-        return pixels.take((x >= -outside_px) & (x <= inside_px))
+        return replace(pixels, angle=angle).take(np.flatnonzero((x >= -outside_px) & (x <= inside_px)))
 
 
 def in_view(
