@@ -18,7 +18,6 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.image import LENS, POSE, OwnPrior
@@ -50,6 +49,7 @@ LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 MOST_ROOM = 0.5
 """Largest share of the blur's variance that makes room for a scale height in one step."""
 HELD = float(__import__("os").environ.get("HE","0.001"))
+LEAST_SPARED = 0.1
 AWAY = float(__import__("os").environ.get("AW","100"))
 """Weight."""
 LEAST_SAG = 0.5
@@ -260,7 +260,8 @@ class EdgeModel:
         brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
         lit = np.repeat(light >= LIT_SHARE * brightest, len(residuals) // len(light))
         self._spread, self.held = levels.spread_information, before is None
-        return light_noise(residuals, lit, edge, pixels.counts, pixels.sectors, pixels.rounding)
+        squares = residuals**2 * pixels.counts / np.maximum(levels.spared(basis, weights, 1.0 / pixels.counts), LEAST_SPARED)
+        return light_noise(residuals, squares, lit, edge, pixels.counts, pixels.rounding)
 
     def noise_of(
         self, before: EdgeModel, noise: LightNoise, pose: LimbPose, own: FloatArray, air: FloatArray

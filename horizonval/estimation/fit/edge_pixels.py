@@ -131,9 +131,10 @@ class EdgeChooser:
         if self._basis_body is None or before is None:
             self._heights = None
             self._basis_body = tangent_basis(pose.nadir_cam)
-        limbs = []
+        limbs, lens_open = [], self._scaled or bool(self.knowledge.lens_sigmas.any())
         for one, own in zip(self.images, state.own, strict=True):
-            limbs.append(_limb(one, pose, self._basis_body, self.known, own, lens, most, self._whole))
+            near = _limb(one, pose, self._basis_body, self.known, own, lens, most, self._whole, lens_open=lens_open)
+            limbs.append(near)
         # The heights along the limb are those at the start: what it moves by is small before what they vary over.
         if self._heights is None:
             self._heights = _heights(limbs, pose, self.knowledge)
@@ -158,18 +159,18 @@ class EdgeChooser:
 class _Limb:
     """The pixels near the limb in one image, or cells of them, at a pose, n in all.
 
-    ``camera``: with the errors ``lens``; ``columns``, ``rows``, ``values``: shape (n,), means; ``los``, ``by_column``,
-    ``by_row``: shape (3, n), lines of sight and their change per pixel; ``delta``: shape (n,), angle inside the limb;
-    ``angle``: of the lines of sight; ``counts``, ``wide_px2``: as in :class:`.edge.EdgePixels`; ``azimuth``: shape
+    ``camera``: with the errors ``lens``, which are unknowns if ``lens_open``; ``los``: shape (3, n), lines of sight, whose angle is ``angle``; ``gradient``:
+    shape (2, n), change of the angle by column and by row [rad/px]; ``delta``, ``values``, ``columns``, ``rows``:
+    shape (n,), means of the pixels' angles, grey levels and places; ``counts``, ``wide_px2``: as in :class:`.edge.EdgePixels`; ``azimuth``: shape
     (n,), about the body's nadir at the start [rad]; ``on_limb``: numbers of some pixels nearest to the limb;
     ``limb_px``, ``limb_rad``: its length; ``rounding``: variance of rounding.
     """
 
     camera: CameraModel
     lens: FloatArray
+    lens_open: bool
     los: FloatArray
-    by_column: FloatArray
-    by_row: FloatArray
+    gradient: FloatArray
     delta: FloatArray
     values: FloatArray
     columns: FloatArray
@@ -182,11 +183,6 @@ class _Limb:
     limb_px: int
     limb_rad: float
     rounding: float
-
-    @cached_property
-    def gradient(self) -> FloatArray:
-        """Change of the angle inside the limb by column and by row [rad/px], shape (2, n)."""
-        return np.array(gradient(self.angle, self.by_column, self.by_row))
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -205,6 +201,8 @@ class _Limb:
         A direction is seen at another place in the image: the pixel, which stays, sees what is as far to the other
         side.
         """
+        if not self.lens_open:
+            return np.zeros((LENS, len(self.columns)))
         camera, none, one = self.camera, np.zeros_like(self.columns), np.ones_like(self.columns)
         bent = np.zeros((len(one), 2))
         if camera.projection != "equal_angle":
@@ -225,6 +223,8 @@ def _limb(
     lens: FloatArray,
     most: int | None,
     whole: float,
+    *,
+    lens_open: bool,
 ) -> _Limb:
     """Return the pixels near a limb, gathered in cells where they are many.
 
@@ -234,23 +234,19 @@ def _limb(
     blur_px = float(np.exp(own[0]))
     if blur_px > LARGEST_BLUR_PX:
         raise np.linalg.LinAlgError(f"the edge is wider than {LARGEST_BLUR_PX:.0f} px: no limb near the start")
-    camera, pose = one.camera, body.of_camera(one.cam_from_body)
-    if lens.any():
-        camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
+    camera, pose = with_errors(one.camera, lens), body.of_camera(one.cam_from_body)
     axes = known.axes_m + pose.height_m
     wide = BLURS * max(blur_px - SHARP_PX, 0.0)
     soft = OUTSIDE_SCALES * float(own[1]) / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
     outside, inside = OUTSIDE_PX + wide + soft, INSIDE_PX + wide
     near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, outside, inside, most)
-    assert near.angle is not None
-    seen = in_view(camera, near, near.angle, (-whole * outside, whole * inside))
+    angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     values = np.asarray(one.image[near.rows, near.columns], dtype=np.float64)
-    seen &= np.isfinite(values)
+    seen = in_view(camera, near, angle, (-whole * outside, whole * inside)) & np.isfinite(values)
     if not seen.all():
-        near, values = near.take(np.flatnonzero(seen)), values[seen]
-    assert near.angle is not None
-    angle = near.angle
-    x = angle.delta / image_scale(angle, near.by_column, near.by_row)
+        near, angle, values = near.take(seen), angle.take(seen), values[seen]
+    slopes = gradient(angle, near.by_column, near.by_row)
+    x = angle.delta / np.hypot(*slopes)
     on_limb = np.flatnonzero(np.abs(x) < 0.5)
     limb_px = len(on_limb) * near.every
     fewest = 1 if min(one.image.shape) == 1 else FEWEST_LIMB_PX
@@ -258,7 +254,7 @@ def _limb(
         raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view, not saturated; {fewest} are needed")
     across = (basis_body.T @ one.cam_from_body.T) @ near.los_cam
     azimuth, counts, wide_px2 = np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi), np.ones(len(x)), np.zeros(len(x))
-    each = [*near.los_cam, *near.by_column, *near.by_row, angle.delta, values, near.columns, near.rows]
+    each = [*near.los_cam, *slopes, angle.delta, values, near.columns, near.rows]
     limb_rad = float((angle.delta[on_limb] / x[on_limb]).sum()) * near.every
     if len(values) > MOST_PIXELS:
         azimuth, counts, wide_px2, x, each = _gathered(azimuth, x, each)
@@ -267,8 +263,10 @@ def _limb(
     return _Limb(
         camera,
         lens,
-        *(np.array(each[k : k + 3]) for k in (0, 3, 6)),
-        *(np.asarray(row, dtype=np.float64) for row in each[9:]),
+        lens_open,
+        np.array(each[:3]),
+        np.array(each[3:5]),
+        *(np.asarray(row, dtype=np.float64) for row in each[5:]),
         counts,
         wide_px2,
         angle,
@@ -278,6 +276,13 @@ def _limb(
         limb_rad,
         rounding_variance(values),
     )
+
+
+def with_errors(camera: CameraModel, lens: FloatArray) -> CameraModel:
+    """Return a camera with errors of its lens, shape (4,)."""
+    if not lens.any():
+        return camera
+    return miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
 
 
 def _scale_changes(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:
@@ -292,13 +297,10 @@ def _scale_changes(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:
 
     def scale(step: FloatArray) -> FloatArray:
         lens, moved = step[POSE:], pose.moved(step[:POSE])
-        los, by_column, by_row = limb.los, limb.by_column, limb.by_row
-        if lens.any():
-            changed = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
-            los, right, left, below, above = unproject(changed, around).transpose(0, 2, 1)
-            by_column, by_row = 0.5 * (right - left), 0.5 * (below - above)
+        changed = with_errors(camera, lens)
+        los, right, left, below, above = unproject(changed, around).transpose(0, 2, 1)
         angle = limb_angle(los, moved.cam_from_itrs, moved.r_itrs, known.axes_m + moved.height_m)
-        return image_scale(angle, by_column, by_row)
+        return image_scale(angle, 0.5 * (right - left), 0.5 * (below - above))
 
     changes = np.zeros((POSE + LENS, len(limb.scale)))
     for number, step in enumerate(np.diag(sizes)[: len(sizes) - (not bends)]):

@@ -92,12 +92,25 @@ class Levels:
     """Levels of the sectors.
 
     ``of_sector``: shape (m, k); ``spread_information``: shape (k,), inverse variance about their mean; ``penalty``: sum
-    of squared departures over that variance.
+    of squared departures over that variance; ``inverse``: shape (m, k, k), covariance of a sector's levels about it.
     """
 
     of_sector: FloatArray
     spread_information: FloatArray
     penalty: float
+    inverse: FloatArray
+
+    def spared(self, basis: FloatArray, weights: FloatArray, variance: FloatArray) -> FloatArray:
+        """Return the mean squares of residuals over their variance, shape (n,), of which the levels have spent a part.
+
+        ``weights``: shape (n,), with which the levels were found; ``variance``: shape (n,), of the pixels, in any unit.
+        With the hat matrix ``h`` of a sector they are ``1 - 2 h_ii + sum_j h_ij^2 v_j / v_i``.
+        """
+        rows = _by_sector(basis, len(self.of_sector))
+        gains = self.inverse @ rows
+        noise = (rows * _by_sector(weights[None] ** 2 * variance, len(self.of_sector))) @ rows.transpose(0, 2, 1)
+        own = np.einsum("mkc,mkc->mc", rows, gains).ravel() * weights
+        return 1.0 - 2.0 * own + np.einsum("mkc,mkc->mc", gains, noise @ gains).ravel() / variance
 
     def of_pixels(self, basis: FloatArray) -> FloatArray:
         """Return what the levels make of basis functions (k, n), shape (n,)."""
@@ -133,7 +146,7 @@ def solve_levels(
     pull = np.einsum("ijk,ik->j", held, right)[:CENTRED]
     mean[:CENTRED] = np.linalg.lstsq((held @ grams).sum(axis=0)[:CENTRED, :CENTRED], pull, rcond=None)[0]
     departure = np.einsum("ijk,ik->ij", own, right - grams @ mean)
-    return Levels(mean + departure, information, float((departure**2 @ information).sum()))
+    return Levels(mean + departure, information, float((departure**2 @ information).sum()), own)
 
 
 def eliminated(

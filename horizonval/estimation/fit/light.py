@@ -165,23 +165,24 @@ class LightNoise(PixelNoise):
 
 
 def light_noise(
-    residuals: FloatArray, lit: NDArray[np.bool_], edge: FloatArray, counts: FloatArray, sectors: int, rounding: float
+    residuals: FloatArray,
+    squares: FloatArray,
+    lit: NDArray[np.bool_],
+    edge: FloatArray,
+    counts: FloatArray,
+    rounding: float,
 ) -> LightNoise:
     """Return the noise of pixels by their residuals.
 
-    ``residuals``, ``lit``, ``edge``, ``counts``: shape (n,), the second whether a pixel's sector has light, the third
-    level of the profile, the last numbers of pixels that each is the mean of; ``sectors``: number of sectors;
-    ``rounding``: smallest variance of a pixel.
+    Shape (n,) each: ``residuals``; ``squares``, what they say of a pixel's variance; ``lit``, whether a pixel's sector
+    has light; ``edge``, level of the profile; ``counts``, numbers of pixels that each is the mean of. ``rounding``:
+    smallest variance of a pixel.
     """
-    squares, level = (residuals**2 * counts)[lit], edge[lit]
+    squares, level = squares[lit], edge[lit]
     floor = max(rounding, 1e-12 * float(np.mean(squares)) + 1e-300)
     space, earth = level < OF_SIDE, level > 1.0 - OF_SIDE
-    of_side = []
-    for there in (space, earth):
-        # Every sector has spent one of its pixels' freedom on the level to either side.
-        freedom = max(1.0 - sectors / max(int(np.count_nonzero(there)), 1), 0.5)
-        of_side.append(mean_square(squares[there], squares) / freedom)
-    line = (max(of_side[0], DARKEST * of_side[1], floor), max(of_side[1], floor), 0.0)
+    of_space, of_earth = (mean_square(squares[there], squares) for there in (space, earth))
+    line = (max(of_space, DARKEST * of_earth, floor), max(of_earth, floor), 0.0)
     between, excess = ~(space | earth), 0.0
     if between.any():
         squares, level = squares[between], level[between]

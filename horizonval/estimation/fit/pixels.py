@@ -125,8 +125,7 @@ OBLIQUE = 0.382
 class NearPixels:
     """n pixels near the limb: unit lines of sight ``los_cam``, and their change over one pixel, shape (3, n) each.
 
-    ``every``: number of pixels of the image of which each is one, where they are thinned out; ``angle``: the lines'
-    angle inside the limb of the pose for which they were chosen.
+    ``every``: number of pixels of the image of which each is one, where they are thinned out.
     """
 
     columns: NDArray[np.intp]
@@ -135,7 +134,6 @@ class NearPixels:
     by_column: FloatArray
     by_row: FloatArray
     every: int = 1
-    angle: LimbAngle | None = None
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> NearPixels:
         """Return some of them, by their numbers or by a mask."""
@@ -146,7 +144,6 @@ class NearPixels:
             self.by_column[:, which],
             self.by_row[:, which],
             self.every,
-            None if self.angle is None else self.angle.take(which),
         )
 
     def seen_by(self, camera: CameraModel) -> NearPixels:
@@ -195,18 +192,21 @@ def near_pixels(
     :func:`limb_angle`.
     """
     directions = pixel_directions(camera)
-    columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)
+    limb = cam_from_itrs, r_itrs, axes_m
+    columns, rows, scale = _squares(camera, *limb, outside_px + REACH_PX, inside_px + REACH_PX)
     every = 1
     if most is not None and len(columns) > most:
         # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
         every = 1 << int(np.log2(len(columns) / most))
-        chosen = (columns + rows * round(OBLIQUE * every)) % every == 0
-        columns, rows = columns[chosen], rows[chosen]
-    pixels = replace(_of_camera(directions, columns, rows), every=every)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        angle = limb_angle(pixels.los_cam, cam_from_itrs, r_itrs, axes_m)
-        x = angle.delta / image_scale(angle, pixels.by_column, pixels.by_row)
-        return replace(pixels, angle=angle).take(np.flatnonzero((x >= -outside_px) & (x <= inside_px)))
+        chosen = np.flatnonzero((columns + rows * round(OBLIQUE * every)) % every == 0)
+        columns, rows, scale = columns[chosen], rows[chosen], scale[chosen]
+    with np.errstate(invalid="ignore"):
+        x = limb_angle(directions[rows, columns].T, *limb).delta / scale
+        near = np.flatnonzero((x >= -outside_px) & (x <= inside_px))
+    pixels = replace(_of_camera(directions, columns[near], rows[near]), every=every)
+    # A neighbour outside the image circle has no direction.
+    whole = np.isfinite(pixels.by_column.sum(axis=0) + pixels.by_row.sum(axis=0))
+    return pixels if whole.all() else pixels.take(whole)
 
 
 def in_view(
@@ -224,14 +224,15 @@ def in_view(
 
 
 def _squares(
-    directions: FloatArray,
+    camera: CameraModel,
     cam_from_itrs: FloatArray,
     r_itrs: FloatArray,
     axes_m: FloatArray,
     outside_px: float,
     inside_px: float,
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return columns and rows of the pixels of all squares whose middle lies within a distance of the limb."""
+) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
+    """Return columns, rows and image scale [rad/px] of the pixels of all squares whose middle is near the limb."""
+    directions = pixel_directions(camera)
     height, width = directions.shape[:2]
     middle, before = SQUARE_PX // 2, SQUARE_PX // 2 - 1
     column = np.minimum(np.arange(0, width, SQUARE_PX) + middle, width - 1)
@@ -241,15 +242,17 @@ def _squares(
     below = directions[np.maximum(row - before, 0)[:, None], column[None, :]].reshape(-1, 3).T
     with np.errstate(invalid="ignore", divide="ignore"):
         angle = limb_angle(np.ascontiguousarray(centre), cam_from_itrs, r_itrs, axes_m)
-        far = angle.delta / image_scale(angle, (centre - right) / before, (centre - below) / before)
+        scale = image_scale(angle, (centre - right) / before, (centre - below) / before)
+        far = angle.delta / scale
         # A square whose centre sees nothing may still hold pixels at the edge of the image circle.
         some = np.flatnonzero(~((far > inside_px) | (far < -outside_px)))
+    scale = np.nan_to_num(scale[some], nan=1.0 / max(camera.fx, camera.fy))
     offset = np.arange(SQUARE_PX, dtype=np.intp)
     corner_row, corner_column = np.divmod(some, len(column))
     rows = (corner_row[:, None, None] * SQUARE_PX + offset[None, :, None]).repeat(SQUARE_PX, axis=2).ravel()
     columns = (corner_column[:, None, None] * SQUARE_PX + offset[None, None, :]).repeat(SQUARE_PX, axis=1).ravel()
     in_image = (columns < width) & (rows < height)
-    return columns[in_image], rows[in_image]
+    return columns[in_image], rows[in_image], scale.repeat(SQUARE_PX**2)[in_image]
 
 
 def limb_bend(
