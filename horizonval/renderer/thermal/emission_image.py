@@ -82,9 +82,18 @@ class ThermalFrame:
     limb: PlacedRays | None
     sun: PlacedRays | None
     nodes: int
+    accuracy: float
 
     @classmethod
-    def of(cls, view: FrameGeometry, cells: Cells, emission: GroundEmission, top_m: float, nodes: int) -> ThermalFrame:
+    def of(
+        cls,
+        view: FrameGeometry,
+        cells: Cells,
+        emission: GroundEmission,
+        top_m: float,
+        nodes: int,
+        accuracy: float,
+    ) -> ThermalFrame:
         """Look where all rays end."""
         origin = np.array([float(c[0]) for c in view.origin])
         coordinates = RayCoordinates.of(view.planet, origin, top_m)
@@ -110,6 +119,7 @@ class ThermalFrame:
             placed(cells.limb, False),
             placed(cells.sun, False),
             nodes,
+            accuracy,
         )
 
     def parts(self, air: ThermalAir) -> Iterator[tuple[mi.UInt32, mi.Float64, mi.Float64]]:

@@ -82,8 +82,8 @@ class FrameTables:
     Groups of rays, None if empty.
     """
 
-    def __init__(self, view: FrameGeometry, lights: Sequence[Light], digest: str) -> None:
-        self.view, self.digest = view, digest
+    def __init__(self, view: FrameGeometry, lights: Sequence[Light], digest: str, accuracy: float) -> None:
+        self.view, self.digest, self.accuracy = view, digest, accuracy
         self.ground: LitRays | None = None
         self.limb: LitRays | None = None
         self._origin = np.array([float(c[0]) for c in view.origin])
@@ -101,17 +101,19 @@ class FrameTables:
         batches: Sequence[SolarNodes],
         nodes: int,
         digest: str,
+        accuracy: float,
     ) -> FrameTables | None:
         """Find the places of a frame's rays, and make missing patches; None where nothing shines by table.
 
         Gaps of thin cloud are finer than tables over directions: a frame with such is marched, ray by ray. ``hits``:
         where rays to the ground end, and rays past it; ``batches``: those of thermal nodes are ignored; ``nodes``:
-        evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering.
+        evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering;
+        ``accuracy``: error allowed, as a share of the bright limb.
         """
         lights = [] if view.gap_maps else _lights(view, batches, nodes)
         if not lights:
             return None
-        tables = cls(view, lights, digest)
+        tables = cls(view, lights, digest, accuracy)
         if cells.ground.count:
             tables.ground = tables.lit(cells.ground.direction, True, hits[0])
         if cells.limb.count:
@@ -178,6 +180,7 @@ class FrameTables:
         key = content_digest(
             "sunlit air",
             self.digest,
+            self.accuracy,
             tuple(float(v) for v in self._origin),
             light.name,
             tuple(float(c[0]) for c in light.direction),
