@@ -48,10 +48,14 @@ LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 """Least values of an image's own unknowns: a lens without blur, a hard limb."""
 MOST_ROOM = 0.5
 """Largest share of the blur's variance that makes room for a scale height in one step."""
-HELD = float(__import__("os").environ.get("HE","0.001"))
+HELD = 1e3
+"""Factor on the information on blur and scale height until the noise was estimated at a better pose than the start's: a
+limb out of its place looks soft."""
+AWAY = 100.0
+"""How much less than those beside the edge the pixels in its middle weigh for the levels from which the noise is
+estimated, times four: an edge that is out of its place must not look like noise elsewhere."""
 LEAST_SPARED = 0.1
-AWAY = float(__import__("os").environ.get("AW","100"))
-"""Weight."""
+"""Smallest share of a residual's mean square that levels leave."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -192,7 +196,7 @@ class EdgeModel:
         self._px_per_m = float(np.abs(motion[POSE - 1]).max())
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
-        self.held = False
+        self._held = False
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
@@ -212,7 +216,8 @@ class EdgeModel:
         rows = np.zeros((3, SCALE + 1))
         rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
         sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
-        if self.held: sigmas[:2] *= HELD
+        if self._held:
+            sigmas[:2] /= HELD**0.5
         rows /= sigmas[:, None]
         middle = known.middle_m - pose.height_m - own[1]
         off = np.array([*(known.own - own), middle if np.isfinite(known.middle_sigma_m) else 0.0]) / sigmas
@@ -248,8 +253,8 @@ class EdgeModel:
     def noise(self, look: EdgeLook, own: FloatArray, before: PixelNoise | None) -> LightNoise:
         """Return the variance model of the pixels, and estimate the spread of the sectors' levels.
 
-        It follows from the profile alone, in two rounds: an estimate that leans on the weights before runs away where
-        the ground is uneven, since the faint rim of the edge then fits ever better.
+        It follows from the profile alone: an estimate that leans on the weights before runs away where the ground is
+        uneven, since the faint rim of the edge then fits ever better.
         """
         pixels, basis = self.pixels, look.seen.basis
         edge = basis[1]
@@ -259,8 +264,9 @@ class EdgeModel:
         light = np.abs(inner_levels(pixels.values, edge, levels.of_sector))
         brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
         lit = np.repeat(light >= LIT_SHARE * brightest, len(residuals) // len(light))
-        self._spread, self.held = levels.spread_information, before is None
-        squares = residuals**2 * pixels.counts / np.maximum(levels.spared(basis, weights, 1.0 / pixels.counts), LEAST_SPARED)
+        self._spread, self._held = levels.spread_information, before is None
+        spared = np.maximum(levels.spared(basis, weights, 1.0 / pixels.counts), LEAST_SPARED)
+        squares = residuals**2 * pixels.counts / spared
         return light_noise(residuals, squares, lit, edge, pixels.counts, pixels.rounding)
 
     def noise_of(

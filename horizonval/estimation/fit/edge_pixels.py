@@ -73,7 +73,7 @@ DARKEST_SIGMA_RAD = 0.3
 """Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
 STEP_PX = 0.5
 """Step of the limb in the image for differences of the image scale, which changes over a hundred pixels."""
-MOST_PIXELS = int(__import__("os").environ.get("MP","2500"))
+MOST_PIXELS = 2500
 """Number of pixels and cells of an image from which it is fitted by cells."""
 CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
 """Depth of cells at the edge and beside it, and how far the edge reaches. Half a pixel adds 0.02 px^2 to the blur's
@@ -159,11 +159,12 @@ class EdgeChooser:
 class _Limb:
     """The pixels near the limb in one image, or cells of them, at a pose, n in all.
 
-    ``camera``: with the errors ``lens``, which are unknowns if ``lens_open``; ``los``: shape (3, n), lines of sight, whose angle is ``angle``; ``gradient``:
-    shape (2, n), change of the angle by column and by row [rad/px]; ``delta``, ``values``, ``columns``, ``rows``:
-    shape (n,), means of the pixels' angles, grey levels and places; ``counts``, ``wide_px2``: as in :class:`.edge.EdgePixels`; ``azimuth``: shape
-    (n,), about the body's nadir at the start [rad]; ``on_limb``: numbers of some pixels nearest to the limb;
-    ``limb_px``, ``limb_rad``: its length; ``rounding``: variance of rounding.
+    ``camera``: with the errors ``lens``, which are unknowns if ``lens_open``; ``los``: shape (3, n), lines of sight,
+    whose angle is ``angle``; ``gradient``: shape (2, n), change of the angle by column and by row [rad/px]; ``delta``,
+    ``values``, ``columns``, ``rows``: shape (n,), means of the pixels' angles, grey levels and places; ``counts``,
+    ``wide_px2``: as in :class:`.edge.EdgePixels`; ``azimuth``: shape (n,), about the body's nadir at the start [rad];
+    ``on_limb``: numbers of some pixels nearest to the limb; ``limb_px``, ``limb_rad``: its length; ``rounding``:
+    variance of rounding.
     """
 
     camera: CameraModel
@@ -255,26 +256,31 @@ def _limb(
     across = (basis_body.T @ one.cam_from_body.T) @ near.los_cam
     azimuth, counts, wide_px2 = np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi), np.ones(len(x)), np.zeros(len(x))
     each = [*near.los_cam, *slopes, angle.delta, values, near.columns, near.rows]
-    limb_rad = float((angle.delta[on_limb] / x[on_limb]).sum()) * near.every
+    limb_rad = float(np.hypot(*slopes)[on_limb].sum()) * near.every
+    rounding = rounding_variance(values)
     if len(values) > MOST_PIXELS:
         azimuth, counts, wide_px2, x, each = _gathered(azimuth, x, each)
         on_limb = np.flatnonzero(np.abs(x) < CELL_PX)
         angle = limb_angle(np.array(each[:3]), pose.cam_from_itrs, pose.r_itrs, axes)
+    delta, values, columns, rows = (np.asarray(row, dtype=np.float64) for row in each[5:])
     return _Limb(
-        camera,
-        lens,
-        lens_open,
-        np.array(each[:3]),
-        np.array(each[3:5]),
-        *(np.asarray(row, dtype=np.float64) for row in each[5:]),
-        counts,
-        wide_px2,
-        angle,
-        azimuth,
-        on_limb[:: max(1, len(on_limb) // PLACES)],
-        limb_px,
-        limb_rad,
-        rounding_variance(values),
+        camera=camera,
+        lens=lens,
+        lens_open=lens_open,
+        los=np.array(each[:3]),
+        gradient=np.array(each[3:5]),
+        delta=delta,
+        values=values,
+        columns=columns,
+        rows=rows,
+        counts=counts,
+        wide_px2=wide_px2,
+        angle=angle,
+        azimuth=azimuth,
+        on_limb=on_limb[:: max(1, len(on_limb) // PLACES)],
+        limb_px=limb_px,
+        limb_rad=limb_rad,
+        rounding=rounding,
     )
 
 

@@ -467,7 +467,9 @@ class UnevenLimb:
         found = self.heights.at(np.tile(places.pixel_m, len(zenith)), zenith.ravel(), azimuth.ravel())
         means = np.split(found.mean_m, len(zenith))
         patterns = np.split(found.patterns_m, len(zenith), axis=1)
-        return [EdgeHeights(*one) for one in zip(means, patterns, np.split(found.correlation_rad, len(zenith)), strict=True)]
+        return [
+            EdgeHeights(*one) for one in zip(means, patterns, np.split(found.correlation_rad, len(zenith)), strict=True)
+        ]
 
 
 def _covariance(edge: EdgeHeights, places: ArcPlaces) -> FloatArray:

@@ -144,11 +144,10 @@ class LightNoise(PixelNoise):
     estimates, they leave a sum of squares, whose steps converge as those of Gauss and Newton.
 
     ``variance``: shape (n,), inverse weights; ``parts``: variance in space, on the Earth, and excess in the edge's
-    middle; ``alike``: number of the Earth's pixels with one common error.
+    middle.
     """
 
     parts: tuple[float, float, float] = (1.0, 1.0, 0.0)
-    alike: float = 1.0
 
     def weights(self, residuals: FloatArray) -> FloatArray:
         """Return the inverse variances, shape (n,)."""
@@ -160,8 +159,7 @@ class LightNoise(PixelNoise):
 
     def at(self, edge: FloatArray, counts: FloatArray, residuals: FloatArray) -> LightNoise:
         """Return the same noise of pixels at levels of the edge, shape (n,), means of so many each."""
-        pixels = PixelNoise(_expected(edge, self.parts) / counts, _expected(edge, (1.0, self.alike, 0.0)))
-        return replace(self, variance=1.0 / pixels.weights(residuals))
+        return replace(self, variance=1.0 / PixelNoise(_expected(edge, self.parts) / counts).weights(residuals))
 
 
 def light_noise(
