@@ -32,7 +32,7 @@ UNLIT = 3.0
 """Largest depth of an unlit sliver, of its mean: two standard deviations above."""
 SCATTERED = 2.0
 """Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
-OPTIONS = SolverOptions(most_steps=60, reweighed=0.5, frozen=0.1, steady=0.1, secant=1.0)
+OPTIONS = SolverOptions(most_steps=60, frozen=0.1)
 """Equations of the edge cost little more than a look at it: derivatives are frozen at the end only. Blur and scale
 height, where they are hard to tell apart, take many steps."""
 FEW_PIXELS, LARGE_PX = 1500, 100_000
