@@ -21,18 +21,18 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.image import LENS, POSE, OwnPrior
-from horizonval.estimation.fit.levels import Levels, eliminated, solve_levels
 from horizonval.estimation.fit.light import (
-    BRIGHT_QUANTILE,
-    LIT_SHARE,
     PIXEL_VARIANCE,
     EdgeProfile,
+    Levels,
     LightNoise,
     brightness,
     edge_profile,
+    eliminated,
     inner_levels,
     light_basis,
     light_noise,
+    solve_levels,
 )
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pixels import LimbAngle, limb_angle
@@ -51,11 +51,6 @@ MOST_ROOM = 0.5
 HELD = 1e3
 """Factor on the information on blur and scale height until the noise was estimated at a better pose than the start's: a
 limb out of its place looks soft."""
-AWAY = 100.0
-"""How much less than those beside the edge the pixels in its middle weigh for the levels from which the noise is
-estimated, times four: an edge that is out of its place must not look like noise elsewhere."""
-LEAST_SPARED = 0.1
-"""Smallest share of a residual's mean square that levels leave."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -251,23 +246,12 @@ class EdgeModel:
         return EdgeLook(seen, levels, pixels.values - levels.of_pixels(seen.basis))
 
     def noise(self, look: EdgeLook, own: FloatArray, before: PixelNoise | None) -> LightNoise:
-        """Return the variance model of the pixels, and estimate the spread of the sectors' levels.
-
-        It follows from the profile alone: an estimate that leans on the weights before runs away where the ground is
-        uneven, since the faint rim of the edge then fits ever better.
-        """
-        pixels, basis = self.pixels, look.seen.basis
-        edge = basis[1]
-        weights = pixels.counts / (1.0 + AWAY * edge * (1.0 - edge))
-        levels = solve_levels(basis, pixels.values, weights, pixels.sectors)
-        residuals = pixels.values - levels.of_pixels(basis)
-        light = np.abs(inner_levels(pixels.values, edge, levels.of_sector))
-        brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
-        lit = np.repeat(light >= LIT_SHARE * brightest, len(residuals) // len(light))
-        self._spread, self._held = levels.spread_information, before is None
-        spared = np.maximum(levels.spared(basis, weights, 1.0 / pixels.counts), LEAST_SPARED)
-        squares = residuals**2 * pixels.counts / spared
-        return light_noise(residuals, squares, lit, edge, pixels.counts, pixels.rounding)
+        """Return the variance model of the pixels, and estimate the spread of the sectors' levels."""
+        pixels, self._held = self.pixels, before is None
+        noise, self._spread = light_noise(
+            look.seen.basis, pixels.values, pixels.counts, pixels.sectors, pixels.rounding
+        )
+        return noise
 
     def noise_of(
         self, before: EdgeModel, noise: LightNoise, pose: LimbPose, own: FloatArray, air: FloatArray

@@ -34,8 +34,14 @@ from horizonval.earth.limb_heights import Relief, oblate_limbs
 from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, ShotState
 from horizonval.estimation.fit.known import ArcPlaces, LimbKnowledge
-from horizonval.estimation.fit.levels import from_widest_gap, sectors_of
-from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES, LightNoise
+from horizonval.estimation.fit.light import (
+    INSIDE_PX,
+    OUTSIDE_PX,
+    OUTSIDE_SCALES,
+    LightNoise,
+    from_widest_gap,
+    sectors_of,
+)
 from horizonval.estimation.fit.pixels import (
     LimbAngle,
     gradient,

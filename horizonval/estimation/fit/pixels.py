@@ -58,8 +58,9 @@ class LimbAngle:
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> LimbAngle:
         """Return those of some lines of sight."""
-        some = (one[..., which] for one in (self.delta, self.los, self.scaled, self.length, self.t, self.q))
-        return LimbAngle(*some, self.p, self.axes_cam, self.axes)
+        rows = self.delta, self.los, self.scaled, self.length, self.t, self.q
+        delta, los, scaled, length, t, q = (one[..., which] for one in rows)
+        return LimbAngle(delta, los, scaled, length, t, q, self.p, self.axes_cam, self.axes)
 
     @cached_property
     def by_direction(self) -> FloatArray:
