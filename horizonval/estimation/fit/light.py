@@ -370,7 +370,7 @@ def light_noise(
     """
     edge = basis[1]
     weights = counts / (1.0 + AWAY * edge * (1.0 - edge))
-    levels = solve_levels(basis, values, weights, sectors)
+    levels = solve_levels(basis, values, weights, sectors, np.full(len(basis), NO_SPREAD))
     residuals = values - levels.of_pixels(basis)
     light = np.abs(inner_levels(values, edge, levels.of_sector))
     brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
@@ -391,7 +391,7 @@ def light_noise(
     found = LightNoise(np.ones(1), parts=(*line[:2], excess)).at(edge, counts, residuals)
     if not lit.all():
         found = replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
-    return found, levels.spread_information
+    return found, solve_levels(basis, values, found.weights(residuals), sectors).spread_information
 
 
 def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) -> FloatArray:
