@@ -12,6 +12,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.core.progress import Silent
 from horizonval.earth.limb_heights import reliefs
+from horizonval.estimation.fit import edge_pixels
 from horizonval.estimation.fit.calibrate import CameraCalibration, calibrate, edges_of
 from horizonval.estimation.fit.edge import EdgeModel
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX, relief_modes
