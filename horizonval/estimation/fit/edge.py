@@ -249,7 +249,12 @@ class EdgeModel:
         """Return the variance model of the pixels, and estimate the spread of the sectors' levels."""
         pixels, self._held = self.pixels, before is None
         noise, self._spread = light_noise(
-            look.seen.basis, pixels.values, pixels.counts, pixels.sectors, pixels.rounding
+            look.seen.basis,
+            np.array([pixels.columns, pixels.rows]),
+            pixels.values,
+            pixels.counts,
+            pixels.sectors,
+            pixels.rounding,
         )
         return noise
 

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from scipy.special import erfcx, ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.noise import WEIGHINGS, PixelNoise, mean_square, weighed
+from horizonval.estimation.fit.noise import WEIGHINGS, PixelNoise, correlated, mean_square, weighed
 
 OUTSIDE_PX, INSIDE_PX = 12.0, 8.0
 """Distance of a sharp limb's pixels into space and into the Earth. Separate levels of every sector, from ``w`` pixels
@@ -339,10 +339,11 @@ class LightNoise(PixelNoise):
     estimates, they leave a sum of squares, whose steps converge as those of Gauss and Newton.
 
     ``variance``: shape (n,), inverse weights; ``parts``: variance in space, on the Earth, and excess in the edge's
-    middle.
+    middle; ``alike``: number of the Earth's pixels with one common error (clouds, coasts).
     """
 
     parts: tuple[float, float, float] = (1.0, 1.0, 0.0)
+    alike: float = 1.0
 
     def weights(self, residuals: FloatArray) -> FloatArray:
         """Return the inverse variances, shape (n,)."""
@@ -354,19 +355,21 @@ class LightNoise(PixelNoise):
 
     def at(self, edge: FloatArray, counts: FloatArray, residuals: FloatArray) -> LightNoise:
         """Return the same noise of pixels at levels of the edge, shape (n,), means of so many each."""
-        return replace(self, variance=1.0 / PixelNoise(_expected(edge, self.parts) / counts).weights(residuals))
+        together = 1.0 + (self.alike - 1.0) * np.clip(edge, 0.0, 1.0)
+        pixels = PixelNoise(_expected(edge, self.parts) / counts, together)
+        return replace(self, variance=1.0 / pixels.weights(residuals))
 
 
 def light_noise(
-    basis: FloatArray, values: FloatArray, counts: FloatArray, sectors: int, rounding: float
+    basis: FloatArray, places: FloatArray, values: FloatArray, counts: FloatArray, sectors: int, rounding: float
 ) -> tuple[LightNoise, FloatArray]:
     """Return the noise of pixels, by the profile alone, and the inverse variance of the sectors' levels, shape (6,).
 
     An estimate that leans on earlier weights runs away where the ground is uneven: the faint rim of the edge then fits
     ever better.
 
-    ``basis``: shape (6, n), of the ordered pixels; ``values``: shape (n,); ``counts``: shape (n,), numbers of pixels
-    that each is the mean of; ``rounding``: smallest variance of a pixel.
+    ``basis``: shape (6, n), of the ordered pixels; ``places``: shape (2, n), column and row; ``values``: shape (n,);
+    ``counts``: shape (n,), numbers of pixels that each is the mean of; ``rounding``: smallest variance of a pixel.
     """
     edge = basis[1]
     weights = counts / (1.0 + AWAY * edge * (1.0 - edge))
@@ -388,7 +391,11 @@ def light_noise(
         for _ in range(WEIGHINGS):
             beyond = weighed(squares, expected + excess * share) - expected
             excess = max(float((beyond @ share) / (share @ share)), 0.0)
-    found = LightNoise(np.ones(1), parts=(*line[:2], excess)).at(edge, counts, residuals)
+    ground = np.flatnonzero(lit & (edge > 1.0 - OF_SIDE))
+    in_sigmas = residuals[ground] * np.sqrt(PixelNoise(line[1] / counts[ground]).weights(residuals[ground]))
+    columns, rows = places[:, ground]
+    alike = correlated(columns, rows, in_sigmas, float(np.sqrt(np.mean(counts)))) if len(ground) else 1.0
+    found = LightNoise(np.ones(1), parts=(*line[:2], excess), alike=alike).at(edge, counts, residuals)
     if not lit.all():
         found = replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
     return found, solve_levels(basis, values, found.weights(residuals), sectors).spread_information

@@ -259,7 +259,8 @@ def test_black_night_is_not_read_as_noise_of_the_earth(night: int) -> None:
     edge = edge_profile(x, 0.75, None).level
     lit = np.arange(4000) >= 400 * night
     values = np.rint(lit * edge * np.maximum(rng.normal(120.0, 12.0, 4000), 0.0))
-    noise, _ = light_noise(light_basis(edge, x, along), values, np.ones(4000), 10, rounding_variance(values))
+    basis, places = light_basis(edge, x, along), np.array([400.0 * along + 200.0, x + 10.0])
+    noise, _ = light_noise(basis, places, values, np.ones(4000), 10, rounding_variance(values))
     # By chance: three standard deviations of a variance of so many pixels.
     assert noise.parts[1] == pytest.approx(12.0**2, rel=3.0 * np.sqrt(2.0 / np.sum(lit & (edge > 0.9))))
     assert np.median(1.0 / noise.variance[lit & (edge > 0.9)]) > 0.5 / 12.0**2

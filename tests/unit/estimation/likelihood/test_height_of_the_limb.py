@@ -181,9 +181,8 @@ def test_a_space_of_one_level_is_not_known_for_sure() -> None:
     x = np.tile(np.linspace(-12.0, 8.0, 81), 24)
     edge = edge_profile(x, 0.8).level
     values = np.rint(10.0 + 100.0 * edge + rng.normal(0.0, 2.0, len(x)) * (edge > 0.01))
-    noise, _ = light_noise(
-        light_basis(edge, x, np.zeros_like(x)), values, np.ones(len(x)), 1, rounding_variance(values)
-    )
+    basis, places = light_basis(edge, x, np.zeros_like(x)), np.array([np.repeat(np.arange(24.0), 81), x + 12.0])
+    noise, _ = light_noise(basis, places, values, np.ones(len(x)), 1, rounding_variance(values))
     assert noise.parts[1] == pytest.approx(4.0, rel=0.2)
     assert (1.0 / noise.variance).max() < 1.3e3 / noise.parts[1]
 
