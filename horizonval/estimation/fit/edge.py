@@ -124,13 +124,18 @@ class EdgeKnown:
 
 @dataclass(frozen=True)
 class _Edge:
-    """Geometry and profile of the pixels; ``soft`` is the scale height in the image [px/m], None for a hard limb."""
+    """Geometry and profile of the pixels.
+
+    ``soft``: scale height in the image [px/m], None for a hard limb; ``sagging``: change of its logarithm by the angle
+    inside the limb [1/rad].
+    """
 
     angle: LimbAngle
     x: FloatArray
     blur: FloatArray
     edge: EdgeProfile
     soft: FloatArray | None
+    sagging: FloatArray
     scale: FloatArray
     basis: FloatArray
 
@@ -275,12 +280,17 @@ class EdgeModel:
         self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_SCALE_STEP * float(own[1]))
         lift, change = brightness(look.of_pixel, seen.x, pixels.along)
         by_x = lift * seen.edge.slope + change * seen.edge.level
-        per_rad = by_x / seen.scale
+        by_log_soft = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft * float(own[1])
+        per_rad = by_x / seen.scale + by_log_soft * seen.sagging
         by_height = seen.angle.by_height * per_rad
         jacobian = np.empty((SCALE + 1 + len(pixels.modes), len(by_x)))
         jacobian[:3] = seen.angle.by_rotation * per_rad
         jacobian[3 : POSE - 1] = seen.angle.by_position * per_rad
         jacobian[POSE - 1] = by_height
+        # The distance to the limb changes the scale of heights.
+        nearer = by_log_soft * seen.angle.by_height**2
+        jacobian[3 : POSE - 1] -= nearer * (seen.angle.p * seen.angle.axes)[:, None]
+        jacobian[POSE - 1] += nearer * seen.angle.axes[0]
         jacobian[POSE:BLUR] = pixels.by_lens * per_rad
         jacobian[BLUR] = blur**2 * (lift * seen.edge.by_blur / seen.blur + by_x * pixels.bend)
         jacobian[SCALE] = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft
@@ -313,15 +323,17 @@ class EdgeModel:
             step = np.concatenate([pixels.pose.step_to(pose), lens - pixels.lens])
             scale = scale * np.exp(step @ pixels.scale_changes)
         x = delta / scale + 0.5 * blur**2 * pixels.bend
-        soft = None
+        soft, sagging = None, np.zeros(())
         if known.soft:
             # The ray at the angle y outside has its lowest point y tan(rho) / 2 of its height below the tangent's
             # straight line: 0.4 % at 8 km seen from 500 km, 2 arcsec.
-            sag = 1.0 + 0.5 * np.minimum(angle.delta, 0.0) * axes[0] * angle.by_height
-            soft = angle.by_height / (scale * np.maximum(sag, LEAST_SAG))
+            bent = 0.5 * axes[0] * angle.by_height
+            sag = np.maximum(1.0 + np.minimum(delta, 0.0) * bent, LEAST_SAG)
+            soft = angle.by_height / (scale * sag)
+            sagging = np.where((delta < 0.0) & (sag > LEAST_SAG), -bent / sag, 0.0)
         wide = np.sqrt(blur**2 + pixels.wide_px2)
         edge = edge_profile(x, wide, None if soft is None else scale_m * soft)
-        return _Edge(angle, x, wide, edge, soft, scale, light_basis(edge.level, x, pixels.along))
+        return _Edge(angle, x, wide, edge, soft, sagging, scale, light_basis(edge.level, x, pixels.along))
 
 
 @dataclass(frozen=True)
