@@ -9,11 +9,14 @@ that an error of the width does not move it; asymmetry by the air moves all of a
 height.
 
 Neglected: on bare ground, without air, the radiance an angle ``x`` inside the limb goes as ``sqrt(x)``, and a straight
-line in its place moves the limb inwards by 0.03 to 0.04 px, all of it equally.
+line in its place moves the limb by 0.04 px, all of it equally.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
@@ -23,6 +26,7 @@ from horizonval.estimation.limb.evidence import (
     INNERMOST,
     REACH_PX,
     SHIFTS_PX,
+    WIDTHS_PX,
     enough_known,
     inner_reach,
     read_profiles,
@@ -56,6 +60,10 @@ def points_of(
     if not len(trace.azimuth):
         return np.empty((0, 2)), np.empty(0), np.empty(0)
     offsets = np.arange(-REACH_PX, inner_reach(trace, rho_rad, level.scale) + 1.0)
+    if width_px == WIDTHS_PX[0]:
+        # Between pixels that an edge cuts hard, interpolation errs with the same sign along a stretch of limb.
+        level = replace(level, grey=np.asarray(cv2.GaussianBlur(level.grey, (0, 0), WIDTHS_PX[1]), np.float32))
+        width_px = float(np.hypot(*WIDTHS_PX[:2]))
     profiles, known = read_profiles(level, trace, offsets)
     enough = enough_known(known, offsets)
     trace, profiles = trace.take(enough), profiles[enough]
