@@ -78,6 +78,7 @@ def describe(scene: SceneSpec, camera: CameraSpec, change: AirChange = AS_IT_IS)
         moon,
         _lights_nothing(truth, truth.sun_itrs, model.glow_top_m),
         scene.render.method,
+        scene.render.accuracy,
     )
     sensor = CameraSettings(intrinsics, np.array(truth.r_itrs), itrs_from_cam)
     return Described(truth, intrinsics, model, itrs_from_cam, limb, sensor, variant)

@@ -73,13 +73,15 @@ def render_bands(
     thermal: Sequence[ThermalAir] = (),
     emission: GroundEmission | None = None,
     digest: str | None = None,
+    accuracy: float = 1e-3,
     cells: Cells | None = None,
 ) -> tuple[dict[str, mi.Float64], dict[str, mi.Float64]]:
     """Return radiance per band, and energy radiance per solar band: Float64 arrays, one value per pixel in row order.
 
     The same spectral nodes serve both, with other weights (``SpectralNode.energy_ratio``). ``thermal``: the thermal
     bands among ``bands``. ``digest``: of air, planet and orders of scattering, the key of view tables of sunlight; None
-    to march every cell. ``cells``: the cells of the view, where they are known.
+    to march every cell. ``accuracy``: error that tables may have, as a share of the bright limb. ``cells``: the cells
+    of the view, where they are known.
     """
     cells = cells or group_cells(view)
     emitted = {air.band.name for air in thermal}
@@ -93,7 +95,7 @@ def render_bands(
             hits = surface_looks(view, cells)
             if digest is not None:
                 tables = FrameTables.of(
-                    view, cells, (hits[0].ground, hits[0].limb), [b for _, b in batches], nodes, digest
+                    view, cells, (hits[0].ground, hits[0].limb), [b for _, b in batches], nodes, digest, accuracy
                 )
         parts = list(node_parts(view, cells, hits, group, batch, nodes, tables, number))
         own = list(dict.fromkeys(node.band for node in group))
@@ -102,7 +104,7 @@ def render_bands(
         channels.add([*own, *(energy_of[band] for band in own)], _band_parts(parts, weights))
     if thermal:
         assert emission is not None
-        frame = ThermalFrame.of(view, cells, emission, thermal[0].top_m, nodes)
+        frame = ThermalFrame.of(view, cells, emission, thermal, nodes, accuracy)
         for air in thermal:
             channels.add([air.band.name], ((slot, share, [value]) for slot, share, value in frame.parts(air)))
     energy = channels.of(energy_of.values())

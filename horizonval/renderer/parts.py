@@ -210,7 +210,8 @@ def sky_light(integrator: Any, r_itrs: FloatArray, film: Any) -> SkyLight:
         prepared.thermal,
         prepared.model.emission,
         settings.tables_digest if settings.method == "table" else None,
-        cells=cells,
+        settings.accuracy,
+        cells,
     )
     earth, earth_energy = (
         {band: np.array(values, dtype=np.float32).reshape(ROWS, COLUMNS) for band, values in images.items()}

@@ -67,7 +67,8 @@ class LimbSettings:
 
     ``subsamples``, ``nodes``: cells per pixel and axis, evaluations along each ray; ``ground``: None if the model's
     albedo is all there is; ``sunless``: all air and ground in view lie in the Earth's shadow; ``method``: whether
-    sunlight is interpolated between tabulated directions ("table") or marched cell by cell ("march").
+    sunlight is interpolated between tabulated directions ("table") or marched cell by cell ("march"); ``accuracy``:
+    error that tables may have, as a share of the radiance of the bright limb.
     """
 
     model: OpticalModel
@@ -81,12 +82,13 @@ class LimbSettings:
     moon: MoonSettings | None = None
     sunless: bool = False
     method: str = "table"
+    accuracy: float = 1e-3
 
     @cached_property
     def tables_digest(self) -> str:
         """The digest of everything that the kernel's tables depend on: air, planet and orders.
 
-        The same for every ``method``.
+        The same for every ``method`` and ``accuracy``.
         """
         return content_digest(self.model, self.planet, self.orders)
 
@@ -210,6 +212,7 @@ def make_plugin() -> type:
                 prepared.thermal,
                 prepared.model.emission,
                 self.settings.tables_digest if self.settings.method == "table" else None,
+                self.settings.accuracy,
             )
 
         def render(

@@ -93,6 +93,7 @@ class Viewpoint:
             "version": __version__,
             "variant": described.variant,
             "method": scene.render.method,
+            "accuracy": scene.render.accuracy,
             "subsamples": scene.render.subsamples,
             "nodes": scene.render.nodes,
             "orders": scene.render.orders,

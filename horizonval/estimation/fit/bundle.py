@@ -32,7 +32,8 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.image import LENS, POSE, Chooser, Chosen, Linear, Look, ShotState
 from horizonval.estimation.fit.noise import PixelNoise
-from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
+from horizonval.geometry.rotation import tangent_basis
 
 TURN, HEIGHT, SHARED = slice(LENS, LENS + 3), LENS + 3, LENS + 4
 """Places of mounting and common height among the shared unknowns, and how many there are."""
@@ -160,7 +161,7 @@ class Shot:
     def motion_px(self, step: FloatArray, of_shared: FloatArray) -> float:
         """Return by how much a step moves the limb where it moves it most [px]."""
         steps = self._of_images(step, of_shared)
-        return max(model.motion_px(one[: POSE + LENS]) for model, one in zip(self._chosen.models, steps, strict=True))
+        return max(model.motion_px(one) for model, one in zip(self._chosen.models, steps, strict=True))
 
     def equations(self, shared: FloatArray, free: NDArray[np.intp]) -> ShotEquations:
         """Return the equations at the present state; ``free``: indices of the shared unknowns that are not exact."""
@@ -305,12 +306,8 @@ class Eliminated:
         if scales is not None:
             self.normal[np.diag_indices(len(scales))] += damping / scales**2
 
-    def right(self, equations: ShotEquations) -> tuple[FloatArray, FloatArray]:
-        """Return the right side (x + c,) of equations with the same derivatives, and what the air needs of them."""
-        return self.without_air(*equations.rights)
-
     def without_air(self, right: FloatArray, right_air: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return right sides with the air eliminated, as :meth:`right` does."""
+        """Return right sides (x + c,), (a,) with the air eliminated, and what the air needs of them."""
         if not (np.isfinite(right).all() and np.isfinite(right_air).all()):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
         half_air = self._forward(right_air)
@@ -383,20 +380,22 @@ class Bundle:
         return prior + sum(shot.seen.merit for shot in self.shots if shot.seen is not None)
 
 
+Parts = Sequence[FloatArray]
+"""A vector of all unknowns: of the shared ones (8,), then of every shot's own and of its air in turn."""
+
+
 @dataclass(frozen=True)
 class Step:
     """A step of a bundle.
 
-    ``parts``: of the shared unknowns (8,), then of every shot's own and its air's in turn; ``sides``: the right sides
-    that undamped equations make of it, in the same order; ``square``: squared length of the pose's part (of the shared
-    unknowns', where there are any) in its covariance; ``slope``: half the decrease of the merit per step; ``gained``:
-    decrease that the equations predict.
+    ``parts``: the step; ``sides``: the right sides of undamped equations there, half the gradient of the merit;
+    ``square``: squared length of the reported part (of the shared unknowns', where there are any) in its covariance;
+    ``gained``: predicted decrease of the merit.
     """
 
-    parts: Sequence[FloatArray]
-    sides: Sequence[FloatArray]
+    parts: Parts
+    sides: Parts
     square: float
-    slope: float
     gained: float
 
     @property
@@ -411,37 +410,35 @@ class Step:
 
     def shortened(self, share: float) -> Step:
         """Return a share of the step."""
-        return Step(
-            [share * part for part in self.parts],
-            [share * side for side in self.sides],
-            share**2 * self.square,
-            share * self.slope,
-            share * (2.0 - share) * self.gained,
-        )
-
-    def after(self, last: Step) -> Step:
-        """Return this step, corrected by what the last one says of the curvature along it (secant).
-
-        Equations by first derivatives have the curvature ``s N s`` along a step ``s``. The gradients before and after
-        it differ by the true ``s H s``, which the second derivatives of the prediction are part of.
-        """
-        left, metric = _product(self.sides, last.parts), _product(last.sides, last.parts)
-        true = last.slope - left
-        if not (true > 0.0 and metric > 0.0):
-            return self
-        more = (np.clip(metric / true, *SECANT) - 1.0) * left / metric
-        parts = [part + more * before for part, before in zip(self.parts, last.parts, strict=True)]
-        sides = [side + more * before for side, before in zip(self.sides, last.sides, strict=True)]
-        slope = _product(self.sides, parts)
-        return Step(parts, sides, self.square, slope, slope)
+        parts = [share * part for part in self.parts]
+        return Step(parts, self.sides, share**2 * self.square, share * (2.0 - share) * self.gained)
 
 
-SECANT = (0.3, 3.0)
-"""Limits of the ratio of curvatures that one step is believed about."""
+@dataclass(frozen=True)
+class Curvature:
+    """A step that was taken, and by how much the right sides fell along it: curvature with second derivatives.
+
+    The inverse of the equations' matrix is corrected by the last few of them (limited-memory BFGS; J. Nocedal, Math.
+    Comp. 35, 773, 1980).
+    """
+
+    parts: Parts
+    fallen: Parts
+
+    @classmethod
+    def between(cls, before: Step, after: Parts) -> Curvature | None:
+        """Return that of a step, by the right sides ``after`` it; None of one that does not curve upwards."""
+        fallen = [old - new for old, new in zip(before.sides, after, strict=True)]
+        return cls(before.parts, fallen) if product(fallen, before.parts) > 0.0 else None
 
 
-def _product(sides: Sequence[FloatArray], parts: Sequence[FloatArray]) -> float:
-    return sum(float(side @ part) for side, part in zip(sides, parts, strict=True))
+def product(one: Parts, other: Parts) -> float:
+    """Return the scalar product of two vectors of all unknowns."""
+    return sum(float(a @ b) for a, b in zip(one, other, strict=True))
+
+
+def _added(one: Parts, share: float, other: Parts) -> list[FloatArray]:
+    return [a + share * b for a, b in zip(one, other, strict=True)]
 
 
 class Solved:
@@ -449,7 +446,7 @@ class Solved:
 
     def __init__(self, bundle: Bundle, equations: Sequence[ShotEquations], damping: float = 0.0) -> None:
         self._bundle, self._free, self._sigmas = bundle, bundle.free, bundle.sigmas[bundle.free]
-        self._airless, self._inverse, self._gains, self._of_pose = [], [], [], []
+        self._airless, self._inverse, self._gains = [], [], []
         # In units of the priors' sigmas: their own information is the unit matrix.
         total = np.eye(len(self._free)) * (1.0 + damping)
         for shot, one in zip(bundle.shots, equations, strict=True):
@@ -462,35 +459,46 @@ class Solved:
             self._airless.append(airless)
             self._inverse.append(inverse)
             self._gains.append(gain)
-            self._of_pose.append(scaled_inverse(inverse[:POSE, :POSE]))
-        self._total = scaled_inverse(total)
+        self._information, self._total = total, scaled_inverse(total)
 
-    def step(self, equations: Sequence[ShotEquations]) -> Step:
-        """Return the step by equations with these derivatives and the present residuals."""
-        bundle = self._bundle
-        rights = [one.right(of_shot) for one, of_shot in zip(self._airless, equations, strict=True)]
-        pull = -bundle.shared[self._free] / self._sigmas
-        for shot, (right, _), gain in zip(bundle.shots, rights, self._gains, strict=True):
-            pull = pull + self._sigmas * (right[shot.count :] - gain.T @ right[: shot.count])
-        unit = self._total @ pull
-        of_free = self._sigmas * unit
-        of_shared, of_sides = np.zeros(SHARED), np.zeros(SHARED)
-        of_shared[self._free] = of_free
-        of_sides[self._free] = -bundle.shared[self._free] / self._sigmas**2
-        parts, sides = [of_shared], [of_sides]
-        square = gained = float(unit @ pull)
-        for k, (shot, (right, half_air)) in enumerate(zip(bundle.shots, rights, strict=True)):
-            free = self._inverse[k] @ right[: shot.count]
-            own, cost = shot.limited(free - self._gains[k] @ of_free, self._inverse[k])
-            of_air = self._airless[k].air_step(np.concatenate([own, of_free]), half_air)
-            whole, whole_air = equations[k].rights
-            of_sides[self._free] += whole[shot.count :]
-            parts += [own, of_air]
-            sides += [whole[: shot.count], whole_air]
-            gained += float(right[: shot.count] @ free) + float(half_air @ half_air) - cost
-            if not len(self._free):
-                square = max(square, float(own[:POSE] @ self._of_pose[k] @ own[:POSE]))
-        return Step(parts, sides, square, gained, gained)
+    def step(self, sides: Parts, curvatures: Sequence[Curvature] = ()) -> Step:
+        """Return the step by right sides (:func:`right_sides`), corrected by curvatures, the last one last."""
+        shares, left = [], sides
+        for one in reversed(curvatures):
+            shares.append(product(one.parts, left) / product(one.parts, one.fallen))
+            left = _added(left, -shares[-1], one.fallen)
+        parts = self._newton(left)
+        for one, share in zip(curvatures, reversed(shares), strict=True):
+            parts = _added(parts, share - product(one.fallen, parts) / product(one.parts, one.fallen), one.parts)
+        gained, free = product(sides, parts), self._free
+        in_sigmas = parts[0][free] / self._sigmas
+        square = float(in_sigmas @ self._information @ in_sigmas)
+        for k, (shot, inverse) in enumerate(zip(self._bundle.shots, self._inverse, strict=True)):
+            own, cost = shot.limited(parts[1 + 2 * k], inverse)
+            if cost > 0.0:
+                beyond = np.concatenate([own - parts[1 + 2 * k], np.zeros(len(free))])
+                parts[1 + 2 * k], gained = own, gained - cost
+                parts[2 + 2 * k] = parts[2 + 2 * k] + self._airless[k].air_step(beyond, np.zeros(len(parts[2 + 2 * k])))
+            if not len(free):
+                square = max(square, _reported_square(shot.state.pose, own[:POSE], inverse[:POSE, :POSE]))
+        return Step(parts, sides, square, gained)
+
+    def _newton(self, sides: Parts) -> list[FloatArray]:
+        """Return the answer of the equations to right sides."""
+        free, open_ = self._free, np.zeros(len(self._free))
+        pull = sides[0][free].copy()
+        rights = []
+        for k, shot in enumerate(self._bundle.shots):
+            right, half_air = self._airless[k].without_air(np.concatenate([sides[1 + 2 * k], open_]), sides[2 + 2 * k])
+            pull += right[shot.count :] - self._gains[k].T @ right[: shot.count]
+            rights.append((right[: shot.count], half_air))
+        of_free = self._sigmas * (self._total @ (self._sigmas * pull))
+        parts = [np.zeros(SHARED)]
+        parts[0][free] = of_free
+        for k, (right, half_air) in enumerate(rights):
+            own = self._inverse[k] @ right - self._gains[k] @ of_free
+            parts += [own, self._airless[k].air_step(np.concatenate([own, of_free]), half_air)]
+        return parts
 
     def product(self, k: int, one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]) -> float:
         """Return the product of a shot's right sides (x + c,), (a,) with the answer to others, what is shared held."""
@@ -512,6 +520,28 @@ class Solved:
         by_shared = np.zeros((count, SHARED))
         by_shared[:, self._free] = -self._gains[k]
         return ShotSolution(covariance, known, by_shared, self._airless[k].air_open(covariance))
+
+
+def _reported_square(pose: LimbPose, step: FloatArray, covariance: FloatArray) -> float:
+    """Return the squared length of a step (7,) in the claims that follow from a pose: of nadir and of altitude."""
+    by_tilt = tangent_basis(pose.nadir_cam).T @ nadir_derivative(pose)
+    by_altitude = np.concatenate([np.zeros(3), pose.r_itrs / np.linalg.norm(pose.r_itrs), np.zeros(1)])
+    tilt, variance = by_tilt @ step, float(by_altitude @ covariance @ by_altitude)
+    of_tilt = float(tilt @ np.linalg.solve(by_tilt @ covariance @ by_tilt.T, tilt))
+    return max(of_tilt, float(by_altitude @ step) ** 2 / variance if variance > 0.0 else 0.0)
+
+
+def right_sides(bundle: Bundle, equations: Sequence[ShotEquations]) -> Parts:
+    """Return the right sides of undamped equations with these derivatives and the present residuals."""
+    free = bundle.free
+    of_shared = np.zeros(SHARED)
+    of_shared[free] = -bundle.shared[free] / bundle.sigmas[free] ** 2
+    sides = [of_shared]
+    for shot, one in zip(bundle.shots, equations, strict=True):
+        right, of_air = one.rights
+        of_shared[free] += right[shot.count :]
+        sides += [right[: shot.count], of_air]
+    return sides
 
 
 def _scales(shot: Shot) -> FloatArray:

@@ -27,25 +27,23 @@ seen by any test of one image. An error of the altitude is seen only where the i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
-from scipy.stats import binom, chi2, norm
+from scipy.special import bdtr, chdtri, ndtri
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR, CLOUD_RELIEF_THERMAL, limb_height_m, reliefs
-from horizonval.estimation.fit.levels import from_widest_gap
-from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile
-from horizonval.estimation.fit.noise import NORMAL_QUARTILE, TAIL_FREEDOM
+from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
+from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
 from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.limb.picture import rounding_variance, smaller
+from horizonval.estimation.limb.picture import median, rounding_variance, smaller
 from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -55,26 +53,24 @@ BoolArray = NDArray[np.bool_]
 
 CHANCE = 1e-6
 """Probability with which a test refuses an undisturbed image; all thresholds follow from it."""
-SIGMAS = float(norm.isf(0.5 * CHANCE))
+SIGMAS = -float(ndtri(0.5 * CHANCE))
 """The same for one normal variable, either way: 4.9 standard deviations."""
 
 PIECE_PX = 8.0
 """Length of a piece along the limb: 8 px by 20 px measure a step to a sixth of the pixel noise, and the place of a full
 step to a hundredth of a pixel at one per cent of noise."""
-FEWEST_OF_PIECE = 60
+FEWEST_OF_PIECE = 50
 """Fewest pixels of a piece, of 160, where they are thinned."""
-MOST_PIXELS = 6000
+MOST_PIXELS = 4000
 """Pixels of a large image that are looked at."""
 LEAST_PX = 32
 """Smallest size of a copy with wider pixels: two windows, and a limb that bends."""
-HELD_STEPS, MOST_STEPS = 3, 12
+HELD_STEPS, MOST_STEPS = 2, 12
 """Steps of an edge's place and blur alone, and of all."""
-HELD = 1e12
-"""Information that holds the softness."""
+HELD = 1e6
+"""Inverse of the standard deviation that holds the softness."""
 LEAST_WIDTH_PX = 0.3
 """Smallest blur with the pixel's own, which is 0.29 px."""
-STEADY_PX = 0.01
-"""Steps of the edge's place and blur end below this: a fifth of what real air's edge is misplaced by."""
 LARGEST_STEP = (1.0, 0.4, 0.5)
 """Largest step of place [px], ln blur and scale height in its scale, within the reach of the derivatives."""
 MISPLACED_PX = 0.05
@@ -82,18 +78,6 @@ MISPLACED_PX = 0.05
 over a slope of 0.5 of the step per pixel."""
 JUMP_PX = 0.02
 """The same for a single line and the next, which have most of it in common."""
-LEAST_JUMP_PX = 0.3
-"""Smallest jump of a single line, across the limb, that counts: six times what misplaces a line. A tear along a
-limb that is nearly parallel to the rows is therefore not seen."""
-CROSSED_PX = 1.0
-"""Least distance from the edge, to both sides, at which a line shows its step."""
-SURE_LINE_PX = 0.5
-"""Largest standard deviation of a line's shift against the next that counts: beyond, a few pixels decide it."""
-INDEPENDENT_LINES = 12
-"""Lines whose shifts count as independent: what the phases of pixels make of an oblique limb repeats itself."""
-PROFILE_SHARE = 0.15
-"""Root-mean-square difference, as a share of the step, between a limb's profile and an exponential: 0.01 to 0.08 under
-a high Sun and in the infrared, up to 0.16 near the terminator."""
 COIN = 0.1
 """Chance of as many pieces of one sign, if signs are random, below which they are a limb: four pieces, the shortest
 limb of a search, can reach it."""
@@ -111,8 +95,6 @@ LEAST_BLUR_PX = 0.4
 """Blur below which pixels hide a lens."""
 DIFFRACTION_BLUR = 0.45
 """Standard deviation of the Gaussian nearest to an aperture's spread, in wavelengths times f-number."""
-TAIL_PX = 1.0
-"""Softness that wings of a lens and a bolometer's lag make [px]; softer than this and than any air is no limb."""
 PLACED_PX = 3.0
 """How far a claim may place the limb beyond the air: methods with whole pixels."""
 LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
@@ -124,14 +106,11 @@ NEIGHBOURS = 9
 """Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
 DARKEST = 0.1
 """Smallest step relative to the neighbours' that is still dark ground: the sea is a tenth of a cloud."""
-MOST_HIDDEN = 0.5
-"""Share of the limb in view that may be disturbed."""
-MOST_SATURATED = 0.5
-"""Largest saturated share of a limb that is fitted: above, fits are wrong by 0.03 deg and more."""
-SATURATION_PX = 4.0
-"""Depth inside the limb at which a piece is tested for saturation."""
-RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX = 0.5, 3.0, 40.0
-"""A second limb: least step relative to the first, half-width of its window and how far from the first it is sought."""
+MOST_LOST = 0.5
+"""Largest share of the limb that may be saturated, or disturbed: fits of more are wrong by 0.03 deg."""
+RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX, LINES = 0.5, 3, 40.0, 4
+"""A second limb: least step relative to the first, width of the strips, how far from the first it is sought, and lines
+across a piece."""
 PULLED = 2.0, 3.0
 """Departure from a prior, in what chance makes of it, from which the claim is widened and where it is in full: chance
 alone exceeds these in 5 and 0.3 % of frames."""
@@ -146,12 +125,12 @@ since nothing would widen the claim."""
 
 @dataclass(frozen=True)
 class LimbView:
-    """n pixels about a predicted limb in order of azimuth, in m pieces.
+    """Pixels about a predicted limb in order of azimuth, in m pieces of k pixels.
 
-    ``columns``, ``rows``, ``values``, ``x``: shape (n,), the last the distance inside the limb [px]; ``by_column``,
-    ``by_row``: shape (n,), its change per pixel; ``soft``: shape (n,), pixels per metre of height; ``starts``: shape (m
-    + 1,); ``azimuth``: shape (m + 1,), of the pieces' borders about the nadir, from ``first_rad``; ``los_cam``: shape
-    (m, 3), to the middle of the pieces; ``pixel_m``: height that a pixel sees.
+    ``columns``, ``rows``, ``values``, ``x``: shape (m, k), the last the distance inside the limb [px]; ``by_column``,
+    ``by_row``: shape (m, k), its change per pixel; ``soft``: shape (m, k), pixels per metre of height; ``azimuth``:
+    shape (m + 1,), of the pieces' borders about the nadir, from ``first_rad``; ``los_cam``: shape (m, 3), to the middle
+    of the pieces; ``length_px``: of a piece; ``pixel_m``: height that a pixel sees.
     """
 
     columns: NDArray[np.intp]
@@ -161,16 +140,11 @@ class LimbView:
     by_column: FloatArray
     by_row: FloatArray
     soft: FloatArray
-    starts: NDArray[np.intp]
     azimuth: FloatArray
     first_rad: float
     los_cam: FloatArray
+    length_px: float
     pixel_m: float
-
-    @property
-    def piece(self) -> NDArray[np.intp]:
-        """Number of every pixel's piece, shape (n,)."""
-        return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
 
 def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, air_px: float) -> LimbView:
@@ -182,45 +156,45 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
     near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, OUTSIDE_PX + air_px, INSIDE_PX, MOST_PIXELS)
     angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
     seen = np.isfinite(image[near.rows, near.columns]) & in_view(camera, near, angle, (0.0, 0.0))
-    near, angle = near.take(seen), angle.take(seen)
     by_column, by_row = gradient(angle, near.by_column, near.by_row)
     scale = np.hypot(by_column, by_row)
     x = angle.delta / scale
-    limb_px = near.every * int(np.count_nonzero(np.abs(x) < 0.5))
-    count = min(int(limb_px / PIECE_PX), len(x) // FEWEST_OF_PIECE)
-    if count < 1:
+    limb_px = near.every * int(np.count_nonzero(np.abs(x[seen]) < 0.5))
+    pieces = min(int(limb_px / PIECE_PX), int(np.count_nonzero(seen)) // FEWEST_OF_PIECE)
+    if pieces < 1:
         raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {PIECE_PX:.0f} are needed")
-    across = tangent_basis(pose.nadir_cam).T @ near.los_cam
+    across = tangent_basis(pose.nadir_cam).T @ near.los_cam[:, seen]
     raw = np.arctan2(across[1], across[0])
     order, azimuth = from_widest_gap(raw)
-    starts = np.linspace(0, len(x), count + 1).astype(np.intp)
-    near, x = near.take(order), x[order]
-    middles = [first + int(np.argmin(np.abs(x[first:last]))) for first, last in pairwise(starts)]
+    each = len(order) // pieces
+    some = np.linspace(0.0, len(order) - 1.0, pieces * each).astype(np.intp)
+    chosen = np.flatnonzero(seen)[order[some]].reshape(pieces, each)
+    x = x[chosen]
+    middles = chosen[np.arange(pieces), np.argmin(np.abs(x), axis=1)]
     return LimbView(
-        near.columns,
-        near.rows,
-        np.asarray(image[near.rows, near.columns], dtype=np.float64),
+        near.columns[chosen],
+        near.rows[chosen],
+        np.asarray(image[near.rows[chosen], near.columns[chosen]], dtype=np.float64),
         x,
-        (by_column / scale)[order],
-        (by_row / scale)[order],
-        np.abs(angle.by_height / scale)[order],
-        starts,
-        azimuth[np.minimum(starts, len(x) - 1)],
+        (by_column / scale)[chosen],
+        (by_row / scale)[chosen],
+        np.abs(angle.by_height / scale)[chosen],
+        azimuth[some][np.append(np.arange(pieces) * each, -1)],
         float(raw[order[0]]),
         near.los_cam[:, middles].T,
-        float(np.median(scale / np.abs(angle.by_height))),
+        limb_px / pieces,
+        float(np.median(scale[chosen] / np.abs(angle.by_height[chosen]))),
     )
 
 
 @dataclass(frozen=True)
 class SeenEdge:
-    """What m pieces of a limb show.
+    """What m pieces of k pixels of a limb show.
 
     ``place_px``: of the edge, inside the predicted limb; ``blur_px``, ``scale_height_m``: of lens and limb;
     ``blur_sigma``: of the blur's logarithm. Shape (m,) each: ``steps``, of radiance, positive with the whole limb's
     sign, and ``step_sigmas``; ``off_px``, how far inside the common edge a piece has its own, and ``off_sigmas``.
-    ``misfit``: mean square residual across the edge, less the noise to both sides, over the squared step.
-    ``by_place``: shape (n,), derivative of the pixels by the place of the edge; ``residuals``, ``weights``: shape (n,).
+    ``slope``: shape (m, k), change of radiance per pixel inside; ``residuals``, ``weights``: shape (m, k).
     """
 
     place_px: float
@@ -232,10 +206,14 @@ class SeenEdge:
     step_sigmas: FloatArray
     off_px: FloatArray
     off_sigmas: FloatArray
-    misfit: float
-    by_place: FloatArray
+    slope: FloatArray
     residuals: FloatArray
     weights: FloatArray
+
+    @property
+    def shown(self) -> BoolArray:
+        """Which pieces show the edge."""
+        return self.steps > SIGMAS * self.step_sigmas
 
 
 def seen_edge(
@@ -251,122 +229,137 @@ def seen_edge(
     least = np.array([between_px[0], np.log(LEAST_WIDTH_PX), 0.0])
     most = np.array([between_px[1], np.log(OUTSIDE_PX), np.inf])
     now = np.array([_steepest(view, between_px), 0.5 * np.log(blur_px**2 + PIXEL_VARIANCE), scale_m / unit_m])
-    best, before = np.inf, now
-    levels = _Levels(view)
+    # Few pixels find the edge, all of them measure it.
+    every = max(view.x.shape[1] // FEWEST_OF_PIECE, 1)
+    few = _Pixels(view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
     for number in range(MOST_STEPS):
-        place, blur, scale = float(now[0]), float(np.exp(now[1])), unit_m * float(now[2])
-        x = view.x - place
-        edge = edge_profile(x, blur, scale * view.soft if scale > 0.0 else None)
-        merit = levels.solve(edge.level, x) + (known * (now[2] - scale_m / unit_m)) ** 2
-        if merit > best and number < MOST_STEPS - 1:
-            now = 0.5 * (now + before)
-            continue
-        best, before = merit, now
-        by_x = levels.step * edge.slope + levels.shading * edge.level
-        rows = np.array([-by_x, levels.step * edge.by_blur * blur, levels.step * edge.by_scale * view.soft * unit_m])
-        rows = levels.without(rows)
-        normal, right = (rows * levels.weights) @ rows.T, rows @ (levels.weights * levels.residuals)
+        held = number < HELD_STEPS
         # A soft limb and a blurred one are alike from afar: the softness is held until the edge is in its place.
-        of_scale = known**2 if number >= HELD_STEPS else HELD
-        normal[2, 2] += of_scale
-        right[2] += of_scale * (scale_m / unit_m - now[2])
+        before, look = now, few.look(now)
+        now = np.clip(now + look.step(HELD if held else known, scale_m / unit_m - now[2])[0], least, most)
+        if not held and (np.abs(now - before) < 0.2 * np.array(LARGEST_STEP)).all():
+            break
+    all_of_them = _Pixels(view.values, view.x, unit_m * view.soft)
+    all_of_them.look(now)
+    look = all_of_them.look(now)
+    step, covariance = look.step(known, scale_m / unit_m - now[2])
+    now = np.clip(now + step, least, most)
+    step_sigmas = np.sqrt(np.maximum(look.inverse[:, 1, 1], 1e-300))
+    sign = float(np.sign(np.sum(look.levels[:, 1] / step_sigmas**2))) or 1.0
+    steps = sign * look.levels[:, 1]
+    information, pull = look.of_pieces()
+    return SeenEdge(
+        place_px=float(now[0]),
+        blur_px=float(np.sqrt(max(np.exp(2.0 * now[1]) - PIXEL_VARIANCE, 0.0))),
+        blur_sigma=float(np.sqrt(max(covariance[1, 1], 0.0))),
+        scale_height_m=unit_m * float(now[2]),
+        bright_inside=sign > 0.0,
+        steps=steps,
+        step_sigmas=step_sigmas,
+        off_px=pull / information,
+        off_sigmas=information**-0.5,
+        slope=-look.rows[:, 3],
+        residuals=look.residuals,
+        weights=look.weights,
+    )
+
+
+@dataclass(frozen=True)
+class _Look:
+    """An edge in m pieces of k pixels.
+
+    ``rows``: shape (m, 6, k), derivatives by the levels ``b``, ``a``, ``c`` of ``b + (a + c x) E``, and by place, ln
+    blur and scale; ``levels``: shape (m, 3); ``inverse``: shape (m, 3, 3), of their normal matrices; ``share``,
+    ``residuals``, ``variance``, ``weights``: shape (m, k), the first ``E``.
+    """
+
+    rows: FloatArray
+    levels: FloatArray
+    inverse: FloatArray
+    share: FloatArray
+    residuals: FloatArray
+    variance: FloatArray
+    weights: FloatArray
+
+    def step(self, known: float, short: float) -> tuple[FloatArray, FloatArray]:
+        """Return the step of place, ln blur and scale by least squares, shape (3,), and its covariance.
+
+        ``known``: square root of the information of the scale; ``short``: what it lacks of its mean.
+        """
+        normal, right = self._without_levels()
+        normal, right = normal.sum(axis=0), right.sum(axis=0)
+        normal[2, 2] += known**2
+        right[2] += known**2 * short
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
         step = np.clip(inverse @ right, -np.array(LARGEST_STEP), LARGEST_STEP)
         if not np.isfinite(step).all():
             raise np.linalg.LinAlgError("the pixels about the limb show no edge")
-        if number >= HELD_STEPS and np.abs(step).max() < STEADY_PX:
-            break
-        now = np.clip(now + step, least, most)
-    starts = view.starts[:-1]
-    weighted = levels.weights * rows[0]
-    information = np.maximum(np.add.reduceat(weighted * rows[0], starts), 1e-300)
-    steps, step_sigmas = levels.steps()
-    sign = float(np.sign(np.sum(steps / step_sigmas**2))) or 1.0
-    share = np.clip(edge.level, 0.0, 1.0)
-    between = (share > 0.02) & (share < 0.98)
-    beyond = float(np.mean(levels.residuals[between] ** 2 - levels.variance[between])) if between.any() else 0.0
-    shown = sign * steps > SIGMAS * step_sigmas
-    typical = float(np.median(np.abs(steps[shown]))) if shown.any() else 0.0
-    return SeenEdge(
-        place_px=place,
-        blur_px=float(np.sqrt(max(blur**2 - PIXEL_VARIANCE, 0.0))),
-        blur_sigma=float(np.sqrt(max(inverse[1, 1], 0.0))),
-        scale_height_m=scale,
-        bright_inside=sign > 0.0,
-        steps=sign * steps,
-        step_sigmas=step_sigmas,
-        off_px=np.add.reduceat(weighted * levels.residuals, starts) / information,
-        off_sigmas=information**-0.5,
-        misfit=max(beyond, 0.0) / typical**2 if typical > 0.0 else np.inf,
-        by_place=-by_x,
-        residuals=levels.residuals,
-        weights=levels.weights,
-    )
+        return step, inverse
+
+    def of_pieces(self) -> tuple[FloatArray, FloatArray]:
+        """Return the information of every piece about its place, and what its pixels pull by, shape (m,)."""
+        normal, right = self._without_levels()
+        return np.maximum(normal[:, 0, 0], 1e-300), right[:, 0]
+
+    def _without_levels(self) -> tuple[FloatArray, FloatArray]:
+        weighted = self.rows * self.weights[:, None]
+        normal = weighted @ self.rows.transpose(0, 2, 1)
+        right = (weighted @ self.residuals[:, :, None])[:, :, 0]
+        gain = normal[:, 3:, :3] @ _inverse(normal[:, :3, :3])
+        return normal[:, 3:, 3:] - gain @ normal[:, :3, 3:], right[:, 3:] - np.einsum("mij,mj->mi", gain, right[:, :3])
+
+
+class _Pixels:
+    """Values, distances inside the predicted limb, and its softness by the scale's unit, of pixels (m, k)."""
+
+    def __init__(self, values: FloatArray, x: FloatArray, soft: FloatArray) -> None:
+        self._values, self._x, self._soft = values, x, soft
+        self._rounding = rounding_variance(values)
+        self._weights = np.ones_like(x)
+
+    def look(self, now: FloatArray) -> _Look:
+        """Return the edge of a place, ln blur and scale, its levels with the weights of the look before."""
+        x, blur = self._x - now[0], float(np.exp(now[1]))
+        edge = edge_profile(x, blur, self._soft * now[2] if now[2] > 0.0 else None)
+        basis = np.stack([np.ones_like(x), edge.level, edge.level * x], axis=1)
+        weighted = basis * self._weights[:, None]
+        normal = basis @ weighted.transpose(0, 2, 1)
+        inverse = _inverse(normal)
+        levels = (inverse @ (weighted @ self._values[:, :, None]))[:, :, 0]
+        residuals = self._values - (levels[:, None] @ basis)[:, 0]
+        space, earth = (_median_square(residuals[there]) for there in (edge.level < 0.1, edge.level > 0.9))
+        least = max(self._rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
+        variance = np.maximum(space + (earth - space) * np.clip(edge.level, 0.0, 1.0), least)
+        self._weights = PixelNoise(variance).weights(residuals)
+        step = levels[:, 1:2] + levels[:, 2:] * x
+        by_x = step * edge.slope + levels[:, 2:] * edge.level
+        ours = np.stack([-by_x, step * edge.by_blur * blur, step * edge.by_scale * self._soft], axis=1)
+        rows = np.concatenate([basis, ours], axis=1)
+        return _Look(rows, levels, inverse, edge.level, residuals, variance, self._weights)
 
 
 def _steepest(view: LimbView, between_px: tuple[float, float]) -> float:
     """Return the place in a range at which the mean profile across the limb is steepest [px inside]."""
-    depth = np.rint(view.x).astype(np.intp)
+    depth = np.rint(view.x.ravel()).astype(np.intp)
     lowest = int(depth.min())
     counts = np.bincount(depth - lowest)
-    means = np.bincount(depth - lowest, view.values) / np.maximum(counts, 1)
+    means = np.bincount(depth - lowest, view.values.ravel()) / np.maximum(counts, 1)
     change = np.where((counts[2:] > 0) & (counts[:-2] > 0), np.abs(means[2:] - means[:-2]), 0.0)
     places = np.arange(lowest + 1, lowest + len(counts) - 1)
     change[(places < between_px[0]) | (places > between_px[1])] = 0.0
     return float(places[int(np.argmax(change))]) if change.any() else 0.5 * sum(between_px)
 
 
-class _Levels:
-    """Levels ``b + (a + c x) E`` of all pieces by weighted least squares; ``step``: ``a + c x``, ``shading``: ``c``."""
+def _inverse(normal: FloatArray) -> FloatArray:
+    """Return the inverses of normal matrices (m, 3, 3), of singular ones too."""
+    size = np.sqrt(np.maximum(np.einsum("pii->pi", normal), 1e-300))
+    outer = size[:, :, None] * size[:, None, :]
+    return np.asarray(np.linalg.inv(normal / outer + 1e-10 * np.eye(3)) / outer)
 
-    def __init__(self, view: LimbView) -> None:
-        self._view, self._piece, self._starts = view, view.piece, view.starts[:-1]
-        self._rounding = rounding_variance(view.values)
-        self.weights = np.ones_like(view.values)
-        self.residuals = self.variance = self.weights
 
-    def solve(self, level: FloatArray, x: FloatArray) -> float:
-        """Solve for the levels with the weights of the residuals so far, then with those of the new ones.
-
-        Return -2 ln likelihood.
-        """
-        basis = np.array([np.ones_like(x), level, level * x])
-        self._fit(basis)
-        space, earth = (self._median_square(there) for there in (level < 0.1, level > 0.9))
-        least = max(self._rounding, 1e-12 * float(np.mean(self.residuals**2)) + 1e-300)
-        self.variance = np.maximum(space + (earth - space) * np.clip(level, 0.0, 1.0), least)
-        self.weights = (TAIL_FREEDOM + 1.0) / (TAIL_FREEDOM + self.residuals**2 / self.variance) / self.variance
-        self._fit(basis)
-        self.shading = self._found[self._piece, 2]
-        self.step = self._found[self._piece, 1] + self.shading * x
-        tails = (TAIL_FREEDOM + 1.0) * np.log1p(self.residuals**2 / (TAIL_FREEDOM * self.variance))
-        return float(np.sum(tails + np.log(self.variance)))
-
-    def without(self, rows: FloatArray) -> FloatArray:
-        """Return rows (k, n) without what levels can make of them."""
-        mixed = np.add.reduceat((self._basis * self.weights)[:, None] * rows, self._starts, axis=2)
-        gains = np.einsum("pij,jkp->pik", self._inverse, mixed)
-        return np.asarray(rows - np.einsum("nik,in->kn", gains[self._piece], self._basis))
-
-    def steps(self) -> tuple[FloatArray, FloatArray]:
-        """Return the step of every piece and its standard deviation."""
-        return self._found[:, 1], np.sqrt(np.maximum(self._inverse[:, 1, 1], 1e-300))
-
-    def _fit(self, basis: FloatArray) -> None:
-        weighted = basis * self.weights
-        normal = np.add.reduceat(basis[:, None] * weighted, self._starts, axis=2).transpose(2, 0, 1)
-        size = np.sqrt(np.maximum(np.einsum("pii->pi", normal), 1e-300))
-        scaled = normal / (size[:, :, None] * size[:, None, :]) + 1e-10 * np.eye(3)
-        self._inverse = np.linalg.inv(scaled) / (size[:, :, None] * size[:, None, :])
-        right = np.add.reduceat(weighted * self._view.values, self._starts, axis=1).T
-        self._found = np.einsum("pij,pj->pi", self._inverse, right)
-        self._basis = basis
-        self.residuals = self._view.values - np.einsum("in,ni->n", basis, self._found[self._piece])
-
-    def _median_square(self, there: BoolArray) -> float:
-        size = np.abs(self.residuals[there])
-        return float(np.median(size) / NORMAL_QUARTILE) ** 2 if len(size) else 0.0
+def _median_square(residuals: FloatArray) -> float:
+    return (median(np.abs(residuals)) / NORMAL_QUARTILE) ** 2 if len(residuals) else 0.0
 
 
 def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observation: Observation) -> BoolArray:
@@ -392,7 +385,7 @@ def disturbed_pieces(view: LimbView, seen: SeenEdge, due: BoolArray, relief_m: f
     """
     # Where the Sun may not light the limb, its edge may be the terminator, which departs from it by and by.
     due = minimum_filter1d(due, NEIGHBOURS, mode="nearest")
-    shown = due & (seen.steps > SIGMAS * seen.step_sigmas)
+    shown = due & seen.shown
     if np.count_nonzero(shown) < NEIGHBOURS:
         return np.zeros(len(shown), dtype=bool)
     numbers = np.flatnonzero(shown)
@@ -415,81 +408,65 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     neighbours ``sum (s_i+1 - s_i)^2 / variance`` has the distribution of chi-squared, and the largest term that of the
     largest of ``k`` squared normals.
 
-    ``lines``: shape (n,), rows or columns; ``along``: shape (n,), change of the distance inside the limb along them.
+    ``lines``: shape (m, k), rows or columns; ``along``: shape (m, k), change of the distance inside the limb along
+    them.
     """
     # Where a lit limb ends, what a piece shows changes within it.
-    shown = minimum_filter1d(seen.steps > SIGMAS * seen.step_sigmas, 3, mode="nearest")[view.piece]
-    lines, along, weights, x = lines[shown], along[shown], seen.weights[shown], view.x[shown] - seen.place_px
-    if not len(lines):
+    shown = minimum_filter1d(seen.shown, 3, mode="nearest")
+    if not shown.any():
         return 0.0
-    by_shift = -seen.by_place[shown] * along
-    count = int(lines.max()) + 1
+    lines, along, weights, slope, residuals, x = (
+        one[shown].ravel() for one in (lines, along, seen.weights, seen.slope, seen.residuals, view.x)
+    )
+    lines = lines - lines.min()
+    by_shift = slope * along
     information = weights * by_shift**2
-    known = np.maximum(np.bincount(lines, information, count), 1e-300)
-    shift = np.bincount(lines, weights * by_shift * seen.residuals[shown], count) / known
+    known = np.maximum(np.bincount(lines, information), 1e-300)
+    shift = np.bincount(lines, weights * by_shift * residuals) / known
     # What misplaces the limb across itself shifts a line by more, the more obliquely it crosses.
-    across = np.maximum(np.bincount(lines, information * np.abs(along), count) / known, 1e-3)
-
+    across = np.maximum(np.bincount(lines, information * np.abs(along)) / known, 1e-3)
     # Lines that end before they cross the limb see its tails, in which no exponential is right.
-    outside, inside = (np.bincount(lines, sign * x > CROSSED_PX, count) > 0.0 for sign in (-1.0, 1.0))
-    crossed = outside & inside
+    beside = np.bincount(lines, x > seen.place_px), np.bincount(lines, x < seen.place_px)
+    crossed = (beside[0] > 0) & (beside[1] > 0)
 
-    def squares(apart: int, misplaced_px: float) -> tuple[FloatArray, FloatArray]:
+    def squares(apart: int, misplaced_px: float) -> FloatArray:
         variance = 1.0 / known + (misplaced_px / across) ** 2
-        both = variance[apart:] + variance[:-apart]
-        change = np.abs(shift[apart:] - shift[:-apart])
-        sure = (both < SURE_LINE_PX**2) & crossed[apart:] & crossed[:-apart]
-        return (change**2 / both)[sure], (change * np.minimum(across[apart:], across[:-apart]))[sure]
+        found = (shift[apart:] - shift[:-apart]) ** 2 / (variance[apart:] + variance[:-apart])
+        return np.asarray(found[crossed[apart:] & crossed[:-apart]])
 
-    (one, _), (two, _), (single, jump) = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
     if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
-    free = min(len(one), INDEPENDENT_LINES)
-    every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chi2.isf(CHANCE, free)) / free)
-    usual = max(float(np.median(single)) / NORMAL_QUARTILE**2, 1.0)
-    largest = float(np.max(single * (jump > LEAST_JUMP_PX)))
-    return max(every, largest / usual / float(norm.isf(0.5 * CHANCE / len(single))) ** 2)
+    every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chdtri(len(one), CHANCE)) / len(one))
+    usual = max(median(single) / NORMAL_QUARTILE**2, 1.0)
+    return max(every, float(single.max()) / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
 
 
-def rival_pieces(
-    image: FloatArray,
-    observation: Observation,
-    pose: LimbPose,
-    axes_m: FloatArray,
-    view: LimbView,
-    seen: SeenEdge,
-) -> BoolArray:
+def rival_pieces(image: FloatArray, camera: CameraModel, view: LimbView, seen: SeenEdge, air_px: float) -> BoolArray:
     """Return which pieces show a step like the limb's at another distance, out of reach of the air, shape (m,)."""
-    low, high = limb_height_m(observation.band_kind)
-    nearest = max(RIVAL_WIDTH_PX, (high - low) / view.pixel_m) + 2.0 * RIVAL_WIDTH_PX
-    far = FARTHEST_RIVAL_PX + RIVAL_WIDTH_PX
-    camera = observation.camera
-    wide = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes_m, far, far, 2 * MOST_PIXELS)
-    angle = limb_angle(wide.los_cam, pose.cam_from_itrs, pose.r_itrs, axes_m)
-    x = angle.delta / np.hypot(*gradient(angle, wide.by_column, wide.by_row)) - seen.place_px
-    values = np.asarray(image[wide.rows, wide.columns], dtype=np.float64)
-    across = tangent_basis(pose.nadir_cam).T @ wide.los_cam
-    own = np.mod(np.arctan2(across[1], across[0]) - view.first_rad, 2.0 * np.pi)
-    piece = np.searchsorted(view.azimuth, own, side="right") - 1
-    good = np.isfinite(values) & (own <= view.azimuth[-1])
-    pieces, depths = len(seen.steps), int(2.0 * far / RIVAL_WIDTH_PX) + 1
-    piece = np.minimum(piece, pieces - 1)
-    # Means over strips as wide as the window.
-    needed = RIVAL_STEP * np.abs(seen.steps)
-    sign = 1.0 if seen.bright_inside else -1.0
-    strip = np.floor((x + far) / RIVAL_WIDTH_PX).astype(np.intp)
-    inside = good & (strip >= 0) & (strip < depths)
-    place = piece[inside] * depths + strip[inside]
-    counts = np.bincount(place, minlength=pieces * depths)
-    sums = np.bincount(place, values[inside], minlength=pieces * depths)
-    means = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).reshape(pieces, depths)
+    nearest_px = max(RIVAL_WIDTH_PX, air_px) + 2.0 * RIVAL_WIDTH_PX
+    # The image along lines across the middle of every piece, in strips as wide as the window.
+    strips = int(2.0 * FARTHEST_RIVAL_PX / RIVAL_WIDTH_PX) + 3
+    depth = (np.arange(RIVAL_WIDTH_PX * strips) - 0.5 * (RIVAL_WIDTH_PX * strips - 1))[:, None]
+    beside = view.length_px * (np.arange(LINES) / LINES - 0.5 + 0.5 / LINES)
+    middle = np.arange(len(view.x)), np.argmin(np.abs(view.x), axis=1)
+    inwards = np.stack([view.by_column[middle], view.by_row[middle]])[:, :, None, None]
+    at = np.stack([view.columns[middle], view.rows[middle]])[:, :, None, None]
+    at = at + (depth + seen.place_px - view.x[middle][:, None, None]) * inwards
+    columns, rows = np.rint(at + beside * np.stack([-inwards[1], inwards[0]])).astype(np.intp)
+    inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
+    values = np.where(inside, image[np.where(inside, rows, 0), np.where(inside, columns, 0)], np.nan)
+    values = values.reshape(len(values), strips, -1)
+    good = np.isfinite(values)
+    means = np.where(good, values, 0.0).sum(axis=2) / np.where(good.any(axis=2), good.sum(axis=2), np.nan)
     # An edge lies in a strip or at its borders: the strips to both sides differ by more than shading makes them.
-    place_px = (np.arange(3, depths - 3) + 0.5) * RIVAL_WIDTH_PX - far
+    place_px = (np.arange(3, strips - 3) - 0.5 * (strips - 1)) * RIVAL_WIDTH_PX
+    sign = 1.0 if seen.bright_inside else -1.0
     with np.errstate(invalid="ignore"):
         change = sign * (means[:, 2:] - means[:, :-2])
-        step = change[:, 2:-2] - 0.5 * (change[:, 4:] + change[:, :-4]) >= needed[:, None]
-    step &= (np.abs(place_px) >= nearest) & (np.abs(place_px) <= FARTHEST_RIVAL_PX)
+        step = change[:, 2:-2] - 0.5 * (change[:, 4:] + change[:, :-4]) >= RIVAL_STEP * np.abs(seen.steps)[:, None]
+    step &= (np.abs(place_px) >= nearest_px) & (np.abs(place_px) <= FARTHEST_RIVAL_PX)
     # A limb goes on at nearly the same distance in the pieces to both sides; edges of clouds are anywhere.
     near = np.pad(maximum_filter1d(step, 3, axis=1), ((1, 1), (0, 0)), mode="edge")
     return np.asarray((step & near[:-2] & near[2:]).any(axis=1))
@@ -532,7 +509,6 @@ def examined(
     if scale > 1:
         # A limb that is many pixels deep is no edge in the image's own pixels.
         image, camera = smaller(image, camera, scale)
-    seen_by = replace(observation, camera=camera)
     low, high = limb_height_m(observation.band_kind)
     axes = ellipsoid.axes_m + (0.0 if in_air else pose.height_m)
     pixel_m *= scale
@@ -551,28 +527,99 @@ def examined(
     except np.linalg.LinAlgError as e:
         return refused(Outcome.NOT_CONVERGED, f"the limb that the claim predicts: {e}")
     due = due_pieces(view, seen, pose.nadir_cam, observation)
-    for refusal in (
-        _by_saturation(view, seen, observation.full_scale, points),
-        _by_share(view, seen, due, points),
-        _by_misfit(seen, points),
-        _by_rival(rival_pieces(image, seen_by, pose, axes, view, seen), due, points),
-        _by_place(view, seen, due, between, observation, points, uneven_px / scale),
-        _by_blur(view, seen, own_px, lens, scale, points, thermal=observation.band_kind == "thermal"),
-        _by_lines(view, seen, points),
-    ):
-        if refusal is not None:
-            return Verdict(refusal, np.zeros((0, 2)))
-    clouds = CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL
-    known = reliefs(observation.band_kind, prior.limb_relief_m)
-    relief = float(np.hypot.reduce([one.sigma_m for one in known])) if known else 0.0
-    relief = float(np.hypot(relief, clouds.sigma_m)) if prior.limb_relief_m is None else relief
-    disturbed = disturbed_pieces(view, seen, due, float(np.hypot(relief, uneven_px / scale * pixel_m)))
-    if float(np.mean(disturbed)) > MOST_HIDDEN:
+    tests: tuple[Callable[[], Test], ...] = (
+        lambda: _lost(view, seen, due, observation.full_scale),
+        lambda: _rival(rival_pieces(image, camera, view, seen, (high - low) / view.pixel_m), due),
+        lambda: _misplaced(view, seen, due, between, uneven_px / scale),
+        lambda: _blurred(view, seen, lens, own_px, scale, thermal=observation.band_kind == "thermal"),
+        lambda: _torn(view, seen),
+    )
+    for test in tests:
+        if (found := test()) is not None:
+            return refused(*found)
+    relief_m = float(
+        np.hypot.reduce([0.0, *(one.sigma_m for one in reliefs(observation.band_kind, prior.limb_relief_m))])
+    )
+    if prior.limb_relief_m is None:
+        clouds = CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL
+        relief_m = float(np.hypot(relief_m, clouds.sigma_m))
+    disturbed = disturbed_pieces(view, seen, due, float(np.hypot(relief_m, uneven_px / scale * pixel_m)))
+    if float(np.mean(disturbed)) > MOST_LOST:
         return refused(Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed")
     # What stands before the limb rarely ends with a piece.
     hidden = maximum_filter1d(disturbed, 3, mode="nearest")
     borders = view.azimuth + view.first_rad
     return Verdict(None, np.column_stack([borders[:-1], borders[1:]])[hidden])
+
+
+Test = tuple[Outcome, str] | None
+"""Why a limb is not believed."""
+
+
+def _needed(count: int | np.signedinteger) -> int:
+    """Return how many of so many pieces are more than chance makes of them."""
+    return int(np.argmax(bdtr(np.arange(count + 1.0), count, 0.5) >= 1.0 - COIN)) + 1
+
+
+def _lost(view: LimbView, seen: SeenEdge, due: BoolArray, full_scale: float | None) -> Test:
+    """Test whether the limb is saturated, or not there."""
+    if full_scale is not None:
+        x = view.x - seen.place_px
+        inside = (x > 0.5) & (x < 0.5 * INSIDE_PX)
+        full = (inside & (view.values >= full_scale)).sum(axis=1) > 0.5 * inside.sum(axis=1)
+        if np.mean(full) > MOST_LOST:
+            return Outcome.SATURATED, f"{np.mean(full):.0%} of the limb is saturated"
+    count, shown = np.count_nonzero(due), np.count_nonzero(due & seen.shown)
+    # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
+    if shown and not shown < _needed(count) <= count:
+        return None
+    return Outcome.NO_LIMB, f"{shown} of {count} pieces of the predicted limb show an edge; {_needed(count)} are needed"
+
+
+def _rival(rival: BoolArray, due: BoolArray) -> Test:
+    count, shown = np.count_nonzero(due), np.count_nonzero(rival & due)
+    if shown < _needed(count):
+        return None
+    return Outcome.AMBIGUOUS, f"{shown} of {count} pieces show a second limb beside the first"
+
+
+def _misplaced(
+    view: LimbView,
+    seen: SeenEdge,
+    due: BoolArray,
+    between_px: tuple[float, float],
+    uneven_px: float,
+) -> Test:
+    """Test whether the edge lies where air may be, and is as even as clouds and terminator."""
+    if not between_px[0] < seen.place_px < between_px[1]:
+        return Outcome.AMBIGUOUS, f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
+    # A body before a few pieces is left out of a second fit.
+    off, sigmas = np.sort(seen.off_px[due & seen.shown]), seen.off_sigmas[due & seen.shown]
+    few = int(FEW_PIECES * (len(off) - 1))
+    far = float(off[-1 - few] - off[few]) - SIGMAS * median(sigmas)
+    if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX + uneven_px:
+        return None
+    return Outcome.AMBIGUOUS, f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
+
+
+def _blurred(view: LimbView, seen: SeenEdge, lens: Lens, own_px: float, scale: int, *, thermal: bool) -> Test:
+    """Test whether the edge is as wide as the lens makes it; ``own_px``: its blur in pixels ``scale`` as wide."""
+    known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
+    margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
+    air_px = AIR_BLUR_M / view.pixel_m
+    widest = np.hypot(margin * own_px * lens.ratios.max(), max(air_px, CLOUDY_BLUR_PX / scale if thermal else 0.0))
+    if seen.blur_px <= widest:
+        return None
+    stated = "" if lens.blur_px is not None else ", if its file states none (optics.psf_sigma_px)"
+    blur, own = scale * seen.blur_px, scale * own_px
+    return Outcome.AMBIGUOUS, f"the limb is blurred by {blur:.1f} px, the camera's own blur is {own:.1f} px{stated}"
+
+
+def _torn(view: LimbView, seen: SeenEdge) -> Test:
+    for word, lines, along in (("row", view.rows, view.by_column), ("column", view.columns, view.by_row)):
+        if jumps(view, seen, lines, along) > 1.0:
+            return Outcome.AMBIGUOUS, f"the limb jumps from one {word} of pixels to the next"
+    return None
 
 
 def without_azimuths(
@@ -595,7 +642,7 @@ def without_lost_lines(image: FloatArray) -> FloatArray:
 
     Lines of space may be of one value too: those beside them are then of that value for the most part.
     """
-    lost = [_lost(lines) for lines in (image, image.T)]
+    lost = [_lost_lines(lines) for lines in (image, image.T)]
     if not any(one.any() for one in lost):
         return image
     image = np.array(image, dtype=np.float64)
@@ -604,7 +651,7 @@ def without_lost_lines(image: FloatArray) -> FloatArray:
     return image
 
 
-def _lost(lines: FloatArray) -> BoolArray:
+def _lost_lines(lines: FloatArray) -> BoolArray:
     """Return which rows of an array are lost."""
     even = lines.min(axis=1) == lines.max(axis=1)
     same = np.zeros(len(lines), dtype=bool)
@@ -619,101 +666,6 @@ def _lost(lines: FloatArray) -> BoolArray:
         inside = first > 0 and last < len(lines)
         lost[first:last] = inside and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in (first - 1, last))
     return lost
-
-
-def _by_saturation(view: LimbView, seen: SeenEdge, full_scale: float | None, points: FloatArray) -> Refusal | None:
-    if full_scale is None:
-        return None
-    x = view.x - seen.place_px
-    inside = (x > 0.5) & (x < SATURATION_PX)
-    starts = view.starts[:-1]
-    share = np.add.reduceat((inside & (view.values >= full_scale)).astype(float), starts)
-    share /= np.maximum(np.add.reduceat(inside.astype(float), starts), 1.0)
-    saturated = float(np.mean(share > 0.5))
-    if not saturated > MOST_SATURATED:
-        return None
-    return Refusal(Outcome.SATURATED, f"{saturated:.0%} of the limb is saturated", points)
-
-
-def _needed(due: BoolArray) -> int:
-    return int(binom.isf(COIN, np.count_nonzero(due), 0.5)) + 1
-
-
-def _by_share(view: LimbView, seen: SeenEdge, due: BoolArray, points: FloatArray) -> Refusal | None:
-    shown = int(np.count_nonzero(due & (seen.steps > SIGMAS * seen.step_sigmas)))
-    # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
-    if not shown < _needed(due) <= np.count_nonzero(due):
-        return None
-    reason = f"{shown} of {np.count_nonzero(due)} pieces of the predicted limb show an edge; {_needed(due)} are needed"
-    return Refusal(Outcome.NO_LIMB, reason, points)
-
-
-def _by_misfit(seen: SeenEdge, points: FloatArray) -> Refusal | None:
-    count = len(seen.steps)
-    if seen.misfit / PROFILE_SHARE**2 <= float(chi2.isf(CHANCE, count)) / count:
-        return None
-    reason = f"the pixels miss the limb's profile by {np.sqrt(seen.misfit):.0%} of its step"
-    return Refusal(Outcome.NO_LIMB, reason, points)
-
-
-def _by_rival(rival: BoolArray, due: BoolArray, points: FloatArray) -> Refusal | None:
-    shown = int(np.count_nonzero(rival & due))
-    if shown < _needed(due):
-        return None
-    reason = f"{shown} of {np.count_nonzero(due)} pieces show a second limb beside the first"
-    return Refusal(Outcome.AMBIGUOUS, reason, points)
-
-
-def _by_place(
-    view: LimbView,
-    seen: SeenEdge,
-    due: BoolArray,
-    between_px: tuple[float, float],
-    observation: Observation,
-    points: FloatArray,
-    uneven_px: float,
-) -> Refusal | None:
-    prior = observation.prior
-    softest_m = prior.limb_scale_height_m + SIGMAS * prior.limb_scale_height_sigma_m
-    if seen.scale_height_m > max(softest_m, TAIL_PX * view.pixel_m):
-        reason = f"the edge is soft as air of a scale height of {seen.scale_height_m / 1e3:.0f} km"
-        return Refusal(Outcome.NO_LIMB, reason, points)
-    if not between_px[0] < seen.place_px < between_px[1]:
-        reason = f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
-        return Refusal(Outcome.AMBIGUOUS, reason, points)
-    shown = due & (seen.steps > SIGMAS * seen.step_sigmas)
-    if not shown.any():
-        return Refusal(Outcome.NO_LIMB, "no piece of the predicted limb shows an edge", points)
-    # A body before a few pieces is left out of a second fit.
-    lowest, highest = np.quantile(seen.off_px[shown], (FEW_PIECES, 1.0 - FEW_PIECES))
-    far = float(highest - lowest - SIGMAS * np.median(seen.off_sigmas[shown]))
-    if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX + uneven_px:
-        return None
-    reason = f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
-    return Refusal(Outcome.AMBIGUOUS, reason, points)
-
-
-def _by_blur(
-    view: LimbView, seen: SeenEdge, own_px: float, lens: Lens, scale: int, points: FloatArray, *, thermal: bool
-) -> Refusal | None:
-    known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
-    margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
-    air_px = max(AIR_BLUR_M / view.pixel_m, CLOUDY_BLUR_PX / scale if thermal else 0.0)
-    widest = float(np.hypot(margin * own_px * float(lens.ratios.max()), air_px))
-    sharpest = 0.0 if lens.blur_px is None else own_px * float(lens.ratios.min()) / margin**2
-    if sharpest <= float(np.hypot(seen.blur_px, AIR_BLUR_M / view.pixel_m)) and seen.blur_px <= widest:
-        return None
-    stated = "" if lens.blur_px is not None else ", if its file states none (optics.psf_sigma_px)"
-    blur, own = scale * seen.blur_px, scale * own_px
-    reason = f"the limb is blurred by {blur:.1f} px, the camera's own blur is {own:.1f} px{stated}"
-    return Refusal(Outcome.AMBIGUOUS, reason, points)
-
-
-def _by_lines(view: LimbView, seen: SeenEdge, points: FloatArray) -> Refusal | None:
-    for word, lines, along in (("row", view.rows, view.by_column), ("column", view.columns, view.by_row)):
-        if jumps(view, seen, lines, along) > 1.0:
-            return Refusal(Outcome.AMBIGUOUS, f"the limb jumps from one {word} of pixels to the next", points)
-    return None
 
 
 def pulled(
@@ -744,7 +696,7 @@ def pulled(
     square = np.where(learnt > least_learnt, off**2 / np.maximum(learnt, least_learnt), 0.0)
     seen = left < MOST_LEFT
     total = float(square[seen].sum())
-    if seen.any() and total > float(chi2.isf(CHANCE, np.count_nonzero(seen))):
+    if seen.any() and total > float(chdtri(np.count_nonzero(seen), CHANCE)):
         sigmas = float(np.sqrt(total))
         return Refusal(
             Outcome.AMBIGUOUS, f"the limb lies {sigmas:.0f} sigma from the position and attitude of the prior", points

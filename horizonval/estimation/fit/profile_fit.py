@@ -40,9 +40,9 @@ from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, sol
 
 OPTIONS = SolverOptions(
     stages=(Stage(pixels=2400, tighter=10.0, tolerance=1.0, reselect_px=3.0), Stage()),
-    near=0.5,
-    reweighed=0.5,
-    frozen=0.3,
+    steady=0.5,
+    frozen=5.0,
+    good=0.2,
 )
 """First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
 clouds soften it, more increases the dependence on the start. A third of its pixels see the profile, enough to be within

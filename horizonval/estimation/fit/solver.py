@@ -1,9 +1,10 @@
 """The solver of all fits: Levenberg and Marquardt's method on a bundle of shots, in stages.
 
-The residuals' derivatives are computed at the first step of a stage and again where a step does not gain what they
-predict; in between they are frozen, and a step costs one look at the pixels and one product. The noise is estimated
-again after every step until it no longer changes; from then on the variances are held, since a minimum is that of one
-function.
+The residuals' derivatives are computed at the first step of a stage and again after a long step, or one that does not
+gain what they predict. In between they are frozen, a step costs one look at the pixels and one product, and the changes
+of the gradient along the last steps stand in for the second derivatives that the equations neglect. The noise is
+estimated again after every step down to one of a standard deviation; from then on the variances are held, since a
+minimum is that of one function.
 
 **Stages** are data: how many pixels take part, whether the lens may change, how near the end must be.
 """
@@ -17,8 +18,20 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress, Silent
-from horizonval.estimation.fit.bundle import Bundle, Seen, ShotEquations, ShotSolution, Solved, Step
+from horizonval.estimation.fit.bundle import (
+    Bundle,
+    Curvature,
+    Seen,
+    ShotEquations,
+    ShotSolution,
+    Solved,
+    Step,
+    right_sides,
+)
 from horizonval.estimation.fit.image import POSE, ShotState
+
+MEMORY = 4
+"""Number of curvatures, beside the last one, that correct a step."""
 
 
 @dataclass(frozen=True)
@@ -26,9 +39,9 @@ class Stage:
     """A part of the way to the most probable unknowns.
 
     ``pixels``: about how many per image, None for all; ``tighter``: factor on the priors' information on the blur,
-    above 1 where the lens is held at first; ``tolerance``: length of a step, in its own standard deviations, that ends
-    the stage; ``reselect_px``: motion of the limb after which the pixels are chosen again; ``settle``: whether the
-    noise is estimated again on the way.
+    above 1 where the lens is held at first; ``tolerance``: motion of nadir and altitude, in their claimed standard
+    deviations, that ends the stage; ``reselect_px``: motion of the limb after which the pixels are chosen again;
+    ``settle``: whether the noise is estimated again on the way.
     """
 
     pixels: int | None = None
@@ -42,24 +55,21 @@ class Stage:
 class SolverOptions:
     """Settings of the solver.
 
-    ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances below which the
-    noise is held, and ``near`` in all stages but the last; ``most_weighs``: how often it is estimated in a stage;
-    ``reweighed``: change that asks for new equations; ``good``: share of the predicted gain above which derivatives
-    stay frozen; ``frozen``: square of a step up to which they do; ``secant``: square of a step up to which it corrects
-    the next one; ``most_cuts``, ``least_share``: how often a step that gains nothing is shortened, and to which share
-    of it; ``first_damping``, ``damping_factor``, ``most_damping``: in units of the unknowns' scales, where that does
-    not help; ``rounding``: loss of merit that counts as none [sigma^2].
+    ``stages``: see :class:`Stage`; ``most_steps``: per stage; ``steady``: change of the log variances up to which the
+    noise is held from within a standard deviation on; ``most_weighs``: how often it is estimated in a stage;
+    ``reweighed``: change up to which derivatives stay frozen; ``good``: share of the predicted gain above which they
+    do; ``frozen``: predicted gain up to which they do [sigma^2]; ``most_cuts``, ``least_share``: how often a step that
+    gains nothing is shortened, and to which share of it; ``first_damping``, ``damping_factor``, ``most_damping``: in
+    units of the unknowns' scales, where that does not help; ``rounding``: loss of merit that counts as none [sigma^2].
     """
 
     stages: tuple[Stage, ...] = (Stage(),)
     most_steps: int = 30
-    steady: float = 0.02
-    near: float = 0.2
+    steady: float = 0.1
     most_weighs: int = 8
-    reweighed: float = np.inf
+    reweighed: float = 0.5
     good: float = 0.7
     frozen: float = np.inf
-    secant: float = np.inf
     most_cuts: int = 3
     least_share: float = 0.1
     first_damping: float = 1.0
@@ -95,7 +105,7 @@ class _Search:
     def __init__(self, bundle: Bundle, options: SolverOptions, progress: Progress) -> None:
         self.bundle, self.options, self.progress = bundle, options, progress
         self.steps: list[list[FloatArray]] = [[] for _ in bundle.shots]
-        self.moved_px, self.weighed = 0.0, 0
+        self.moved_px = 0.0
 
     def run(self) -> Solution:
         bundle = self.bundle
@@ -112,9 +122,9 @@ class _Search:
         self._choose(stage)
         equations: list[ShotEquations] = []
         solved: Solved | None = None
-        damping, steady, before = 0.0, not stage.settle, None
-        self.weighed = 0
-        step: Step | None = None
+        before: Step | None = None
+        curvatures: list[Curvature] = []
+        damping, settled, square, weighs = 0.0, not stage.settle, np.inf, 0
         for number in range(options.most_steps):
             fresh = solved is None
             if solved is None:
@@ -122,18 +132,18 @@ class _Search:
                 solved = Solved(bundle, equations, damping)
             else:
                 equations = [one.again(bundle.shared) for one in equations]
-            step = solved.step(equations)
-            near = before is not None and before.square < options.secant and damping == 0.0
-            bounded = self._bounded(step.after(before) if near and before is not None else step)
-            short = damping == 0.0 and step.square < stage.tolerance**2 and step.gained < len(bundle.shots)
+            sides = right_sides(bundle, equations)
+            if before is not None:
+                curvature = Curvature.between(before, sides)
+                curvatures = curvatures if curvature is None else [*curvatures[-MEMORY:], curvature]
+            step = solved.step(sides, curvatures if damping == 0.0 else ())
+            square, bounded = step.square, self._bounded(step)
             gain = self._try(bounded)
-            if short and steady:
-                # On the way from where the noise was steady it may have changed; and derivatives of elsewhere end a few
-                # hundredths of a sigma from the best unknowns.
-                good = fresh or not last or all(one.exact for one in equations)
-                held = not (stage.settle and last) or self.weighed >= options.most_weighs
-                if good and (held or self._weigh() < options.steady):
+            short = damping == 0.0 and square < stage.tolerance**2 and (not last or step.gained < len(bundle.shots))
+            if short and (settled or not last):
+                if fresh or not last or all(one.exact for one in equations):
                     return equations
+                # Derivatives of elsewhere end a few hundredths of a sigma from the best unknowns.
                 solved, before = None, None
                 continue
             cuts = 0
@@ -153,38 +163,35 @@ class _Search:
                 else:
                     equations, fresh = self._equations(), True
                 solved = Solved(bundle, equations, damping)
-                step = solved.step(equations)
-                bounded = self._bounded(step)
+                bounded = self._bounded(solved.step(right_sides(bundle, equations)))
                 gain = self._try(bounded)
+                curvatures = []
             before = bounded
-            self.progress.step(
-                "fit", f"step {number + 1} of at most {options.most_steps}, {np.sqrt(step.square):.2g} sigma long"
-            )
-            if gain < options.good * bounded.gained - options.rounding or bounded.square > options.frozen:
+            self.progress.step("fit", f"step {number + 1} of at most {options.most_steps}, {np.sqrt(square):.2g} sigma")
+            if gain < options.good * bounded.gained - options.rounding or bounded.gained > options.frozen:
                 solved = None
             if damping > 0.0:
                 damping = damping / options.damping_factor if damping > options.first_damping else 0.0
                 solved = None
-            if self.moved_px > stage.reselect_px:
+            # Pixels of elsewhere may be why a step gains nothing.
+            if self.moved_px > stage.reselect_px or cuts > 1:
                 self._choose(stage)
-                solved, before = None, None
-            elif stage.settle and not steady:
+                solved, before, curvatures = None, None, []
+            elif not settled:
+                # A minimum is that of one function: from within a standard deviation on the noise is held.
                 change = self._weigh()
-                # Slopes by other weights say nothing of the curvature.
-                before = None if change > options.steady else before
-                # A first stage ends as soon as it is near.
-                steady = change < (options.steady if last else options.near) and step.square < 1.0
+                weighs += 1
                 # Two estimates may follow each other by turns.
-                steady = steady or self.weighed >= options.most_weighs
-                if change > options.reweighed:
-                    solved, before = None, None
-        if step is None or step.square > 1.0:
+                settled = (bounded.square < 1.0 and change < options.steady) or weighs >= options.most_weighs
+                # Slopes by other weights say nothing of the curvature.
+                before, curvatures = (before, curvatures) if settled else (None, [])
+                solved = None if change > options.reweighed else solved
+        if square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
         return equations
 
     def _weigh(self) -> float:
         """Estimate the noise again; return the largest change of a shot's."""
-        self.weighed += 1
         return max(shot.weigh(self.bundle.shared) for shot in self.bundle.shots)
 
     def _choose(self, stage: Stage) -> None:
