@@ -397,7 +397,7 @@ class _Search:
             uv, steps, deep = points_of(level, camera, found.axis_cam, found.rho_rad, width, evidence.bright_inside)
             uv = uv[_lit(steps, deep)] if len(uv) else uv
             los = unproject(camera, uv)
-            seen = np.isfinite(los).all(axis=1)
+            seen = np.asarray(np.isfinite(los).all(axis=1))
         return uv[seen], los[seen]
 
     def _grain(self, found: _Candidate) -> float:

@@ -97,4 +97,4 @@ def _fitted(
         good &= step != 0.0
         move = np.clip(-levels[:, 2] / np.where(good, step, np.inf), -1.0, 1.0)
         shift = np.clip(shift + move, -REACH_PX, REACH_PX)
-    return shift, step, space, good & (np.abs(move) < SETTLED_PX)
+    return shift, step, np.asarray(space), good & (np.abs(move) < SETTLED_PX)
