@@ -81,7 +81,9 @@ def _fitted(
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return shift, step and space of profiles (n, k), shape (n,) each, and which of them have an edge."""
     n = len(profiles)
-    shift, step, shading, good = np.zeros(n), np.zeros(n), np.zeros(n), np.ones(n, dtype=bool)
+    shift: FloatArray = np.zeros(n)
+    step, space, shading = np.zeros((3, n))
+    good = np.ones(n, dtype=bool)
     design = np.ones((n, 4, len(offsets)))
     for _ in range(STEPS):
         x = offsets - shift[:, None]
@@ -93,8 +95,8 @@ def _fitted(
         design[:, 2] = slope + ratio * (edge + x * slope) / REACH_PX
         gram = design @ design.transpose(0, 2, 1) + TINY * np.eye(4)
         levels = np.linalg.solve(gram, design @ profiles[:, :, None])[:, :, 0]
-        space, step, shading = levels[:, 0], levels[:, 1], levels[:, 3]
+        space, step, shading = np.asarray(levels[:, [0, 1, 3]].T)
         good &= step != 0.0
         move = np.clip(-levels[:, 2] / np.where(good, step, np.inf), -1.0, 1.0)
         shift = np.clip(shift + move, -REACH_PX, REACH_PX)
-    return shift, step, np.asarray(space), good & (np.abs(move) < SETTLED_PX)
+    return shift, step, space, good & (np.abs(move) < SETTLED_PX)
