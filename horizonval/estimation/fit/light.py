@@ -319,6 +319,9 @@ OF_SIDE = 0.02
 LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
 """A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
 and above what twilight leaves; chosen."""
+EVEN = 0.05
+"""Relative standard deviation of the ground's brightness up to which it counts as uniform: detector noise and profile
+misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35."""
 AWAY = 100.0
 """How much less than those beside the edge the pixels in its middle weigh for the levels from which the noise is
 estimated, times four: an edge that is out of its place must not look like noise elsewhere."""
@@ -355,8 +358,9 @@ class LightNoise(PixelNoise):
 
     def at(self, edge: FloatArray, counts: FloatArray, residuals: FloatArray) -> LightNoise:
         """Return the same noise of pixels at levels of the edge, shape (n,), means of so many each."""
-        together = 1.0 + (self.alike - 1.0) * np.clip(edge, 0.0, 1.0)
-        pixels = PixelNoise(_expected(edge, self.parts) / counts, together)
+        variance = _expected(edge, self.parts)
+        ground = np.maximum(1.0 - self.parts[0] / variance, 0.0)
+        pixels = PixelNoise(variance / counts, 1.0 + (self.alike - 1.0) * ground)
         return replace(self, variance=1.0 / pixels.weights(residuals))
 
 
@@ -391,10 +395,12 @@ def light_noise(
         for _ in range(WEIGHINGS):
             beyond = weighed(squares, expected + excess * share) - expected
             excess = max(float((beyond @ share) / (share @ share)), 0.0)
+    alike, uneven = 1.0, 1.0 - (EVEN * float(light[light >= LIT_SHARE * brightest].mean())) ** 2 / line[1]
     ground = np.flatnonzero(lit & (edge > 1.0 - OF_SIDE))
-    in_sigmas = residuals[ground] * np.sqrt(PixelNoise(line[1] / counts[ground]).weights(residuals[ground]))
-    columns, rows = places[:, ground]
-    alike = correlated(columns, rows, in_sigmas, float(np.sqrt(np.mean(counts)))) if len(ground) else 1.0
+    if uneven > 0.0 and len(ground):
+        in_sigmas = residuals[ground] * np.sqrt(PixelNoise(line[1] / counts[ground]).weights(residuals[ground]))
+        columns, rows = places[:, ground]
+        alike += uneven * (correlated(columns, rows, in_sigmas, float(np.sqrt(np.mean(counts)))) - 1.0)
     found = LightNoise(np.ones(1), parts=(*line[:2], excess), alike=alike).at(edge, counts, residuals)
     if not lit.all():
         found = replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
