@@ -70,6 +70,8 @@ POLE_ITRS = np.array([0.0, 0.0, 1.0])
 LEAST_APART = 0.15
 """Size, relative to a mode's standard deviation, below which its second part is neglected: it moves the nadir by 0.01
 of its sigma."""
+MAIN = ("limb", "end")
+"""Kind of the functions that move a limb most: modes at the lowest points of lines. They come first."""
 LEFT_LENGTH_RAD = 0.1
 """Correlation length along the limb of what the modes leave: between clouds and air."""
 
@@ -93,6 +95,18 @@ class NodeAir:
     lengths_rad: FloatArray
     neglected: FloatArray
     waves: tuple[FloatArray, ...] = ()
+
+    @property
+    def few(self) -> NodeAir:
+        """The same air with the modes at the lowest points alone."""
+        count = sum(kind in MAIN for kind, _ in self.names)
+        return replace(
+            self,
+            functions=self.functions[:, : 1 + count],
+            names=self.names[:count],
+            lengths_rad=self.lengths_rad[:, :count],
+            waves=self.waves[:count],
+        )
 
     @cached_property
     def wave(self) -> FloatArray:
@@ -226,6 +240,15 @@ class CommonAir:
     owners: dict[Name, list[int]]
     count: int
 
+    @cached_property
+    def few(self) -> CommonAir:
+        """The same air with the modes at the lowest points alone, whose unknowns are the first ones."""
+        images = [air.few for air in self.images]
+        columns = [at[: air.wave.shape[1]] for air, at in zip(images, self.columns, strict=True)]
+        main = {name: wave for name, wave in self.waves.items() if name[1][0] in MAIN}
+        owners = {name: self.owners[name] for name in main}
+        return CommonAir(images, columns, main, owners, sum(wave.shape[1] for wave in main.values()))
+
     def taken_over(self, before: CommonAir, unknowns: FloatArray) -> FloatArray:
         """Return the unknowns whose coefficients along the limbs are nearest to those of other nodes and grids."""
         known = [
@@ -246,9 +269,11 @@ class CommonAir:
 def common_air(airs: Sequence[NodeAir], tables: Sequence[Hashable]) -> CommonAir:
     """Combine the air of all images; those with equal ``tables`` share their functions, but for the optics' gain."""
     owners: dict[Name, list[int]] = {}
-    for image, (air, table) in enumerate(zip(airs, tables, strict=True)):
-        for name in air.names:
-            owners.setdefault((image if name[0] == "gain" else table, name), []).append(image)
+    for main in (True, False):
+        for image, (air, table) in enumerate(zip(airs, tables, strict=True)):
+            for name in air.names:
+                if (name[0] in MAIN) == main:
+                    owners.setdefault((image if name[0] == "gain" else table, name), []).append(image)
     roots: dict[tuple[tuple[int, ...], bytes], FloatArray] = {}
     waves: dict[Name, FloatArray] = {}
     parts: list[dict[tuple[str, int], tuple[FloatArray, int]]] = [{} for _ in airs]

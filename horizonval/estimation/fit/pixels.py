@@ -178,13 +178,8 @@ def near_pixels(
     :func:`limb_angle`.
     """
     directions = pixel_directions(camera)
-    columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)
-    every = 1
-    if most is not None and len(columns) > most:
-        # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
-        every = 1 << int(np.log2(len(columns) / most))
-        chosen = (columns + rows * round(OBLIQUE * every)) % every == 0
-        columns, rows = columns[chosen], rows[chosen]
+    far = outside_px + REACH_PX, inside_px + REACH_PX
+    columns, rows, every = _squares(directions, cam_from_itrs, r_itrs, axes_m, *far, most)
     pixels = replace(_of_camera(directions, columns, rows), every=every)
     with np.errstate(invalid="ignore", divide="ignore"):
         angle = limb_angle(pixels.los_cam, cam_from_itrs, r_itrs, axes_m)
@@ -213,8 +208,12 @@ def _squares(
     axes_m: FloatArray,
     outside_px: float,
     inside_px: float,
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return columns and rows of the pixels of all squares whose middle lies within a distance of the limb."""
+    most: int | None,
+) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
+    """Return columns and rows of the pixels of all squares whose middle lies within a distance of the limb.
+
+    Of more than ``most`` there is one in a number that is returned too.
+    """
     height, width = directions.shape[:2]
     middle, before = SQUARE_PX // 2, SQUARE_PX // 2 - 1
     column = np.minimum(np.arange(0, width, SQUARE_PX) + middle, width - 1)
@@ -227,12 +226,18 @@ def _squares(
         far = angle.delta / image_scale(angle, (centre - right) / before, (centre - below) / before)
         # A square whose centre sees nothing may still hold pixels at the edge of the image circle.
         some = np.flatnonzero(~((far > inside_px) | (far < -outside_px)))
-    offset = np.arange(SQUARE_PX, dtype=np.intp)
-    corner_row, corner_column = np.divmod(some, len(column))
-    rows = (corner_row[:, None, None] * SQUARE_PX + offset[None, :, None]).repeat(SQUARE_PX, axis=2).ravel()
-    columns = (corner_column[:, None, None] * SQUARE_PX + offset[None, None, :]).repeat(SQUARE_PX, axis=1).ravel()
-    in_image = (columns < width) & (rows < height)
-    return columns[in_image], rows[in_image]
+    # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
+    pixels = len(some) * SQUARE_PX**2
+    every = 1 if most is None or pixels <= most else 1 << int(np.log2(pixels / most))
+    line = round(OBLIQUE * every)
+    in_row, in_column = np.divmod(np.arange(SQUARE_PX**2), SQUARE_PX)
+    chosen = (in_column + in_row * line) % min(every, SQUARE_PX) == 0
+    rows, columns = (
+        (corner[:, None] * SQUARE_PX + offset[chosen]).ravel()
+        for corner, offset in zip(np.divmod(some, len(column)), (in_row, in_column), strict=True)
+    )
+    chosen = (columns < width) & (rows < height) & ((columns + rows * line) % every == 0)
+    return columns[chosen], rows[chosen], every
 
 
 def limb_bend(

@@ -48,7 +48,6 @@ from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, va
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile_pixels import (
     AXIS_CAM,
-    GROUP_PX,
     NoLimbError,
     ProfilePixels,
     level_distance,
@@ -199,9 +198,10 @@ class ProfileModel:
             count = next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / step)), real=True)
             grid = (first, first + (count - 0.5) * step, step)
             self.air = knowledge.air(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
-            self.tables = BlurredProfiles(self.air.functions, step, near.nodes.boxes_m, knowledge.lens, off_axis)
         else:
-            self.air, self.tables = before.air, before.tables
+            self.air = before.air
+        self._off_axis_rad = off_axis
+        self._tables: tuple[FloatArray, BlurredProfiles] | None = None if before is None else before._tables
         self.floor = floor_of(near.space, float(np.nanmin(image)))
         i, t = near.sector, near.along
         self._lift = near.nodes.lift_m[i] * (1.0 - t) + near.nodes.lift_m[i + 1] * t
@@ -213,9 +213,18 @@ class ProfileModel:
         self._some = slice(None, None, max(1, len(t) // SOME))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
-        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2 / near.group, 1.0)
-        self._least = rounding_variance(near.values) / near.group
+        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2 / near.every, 1.0)
+        self._least = rounding_variance(near.values)
         self._last: tuple[FloatArray, ProfileLook] | None = None
+
+    @property
+    def tables(self) -> BlurredProfiles:
+        """The functions of the air, blurred."""
+        functions = self.air.functions
+        if self._tables is None or self._tables[0] is not functions:
+            boxes, lens = self.near.nodes.boxes_m, self.knowledge.lens
+            self._tables = functions, BlurredProfiles(functions, self.air.step_m, boxes, lens, self._off_axis_rad)
+        return self._tables[1]
 
     def held(self, tighter: float) -> ProfileModel:
         """Return the same pixels with another factor on the information on blur and sharpness."""
@@ -349,8 +358,7 @@ class ProfileModel:
         # Not of a limb that is still displaced, which would hide it.
         if self.tighter == 1.0:
             in_sigmas = look.residuals * np.sqrt(PixelNoise(variance).weights(look.residuals))
-            side_px = near.group / GROUP_PX if near.group > 1 else 1.0
-            common = correlated(near.columns, near.rows, in_sigmas, side_px)
+            common = correlated(near.columns, near.rows, in_sigmas, near.every)
             # The mean share counts, since the ratio is that of all pixels together.
             together = 1.0 + (common - 1.0) * shown / max(float(shown.mean()), 1e-300)
             together = together + (self._bump_px - 1.0) * np.minimum(neglected / variance, 1.0)
@@ -473,9 +481,10 @@ class ProfileImage:
 
 @dataclass(frozen=True)
 class ProfileChosen(Chosen):
-    """Pixels of all images, and the air that they share."""
+    """Pixels of all images, the air that they share, and all that is known of it."""
 
     air: CommonAir
+    whole: CommonAir
 
     @property
     def profiles(self) -> list[ProfileModel]:
@@ -500,13 +509,16 @@ class ProfileChooser:
     def __call__(
         self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
     ) -> ProfileChosen:
-        """Return the pixels near the limb at a state."""
-        if isinstance(before, ProfileChosen) and self._still_good(before, state, lens, most):
-            held = [model.held(tighter) for model in before.profiles]
-            return replace(before, models=held, state=state, noises=[None] * len(held))
+        """Return the pixels near the limb at a state; the air of a few has the modes that move a limb most."""
+        old = before if isinstance(before, ProfileChosen) else None
+        moved = np.inf if old is None else self._moved_px(old, state, lens)
+        if old is not None and moved < NEAR_PX and (most is not None or not old.profiles[0].thinned):
+            held = [model.held(tighter) for model in old.profiles]
+            return replace(old, models=held, state=state, noises=[None] * len(held))
         models: list[ProfileModel] = []
-        old = self._near_by(before, state, lens)
-        olds: list[ProfileModel | None] = [None] * len(self._images) if old is None else [*old]
+        olds: Sequence[ProfileModel | None] = [None] * len(self._images)
+        if old is not None and moved <= SAME_AIR_PX:
+            olds = old.profiles
         for one, own, its in zip(self._images, state.own, olds, strict=True):
             camera = one.camera
             if lens.any():
@@ -515,31 +527,24 @@ class ProfileChooser:
             models.append(
                 ProfileModel(one.image, camera, pose, lens, float(np.exp(own[BLUR])), one.knowledge, most, tighter, its)
             )
-        if isinstance(before, ProfileChosen) and old is not None:
-            return replace(before, models=models, state=state, noises=[None] * len(models))
-        air = common_air([model.air for model in models], [one.table for one in self._images])
+        if old is not None and moved <= SAME_AIR_PX:
+            whole = old.whole
+        else:
+            whole = common_air([model.air for model in models], [one.table for one in self._images])
+        air = whole if most is None else whole.few
         for model, own_air in zip(models, air.images, strict=True):
             model.air = own_air
-        if isinstance(before, ProfileChosen):
-            state = replace(state, air=air.taken_over(before.air, state.air))
-        else:
+        if old is None:
             owns = tuple(
                 model.levels(model.pose, lens, one, np.zeros(model.air.wave.shape[1]))
                 for model, one in zip(models, state.own, strict=True)
             )
             state = ShotState(state.pose, owns, np.zeros(air.count))
-        return ProfileChosen(models, air.columns, state, [None] * len(models), air)
-
-    def _still_good(self, before: ProfileChosen, state: ShotState, lens: FloatArray, most: int | None) -> bool:
-        """Return whether pixels are as good as those that would be chosen now."""
-        thinned = most is None and any(model.thinned for model in before.profiles)
-        return not thinned and self._moved_px(before, state, lens) < NEAR_PX
-
-    def _near_by(self, before: Chosen | None, state: ShotState, lens: FloatArray) -> list[ProfileModel] | None:
-        """Return the models whose nodes and air serve the present state too, if they do."""
-        if not isinstance(before, ProfileChosen) or self._moved_px(before, state, lens) > SAME_AIR_PX:
-            return None
-        return before.profiles
+        elif moved > SAME_AIR_PX:
+            state = replace(state, air=air.taken_over(old.air, state.air))
+        else:
+            state = replace(state, air=np.append(state.air, np.zeros(air.count - len(state.air))))
+        return ProfileChosen(models, air.columns, state, [None] * len(models), air, whole)
 
     def _moved_px(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> float:
         """Return by how much the limb has moved since pixels were chosen."""

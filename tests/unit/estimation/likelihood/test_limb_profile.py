@@ -25,7 +25,6 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit import known_profile
-from horizonval.estimation.fit import profile_pixels as profile_pixels_module
 from horizonval.estimation.fit.air import KnownAir, common_air, sun_of_time
 from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of
 from horizonval.estimation.fit.bundle import ShotPrior
@@ -529,23 +528,6 @@ def test_errors_of_a_lens_move_the_limb_as_another_camera_does() -> None:
         moved = (heights(error) - heights(-error)) / 2.0 * by_distance
         found = error[k] * model.near.by_lens[k]
         assert np.abs(found - moved).max() < 0.01 * np.abs(moved).max()
-
-
-def test_groups_of_pixels_are_as_good_as_the_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three limbs in 2 600 pixels or 650 groups: claims to 5 %; a tenth of the information is a shift of 0.3."""
-    camera, moved = replace(CAMERA, width=192, height=144, fx=240.0, fy=240.0, cx=95.5, cy=71.5), []
-    for seed in (4, 5, 6):
-        image, knowledge, start = knowledge_of(seed, camera)
-        monkeypatch.undo()
-        whole = fit_profile(image, camera, start, knowledge)
-        monkeypatch.setattr(profile_pixels_module, "MOST_ROWS", 700)
-        few = fit_profile(image, camera, start, knowledge)
-        assert len(few.looks[0].residuals) < 0.35 * len(whole.looks[0].residuals)
-        by = nadir_derivative(whole.pose)
-        claims = [float(np.sqrt(np.trace(by @ fit.covariance @ by.T))) for fit in (whole, few)]
-        moved.append(np.linalg.norm(few.pose.nadir_cam - whole.pose.nadir_cam) / claims[0])
-        assert claims[1] == pytest.approx(claims[0], rel=0.05)
-    assert np.sqrt(np.mean(np.square(moved))) < 0.5
 
 
 def test_air_is_taken_over_where_nodes_move() -> None:
