@@ -133,7 +133,7 @@ would displace the nadir."""
 def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, every: int) -> float:
     """Return how much larger the variance of residual sums over squares is than of independent ones, at least 1.
 
-    ``columns``, ``rows``, ``in_sigmas``: shape (n,), of one in ``every`` pixels of the image. The square size is the one
+    ``columns``, ``rows``, ``in_sigmas``: shape (n,), of one in ``every`` pixels. The square size is the one
     at which the ratio is largest.
     """
     most = 1.0

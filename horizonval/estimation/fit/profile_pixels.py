@@ -117,7 +117,7 @@ LEVELLINGS = 2
 """Iterations for nodes: each squares a height over the Earth's radius, so that 21 km become 70 m, then nothing."""
 WIDER = 1.5
 """Widening of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
-MOST_PIXELS = 3000
+MOST_PIXELS = 6000
 """Of pixels near a limb, once or twice so many are used, evenly spread: more determine nothing that the air leaves
 open."""
 
@@ -174,10 +174,9 @@ def profile_pixels(
     between_m: tuple[float, float],
     space_m: float,
     curve: float,
-    most: int | None = None,
     nodes: LimbPlaces | None = None,
 ) -> ProfilePixels:
-    """Return valid pixels between two heights at a pose, about ``most`` of them (:data:`MOST_PIXELS`), evenly spread.
+    """Return valid pixels between two heights at a pose, about :data:`MOST_PIXELS` of them, evenly spread.
 
     ``space_m``: height from which there is no air; ``nodes``: of a pose near by, to be kept. Raises ``LinAlgError``:
     too little limb in view.
@@ -186,7 +185,7 @@ def profile_pixels(
     axes = ellipsoid.axes_m
     to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
     per_m = WIDER * max(camera.fx, camera.fy) / to_limb
-    reach = top_m * per_m, -bottom_m * per_m, MOST_PIXELS if most is None else most
+    reach = top_m * per_m, -bottom_m * per_m, MOST_PIXELS
     near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, *reach)
     ray = ray_height(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     inside = (ray.height_m > bottom_m) & (ray.height_m < top_m) & (ray.distance_m > 0.0)

@@ -326,7 +326,7 @@ def on(grid: np.ndarray, coefficients: np.ndarray, at: np.ndarray) -> np.ndarray
     """Return the spline of coefficients (..., n) on a grid at heights."""
     place = np.clip(((at - grid[0]) / (grid[1] - grid[0])).astype(int), 1, len(grid) - 3)
     weights, _ = around_of((at - grid[place]) / (grid[1] - grid[0]))
-    return np.asarray(np.sum(coefficients[..., place[:, None] + AROUND] * weights, axis=-1))
+    return np.asarray(np.sum(coefficients[..., place + AROUND[:, None]] * weights, axis=-2))
 
 
 def test_blurred_profiles_are_convolutions() -> None:
@@ -449,8 +449,8 @@ def test_a_spline_of_half_the_places_has_the_same_heights_and_slopes() -> None:
     np.testing.assert_allclose(found[0], found[1], atol=1e-5)
     share = np.linspace(0.0, 1.0, 11)
     weights, slopes = around_of(share)
-    np.testing.assert_allclose(np.gradient(weights, share, axis=0)[1:-1], slopes[1:-1], atol=5e-3)
-    np.testing.assert_allclose(weights @ AROUND, share, atol=1e-12)
+    np.testing.assert_allclose(np.gradient(weights, share, axis=1)[:, 1:-1], slopes[:, 1:-1], atol=5e-3)
+    np.testing.assert_allclose(AROUND @ weights, share, atol=1e-12)
 
 
 def knowledge_of(seed: int, camera: CameraModel, strength: float = 1.0) -> tuple[np.ndarray, Any, LimbPose]:
