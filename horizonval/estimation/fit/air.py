@@ -71,7 +71,7 @@ LEAST_APART = 0.15
 """Size, relative to a mode's standard deviation, below which its second part is neglected: it moves the nadir by 0.01
 of its sigma."""
 MAIN = ("limb", "end")
-"""Kind of the functions that move a limb most: modes at the lowest points of lines. They come first."""
+"""Kinds of the functions that move a limb most: modes at the lowest points and the ends of lines. They come first."""
 LEFT_LENGTH_RAD = 0.1
 """Correlation length along the limb of what the modes leave: between clouds and air."""
 
@@ -98,7 +98,7 @@ class NodeAir:
 
     @property
     def few(self) -> NodeAir:
-        """The same air with the modes at the lowest points alone."""
+        """The same air with its modes alone."""
         count = sum(kind in MAIN for kind, _ in self.names)
         return replace(
             self,
@@ -214,12 +214,14 @@ def alike_at_ends(height_m: FloatArray, mean: FloatArray, along_rad: FloatArray)
     return np.asarray(np.exp(-0.5 * (away[:, None] / along_rad[:, :, None]) ** 2))
 
 
-def wave_of(covariance: FloatArray) -> FloatArray:
-    """Return the square root (m, j) of a covariance (m, m), with as many columns as it needs."""
-    variances, vectors = np.linalg.eigh(covariance)
-    variances, vectors = np.maximum(variances[::-1], 0.0), vectors[:, ::-1]
-    kept = int(np.searchsorted(np.cumsum(variances), (1.0 - LEFT_OUT) * variances.sum())) + 1
-    return np.asarray(vectors[:, :kept] * np.sqrt(variances[:kept]))
+def waves_of(covariances: FloatArray) -> list[FloatArray]:
+    """Return the square roots (m, j) of covariances (k, m, m), each with as many columns as it needs."""
+    found = []
+    for variances, vectors in zip(*np.linalg.eigh(covariances), strict=True):
+        falling = np.maximum(variances[::-1], 0.0)
+        count = int(np.searchsorted(np.cumsum(falling), (1.0 - LEFT_OUT) * falling.sum())) + 1
+        found.append(np.asarray(vectors[:, ::-1][:, :count] * np.sqrt(falling[:count])))
+    return found
 
 
 Name = tuple[Hashable, tuple[str, int]]
@@ -242,8 +244,10 @@ class CommonAir:
 
     @cached_property
     def few(self) -> CommonAir:
-        """The same air with the modes at the lowest points alone, whose unknowns are the first ones."""
+        """The same air with its modes alone, whose unknowns are the first ones; all of a table without modes."""
         images = [air.few for air in self.images]
+        if not all(air.names for air in images):
+            return self
         columns = [at[: air.wave.shape[1]] for air, at in zip(images, self.columns, strict=True)]
         main = {name: wave for name, wave in self.waves.items() if name[1][0] in MAIN}
         owners = {name: self.owners[name] for name in main}
@@ -274,17 +278,23 @@ def common_air(airs: Sequence[NodeAir], tables: Sequence[Hashable]) -> CommonAir
             for name in air.names:
                 if (name[0] in MAIN) == main:
                     owners.setdefault((image if name[0] == "gain" else table, name), []).append(image)
+    # Functions of one length vary along the limb in the same way.
+    lengths = {
+        key: np.concatenate([airs[i].lengths_rad[:, airs[i].names.index(key[1])] for i in images])
+        for key, images in owners.items()
+    }
+    same = {key: (tuple(owners[key]), one.tobytes()) for key, one in lengths.items()}
     roots: dict[tuple[tuple[int, ...], bytes], FloatArray] = {}
+    for seen_by in {images for images, _ in same.values()}:
+        different = {same[key]: lengths[key] for key in owners if same[key][0] == seen_by}
+        up = np.concatenate([airs[i].up_itrs for i in seen_by])
+        covariances = correlations(np.stack(list(different.values()), axis=1), up, POLE_ITRS)
+        roots |= zip(different, waves_of(covariances), strict=True)
     waves: dict[Name, FloatArray] = {}
     parts: list[dict[tuple[str, int], tuple[FloatArray, int]]] = [{} for _ in airs]
     count = 0
     for key, images in owners.items():
-        lengths = np.concatenate([airs[i].lengths_rad[:, airs[i].names.index(key[1])] for i in images])
-        same = (tuple(images), lengths.tobytes())
-        if same not in roots:
-            up = np.concatenate([airs[i].up_itrs for i in images])
-            roots[same] = wave_of(correlations(lengths[:, None], up, POLE_ITRS)[0])
-        waves[key] = wave = roots[same]
+        waves[key] = wave = roots[same[key]]
         first = 0
         for i in images:
             last = first + len(airs[i].up_itrs)
