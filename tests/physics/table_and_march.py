@@ -31,9 +31,12 @@ FINER = 4
 DISC_MARGIN_RAD = math.radians(0.3)
 """Pixels as near to the edge of Sun or Moon count for themselves, not for what the brightest pixel is."""
 
-DAY_FLOOR, DAY_WORST, DAY_MEDIAN = 1e-3, 1e-3, 2e-5
-TWILIGHT_FLOOR, TWILIGHT_WORST = 1e-4, 3e-3
-"""Least share of the brightest pixel that counts, and the largest errors, by day and in twilight."""
+LIMB_TOP_M = 80e3
+"""The brightest pixel between the ground and this height is what errors are a share of."""
+WORST, MEDIAN = 2e-3, 1e-4
+"""Largest errors at the default accuracy, as shares of the bright limb."""
+DARK = 1e-4
+"""Pixels below this share of the bright limb do not count for the median."""
 Tables = dict[str, Any]
 
 
@@ -83,10 +86,9 @@ def rendered(scene: SceneSpec, camera: CameraSpec, **render: Any) -> RadianceFra
 
 @dataclass(frozen=True)
 class Comparison:
-    """Relative errors of the pixels of one band that are bright enough to count."""
+    """Errors of the pixels of one band, as shares of the radiance of the bright limb."""
 
     band: str
-    pixels: int
     worst: float
     median: float
     where: tuple[int, int]
@@ -96,45 +98,39 @@ class Comparison:
     def __str__(self) -> str:
         return (
             f"{self.band}: worst {self.worst:.1e} at {self.where}, lowest height {self.height_km:.1f} km, "
-            f"{self.share:.1e} of the brightest; median {self.median:.1e} of {self.pixels} pixels"
+            f"{self.share:.1e} of the bright limb; median {self.median:.1e}"
         )
 
 
-def compare(frame: RadianceFrame, reference: RadianceFrame, camera: CameraSpec, floor: float) -> list[Comparison]:
-    """Return the errors of a frame, band by band, among pixels above ``floor`` times the brightest of the reference.
+def compare(frame: RadianceFrame, reference: RadianceFrame, camera: CameraSpec) -> list[Comparison]:
+    """Return the errors of a frame, band by band.
 
-    The brightest is looked for outside the discs of Sun and Moon, whose pixels are judged, too.
+    The bright limb is the brightest pixel of the reference between the ground and :data:`LIMB_TOP_M`, or the brightest
+    of all if that is dark, outside the discs of Sun and Moon; their pixels are judged, too, as shares of themselves.
     """
     off_disc = ~_on_discs(reference, camera)
+    height = reference.maps["tangent_height"]
     results = []
     for band, expected in reference.radiance.items():
         theirs, ours = expected.astype(np.float64), frame.radiance[band].astype(np.float64)
-        brightest = float(theirs[off_disc].max(initial=0.0)) or float(theirs.max())
-        counts = theirs > floor * brightest
         assert np.isfinite(ours).all(), f"{band}: not finite"
-        if not counts.any():
+        limb = theirs[off_disc & (height > 0.0) & (height < LIMB_TOP_M)].max(initial=0.0)
+        limb = float(limb or theirs[off_disc].max(initial=0.0) or theirs.max())
+        if not limb:
             assert np.array_equal(ours, theirs), f"{band}: light where there is none"
             continue
-        error = np.where(counts, np.abs(ours - theirs) / np.where(counts, theirs, 1.0), 0.0)
+        error = np.abs(ours - theirs) / np.maximum(limb, np.where(off_disc, 0.0, theirs))
         row, column = (int(v) for v in np.unravel_index(np.argmax(error), error.shape))
-        results.append(
-            Comparison(
-                band,
-                int(counts.sum()),
-                float(error[row, column]),
-                float(np.median(error[counts])),
-                (row, column),
-                float(reference.maps["tangent_height"][row, column]) / 1e3,
-                float(theirs[row, column]) / brightest,
-            )
-        )
+        median = float(np.median(error[theirs > DARK * limb]))
+        place = (row, column), float(height[row, column]) / 1e3, float(theirs[row, column]) / limb
+        results.append(Comparison(band, float(error[row, column]), median, *place))
     return results
 
 
-def table_errors(scene: SceneSpec, camera: CameraSpec, floor: float, finer: int = FINER) -> list[Comparison]:
+def table_errors(scene: SceneSpec, camera: CameraSpec, finer: int = FINER) -> list[Comparison]:
     """Return how far a scene's frame is from the march of every cell with four, or ``finer``, times the nodes."""
     reference = rendered(scene, camera, method="march", nodes=finer * scene.render.nodes)
-    return compare(rendered(scene, camera), reference, camera, floor)
+    return compare(rendered(scene, camera), reference, camera)
 
 
 def _on_discs(frame: RadianceFrame, camera: CameraSpec) -> np.ndarray:

@@ -6,6 +6,7 @@ the table's transmittance. Rays that end on a cloud have separate tables. The fe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -15,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from horizonval.core.arrays import FloatArray
 from horizonval.core.digests import content_digest
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
 from horizonval.renderer.kernel.frame_geometry import RayCoordinates
@@ -34,8 +36,10 @@ from horizonval.renderer.view_table.sunlit_air import (
     StationPlace,
     bending_packet,
     bounce_packet,
+    bright_limb,
     cloudy_air,
     look_at_stations,
+    packets_of,
     place_among,
     radiance_packet,
     stations_along,
@@ -82,13 +86,16 @@ class FrameTables:
     Groups of rays, None if empty.
     """
 
-    def __init__(self, view: FrameGeometry, lights: Sequence[Light], digest: str, accuracy: float) -> None:
+    def __init__(
+        self, view: FrameGeometry, cells: Cells, lights: Sequence[Light], digest: str, accuracy: float
+    ) -> None:
         self.view, self.digest, self.accuracy = view, digest, accuracy
         self.ground: LitRays | None = None
         self.limb: LitRays | None = None
         self._origin = np.array([float(c[0]) for c in view.origin])
         self._lights = list(lights)
         self._local = LocalLight.of(view)
+        self._bright = self._bright_limb(cells)
         clouds = None if view.ground is None else view.ground.model.clouds
         self._cloud_top_m = None if clouds is None else clouds.top_m
 
@@ -110,10 +117,10 @@ class FrameTables:
         evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering;
         ``accuracy``: error allowed, as a share of the bright limb.
         """
-        lights = [] if view.gap_maps else _lights(view, batches, nodes)
+        lights = [] if view.gap_maps else _lights(view, batches, nodes, accuracy)
         if not lights:
             return None
-        tables = cls(view, lights, digest, accuracy)
+        tables = cls(view, cells, lights, digest, accuracy)
         if cells.ground.count:
             tables.ground = tables.lit(cells.ground.direction, True, hits[0])
         if cells.limb.count:
@@ -169,6 +176,37 @@ class FrameTables:
         table.cover(x, azimuth)
         return _Cloudy(table, index, x, azimuth, station)
 
+    def _bright_limb(self, cells: Cells) -> FloatArray:
+        """Return the radiance of the frame's bright limb, (batches * 4,).
+
+        By the azimuths of its rays past the ground, or of those to the ground if it has no others. In steps of a
+        factor of four below the brightest all round, so that frames from one position share tables.
+        """
+        planet, origin = self.view.planet, self._origin
+        key = self._key("bright limb", [self._key_of(light) for light in self._lights])
+        around = TABLES.get_or_make(key, lambda: bright_limb(self._lights, planet, origin), lambda table: table.nbytes)
+        brightest = around.max(axis=0)
+        rays, to_ground = (cells.limb, False) if cells.limb.count else (cells.ground, True)
+        if not rays.count:
+            # A camera that sees only space.
+            return np.asarray(brightest)
+        coordinates = RayCoordinates.of(planet, origin, self._lights[0].top_m)
+        _, azimuth = coordinates.place(self.view.origin, rays.direction, to_ground)
+        sector = mi.UInt32(dr.floor(azimuth * (0.5 / math.pi * len(around)) + (len(around) + 0.5))) % len(around)
+        seen = dr.zeros(mi.UInt32, len(around))
+        dr.scatter(seen, mi.UInt32(1), sector)
+        steps = np.floor(np.log(around[np.asarray(seen) > 0].max(axis=0) / brightest) / math.log(4.0))
+        return np.asarray(brightest * 4.0**steps)
+
+    def _key(self, name: str, *more: object) -> str:
+        origin = tuple(float(v) for v in self._origin)
+        return content_digest(name, self.digest, self.accuracy, origin, mi.variant(), *more)
+
+    @staticmethod
+    def _key_of(light: Light) -> tuple[object, ...]:
+        toward = tuple(float(c[0]) for c in light.direction)
+        return light.name, toward, light.nodes, tuple(b is not None for b in light.batches)
+
     def _table(self, light: Light, plane: RayPlane, cloud_top_m: float | None = None) -> PatchTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
         # rays that end on a map or a cloud know themselves by how much they have turned
@@ -177,25 +215,13 @@ class FrameTables:
             and self.view.ground is None
             and any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
         )
-        key = content_digest(
-            "sunlit air",
-            self.digest,
-            self.accuracy,
-            tuple(float(v) for v in self._origin),
-            light.name,
-            tuple(float(c[0]) for c in light.direction),
-            light.nodes,
-            tuple(b is not None for b in light.batches),
-            plane.to_ground,
-            bends,
-            cloud_top_m,
-            mi.variant(),
-        )
+        names = [self._key_of(other) for other in (light, *self._lights)]
+        key = self._key("sunlit air", names, self._bright.tolist(), plane.to_ground, bends, cloud_top_m)
 
         def make() -> PatchTable:
             if cloud_top_m is None:
-                return sunlit_air(light, plane, bends)
-            return cloudy_air(light, plane, cloud_top_m)
+                return sunlit_air(light, plane, self._bright, bends)
+            return cloudy_air(light, plane, self._bright, cloud_top_m)
 
         return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
 
@@ -252,7 +278,8 @@ class FrameTables:
         packets = [first, first + 1]
         if isinstance(nodes, SolarNodes) and nodes.bounce is not None:
             packets.append(bounce_packet(len(looked.light.batches), False, batch))
-        values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, packets)
+        each = packets_of(looked.light, bends=False)
+        values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, each, packets)
         kept = [values[k * PACKET + n] for k in range(len(packets)) for n in range(nodes.width)]
         for replaced, value in zip(found, kept, strict=True):
             dr.scatter(replaced, dr.maximum(value, 0.0), cloudy.index)
@@ -306,7 +333,7 @@ class FrameTables:
         return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending, reflected)
 
 
-def _lights(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int) -> list[Light]:
+def _lights(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int, accuracy: float) -> list[Light]:
     """Return what shines in the air: Sun, Moon, and the air itself."""
     glow = [b.glow for b in batches]
     moonlit = view.moon is not None and view.moon.lights_earth
@@ -314,8 +341,8 @@ def _lights(view: FrameGeometry, batches: Sequence[SolarNodes], nodes: int) -> l
     solar: list[SolarNodes | None] = list(batches)
     if view.sunless:
         solar = [b if g is None and m is None else None for b, g, m in zip(batches, glow, moon, strict=True)]
-    lights = [Light("sun", solar, view.sun, view.top_m, nodes)]
+    lights = [Light("sun", solar, view.sun, view.top_m, nodes, accuracy)]
     if view.moon is not None:
-        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes))
-    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8)))
+        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes, accuracy))
+    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8), accuracy))
     return [light for light in lights if any(b is not None for b in light.batches)]

@@ -42,7 +42,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.frame_geometry import RayAxis, RayCoordinates
 from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
-from horizonval.renderer.planet import SOLAR_CONCENTRATION, way_through
+from horizonval.renderer.planet import SOLAR_CONCENTRATION, Planet, way_through
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Number, Values, Vec, constant, inverse_root
 from horizonval.renderer.view_table.patch_table import PACKET, ROW_PATCHES, PatchTable, Tabulated
@@ -170,24 +170,16 @@ def _shared_out(axis: RayAxis, heights_m: Sequence[float]) -> tuple[int, ...]:
     return tuple(counts)
 
 
-MORE_NODES, MORE_NODES_IN_HAZE = 4, 2
-"""Times the evaluations of the direct march; the latter with particles, on rays that no shadow cuts, past the ground or
-through layers of thin cloud, which distribute as many above and below. The parabolas of the diffuse source
-(:mod:`horizonval.renderer.kernel.ray_sources`) leave an error of 9e-6 in the median."""
-TOLERANCE, TOLERANCE_IN_TWILIGHT = 5e-4, 2e-3
-"""Of the prediction, as a share of the radiance: with the Sun up at the camera, and for a low Sun, Moon and airglow."""
-TOLERANCE_IN_HAZE = 1.7e-4
-"""With the Sun up, but lower than 75 deg from the zenith, in air with particles."""
-TOLERANCE_ON_A_MAP = 2e-3
-"""Through columns on a map, whose structure needs many patches; half of it costs 2.2 to 3.2 times the time."""
-HIGH_SUN, LOW_SUN = math.cos(math.radians(85.5)), math.cos(math.radians(75.0))
-FAINTEST = 1e-6
-"""Radiances below this share of the brightest may have its error."""
-OPAQUE = 0.05
-"""Transmittances below this may have its error."""
-BENT_RAD = 0.01
-"""Bending angles below this may have its error."""
-SURVEY_ROWS, SURVEY_AZIMUTHS = 9, 12
+USUAL = 1e-3
+"""Accuracy at which tables have the steps that the constants below say."""
+MORE_NODES, MORE_NODES_IN_SHADOW = 2.0, 4.0
+"""Times the evaluations of the direct march at the usual accuracy, without and with a shadow that may cut rays."""
+OF_A_KINK = 4.0
+"""How many accuracies the splines through every second node may miss. The spline through all of them halves that at a
+kink, and divides it by sixteen where radiance is smooth."""
+LEAST_TRANSMITTANCE, LEAST_BENDING_RAD = 0.1, 0.01
+"""Smaller ones may have their error."""
+SURVEY_ROWS, SURVEY_AZIMUTHS = 12, 24
 
 
 @dataclass(frozen=True)
@@ -195,7 +187,7 @@ class Light:
     """What shines in the air of a frame's batches: a batch for each of them, None where it does not shine.
 
     ``name``: "sun", "moon" or "glow"; ``direction``: to the Sun or Moon; ``top_m``: nothing scatters or glows above;
-    ``nodes``: evaluations along a ray of the direct march.
+    ``nodes``: evaluations along a ray of the direct march; ``accuracy``: of tables, as a share of the bright limb.
     """
 
     name: str
@@ -203,6 +195,7 @@ class Light:
     direction: Vec
     top_m: float
     nodes: int
+    accuracy: float
 
     @property
     def edges_m(self) -> set[float]:
@@ -238,21 +231,10 @@ class Light:
         """Whether the ground's part of the light is kept apart."""
         return any(isinstance(b, SolarNodes) and b.bounce is not None for b in self.batches)
 
-    def tolerance(self, coordinates: RayCoordinates, looser: float = 1.0) -> float:
-        """Return the light's table error as a share of the radiance.
-
-        ``looser`` times it for a Sun at most 75 deg from zenith.
-        """
-        up = coordinates.origin / np.linalg.norm(coordinates.origin)
-        cosine = float(up @ np.array([float(c[0]) for c in self.direction]))
-        if self.name != "sun" or cosine <= HIGH_SUN:
-            return TOLERANCE_IN_TWILIGHT
-        if any(isinstance(batch, SolarNodes) and batch.on_a_map for batch in self.batches):
-            return TOLERANCE_ON_A_MAP
-        hazy = any(isinstance(batch, SolarNodes) and batch.particles is not None for batch in self.batches)
-        if cosine < LOW_SUN:
-            return TOLERANCE_IN_HAZE if hazy else TOLERANCE
-        return looser * TOLERANCE
+    @property
+    def times_steps(self) -> float:
+        """Return how many times the steps at the usual accuracy are taken: the march is of fourth order."""
+        return (USUAL / self.accuracy) ** 0.25
 
     def shines_everywhere(self, coordinates: RayCoordinates) -> bool:
         """Return whether the light is up wherever air is in sight, so that no shadow cuts a ray."""
@@ -274,10 +256,8 @@ class Light:
         cloud: tuple[mi.Bool, mi.Float64] | None = None,
     ) -> AirMarch:
         """March as rays of the table are."""
-        hazy = isinstance(batch, SolarNodes) and batch.particles is not None
         lit = self.shines_everywhere(coordinates)
-        fewer = hazy and lit and (not to_ground or bool(batch.bands))
-        more = MORE_NODES_IN_HAZE if fewer else MORE_NODES
+        more = MORE_NODES if lit else MORE_NODES_IN_SHADOW
         return march_air(
             coordinates.planet,
             self.top_m,
@@ -286,7 +266,7 @@ class Light:
             d,
             self.direction,
             mi.Bool(to_ground),
-            more * self.nodes,
+            round(more * self.times_steps * self.nodes),
             SOLAR_CONCENTRATION,
             cloud,
             steady=True,
@@ -337,97 +317,100 @@ def packets_of(light: Light, bends: bool) -> int:
     return bounce_packet(count, bends, count if light.over_varied_ground else 0)
 
 
-def sunlit_air(light: Light, plane: RayPlane, bends: bool) -> PatchTable:
-    """Return an empty table of a light's air over a plane of rays. ``bends``: whether to keep the bending angle."""
-    coordinates, to_ground = plane.coordinates, plane.to_ground
-    o = vectors(coordinates.origin[None, :])
+def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> FloatArray:
+    """Return the radiance of the bright limb of all lights together, shape (azimuths, batches * 4).
+
+    The brightest of a row of tangent heights.
+    """
+    width = PACKET * len(lights[0].batches)
+    total = np.zeros((SURVEY_ROWS * SURVEY_AZIMUTHS, width))
+    for light in lights:
+        plane = RayPlane.of(RayCoordinates.of(planet, origin, light.top_m), False, (), light.top_m)
+        turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
+        x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
+        found = _marched(light, plane, x.ravel(), azimuth.ravel(), bends=False)
+        for k in range(len(light.batches)):
+            of_batch = slice(PACKET * radiance_packet(k), PACKET * radiance_packet(k) + PACKET)
+            total[:, PACKET * k : PACKET * (k + 1)] += found[:, of_batch]
+    return np.maximum(total.reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, width).max(axis=0), 1e-30)
+
+
+def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray, bends: bool) -> FloatArray:
+    """Return the quantities of a table at places."""
+    d = vectors(plane.directions(x, azimuth))
+    o = vectors(plane.coordinates.origin[None, :])
     count = len(light.batches)
-    quantities = PACKET * packets_of(light, bends)
+    out = np.zeros((len(x), PACKET * packets_of(light, bends)))
+    for k, batch in enumerate(light.batches):
+        if batch is None:
+            continue
+        air = light.march(batch, plane.coordinates, o, d, plane.to_ground)
+        bending = air.state[1]
+        dr.eval(air.radiance, air.bounce, air.transmittance, bending)
+        first = PACKET * radiance_packet(k)
+        for n, (radiance, transmittance) in enumerate(zip(air.radiance, air.transmittance, strict=True)):
+            out[:, first + n] = np.asarray(radiance)
+            out[:, first + PACKET + n] = np.asarray(transmittance)
+        for n, bounce in enumerate(air.bounce):
+            out[:, PACKET * bounce_packet(count, bends, k) + n] = np.asarray(bounce)
+        if bends and bending is not None:
+            out[:, PACKET * bending_packet(count)] = np.asarray(bending)
+    return out
+
+
+def sunlit_air(light: Light, plane: RayPlane, bright: FloatArray, bends: bool) -> PatchTable:
+    """Return an empty table of a light's air over a plane of rays. ``bends``: whether to keep the bending angle."""
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-        d = vectors(plane.directions(x, azimuth))
-        out = np.zeros((len(x), quantities))
-        for k, batch in enumerate(light.batches):
-            if batch is None:
-                continue
-            air = light.march(batch, coordinates, o, d, to_ground)
-            bending = air.state[1]
-            dr.eval(air.radiance, air.bounce, air.transmittance, bending)
-            first = PACKET * radiance_packet(k)
-            for n, (radiance, transmittance) in enumerate(zip(air.radiance, air.transmittance, strict=True)):
-                out[:, first + n] = np.asarray(radiance)
-                out[:, first + PACKET + n] = np.asarray(transmittance)
-            for n, bounce in enumerate(air.bounce):
-                out[:, PACKET * bounce_packet(count, bends, k) + n] = np.asarray(bounce)
-            if bends and bending is not None:
-                out[:, PACKET * bending_packet(count)] = np.asarray(bending)
-        return out
+        return _marched(light, plane, x, azimuth, bends)
 
-    return air_table(light, coordinates, values, bends)
+    return air_table(light, values, bright, bends)
 
 
 def air_table(
     light: Light,
-    coordinates: RayCoordinates,
     values: Callable[[FloatArray, FloatArray], FloatArray],
+    bright: FloatArray,
     bends: bool = False,
     stations: int = 1,
-    looser: float = 1.0,
 ) -> PatchTable:
-    """Return an empty table of ``values``: the quantities of :func:`sunlit_air` for every station."""
-    x, azimuth = np.meshgrid(
-        np.linspace(0.0, 1.0, SURVEY_ROWS), np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
-    )
-    packets, count = packets_of(light, bends), len(light.batches)
-    packet = np.arange(packets * PACKET) // PACKET
-    ground = packet >= bounce_packet(count, bends, 0)
-    tolerance = light.tolerance(coordinates, looser)
-    # what the ground adds may be as far off as the radiance that it is added to
-    scale = np.where(ground, packet - bounce_packet(count, bends, 0), 0) * 2 * PACKET + np.arange(len(packet)) % PACKET
-    scale = np.where(ground, scale, np.arange(len(packet)))
-    floors: list[FloatArray] = []
+    """Return an empty table of ``values``: the quantities of :func:`sunlit_air` for every station.
 
-    def values_first(place: FloatArray, turned: FloatArray) -> FloatArray:
-        """March the survey beside the first nodes: a launch less."""
-        if floors:
-            return values(place, turned)
-        found = values(np.concatenate([place, x.ravel()]), np.concatenate([turned, azimuth.ravel()]))
-        brightest = found[len(place) :].reshape(-1, stations, packets * PACKET).max(axis=(0, 1))
-        radiances = (packet % 2 == 0) | (packet >= 2 * count)
-        floor = np.where(radiances, np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
-        if bends:
-            floor[packet == bending_packet(count)] = BENT_RAD
-        floors.append(np.tile(floor[scale], stations))
-        return found[: len(place)]
+    ``bright``: radiance of the bright limb, (batches * 4,).
+    """
+    packets, count = packets_of(light, bends), len(light.batches)
+    scale = np.zeros((packets, PACKET))
+    for k in range(count):
+        of_batch = bright[PACKET * k : PACKET * (k + 1)]
+        scale[radiance_packet(k)] = of_batch
+        if light.over_varied_ground:
+            scale[bounce_packet(count, bends, k)] = of_batch
+    # of transmittances and the bending angle, which have no scale but their own
+    scale[1 : 2 * count : 2] = LEAST_TRANSMITTANCE
+    own = np.zeros((packets, PACKET), dtype=bool)
+    own[1 : 2 * count : 2] = True
+    if bends:
+        scale[bending_packet(count)], own[bending_packet(count)] = LEAST_BENDING_RAD, True
+    scale, own = (np.tile(v.ravel(), stations) for v in (scale, own))
+    miss = OF_A_KINK * light.accuracy
 
     def allowed(known: FloatArray) -> FloatArray:
-        size = np.abs(known)
-        largest = np.maximum(size, floors[0])
-        if ground.any():
-            by_packet = (*known.shape[:-1], stations, packets, PACKET)
-            theirs, ours = largest.reshape(by_packet), size.reshape(by_packet)
-            for k in range(count):
-                of_ground = theirs[..., bounce_packet(count, bends, k), :]
-                np.maximum(of_ground, ours[..., radiance_packet(k), :], out=of_ground)
-        largest *= tolerance
-        return largest
+        found = np.broadcast_to(scale, known.shape).copy()
+        found[..., own] = np.maximum(np.abs(known[..., own]), scale[own])
+        found *= miss
+        return found
 
-    return PatchTable(Tabulated(values_first, allowed, packets * PACKET * stations, single=stations > 1))
+    return PatchTable(Tabulated(values, allowed, packets * PACKET * stations, single=stations > 1))
 
 
-STATIONS = 48
-STEPS, STEPS_BEFORE = 1, 48
-"""Of the march: from one station to the next, and up to the first, with the dense haze of a great eruption above."""
-STEPS_IN_LAYER = 4
-"""From one station to the next in layers of thin cloud, which few stations cross; error 7e-6 in the median."""
-IN_SHADOW, IN_SHADOW_BEFORE = 6, 12
+STATIONS = 13
+"""At least; more of them where many edges of layers cut the way."""
+STEPS, STEPS_BEFORE = 3, 24
+"""Of the march: from one station to the next, and up to the first, at the usual accuracy."""
+IN_SHADOW_BEFORE = 2
 """How many times as many where the Earth's shadow may cut rays, where each of three pieces has a third of them."""
 ABOVE_TOPS_M = 3000.0
 """Height of the first station above the highest cloud: at a layer's edge a ray's path has a square root in height."""
-LOOSER = 2.0
-"""Times the tolerance of the air's other tables, with the Sun at most 75 deg from the zenith: with so few steps from
-station to station the profiles' kinks are visible, and halving a patch halves the error instead of dividing it by 16.
-"""
 LEAST_INTERVALS = 3
 """Of a piece: a cubic goes through four stations."""
 
@@ -459,9 +442,10 @@ def stations_along(
     heights = [highest, *levels, 0.0]
     numbers = _numbers(heights, to_ground)
     shadow = not light.shines_everywhere(coordinates)
-    times, before = (IN_SHADOW, IN_SHADOW_BEFORE * STEPS_BEFORE) if shadow else (1, STEPS_BEFORE)
+    before = 3 * math.ceil(light.times_steps * STEPS_BEFORE * (IN_SHADOW_BEFORE if shadow else 1) / 3)
     inside = (light.in_layer(0.5 * sum(ends)) for ends in pairwise(heights))
-    each = [times * (STEPS_IN_LAYER if layer else STEPS) for layer in inside]
+    steps = 3 * math.ceil(light.times_steps * STEPS / 3)
+    each = [(2 if layer else 1) * steps for layer in inside]
     if not to_ground:
         each += each[-2::-1]
     taken = [0, *accumulate(n * (end - begin) for n, (begin, end) in zip(each, pairwise(numbers), strict=True))]
@@ -469,7 +453,7 @@ def stations_along(
         (*cuts, last),
         tuple(constant(n) for n in numbers),
         tuple(constant(n) for n in taken),
-        STATIONS,
+        numbers[-1] + 1,
         taken[-1],
         before,
         shadow,
@@ -486,36 +470,38 @@ def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
     ways = [high - low for high, low in pairwise(reach)]
     if not to_ground:
         ways = [*ways[:-1], 2.0 * ways[-1], *reversed(ways[:-1])]
-    free = STATIONS - 1 - LEAST_INTERVALS * len(ways)
+    free = max(STATIONS - 1 - LEAST_INTERVALS * len(ways), 0)
     shares = [LEAST_INTERVALS + math.floor(free * way / sum(ways)) for way in ways]
     longest = shares.index(max(shares))
-    shares[longest] += STATIONS - 1 - sum(shares)
+    shares[longest] += max(STATIONS - 1 - sum(shares), 0)
     return [0, *accumulate(shares)]
 
 
-def cloudy_air(light: Light, plane: RayPlane, top_m: float) -> PatchTable:
+def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) -> PatchTable:
     """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`."""
     coordinates, to_ground = plane.coordinates, plane.to_ground
     o = vectors(coordinates.origin[None, :])
     packets, count = packets_of(light, bends=False), len(light.batches)
+    one = vectors(plane.directions(np.zeros(1), np.zeros(1)))
+    stations_a_ray = stations_along(light, coordinates, o, one, to_ground, top_m).count
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         d = vectors(plane.directions(x, azimuth))
         stations = stations_along(light, coordinates, o, d, to_ground, top_m)
-        out = np.zeros((len(x), STATIONS, packets, PACKET))
+        out = np.zeros((len(x), stations.count, packets, PACKET))
         for k, batch in enumerate(light.batches):
             if batch is None:
                 continue
             radiance, bounce, transmittance = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
             dr.eval(radiance, bounce, transmittance)
             for n, (r, t) in enumerate(zip(radiance, transmittance, strict=True)):
-                out[:, :, 2 * k, n] = np.asarray(r).reshape(STATIONS, -1).T
-                out[:, :, 2 * k + 1, n] = np.asarray(t).reshape(STATIONS, -1).T
+                out[:, :, 2 * k, n] = np.asarray(r).reshape(stations.count, -1).T
+                out[:, :, 2 * k + 1, n] = np.asarray(t).reshape(stations.count, -1).T
             for n, b in enumerate(bounce):
-                out[:, :, bounce_packet(count, False, k), n] = np.asarray(b).reshape(STATIONS, -1).T
+                out[:, :, bounce_packet(count, False, k), n] = np.asarray(b).reshape(stations.count, -1).T
         return out.reshape(len(x), -1)
 
-    return air_table(light, coordinates, values, stations=STATIONS, looser=LOOSER)
+    return air_table(light, values, bright, stations=stations_a_ray)
 
 
 def place_among(stations: SunlitStations, t: mi.Float64) -> StationPlace:
@@ -527,10 +513,9 @@ def place_among(stations: SunlitStations, t: mi.Float64) -> StationPlace:
 
 
 def look_at_stations(
-    table: PatchTable, x: mi.Float64, azimuth: mi.Float64, place: StationPlace, packets: Sequence[int]
+    table: PatchTable, x: mi.Float64, azimuth: mi.Float64, place: StationPlace, each: int, packets: Sequence[int]
 ) -> Values:
-    """Return the quantities of some packets of a station at places along rays."""
-    each = table.tabulated.quantities // (PACKET * STATIONS)
+    """Return the quantities of some packets of a station at places along rays; ``each``: packets of a station."""
     w = place.beyond
     weights = [
         -(w - 1.0) * (w - 2.0) * (w - 3.0) * (1.0 / 6.0),
