@@ -134,15 +134,15 @@ LEAST_COMMON, SURELY_COMMON = 1.1, 1.3
 would displace the nadir."""
 
 
-def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, every: int) -> float:
+def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, spacing_px: float) -> float:
     """Return how much larger the variance of residual sums over squares is than of independent ones, at least 1.
 
-    ``columns``, ``rows``, ``in_sigmas``: shape (n,), of one in ``every`` pixels. The square size is the one
-    at which the ratio is largest.
+    ``columns``, ``rows``, ``in_sigmas``: shape (n,); ``spacing_px``: mean distance of the residuals. The square size is
+    the one at which the ratio is largest.
     """
     most = 1.0
     for side in SQUARES_PX:
-        column, row = ((part / (side * every**0.5)).astype(np.intp) for part in (columns, rows))
+        column, row = ((part / (side * spacing_px)).astype(np.intp) for part in (columns, rows))
         square = row * (int(column.max()) + 1) + column
         sums, count = np.bincount(square, in_sigmas), np.bincount(square)
         full = count > side

@@ -357,7 +357,7 @@ class ProfileModel:
         # Not of a limb that is still displaced, which would hide it.
         if self.tighter == 1.0:
             in_sigmas = look.residuals * np.sqrt(PixelNoise(variance).weights(look.residuals))
-            common = correlated(near.columns, near.rows, in_sigmas, near.every)
+            common = correlated(near.columns, near.rows, in_sigmas, float(np.sqrt(near.every)))
             # The mean share counts, since the ratio is that of all pixels together.
             together = 1.0 + (common - 1.0) * shown / max(float(shown.mean()), 1e-300)
             together = together + (self._bump_px - 1.0) * np.minimum(neglected / variance, 1.0)
