@@ -244,10 +244,13 @@ def march_to_stations(
     to_ground: bool,
     concentration: float,
     stations: SunlitStations,
+    *,
+    attenuated: bool = True,
 ) -> tuple[Values, Values, Values, mi.Float64 | None]:
     """Return what the pieces between stations add, per node, each (stations * rays,), and the bending at rays' ends.
 
-    Radiance, bounce and optical depth, the first from the observer to the first station, seen from their beginnings.
+    Radiance, bounce and optical depth, the first from the observer to the first station, seen from their beginnings;
+    with ``attenuated`` False what a piece adds is its emission, of which nothing is absorbed.
     """
     ends = mi.Bool(to_ground)
     dr.make_opaque(ends)
@@ -278,7 +281,7 @@ def march_to_stations(
         tau, radiance = ([dr.select(here, 0.0, v) for v in sums] for sums in (tau, radiance))
         return tau, radiance
 
-    _, _, state = _integrate(planet, path, batch, source, o, d, count, bound, note)
+    _, _, state = _integrate(planet, path, batch, source, o, d, count, bound, note, attenuated)
     first, last = batch.width, parts * batch.width
     return noted[:first], noted[first:last], noted[last:], state[1]
 
@@ -336,6 +339,7 @@ def _integrate(
     count: int | mi.UInt32,
     bound: Bound,
     note: Callable[[mi.UInt32, Values, Values], tuple[Values, Values]] | None = None,
+    attenuated: bool = True,
 ) -> tuple[Values, Values, State]:
     """Return optical depth and radiances per node, and the source's state at the end.
 
@@ -365,7 +369,10 @@ def _integrate(
             for n in range(batch.width):
                 depth = 0.5 * h * (k_a[n] + k_b[n])
                 for m in range(n, len(j_a), batch.width):
-                    radiance[m] = radiance[m] + dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[m], j_b[m], depth)
+                    added = 0.5 * h * (j_a[m] + j_b[m])
+                    if attenuated:
+                        added = dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[m], j_b[m], depth)
+                    radiance[m] = radiance[m] + added
                 tau[n] = tau[n] + depth
             if note is not None:
                 tau, radiance = note(i + k + 1, tau, radiance)

@@ -1,12 +1,14 @@
 r"""Air with broken layers of thin cloud: pieces of rays with and without the cloud, mixed by its share.
 
-Rays are cut where they cross the edges of layers, and long passages through a layer with gaps once more. The table has
-for every piece the radiance L and the optical depth :math:`\tau` of the air without the cloud (0) and with the cloud
-everywhere (1): both are smooth over the rays. A ray's piece with the mean share f of cloud has
+Rays are cut where they cross the edges of layers, and passages through a layer with gaps once more. For every piece
+the table has the radiance L and the optical depth :math:`\tau_0` of the air without the cloud; and with the cloud
+everywhere its emission :math:`J_1` along the piece, of which nothing is absorbed, the optical depth :math:`\tau_1`, and
+how the source changes, :math:`H_1 = \tau_1 \Delta (J_1 / \tau_1)` from the beginning to the end of the piece. All are
+smooth over the rays. The n-th part of a piece, u from its middle, with the share f of cloud has
 
-    tau = (1 - f) tau_0 + f tau_1,      L = ((1 - f) L_0 / E(tau_0) + f L_1 / E(tau_1)) E(tau)
+    tau = ((1 - f) tau_0 + f tau_1) / n,    L = ((1 - f) L_0 / E(tau_0) + f (J_1 + u H_1)) / n E(tau)
 
-with :math:`E(x) = (1 - e^{-x}) / x`, which is exact where extinction and source do not vary within the piece.
+with :math:`E(x) = (1 - e^{-x}) / x`.
 """
 
 from __future__ import annotations
@@ -25,7 +27,8 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.clouds import GapMap
 from horizonval.renderer.kernel.march import SunlitStations
-from horizonval.renderer.planet import along, way_through
+from horizonval.renderer.kernel.node_batches import Place
+from horizonval.renderer.planet import way_through
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
@@ -40,8 +43,8 @@ from horizonval.renderer.view_table.sunlit_air import (
 
 STEPS_OUTSIDE, STEPS_INSIDE = 36, 12
 """Of the march: in a piece outside layers with gaps, and in one inside, at the usual accuracy."""
-PIECE_OF_SCALE, MOST_PIECES = 0.4, 6
-"""Length of pieces inside a layer, of the scale of its gaps, and how many there are at most in a passage."""
+PIECE_OF_SCALE, LEAST_PIECES, MOST_PIECES = 0.4, 3, 6
+"""Length of pieces inside a layer, of the scale of its gaps, and bounds of their number in a passage."""
 SAMPLES = 4
 """Of the share of cloud, in a piece."""
 _EARTH_M = 6.371e6
@@ -72,7 +75,8 @@ class BrokenAir:
             longest = math.sqrt(2.0 * _EARTH_M * (high - low))
             if self.plane.to_ground:
                 longest = math.sqrt(2.0 * _EARTH_M * high) - math.sqrt(2.0 * _EARTH_M * low)
-            down.append((numbers[0], min(max(math.ceil(longest / (PIECE_OF_SCALE * gaps.scale_m)), 1), MOST_PIECES)))
+            pieces = math.ceil(longest / (PIECE_OF_SCALE * gaps.scale_m))
+            down.append((numbers[0], min(max(pieces, LEAST_PIECES), MOST_PIECES)))
         return [*down, (None, 1), *([] if self.plane.to_ground else [*reversed(down), (None, 1)])]
 
     @cached_property
@@ -119,40 +123,45 @@ class BrokenAir:
 
     @property
     def _packets(self) -> int:
-        """Packets of a batch in a piece: radiance, optical depth, and what the ground adds."""
-        return 3 if self.light.over_varied_ground else 2
+        """Packets of a batch in a piece: optical depths without and with cloud, then L, J and H, and of the ground."""
+        return 8 if self.light.over_varied_ground else 5
 
     def table(self, bright: FloatArray) -> PatchTable:
         """Return an empty table; ``bright``: radiance of the bright limb, (batches * 4,)."""
         light, plane, count, packets = self.light, self.plane, len(self.light.batches), self._packets
         o = vectors(plane.coordinates.origin[None, :])
-        # by packet: of every piece, of air without and with cloud, of every batch; the last is the bending angle
-        shape = self.pieces, 2, count, packets, PACKET
+        shape = self.pieces, count, packets, PACKET
 
         def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
             d = vectors(plane.directions(x, azimuth))
             stations = self.stations(o, d)
-            out = np.zeros((len(x), *shape))
-            bending = np.zeros((len(x), PACKET))
+            out, bending = np.zeros((len(x), *shape)), np.zeros((len(x), PACKET))
             for k, batch in enumerate(light.batches):
                 for cloud in (0, 1):
                     if batch is None:
                         continue
                     air = batch.under([None if gaps is None else Everywhere.of(gaps, cloud) for gaps in self.maps])
-                    parts = light.march_to_stations(air, plane.coordinates, o, d, plane.to_ground, stations)
-                    dr.eval(parts)
-                    for m, part in enumerate((parts[0], parts[2], parts[1])):
+                    *parts, angle = light.march_to_stations(
+                        air, plane.coordinates, o, d, plane.to_ground, stations, attenuated=not cloud
+                    )
+                    dr.eval(parts, angle)
+                    for first, part in zip((2, 5, 0), parts, strict=True):
                         for n, value in enumerate(part):
-                            out[:, :, cloud, k, m, n] = np.asarray(value).reshape(self.pieces, -1).T
-                    if parts[3] is not None:
-                        bending[:, 0] = np.asarray(parts[3])
+                            out[:, :, k, first + cloud, n] = np.asarray(value).reshape(self.pieces, -1).T
+                    if angle is not None:
+                        bending[:, 0] = np.asarray(angle)
+            for first, behind in (span for spans in self._pieces_of.values() for span in spans):
+                depth = out[:, first:behind, :, 1]
+                for m in range(3, packets, 3):
+                    source = out[:, first:behind, :, m] / np.maximum(depth, 1e-12)
+                    out[:, first:behind, :, m + 1] = depth * np.gradient(source, axis=1)
             return np.concatenate([out.reshape(len(x), -1), bending], axis=1)
 
-        scale = np.zeros(shape)
-        scale[...] = bright.reshape(count, 1, PACKET)
-        scale[:, :, :, 1] = 1.0
-        own = np.zeros(shape, dtype=bool)
-        own[:, :, :, 1] = True
+        scale = np.broadcast_to(bright.reshape(count, 1, PACKET), shape).copy()
+        scale[:, :, :2] = 1.0
+        own = np.full(shape, True)
+        # radiances without cloud are smaller than the limb's
+        own[:, :, 2::3] = False
         return air_table(
             light,
             values,
@@ -167,40 +176,49 @@ class BrokenAir:
         """Return radiance, transmittance and what the ground adds of a batch along rays, and the bending angle."""
         stations, planet = self.stations(o, d), self.plane.coordinates.planet
         packets, count = self._packets, len(self.light.batches)
-        parts = [0, *([2] if packets == 3 else [])]
+        parts = range(2, packets, 3)
 
-        def share_of_cloud(i: mi.UInt32) -> mi.Float64:
+        nodes = self.light.batches[batch]
+        assert nodes is not None
+        layers = {layer.number: layer for layer in nodes.gapped}
+
+        def samples_of_cloud(i: mi.UInt32) -> tuple[Values, Values]:
+            """Return the shares of cloud in parts of a piece, and the parts of the whole cloud's optical depth."""
             station = mi.Float64(i) - 1.0
             low, high, number, following = stations.piece(lambda k: station >= stations.numbers[k])
             length = (high - low) / (following - number)
             begin = dr.fma(length, station - number, low)
-            share = mi.Float64(0.0)
+            shares, depths = [mi.Float64(0.0)] * SAMPLES, [mi.Float64(1.0)] * SAMPLES
             for layer, numbers in self._pieces_of.items():
                 gaps = self.maps[layer]
                 assert gaps is not None
-                mean = mi.Float64(0.0)
-                for k in range(SAMPLES):
-                    _, normal = planet.height_and_normal(along(o, d, begin + length * ((k + 0.5) / SAMPLES)))
-                    mean += gaps.share(normal) * (1.0 / SAMPLES)
                 here = reduce(or_, [(i >= first) & (i < last) for first, last in numbers])
-                share = dr.select(here, mean, share)
-            return share
+                for k in range(SAMPLES):
+                    place = Place.of(planet, nodes.grid, o, d, begin + length * ((k + 0.5) / SAMPLES))
+                    shares[k] = dr.select(here, gaps.share(place.normal), shares[k])
+                    depth = place.read(layers[layer].extinction, width)[0]
+                    depths[k] = dr.select(here, depth + 1e-12, depths[k])
+            scale = 1.0 / sum(depths, start=mi.Float64(0.0))
+            return shares, [depth * scale for depth in depths]
 
         def body(i: mi.UInt32, depth: Values, sums: Values) -> tuple[mi.UInt32, Values, Values]:
             depth, sums = list(depth), list(sums)
-            f = share_of_cloud(i)
-            read = [((i * 2 + cloud) * count + batch) * packets + m for cloud in (0, 1) for m in range(packets)]
-            found = table.look(x, azimuth, read)
-            clear, cloudy = found[: packets * PACKET], found[packets * PACKET :]
+            shares, depths = samples_of_cloud(i)
+            found = table.look(x, azimuth, [(i * count + batch) * packets + m for m in range(packets)])
             for n in range(width):
-                tau_0, tau_1 = dr.maximum(clear[PACKET + n], 0.0), dr.maximum(cloudy[PACKET + n], 0.0)
-                tau = dr.fma(f, tau_1 - tau_0, tau_0)
-                before, escape = dr.exp(-depth[n]), _escape(tau)
-                weight_0, weight_1 = (1.0 - f) * escape / _escape(tau_0), f * escape / _escape(tau_1)
-                for k, m in enumerate(parts):
-                    added = weight_0 * clear[m * PACKET + n] + weight_1 * cloudy[m * PACKET + n]
-                    sums[k * width + n] = sums[k * width + n] + before * dr.maximum(added, 0.0)
-                depth[n] = depth[n] + tau
+                tau_0, tau_1 = dr.maximum(found[n], 0.0), dr.maximum(found[PACKET + n], 0.0)
+                free = [found[m * PACKET + n] / _escape(tau_0) for m in parts]
+                for g, (f, of_cloud) in enumerate(zip(shares, depths, strict=True)):
+                    clear = (1.0 - f) * (1.0 / SAMPLES)
+                    covered = f * of_cloud
+                    tau = dr.fma(clear, tau_0, covered * tau_1)
+                    seen = dr.exp(-depth[n]) * _escape(tau)
+                    for k, m in enumerate(parts):
+                        middle, change = (found[(m + j) * PACKET + n] for j in (1, 2))
+                        cloudy = dr.fma((g + 0.5) / SAMPLES - 0.5, change, middle)
+                        added = dr.fma(clear, free[k], covered * cloudy)
+                        sums[k * width + n] = sums[k * width + n] + seen * dr.maximum(added, 0.0)
+                    depth[n] = depth[n] + tau
             return i + 1, depth, sums
 
         zero = dr.zeros(mi.Float64, dr.width(x))
@@ -209,7 +227,7 @@ class BrokenAir:
         _, depth, sums = dr.while_loop(
             start, lambda i, *_: i < last, body, labels=("i", "depth", "sums"), label="broken layers"
         )
-        bending = table.look(x, azimuth, [self.pieces * 2 * count * packets])[0]
+        bending = table.look(x, azimuth, [self.pieces * count * packets])[0]
         return sums[:width], [dr.exp(-v) for v in depth], sums[width:], bending
 
 

@@ -248,6 +248,7 @@ class FrameTables:
         bends = bends and hit is None
         count, width = len(looked.light.batches), nodes.width
         apart = isinstance(nodes, SolarNodes) and nodes.bounce is not None
+        bending: mi.Float64 | None
         if looked.broken is not None:
             o, d = self.view.origin, rays.direction
             *parts, bending = looked.broken.look(looked.table, looked.x, looked.azimuth, o, d, batch, width)
@@ -261,7 +262,7 @@ class FrameTables:
             lights = [values[k * PACKET : k * PACKET + width] for k in range(2 + apart)]
             found = [dr.maximum(v, 0.0) if k != 1 else v for k, light in enumerate(lights) for v in light]
             bending = values[-PACKET]
-        found += [bending] if bends else []
+        found += [bending] if bends and bending is not None else []
         if looked.cloudy is not None:
             dr.eval(found)
             self._before_clouds(looked, batch, found)

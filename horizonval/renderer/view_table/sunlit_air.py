@@ -301,6 +301,8 @@ class Light:
         d: Vec,
         to_ground: bool,
         stations: SunlitStations,
+        *,
+        attenuated: bool = True,
     ) -> tuple[Values, Values, Values, mi.Float64 | None]:
         """Return what pieces between stations along rays add, as :func:`march_to_stations`."""
         return march_to_stations(
@@ -313,6 +315,7 @@ class Light:
             to_ground,
             SOLAR_CONCENTRATION,
             stations,
+            attenuated=attenuated,
         )
 
 
@@ -528,8 +531,8 @@ def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) 
                 out[:, :, bounce_packet(count, False, k), : batch.width] = summed
         return out.reshape(len(x), -1)
 
-    scale, own = (np.tile(v, stations_a_ray) for v in _scales(light, bright, bends=False))
-    return air_table(light, values, scale, own, single=True)
+    scale, own = _scales(light, bright, bends=False)
+    return air_table(light, values, np.tile(scale, stations_a_ray), np.tile(own, stations_a_ray), single=True)
 
 
 def place_among(stations: SunlitStations, t: mi.Float64) -> StationPlace:
