@@ -180,6 +180,7 @@ class BrokenAir:
 
         nodes = self.light.batches[batch]
         assert nodes is not None
+        from_middle = [(k + 0.5) / SAMPLES - 0.5 for k in range(SAMPLES)]
         layers = {layer.number: layer for layer in nodes.gapped}
 
         def samples_of_cloud(i: mi.UInt32) -> tuple[Values, Values]:
@@ -204,6 +205,7 @@ class BrokenAir:
         def body(i: mi.UInt32, depth: Values, sums: Values) -> tuple[mi.UInt32, Values, Values]:
             depth, sums = list(depth), list(sums)
             shares, depths = samples_of_cloud(i)
+            middle = sum((u * depth for u, depth in zip(from_middle, depths, strict=True)), start=mi.Float64(0.0))
             found = table.look(x, azimuth, [(i * count + batch) * packets + m for m in range(packets)])
             for n in range(width):
                 tau_0, tau_1 = dr.maximum(found[n], 0.0), dr.maximum(found[PACKET + n], 0.0)
@@ -214,8 +216,8 @@ class BrokenAir:
                     tau = dr.fma(clear, tau_0, covered * tau_1)
                     seen = dr.exp(-depth[n]) * _escape(tau)
                     for k, m in enumerate(parts):
-                        middle, change = (found[(m + j) * PACKET + n] for j in (1, 2))
-                        cloudy = dr.fma((g + 0.5) / SAMPLES - 0.5, change, middle)
+                        emission, change = (found[(m + j) * PACKET + n] for j in (1, 2))
+                        cloudy = dr.fma(from_middle[g] - middle, change, emission)
                         added = dr.fma(clear, free[k], covered * cloudy)
                         sums[k * width + n] = sums[k * width + n] + seen * dr.maximum(added, 0.0)
                     depth[n] = depth[n] + tau
