@@ -429,7 +429,7 @@ def air_table(
 
 
 STATIONS = 13
-"""At least; more of them where many edges of layers cut the way."""
+"""Without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts the way."""
 STEPS, STEPS_BEFORE = 3, 24
 """Of the march: from one station to the next, and up to the first, at the usual accuracy."""
 IN_SHADOW_BEFORE = 2
@@ -495,10 +495,10 @@ def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
     ways = [high - low for high, low in pairwise(reach)]
     if not to_ground:
         ways = [*ways[:-1], 2.0 * ways[-1], *reversed(ways[:-1])]
-    free = max(STATIONS - 1 - LEAST_INTERVALS * len(ways), 0)
+    free = STATIONS - 1 - LEAST_INTERVALS
     shares = [LEAST_INTERVALS + math.floor(free * way / sum(ways)) for way in ways]
     longest = shares.index(max(shares))
-    shares[longest] += max(STATIONS - 1 - sum(shares), 0)
+    shares[longest] += free + LEAST_INTERVALS * len(ways) - sum(shares)
     return [0, *accumulate(shares)]
 
 
