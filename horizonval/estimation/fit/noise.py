@@ -77,6 +77,11 @@ NORMAL_QUARTILE = 0.67448975
 """Median of the absolute value of a unit normal."""
 
 
+def weighed(squares: FloatArray, variance: FloatArray | float) -> FloatArray:
+    """Return squared residuals (n,) with the weights of Student's distribution, over what normal ones have of them."""
+    return np.asarray(squares * ((TAIL_FREEDOM + 1.0) / OF_NORMAL / (TAIL_FREEDOM + squares / variance)))
+
+
 def variance_of(
     residuals: FloatArray, level: FloatArray, parts: FloatArray, least: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
@@ -88,18 +93,17 @@ def variance_of(
     brightest = max(float(level.max()), 1e-300)
     level = np.clip(level / brightest, 0.0, 1.0)
     squares = residuals**2
-    dark, bright = (_mean_square(squares[there], squares) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
+    dark, bright = (mean_square(squares[there], squares) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
     components = np.concatenate([level[None], parts])
     components /= np.maximum(components.max(axis=1), 1e-300)[:, None]
     variance = np.maximum(dark + max(bright - dark, 0.0) * level, least)
     for _ in range(WEIGHINGS):
-        weighed = squares * ((TAIL_FREEDOM + 1.0) / OF_NORMAL / (TAIL_FREEDOM + squares / variance))
-        beyond = _components(weighed - dark, variance, components) @ components
+        beyond = _components(weighed(squares, variance) - dark, variance, components) @ components
         variance = np.maximum(dark + beyond, least)
     return variance, np.minimum(beyond / variance, 1.0)
 
 
-def _mean_square(squares: FloatArray, otherwise: FloatArray) -> float:
+def mean_square(squares: FloatArray, otherwise: FloatArray) -> float:
     """Return the mean of squared residuals with the weights of their own distribution."""
     some = squares if len(squares) > FEWEST_PIXELS else otherwise
     mean = float(np.median(some)) / NORMAL_QUARTILE**2
@@ -107,7 +111,7 @@ def _mean_square(squares: FloatArray, otherwise: FloatArray) -> float:
         mean = float(np.mean(some))
     for _ in range(WEIGHINGS):
         mean = max(mean, 1e-300)
-        mean = float(np.mean(some * ((TAIL_FREEDOM + 1.0) / OF_NORMAL / (TAIL_FREEDOM + some / mean))))
+        mean = float(np.mean(weighed(some, mean)))
     return max(mean, 1e-300)
 
 

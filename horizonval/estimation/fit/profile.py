@@ -250,11 +250,12 @@ class ProfileModel:
         own = step[POSE + LENS :]
         most_px = max(LARGEST_MOTION_M / float(np.median(self.near.nodes.width_m)), LARGEST_MOTION_PX)
         logs = float(np.abs(own[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP
-        return max(self.motion_px(step[: POSE + LENS]) / most_px, logs)
+        return max(self.motion_px(step) / most_px, logs)
 
     def motion_px(self, step: FloatArray) -> float:
-        """Return by how much a step of pose and lens moves the limb where it moves it most."""
-        moved = step[:POSE] @ self.near.by_pose[:, self._some] + step[POSE:] @ self.near.by_lens[:, self._some]
+        """Return by how much a step (7 + 4 + own) moves the limb where it moves it most [px]."""
+        moved = step[:POSE] @ self.near.by_pose[:, self._some]
+        moved += step[POSE : POSE + LENS] @ self.near.by_lens[:, self._some]
         return float(np.abs(moved).max() / np.median(self.near.nodes.width_m))
 
     def look(

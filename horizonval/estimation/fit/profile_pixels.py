@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.estimation.fit.edge_pixels import FEWEST_LIMB_PX
-from horizonval.estimation.fit.levels import from_widest_gap
+from horizonval.estimation.fit.light import from_widest_gap
 from horizonval.estimation.fit.pixels import NearPixels, near_pixels
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.lens_error import k1_per_px

@@ -190,13 +190,16 @@ class FrameTables:
         planet, origin = self.view.planet, self._origin
         key = self._key("bright limb", [self._key_of(light) for light in self._lights])
         around = TABLES.get_or_make(key, lambda: bright_limb(self._lights, planet, origin), lambda table: table.nbytes)
+        brightest = around.max(axis=0)
         rays, to_ground = (cells.limb, False) if cells.limb.count else (cells.ground, True)
+        if not rays.count:
+            # A camera that sees only space.
+            return np.asarray(brightest)
         coordinates = RayCoordinates.of(planet, origin, self._lights[0].top_m)
         _, azimuth = coordinates.place(self.view.origin, rays.direction, to_ground)
         sector = mi.UInt32(dr.floor(azimuth * (0.5 / math.pi * len(around)) + (len(around) + 0.5))) % len(around)
         seen = dr.zeros(mi.UInt32, len(around))
         dr.scatter(seen, mi.UInt32(1), sector)
-        brightest = around.max(axis=0)
         steps = np.floor(np.log(around[np.asarray(seen) > 0].max(axis=0) / brightest) / math.log(4.0))
         return np.asarray(brightest * 4.0**steps)
 

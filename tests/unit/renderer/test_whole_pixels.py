@@ -153,3 +153,11 @@ def test_pixels_at_the_sun_are_cut() -> None:
     image, reference = (marched(changes, every_cell) for every_cell in (False, True))
     assert reference.max() > 1e6 * np.median(reference)
     assert np.array_equal(image, reference)
+
+
+def test_a_camera_that_sees_only_space_has_a_dark_frame() -> None:
+    activate()
+    from horizonval.renderer.frame import render_in_turn
+
+    away = {"camera": {"mount_roll_deg": 150.0}, "geometry": {"width": 16, "height": 16, "fov_deg": 30.0}}
+    assert not render_in_turn(*specs(away, "table")).radiance["vis"].any()
