@@ -446,7 +446,7 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
 
 def rival_pieces(image: FloatArray, camera: CameraModel, view: LimbView, seen: SeenEdge, air_px: float) -> BoolArray:
     """Return which pieces show a step like the limb's at another distance, out of reach of the air, shape (m,)."""
-    nearest_px = max(RIVAL_WIDTH_PX, air_px) + 2.0 * RIVAL_WIDTH_PX
+    nearest_px = max(RIVAL_WIDTH_PX, air_px) + RIVAL_WIDTH_PX
     # The image along lines across the middle of every piece, in strips as wide as the window.
     strips = int(2.0 * FARTHEST_RIVAL_PX / RIVAL_WIDTH_PX) + 3
     depth = (np.arange(RIVAL_WIDTH_PX * strips) - 0.5 * (RIVAL_WIDTH_PX * strips - 1))[:, None]
