@@ -120,12 +120,18 @@ def _run_on_points(estimator: Estimator, observation: Observation) -> Fit | Refu
 
 
 def _unlike_a_limb(
-    image: FloatArray, observation: Observation, nadir_cam: FloatArray, rho_rad: float, points: FloatArray
+    image: FloatArray,
+    observation: Observation,
+    nadir_cam: FloatArray,
+    rho_rad: float,
+    points: FloatArray,
+    *,
+    by_pixels: bool = False,
 ) -> Refusal | None:
     """Return why the pixels about a cone's limb are not those of a limb in air, or None."""
     radius = observation.prior.sphere_radius_m
     pose = LimbPose(np.eye(3), -radius / float(np.sin(rho_rad)) * nadir_cam)
-    return examined(image, observation, pose, sphere(radius), in_air=True, points=points).refusal
+    return examined(image, observation, pose, sphere(radius), in_air=True, points=points, by_pixels=by_pixels).refusal
 
 
 def _best_reach(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, GuardLimb] | Refusal:
@@ -404,7 +410,7 @@ def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refu
         refusal = too_wide(result, 0.5 * prior.accept_rad)
         return result if refusal is None else refusal
     image = np.asarray(observation.image, dtype=np.float64)
-    refusal = _unlike_a_limb(image, observation, nadir, rho, result.points)
+    refusal = _unlike_a_limb(image, observation, nadir, rho, result.points, by_pixels=True)
     if refusal is None:
         refusal = too_wide(result, prior.accept_rad)
     return result if refusal is None else refusal
