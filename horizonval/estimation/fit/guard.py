@@ -587,8 +587,8 @@ def _blurred(seen: SeenEdge, lens: Lens, own_px: float, scale: int, *, thermal: 
     """Test whether the edge is no wider than the lens makes it; ``own_px``: its blur in pixels ``scale`` as wide."""
     known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
     margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
-    widest_2 = margin**2 * ((own_px * float(lens.ratios.max())) ** 2 + PIXEL_VARIANCE)
-    if seen.blur_px**2 + PIXEL_VARIANCE <= widest_2 + (CLOUDY_BLUR_PX / scale if thermal else 0.0) ** 2:
+    widest = margin * max(own_px * float(lens.ratios.max()), LEAST_WIDTH_PX)
+    if seen.blur_px <= np.hypot(widest, CLOUDY_BLUR_PX / scale if thermal else 0.0):
         return None
     stated = "" if lens.blur_px is not None else ", if its file states none (optics.psf_sigma_px)"
     blur, own = scale * seen.blur_px, scale * own_px
