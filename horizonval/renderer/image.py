@@ -104,7 +104,7 @@ def render_bands(
         channels.add([*own, *(energy_of[band] for band in own)], _band_parts(parts, weights))
     if thermal:
         assert emission is not None
-        frame = ThermalFrame.of(view, cells, emission, thermal[0].top_m, nodes, accuracy)
+        frame = ThermalFrame.of(view, cells, emission, thermal, nodes, accuracy)
         for air in thermal:
             channels.add([air.band.name], ((slot, share, [value]) for slot, share, value in frame.parts(air)))
     energy = channels.of(energy_of.values())

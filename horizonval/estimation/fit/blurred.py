@@ -95,11 +95,11 @@ AROUND = np.arange(-1, 3)
 
 
 def around_of(share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the weights, shape (n, 4), of coefficients around shares of a step: of value and slope per step."""
+    """Return the weights, shape (4, n), of coefficients around shares of a step: of value and slope per step."""
     rest = 1.0 - share
     weights = np.array([rest**3, 4.0 - 3.0 * share**2 * (1.0 + rest), 4.0 - 3.0 * rest**2 * (1.0 + share), share**3])
     steeper = np.array([-(rest**2), share * (3.0 * share - 4.0), rest * (4.0 - 3.0 * rest), share**2])
-    return weights.T / 6.0, 0.5 * steeper.T
+    return weights / 6.0, 0.5 * steeper
 
 
 class BlurredProfiles:

@@ -39,8 +39,7 @@ from scipy.special import bdtr, chdtri, ndtri
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR, CLOUD_RELIEF_THERMAL, limb_height_m, reliefs
-from horizonval.estimation.fit.levels import from_widest_gap
-from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile
+from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
 from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose

@@ -18,16 +18,11 @@ The change of ``g`` is smaller by ``h / a`` and neglected. Errors of the lens ch
 y)`` from the principal point as the pixel's own motion in the image does: by ``-x, -y`` for the logarithm of the focal
 length, by ``-1`` in a column or a row for the principal point, and outwards by ``-(rho / rho_corner)^3`` px for the
 distortion, ``rho`` the radius without it.
-
-**Groups.** Beyond some thousand pixels nothing is gained by one equation each. Along a short piece of the limb, pixels
-of nearly one height are replaced by their mean: values, heights and derivatives are linear in it, and a group whose
-heights differ by ``w`` pixels sees a profile that is blurred by another ``w^2 / 12`` px^2.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +30,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.estimation.fit.edge_pixels import FEWEST_LIMB_PX
-from horizonval.estimation.fit.levels import from_widest_gap
+from horizonval.estimation.fit.light import from_widest_gap
 from horizonval.estimation.fit.pixels import NearPixels, near_pixels
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.lens_error import k1_per_px
@@ -122,12 +117,9 @@ LEVELLINGS = 2
 """Iterations for nodes: each squares a height over the Earth's radius, so that 21 km become 70 m, then nothing."""
 WIDER = 1.5
 """Widening of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
-MOST_ROWS = 6000
-"""Pixels or groups of them: noise of 1 % in each leaves 0.01 % of the limb's step in their mean."""
-GROUP_PX = 0.25
-"""Largest difference of the heights in a group: 0.005 px^2, a hundredth of a lens's blur."""
-CANDIDATES = 5
-"""Of the pixels near a limb, times :data:`MOST_ROWS`, are looked at: more are thinned out evenly."""
+MOST_PIXELS = 6000
+"""Of pixels near a limb, once or twice so many are used, evenly spread: more determine nothing that the air leaves
+open."""
 
 
 @dataclass(frozen=True)
@@ -148,13 +140,13 @@ class LimbPlaces:
 
 @dataclass(frozen=True)
 class ProfilePixels:
-    """n pixels that see the profile, or means of some, in order of azimuth, in m sectors with nodes at both ends.
+    """n pixels that see the profile, in order of azimuth, in m sectors with nodes at both ends.
 
     ``columns``, ``rows``, ``values`` (grey levels), ``light`` (response relative to the axis: solid angle through the
     pupil), ``height_m``, ``distance_m`` (from the observer): shape (n,); ``across_m`` (n,): distance across the limb;
     ``by_pose`` (7, n), ``by_lens`` (4, n): its derivatives; ``sector`` (n,); ``starts`` (m + 1,); ``along`` (n,):
-    position in the sector, 0 to 1; ``group``: number of pixels that one stands for; ``space``: values of pixels above
-    the air.
+    position in the sector, 0 to 1; ``every``: number of pixels of the image of which each is one; ``space``: values of
+    pixels above the air.
     """
 
     columns: FloatArray
@@ -169,7 +161,7 @@ class ProfilePixels:
     sector: NDArray[np.intp]
     starts: NDArray[np.intp]
     along: FloatArray
-    group: int
+    every: int
     nodes: LimbPlaces
     space: FloatArray
 
@@ -182,10 +174,9 @@ def profile_pixels(
     between_m: tuple[float, float],
     space_m: float,
     curve: float,
-    most: int | None = None,
     nodes: LimbPlaces | None = None,
 ) -> ProfilePixels:
-    """Return valid pixels between two heights at a pose, about ``most`` of them, evenly spread.
+    """Return valid pixels between two heights at a pose, about :data:`MOST_PIXELS` of them, evenly spread.
 
     ``space_m``: height from which there is no air; ``nodes``: of a pose near by, to be kept. Raises ``LinAlgError``:
     too little limb in view.
@@ -194,8 +185,8 @@ def profile_pixels(
     axes = ellipsoid.axes_m
     to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
     per_m = WIDER * max(camera.fx, camera.fy) / to_limb
-    candidates = CANDIDATES * MOST_ROWS if most is None else most
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, top_m * per_m, -bottom_m * per_m, candidates)
+    reach = top_m * per_m, -bottom_m * per_m, MOST_PIXELS
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, *reach)
     ray = ray_height(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     inside = (ray.height_m > bottom_m) & (ray.height_m < top_m) & (ray.distance_m > 0.0)
     inside &= np.isfinite(image[near.rows, near.columns])
@@ -243,14 +234,7 @@ def profile_pixels(
             _by_lens(camera, near, by_column, by_row),
         ]
     )[:, order]
-    group = 1
     space = values[ray.height_m > space_m]
-    if len(order) > MOST_ROWS and most is None:
-        group = -(-len(order) // MOST_ROWS)
-        together = np.concatenate([of_each, along[None]])
-        together, starts = _grouped(together, starts, group, limb_px / count)
-        of_each, along = together[:-1], together[-1]
-        sector = np.repeat(np.arange(count), np.diff(starts))
     columns, rows, values, light, height_m, distance_m, across_m = of_each[:7]
     return ProfilePixels(
         columns=columns,
@@ -265,30 +249,10 @@ def profile_pixels(
         sector=sector,
         starts=starts,
         along=along,
-        group=group,
+        every=near.every,
         nodes=nodes,
         space=space,
     )
-
-
-def _grouped(
-    of_each: FloatArray, starts: NDArray[np.intp], size: int, sector_px: float
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return means (c, m) over groups of ordered pixels (c, n), and where sectors start among them.
-
-    ``sector_px``: length of a sector. Pieces of the limb are so long that ``size`` pixels next to each other in height
-    differ by :data:`GROUP_PX`.
-    """
-    pieces = max(1, int(sector_px * GROUP_PX / size))
-    height, along = of_each[4], of_each[-1]
-    sector = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    piece = sector * pieces + np.minimum((along * pieces).astype(np.intp), pieces - 1)
-    order = np.lexsort((height, piece))
-    piece = piece[order]
-    first = np.searchsorted(piece, np.arange((len(starts) - 1) * pieces + 1))
-    firsts = np.concatenate([np.arange(a, b, size) for a, b in pairwise(first)])
-    counts = np.diff(np.append(firsts, len(order)))
-    return np.add.reduceat(of_each[:, order], firsts, axis=1) / counts, np.searchsorted(firsts, starts)
 
 
 def _light(camera: CameraModel, near: NearPixels) -> FloatArray:

@@ -102,7 +102,7 @@ class TrustedPoints:
 
 def trusted_points(observation: Observation) -> TrustedPoints | Refusal:
     """Return the points of an image's limb that may be trusted, at least :data:`limits.FEWEST_POINTS` of them."""
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
+    searched = find_limb_and_picture(observation)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched

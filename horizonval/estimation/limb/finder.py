@@ -41,8 +41,9 @@ from horizonval.estimation.limb.locate import points_of
 from horizonval.estimation.limb.picture import DARK_LEVEL, MEDIAN_TO_SIGMA, Picture, check_image, median, percentile
 from horizonval.estimation.limb.proposals import FEWEST_POINTS, LimbPoints, propose
 from horizonval.estimation.limb.pyramid import LARGEST_FINE_PX, levels_of, trace_limb, without_disc
+from horizonval.estimation.observation import Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
-from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle
 
@@ -94,6 +95,8 @@ STILL_SEEN = 0.25
 """The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
 TRIED = 2
 """Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
+COARSE_PX = 128
+"""Longer side of the level that a coarse search ends at: a tenth of its pixel is less than a pixel of a megapixel."""
 WHOLE = 0.9
 """Visible share of the cone's limb above which no other cone is searched. A limb with its Earth inside along less of it
 is none: chance gives half, a dark cloud hides a tenth."""
@@ -147,18 +150,20 @@ def find_limb(
     size; ``full_scale``: digital number of saturation; ``prior``: its altitude bounds the angular radius, and its
     attitude decides between two curves.
     """
-    found = find_limb_and_picture(image, camera, full_scale, prior)
+    found = find_limb_and_picture(Observation(image, camera, full_scale=full_scale, prior=prior))
     return found if isinstance(found, Refusal) else found[0]
 
 
-def find_limb_and_picture(
-    image: FloatArray, camera: CameraModel, full_scale: float | None = None, prior: Prior = NOTHING_KNOWN
-) -> tuple[LimbPoints, Picture] | Refusal:
-    """Return the limb of an image and the picture that it was found in; otherwise as :func:`find_limb`."""
-    picture = picture_of(image, camera, full_scale)
+def find_limb_and_picture(observation: Observation, *, coarse: bool = False) -> tuple[LimbPoints, Picture] | Refusal:
+    """Return the limb of an observation and the picture that it was found in, or why there is none.
+
+    ``coarse``: the start of a fit, right to some pixels, is enough: the search ends at a copy of :data:`COARSE_PX`.
+    """
+    camera = observation.camera
+    picture = picture_of(observation.image, camera, observation.full_scale)
     if isinstance(picture, Refusal):
         return picture
-    found = _Search(picture, camera, prior).limb()
+    found = _Search(picture, camera, observation.prior, coarse).limb()
     return found if isinstance(found, Refusal) else (found, picture)
 
 
@@ -235,7 +240,7 @@ class _FoundLimb:
 class _Search:
     """The search in one picture."""
 
-    def __init__(self, picture: Picture, camera: CameraModel, prior: Prior) -> None:
+    def __init__(self, picture: Picture, camera: CameraModel, prior: Prior, coarse: bool) -> None:
         self.picture, self.camera, self.rough_nadir = picture, camera, prior.rough_nadir
         self.largest_rho_rad = largest_rho_rad(prior)
         self.sun = find_sun(picture.saturated)
@@ -243,6 +248,8 @@ class _Search:
         if self.sun is not None and self.sun.radius_px / camera.fx < LARGEST_SUN_RADIUS_RAD:
             radius = SUN_REACH * self.sun.radius_px + 1.0
             self.levels = without_disc(self.levels, self.sun.column, self.sun.row, radius)
+        sides = [max(level.grey.shape) for level in self.levels]
+        self.coarse = next((k for k, side in enumerate(sides) if side <= COARSE_PX), len(sides) - 1) if coarse else None
 
     def limb(self) -> LimbPoints | Refusal:
         """Return the limb's points, or why there are none."""
@@ -273,9 +280,12 @@ class _Search:
             for one in self._proposed(number):
                 if any(one.same(other) for other in known):
                     continue
-                found, finest = self._followed(one), 0
+                found, finest = self._followed(one, self.coarse or 0), 0
                 if not any(found.same(other) for other in known):
                     verdict = self._judged(found)
+                    if isinstance(verdict, Refusal) and self.coarse:
+                        found = self._followed(found, 0)
+                        verdict = self._judged(found)
                     verdicts.append((found.evidence.score, verdict))
                     finest = found.number if isinstance(verdict, Refusal) else 0
                 known += [one, found]
@@ -305,10 +315,10 @@ class _Search:
                     break
         return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
 
-    def _followed(self, start: _Candidate) -> _Candidate:
-        """Return a cone fitted to one level after another, down to the finest that still shows it."""
+    def _followed(self, start: _Candidate, last: int) -> _Candidate:
+        """Return a cone fitted to one level after another, down to the finest that still shows it, at most ``last``."""
         best, largest = start, start.evidence.score
-        for number in range(start.number, -1, -1):
+        for number in range(max(start.number - 1, last), last - 1, -1):
             here = self._fitted(number, best)
             if here is None:
                 break
@@ -317,8 +327,8 @@ class _Search:
                 break
             best, largest = here, max(largest, here.evidence.score)
         # The width of the edge is that at a cone of this level.
-        last = self._fitted(best.number, best)
-        return best if last is None or last.evidence.score < STILL_SHOWN * best.evidence.score else last
+        here = self._fitted(best.number, best)
+        return best if here is None or here.evidence.score < STILL_SHOWN * best.evidence.score else here
 
     def _fitted(self, number: int, start: _Candidate) -> _Candidate | None:
         """Return the cone through the sectors that show a limb, and what a level shows of it."""
@@ -353,12 +363,7 @@ class _Search:
         other = self._other_than_space(found, step)
         if other > OTHER_SHARE:
             return Refusal(Outcome.NO_LIMB, f"{other:.0%} of what lies outside the best curve is no space")
-        width, bright = evidence.width_px, evidence.bright_inside
-        uv, steps, deep = points_of(level, camera, found.axis_cam, found.rho_rad, width, bright)
-        uv = uv[_lit(steps, deep)] if len(uv) else uv
-        los = unproject(camera, uv)
-        seen = np.isfinite(los).all(axis=1)
-        uv, los = uv[seen], los[seen]
+        uv, los = self._points(found)
         good = near_cone(los, 1.0 / max(camera.fx, camera.fy))
         uv, los = uv[good], los[good]
         if len(uv) < FEWEST_POINTS:
@@ -380,6 +385,20 @@ class _Search:
             too_low = Refusal(Outcome.NO_LIMB, reason)
         points = LimbPoints(uv, los, int(level.scale))
         return _FoundLimb(points, axis, uncertainty, evidence.score, evidence.explained, too_low)
+
+    def _points(self, found: _Candidate) -> tuple[FloatArray, FloatArray]:
+        """Return places (n, 2) of a curve's limb and lines of sight (n, 3): of its sectors, or of its pixels."""
+        evidence, camera = found.evidence, self.camera
+        if self.coarse is not None and found.number >= self.coarse:
+            los = evidence.los[evidence.shows]
+            uv, seen = project(camera, los)
+        else:
+            level, width = self.levels[found.number], evidence.width_px
+            uv, steps, deep = points_of(level, camera, found.axis_cam, found.rho_rad, width, evidence.bright_inside)
+            uv = uv[_lit(steps, deep)] if len(uv) else uv
+            los = unproject(camera, uv)
+            seen = np.asarray(np.isfinite(los).all(axis=1))
+        return uv[seen], los[seen]
 
     def _grain(self, found: _Candidate) -> float:
         """Return the standard deviation of a pixel's noise inside a curve: of differences of neighbours, half."""

@@ -181,6 +181,8 @@ def _pixel_directions(camera: CameraModel) -> FloatArray:
 
 IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 """Operator that measures noise and cancels levels and first derivatives."""
+NOISE_ROWS = 128
+"""Rows and columns that the noise is measured in: 16 000 pixels know it to a percent."""
 STRETCH_PERCENTILES = (0.5, 99.9)
 """Percentiles of the levels that exclude dead and hot pixels."""
 SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
@@ -250,13 +252,18 @@ class Picture:
         return np.clip((self.grey - low) * (255.0 / (high - low)) + 0.5, 0, 255).astype(np.uint8)
 
 
-def noise_sigma(image: NDArray[np.floating | np.uint8], stride: int = 1) -> float:
+def noise_sigma(image: NDArray[np.floating | np.uint8]) -> float:
     """Return the standard deviation of the pixel noise, blind to edges and smooth shading.
 
     By Immerkaer's operator (Computer Vision and Image Understanding 64, 300, 1996), with the median in place of the
-    mean so that edges do not count, over every ``stride``-th row and column.
+    mean so that edges do not count, over some :data:`NOISE_ROWS` rows and columns.
     """
-    whole = image.dtype == np.uint8
-    response = cv2.filter2D(image if whole else np.asarray(image, np.float32), cv2.CV_16S if whole else -1, IMMERKAER)
+    step = max(min(image.shape) // NOISE_ROWS, 1)
+    signed = image.astype(np.int16) if image.dtype == np.uint8 else image
+
+    def second_difference(rows: slice) -> NDArray[Any]:
+        return signed[rows, :-2:step] - 2 * signed[rows, 1:-1:step] + signed[rows, 2::step]
+
+    outer = second_difference(slice(0, -2, step)) + second_difference(slice(2, None, step))
     gain = float(np.linalg.norm(IMMERKAER)) / MEDIAN_TO_SIGMA
-    return median(np.abs(response[1:-1:stride, 1:-1:stride])) / gain
+    return median(np.abs(outer - 2 * second_difference(slice(1, -1, step)))) / gain

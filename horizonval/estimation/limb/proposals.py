@@ -51,7 +51,7 @@ TRIPLES = 6_000
 """Where a tenth of the edges are the limb's, six of these lie on it wholly."""
 COS_GRADIENT = float(np.cos(np.deg2rad(25.0)))
 """Cosine of three standard deviations of a 3 x 3 gradient's direction just above the noise."""
-MOST_CONES = 256
+MOST_CONES = 64
 """Largest number of cones whose support is counted; where the limb dominates the edges, most triples lie on it."""
 TOLERANCE_PX = 1.5
 """A whole pixel lies up to 0.7 px from a curve, and the curve through three of them as far again."""
@@ -116,7 +116,7 @@ def _agreeing(
     batches: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = []
     found = 0
     # Where a quarter of the triples and more agree, the first part of them gives all that are needed.
-    for some in np.array_split(triples, len(triples) // (4 * MOST_CONES)):
+    for some in np.split(triples, [4 * MOST_CONES, 20 * MOST_CONES]):
         axes, cosines = cones_through(*np.moveaxis(edges.los[some], 1, 0))
         across = np.einsum("ij,ikj->ik", axes, edges.by_across[some])
         along = np.einsum("ij,ikj->ik", axes, edges.by_along[some])

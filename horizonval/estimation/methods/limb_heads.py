@@ -74,7 +74,7 @@ def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
         if isinstance(crossing, Refusal):
             return crossing
         return image, np.array([[crossing.column, 0.0]])
-    searched = find_limb_and_picture(head.image, head.camera, head.full_scale, head.prior)
+    searched = find_limb_and_picture(head, coarse=True)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched
