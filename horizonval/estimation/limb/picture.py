@@ -133,6 +133,18 @@ def smaller(image: FloatArray, camera: CameraModel, scale: int) -> tuple[FloatAr
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)), small
 
 
+LEAST_PX = 32
+"""Smallest size of a reduced copy: two windows of a fit, and a limb that bends."""
+
+
+def scale_as_deep(camera: CameraModel, pixel_m: float, deep_m: float) -> int:
+    """Return how many pixels of a size together see as much as a depth: a power of two, or 1."""
+    scale = 1
+    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+        scale *= 2
+    return scale
+
+
 def in_wider_pixels(observation: Observation, scale: int) -> Observation:
     """Return what pixels ``scale`` times as wide would have seen; columns and rows left over are cut."""
     if scale == 1:
