@@ -28,7 +28,7 @@ LARGEST_FINE_PX = 320
 """Longer side of the largest level searched as a whole; larger ones are searched near a limb of a smaller one. A disc
 of four pixels in a megapixel is still two wide."""
 SMALLEST_BLOCK_PX = 7
-"""Shorter side of the smallest rectangle of one value that is no measurement: noise leaves none, and a horizon bends."""
+"""Shorter side of the smallest rectangle of one value that is no measurement: noise leaves none, a horizon bends."""
 KNOWN_SHARE = 0.7
 """Smallest valid share of a smaller level's pixel: a lost line is filled from both sides, a wide gap is not."""
 NOISE_FLOOR = 1e-3
