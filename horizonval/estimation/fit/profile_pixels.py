@@ -117,7 +117,7 @@ LEVELLINGS = 2
 """Iterations for nodes: each squares a height over the Earth's radius, so that 21 km become 70 m, then nothing."""
 WIDER = 1.5
 """Widening of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
-MOST_PIXELS = 6000
+MOST_PIXELS = 3000
 """Of pixels near a limb, once or twice so many are used, evenly spread: more determine nothing that the air leaves
 open."""
 
