@@ -17,27 +17,10 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.edges import SOBEL_NOISE_GAIN
-from horizonval.estimation.limb.picture import ROSE_SIGMAS
+from horizonval.estimation.limb.picture import FEWEST_POINTS, ROSE_SIGMAS
 from horizonval.estimation.limb.pyramid import PyramidLevel
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import cones_through, fit_cone
-
-FEWEST_POINTS = 8
-"""Smallest number of points: three unknowns, and their scatter."""
-
-
-@dataclass(frozen=True)
-class LimbPoints:
-    """Points of the Earth's limb in one image.
-
-    ``uv``: shape (n, 2), (column, row) [px]; ``los_cam``: shape (n, 3), unit lines of sight; ``scale``: image pixels
-    per pixel of the copy in which the limb is sharp.
-    """
-
-    uv: FloatArray
-    los_cam: FloatArray
-    scale: int = 1
-
 
 INT16 = np.iinfo(np.int16)
 UNITS = 8.0

@@ -10,7 +10,7 @@ and what a lens does not fill.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import cv2
@@ -90,18 +90,6 @@ def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
         shares.append(None if shares[-1] is None else np.asarray(cv2.pyrDown(shares[-1]), dtype=np.float32))
     knowns = [None if share is None else share > KNOWN_SHARE for share in shares]
     return [PyramidLevel(*one, floor) for one in zip(greys, knowns, scales, strict=True)]
-
-
-def without_disc(levels: list[PyramidLevel], column: float, row: float, radius_px: float) -> list[PyramidLevel]:
-    """Return the levels with a disc of the picture unknown in all of them."""
-    out = []
-    for level in levels:
-        height, width = level.grey.shape
-        v, u = np.ogrid[:height, :width]
-        known = np.hypot(u - column / level.scale, v - row / level.scale) > radius_px / level.scale + 1.0
-        known = known if level.known is None else level.known & known
-        out.append(replace(level, grey=_filled(level.grey, known), known=known))
-    return out
 
 
 def known_pixels(picture: Picture, camera: CameraModel) -> NDArray[np.bool_] | None:
