@@ -8,11 +8,7 @@
    Another cone with half of its likelihood and another nadir makes it ambiguous.
 4. Its points are measured at the finest size that still shows it (:mod:`.locate`).
 
-``find_limb`` does all of it. ``find_edges_only`` and ``find_canny_pixels`` are the published methods' searches: every
-edge of the image, right only where the limb is the only edge.
-
-The Sun is a compact saturated blob whose rim is a perfect circle before a flat sky: a limb, except that it is too
-small.
+A saturated blob that looks like the Sun is named where no limb is found.
 """
 
 from __future__ import annotations
@@ -27,7 +23,6 @@ from scipy.ndimage import uniform_filter1d
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty, near_cone
-from horizonval.estimation.limb.edges import Edges, find_edges, half_window, refine
 from horizonval.estimation.limb.evidence import (
     MOST_SECTORS,
     PROFILES,
@@ -38,11 +33,20 @@ from horizonval.estimation.limb.evidence import (
     weigh,
 )
 from horizonval.estimation.limb.locate import points_of
-from horizonval.estimation.limb.picture import DARK_LEVEL, MEDIAN_TO_SIGMA, Picture, check_image, median, percentile
-from horizonval.estimation.limb.proposals import FEWEST_POINTS, LimbPoints, propose
-from horizonval.estimation.limb.pyramid import LARGEST_FINE_PX, levels_of, trace_limb, without_disc
+from horizonval.estimation.limb.picture import (
+    DARK_LEVEL,
+    FEWEST_POINTS,
+    MEDIAN_TO_SIGMA,
+    LimbPoints,
+    Picture,
+    median,
+    percentile,
+    picture_of,
+)
+from horizonval.estimation.limb.proposals import propose
+from horizonval.estimation.limb.pyramid import LARGEST_FINE_PX, levels_of, trace_limb
 from horizonval.estimation.observation import Observation
-from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
+from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle
@@ -95,7 +99,7 @@ STILL_SEEN = 0.25
 """The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
 TRIED = 2
 """Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
-COARSE_PX = 128
+COARSE_PX = 144
 """Longer side of the level that a coarse search ends at: a tenth of its pixel is less than a pixel of a megapixel."""
 WHOLE = 0.9
 """Visible share of the cone's limb above which no other cone is searched. A limb with its Earth inside along less of it
@@ -114,28 +118,16 @@ LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
 """Largest standard deviation of the nadir; beyond, dependent methods cannot distinguish a limb from a line."""
 LOWEST_M = 1e3
 """Lowest altitude of a camera: below, the ground is what limits its view."""
-TALLEST_AIR_M = 120e3
-"""Airglow and aurora: what shines higher is not the Earth's."""
 LEAST_SIGNAL = 3.0
 """Smallest brightness of the Earth over the pixel noise: less is below ten electrons, and masked noise looks like a
 disc."""
-OTHER_SHARE = 0.3
-"""Difference from space, relative to the limb's step, above which a pixel shows an object, and the largest share of the
-sky in view with objects: the Moon, the Sun with its glare, a part of the spacecraft."""
 PIECES = 32
 """Pieces of the visible limb over which its step is averaged: clouds vary faster along it than sunlight."""
 FADED_SHARE = 0.7
 """Ratio of the limb's step to the step deep inside (upper quartile), below which the limb has faded near the
 terminator, where the edge sinks below the horizon."""
-SUN_REACH = 2.0
-"""Radii of a saturated blob that are left out: its bloom."""
-LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
-"""Largest radius of the Sun (0.27 deg) with its glare; a larger blob may be a saturated Earth and is not left out."""
 ROUGH_SIGMAS = 3.0
 """Standard deviations of a rough nadir, and of what a limb may be wrong by, within which the two agree."""
-LIMB_SHARE = 0.4
-"""Canny's upper threshold, relative to strong gradients, where all edges count as limb; discs of 50 to 200 px have
-steep shading."""
 DARK_CONTRAST = 0.02
 """Contrast of full scale between middle and brightest pixels, five levels of eight bits: below, and darker than
 :data:`DARK_LEVEL`, the scene is unlit rather than uniformly bright."""
@@ -187,21 +179,6 @@ def largest_rho_rad(prior: Prior) -> float:
     return min(rho + LARGEST_SIGMA_RAD, 0.5 * np.pi)
 
 
-def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> Picture | Refusal:
-    """Return an image that may hold a limb as a picture, or why it holds none; parameters as for :func:`find_limb`."""
-    if (refusal := check_image(image, full_scale)) is not None:
-        return refusal
-    if image.shape != (camera.height, camera.width):
-        return wrong_size(image, camera)
-    return Picture(image, full_scale)
-
-
-def wrong_size(image: FloatArray, camera: CameraModel) -> Refusal:
-    """Return the refusal of an image (H, W) that is not its camera's."""
-    size = f"{image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}"
-    return Refusal(Outcome.BAD_INPUT, f"the image is {size}")
-
-
 @dataclass(frozen=True)
 class _Candidate:
     """A cone, the number of the level that it was last fitted to, and what that shows of it."""
@@ -245,9 +222,6 @@ class _Search:
         self.largest_rho_rad = largest_rho_rad(prior)
         self.sun = find_sun(picture.saturated)
         self.levels = levels_of(picture, camera)
-        if self.sun is not None and self.sun.radius_px / camera.fx < LARGEST_SUN_RADIUS_RAD:
-            radius = SUN_REACH * self.sun.radius_px + 1.0
-            self.levels = without_disc(self.levels, self.sun.column, self.sun.row, radius)
         sides = [max(level.grey.shape) for level in self.levels]
         self.coarse = next((k for k, side in enumerate(sides) if side <= COARSE_PX), len(sides) - 1) if coarse else None
 
@@ -326,6 +300,8 @@ class _Search:
             if here.evidence.score < (STILL_SEEN if sharp else STILL_SHOWN) * largest:
                 break
             best, largest = here, max(largest, here.evidence.score)
+        if self._at_sectors(best):
+            return best
         # The width of the edge is that at a cone of this level.
         here = self._fitted(best.number, best)
         return best if here is None or here.evidence.score < STILL_SHOWN * best.evidence.score else here
@@ -360,9 +336,6 @@ class _Search:
         ):
             if wrong:
                 return Refusal(Outcome.NO_LIMB, reason)
-        other = self._other_than_space(found, step)
-        if other > OTHER_SHARE:
-            return Refusal(Outcome.NO_LIMB, f"{other:.0%} of what lies outside the best curve is no space")
         uv, los = self._points(found)
         good = near_cone(los, 1.0 / max(camera.fx, camera.fy))
         uv, los = uv[good], los[good]
@@ -389,7 +362,7 @@ class _Search:
     def _points(self, found: _Candidate) -> tuple[FloatArray, FloatArray]:
         """Return places (n, 2) of a curve's limb and lines of sight (n, 3): of its sectors, or of its pixels."""
         evidence, camera = found.evidence, self.camera
-        if self.coarse is not None and found.number >= self.coarse:
+        if self._at_sectors(found):
             los = evidence.los[evidence.shows]
             uv, seen = project(camera, los)
         else:
@@ -399,6 +372,10 @@ class _Search:
             los = unproject(camera, uv)
             seen = np.asarray(np.isfinite(los).all(axis=1))
         return uv[seen], los[seen]
+
+    def _at_sectors(self, found: _Candidate) -> bool:
+        """Whether the places of a curve's sectors are enough for a coarse search."""
+        return self.coarse is not None and found.number >= self.coarse
 
     def _grain(self, found: _Candidate) -> float:
         """Return the standard deviation of a pixel's noise inside a curve: of differences of neighbours, half."""
@@ -410,22 +387,6 @@ class _Search:
         (one, other), known = finest.at(np.array([places, places + np.array([1.0, 0.0])]))
         difference = np.abs(one - other)[known.all(axis=0)]
         return MEDIAN_TO_SIGMA * median(difference) / np.sqrt(2.0) if len(difference) else 0.0
-
-    def _other_than_space(self, found: _Candidate, step: float) -> float:
-        """Return the share of the sky in view that shows objects."""
-        coarsest, camera = self.levels[-1], self.camera
-        v, u = np.mgrid[: coarsest.grey.shape[0], : coarsest.grey.shape[1]].reshape(2, -1)
-        los = unproject(camera, coarsest.scale * np.column_stack([u, v]).astype(np.float64))
-        outside = off_axis_angle(los, found.axis_cam) - found.rho_rad
-        margin = max(TALLEST_AIR_M / MEAN_RADIUS_M * np.tan(found.rho_rad), SHIFTS_PX[-1] * coarsest.scale / camera.fx)
-        with np.errstate(invalid="ignore"):
-            sky = outside > margin
-        if coarsest.known is not None:
-            sky &= coarsest.known[v, u]
-        levels = coarsest.grey[v[sky], u[sky]].astype(np.float64)
-        if len(levels) < FEWEST_POINTS:
-            return 0.0
-        return float(np.mean(np.abs(levels - median(levels)) > OTHER_SHARE * step))
 
     def _refused(self, first: Refusal | None) -> Refusal:
         """Return why a picture without a limb has none; ``first``: what was said of its most probable curve."""
@@ -450,39 +411,3 @@ def _lit(step: FloatArray, deep: FloatArray) -> NDArray[np.bool_]:
     at_limb, inside = (uniform_filter1d(np.abs(some), size, mode="nearest") for some in (step, deep))
     share = at_limb / np.maximum(inside, np.finfo(float).tiny)
     return np.asarray(share >= FADED_SHARE * percentile(share, 75.0))
-
-
-def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
-    """Return every refined edge point, without a test that it is limb; arguments as for :func:`find_limb`."""
-    picture = picture_of(image, camera, full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    rim = half_window(picture.grey.shape) + 1
-    edges = _inside_image_circle(find_edges(picture.eight_bit, rim), camera, rim)
-    return _seen(refine(picture.grey, edges.uv, edges.gradient), camera)
-
-
-def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
-    """Return every Canny pixel unrefined and untested, with the threshold :data:`LIMB_SHARE`; see :func:`find_limb`."""
-    picture = picture_of(image, camera, full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    return _seen(_inside_image_circle(find_edges(picture.eight_bit, 1, LIMB_SHARE), camera, 1).uv, camera)
-
-
-def _seen(uv: FloatArray, camera: CameraModel) -> LimbPoints | Refusal:
-    los = unproject(camera, uv)
-    good = np.isfinite(los).all(axis=1)
-    if good.sum() < FEWEST_POINTS:
-        return Refusal(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
-    return LimbPoints(uv[good], los[good])
-
-
-def _inside_image_circle(edges: Edges, camera: CameraModel, rim_px: int) -> Edges:
-    """Leave out the lens's own edge: a perfect cone with nothing outside, everything a limb is."""
-    if camera.image_circle_rad is None:
-        return edges
-    outwards = edges.uv - (camera.cx, camera.cy)
-    length = np.maximum(np.hypot(*outwards.T), 1e-9)[:, None]
-    further = np.isfinite(unproject(camera, edges.uv + rim_px * outwards / length)).all(axis=1)
-    return Edges(edges.uv[further], edges.gradient[further])

@@ -7,7 +7,7 @@ and some pixels between darkness and saturation.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -133,6 +133,18 @@ def smaller(image: FloatArray, camera: CameraModel, scale: int) -> tuple[FloatAr
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)), small
 
 
+LEAST_PX = 32
+"""Smallest size of a reduced copy: two windows of a fit, and a limb that bends."""
+
+
+def scale_as_deep(camera: CameraModel, pixel_m: float, deep_m: float) -> int:
+    """Return how many pixels of a size together see as much as a depth: a power of two, or 1."""
+    scale = 1
+    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+        scale *= 2
+    return scale
+
+
 def in_wider_pixels(observation: Observation, scale: int) -> Observation:
     """Return what pixels ``scale`` times as wide would have seen; columns and rows left over are cut."""
     if scale == 1:
@@ -255,3 +267,35 @@ def noise_sigma(image: NDArray[np.floating | np.uint8]) -> float:
     outer = second_difference(slice(0, -2, step)) + second_difference(slice(2, None, step))
     gain = float(np.linalg.norm(IMMERKAER)) / MEDIAN_TO_SIGMA
     return median(np.abs(outer - 2 * second_difference(slice(1, -1, step)))) / gain
+
+
+def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> Picture | Refusal:
+    """Return an image that may hold a limb as a picture, or why it holds none; parameters as for :func:`find_limb`."""
+    if (refusal := check_image(image, full_scale)) is not None:
+        return refusal
+    if image.shape != (camera.height, camera.width):
+        return wrong_size(image, camera)
+    return Picture(image, full_scale)
+
+
+def wrong_size(image: FloatArray, camera: CameraModel) -> Refusal:
+    """Return the refusal of an image (H, W) that is not its camera's."""
+    size = f"{image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}"
+    return Refusal(Outcome.BAD_INPUT, f"the image is {size}")
+
+
+FEWEST_POINTS = 8
+"""Smallest number of points: three unknowns, and their scatter."""
+
+
+@dataclass(frozen=True)
+class LimbPoints:
+    """Points of the Earth's limb in one image.
+
+    ``uv``: shape (n, 2), (column, row) [px]; ``los_cam``: shape (n, 3), unit lines of sight; ``scale``: image pixels
+    per pixel of the copy in which the limb is sharp.
+    """
+
+    uv: FloatArray
+    los_cam: FloatArray
+    scale: int = 1

@@ -14,8 +14,7 @@ from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.limb.evidence import weigh
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.picture import Picture, in_wider_pixels
-from horizonval.estimation.limb.proposals import LimbPoints
+from horizonval.estimation.limb.picture import LimbPoints, Picture, in_wider_pixels
 from horizonval.estimation.limb.pyramid import levels_of
 from horizonval.estimation.methods import altitude_free
 from horizonval.estimation.observation import Fit, Observation
