@@ -167,7 +167,7 @@ def test_several_bands_give_a_tile_each(tmp_path):
 
 
 def test_a_name_that_begins_like_another_is_no_head_of_it(tmp_path):
-    """A frame of 0.5 is no head 5 of the frame of 0; the run says what the heads are. Results of all are with the first."""
+    """A frame of 0.5 is no head 5 of the frame of 0: the run says what the heads are. The first has all rows."""
     names = ("psf_0", "psf_0.5", "pair", "pair.right", "pair.left")
     run = write_run(tmp_path / "run", [Case(truth_at(name=name)) for name in names])
     head = read_json(run / "run.json")
