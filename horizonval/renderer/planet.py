@@ -203,21 +203,21 @@ def find_path(
     )
 
 
-def warp(path: AirPath, y: mi.Float64, c: float) -> mi.Float64:
+def warp(path: AirPath, y: mi.Float64, c: float | mi.Float64) -> mi.Float64:
     """Return the ray parameter [m] of ``y``; ``c`` as in the module text."""
     reach = dr.abs(y)
     reach = reach * dr.fma(reach * reach, 1.0 - c, c)
     return path.t_low + dr.select(y < 0.0, -path.length_before, path.length_after) * reach
 
 
-def unwarp(path: AirPath, t: mi.Float64, c: float) -> mi.Float64:
+def unwarp(path: AirPath, t: mi.Float64, c: float | mi.Float64) -> mi.Float64:
     """Return ``y`` of a ray parameter: the real root of ``c y + (1 - c) y^3 = x``, by the hyperbolic solution."""
     s = t - path.t_low
     length = dr.select(s < 0.0, path.length_before, path.length_after)
     x = dr.minimum(dr.abs(s) / dr.maximum(length, 1e-3), 1.0)
     p = c / (1.0 - c)
     q = x / (1.0 - c)
-    scale = 2.0 * math.sqrt(p / 3.0)
+    scale = 2.0 * dr.sqrt(p / 3.0)
     arg = 3.0 * q / (p * scale)
     growth = dr.exp(dr.log(arg + dr.sqrt(arg * arg + 1.0)) / 3.0)
     y = 0.5 * scale * (growth - 1.0 / growth)
@@ -384,7 +384,7 @@ def layered_steps(
     d: Vec,
     bands: Bands,
     count: int,
-    concentration: float,
+    concentration: float | mi.Float64,
     umbra: tuple[mi.Float64, mi.Float64] | None = None,
     *,
     spare: bool = False,

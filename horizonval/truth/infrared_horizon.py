@@ -6,9 +6,9 @@ the ellipsoid's curvature changes with the azimuth (0.7 % of its radius, some 30
 harmonics are then enough, and on a sphere one azimuth.
 
 **Limb profile.** ``L(h)`` is the radiance of the clear limb against the lowest geodetic height of the ray. The plateau
-is the largest ``L`` between 10 and 24 km if the air itself is the horizon there (``opaque``: at least 0.6 of the ray
-10 km below the hard horizon, as in the 15 um band of CO2), else that ray's radiance (``window``: the ground is the
-horizon, blurred by water vapour). Horizon sensors locate half of the plateau, or the steepest fall. The latter is a
+is the largest ``L`` between 10 and 24 km if the air itself is the horizon there (``opaque``: on average at least 0.6 of
+the ray 10 km below the hard horizon, as in the 15 um band of CO2), else that ray's radiance (``window``: the ground is
+the horizon, blurred by water vapour). Horizon sensors locate half of the plateau, or the steepest fall. The latter is a
 broad maximum: it depends on what counts as structure (here 0.5 km) by some 0.3 km, and where two heights are nearly as
 steep it may be either.
 """
@@ -18,12 +18,13 @@ from __future__ import annotations
 import copy
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from horizonval.core.arrays import FloatArray
@@ -95,7 +96,7 @@ _STEP_M = 25.0
 
 
 def profile_heights_m(top_m: float) -> FloatArray:
-    """Return the heights [m] a profile needs: 0.5 km apart where a band drops, wider elsewhere, up to 90 km."""
+    """Return the heights [m] of the rays of profiles, up to 90 km: 0.5 km apart where bands drop, wider elsewhere."""
     heights = np.concatenate(
         [
             np.arange(0.0, 8e3, 500.0),
@@ -108,6 +109,14 @@ def profile_heights_m(top_m: float) -> FloatArray:
     return heights[heights < top_m - 500.0]
 
 
+def needed(height_m: FloatArray, *, opaque: bool) -> NDArray[np.bool_]:
+    """Return which heights the profile of a band needs.
+
+    Opaque air hides what is below its plateau; a window drops low down, and is even above 28 km.
+    """
+    return height_m >= PLATEAU_M[0] if opaque else (height_m <= 28e3) | (height_m % 2e3 == 0.0) | (height_m > 60e3)
+
+
 @dataclass(frozen=True)
 class HorizonHeights:
     """The horizon in limb profiles of several azimuths; arrays of shape (azimuths,)."""
@@ -118,13 +127,15 @@ class HorizonHeights:
     maximum_gradient_m: FloatArray
 
 
-def locate(height_m: FloatArray, radiance: FloatArray, ground_radiance: FloatArray) -> HorizonHeights:
-    """Return where the profiles (azimuths, n) of one band drop, at n heights that rise from 0.
+def locate(
+    height_m: FloatArray, radiance: FloatArray, ground_radiance: FloatArray, opaque: bool | None = None
+) -> HorizonHeights:
+    """Return where the profiles (azimuths, n) of one band drop, at n heights that rise.
 
-    A cubic spline connects the heights. ``ground_radiance`` (azimuths,) is that of the rays of :data:`GROUND_RAY_M`.
-    ``kind`` is one for the band, by the means over the azimuths. ``half_plateau_m`` is the highest crossing of half of
-    the plateau; 0 where the whole limb is darker (the drop is then at the hard horizon). ``maximum_gradient_m`` is
-    where -dL/dh is largest above 0.
+    A cubic spline connects the heights. ``ground_radiance`` (azimuths,) is that of the rays of :data:`GROUND_RAY_M`;
+    ``opaque``: whether the air is the horizon, None to decide by the means over the azimuths. ``half_plateau_m`` is the
+    highest crossing of half of the plateau; 0 where the whole limb is darker (the drop is then at the hard horizon).
+    ``maximum_gradient_m`` is where -dL/dh is largest.
     """
     fine = np.arange(height_m[0], height_m[-1] + 0.5 * _STEP_M, _STEP_M)
     fine[-1] = min(fine[-1], height_m[-1])
@@ -132,7 +143,8 @@ def locate(height_m: FloatArray, radiance: FloatArray, ground_radiance: FloatArr
     level, slope = spline(fine), -spline(fine, 1)
     within = (fine >= PLATEAU_M[0]) & (fine <= PLATEAU_M[1])
     air = level[:, within].max(axis=1)
-    opaque = bool(air.mean() >= OPAQUE_SHARE * ground_radiance.mean())
+    if opaque is None:
+        opaque = bool(air.mean() >= OPAQUE_SHARE * ground_radiance.mean())
     plateau = air if opaque else ground_radiance
     return HorizonHeights(
         kind="opaque" if opaque else "window",
@@ -261,12 +273,8 @@ def _computed(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
     airs = [BandMedium(band, heights) for band in model.thermal]
     zonal = all(air.column_map is None for air in airs)
     view = _CameraRays.of(asked, heights, all(air.is_uniform for air in airs), zonal)
-    seen = [(band, air) for band, air in zip(model.thermal, airs, strict=True) if air.absorbs]
-    limbs = limb_radiances([air for _, air in seen], view.past)
-    return {
-        band.name: _plain(view, _located(view, band, air, limb, model.emission))
-        for (band, air), limb in zip(seen, limbs, strict=True)
-    }
+    found = _located(view, [(b, a) for b, a in zip(model.thermal, airs, strict=True) if a.absorbs], model.emission)
+    return {name: _plain(view, heights) for name, heights in found.items()}
 
 
 @dataclass(frozen=True)
@@ -312,15 +320,35 @@ class _CameraRays:
         ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), emission)
         return cls(r_itrs, asked.ellipsoid, air.rise_m, azimuth, heights, spread[mirrored], past, down, ground)
 
+    def limbs(self, airs: Sequence[BandMedium], which: NDArray[np.bool_]) -> list[FloatArray]:
+        """Return the limbs of bands at some of the heights, shape (azimuths, n)."""
+        rays = [path for path, one in zip(self.past, which, strict=True) if one]
+        return [self.spread @ limb for limb in limb_radiances(airs, rays)] if airs else []
+
 
 def _located(
-    view: _CameraRays, band: EmittingBand, air: BandMedium, limb: FloatArray, emission: GroundEmission
-) -> HorizonHeights:
-    """Find a band's horizon; ``limb``: its radiance past the ground."""
-    path, passed = ground_ray(air, view.down)
-    ground = ground_radiance(band, emission, view.ground)
-    disc = (view.spread @ path + (view.spread @ passed) * ground).sum(axis=1)
-    return locate(view.height_m, view.spread @ limb, disc)
+    view: _CameraRays, bands: Sequence[tuple[EmittingBand, BandMedium]], emission: GroundEmission
+) -> dict[str, HorizonHeights]:
+    """Find the horizons of bands: first whether the air or the ground is the horizon, then where it drops."""
+    height = view.height_m
+    within = (height >= PLATEAU_M[0]) & (height <= PLATEAU_M[1])
+    plateaus = view.limbs([air for _, air in bands], within)
+    discs = []
+    for band, air in bands:
+        path, passed = ground_ray(air, view.down)
+        ground = ground_radiance(band, emission, view.ground)
+        discs.append((view.spread @ path + (view.spread @ passed) * ground).sum(axis=1))
+    opaque = [p.max(axis=1).mean() >= OPAQUE_SHARE * d.mean() for p, d in zip(plateaus, discs, strict=True)]
+    found = {}
+    for kind in (False, True):
+        of_kind = [n for n, value in enumerate(opaque) if value == kind]
+        wanted = needed(height, opaque=kind)
+        rest = view.limbs([bands[n][1] for n in of_kind], wanted & ~within)
+        for n, more in zip(of_kind, rest, strict=True):
+            profile = np.empty((len(more), len(height)))
+            profile[:, within], profile[:, wanted & ~within] = plateaus[n], more
+            found[bands[n][0].name] = locate(height[wanted], profile[:, wanted], discs[n], kind)
+    return {band.name: found[band.name] for band, _ in bands}
 
 
 def _plain(view: _CameraRays, located: HorizonHeights) -> dict[str, Any]:

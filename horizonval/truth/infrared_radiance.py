@@ -229,8 +229,8 @@ def straight_heights(model: OpticalModel, mean_radius_m: float) -> StraightHeigh
 
 
 SHELL_M = 1000.0
-"""Thickness of the shells from 17 to 60 km; half of it and a quarter below 17 and 8 km, where water vapour changes
-fast, twice and four times it above 60 and 80 km."""
+"""Thickness of the shells from 17 to 30 km; half of it and a quarter below 17 and 8 km, where water vapour changes
+fast, two, four and eight times it above 30, 60 and 80 km."""
 
 _THIN = 0.02
 _OPAQUE = 80.0
@@ -243,9 +243,10 @@ def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
     parts = [
         np.arange(0.0, 8e3, 0.25 * step_m),
         np.arange(8e3, 17e3, 0.5 * step_m),
-        np.arange(17e3, 60e3, step_m),
-        np.arange(60e3, 80e3, 2.0 * step_m),
-        np.arange(80e3, max(top_m, 80e3), 4.0 * step_m),
+        np.arange(17e3, 30e3, step_m),
+        np.arange(30e3, 60e3, 2.0 * step_m),
+        np.arange(60e3, 80e3, 4.0 * step_m),
+        np.arange(80e3, max(top_m, 80e3), 8.0 * step_m),
     ]
     shells = np.concatenate(parts)
     return np.append(shells[shells < top_m], top_m)

@@ -161,7 +161,7 @@ class Shot:
     def motion_px(self, step: FloatArray, of_shared: FloatArray) -> float:
         """Return by how much a step moves the limb where it moves it most [px]."""
         steps = self._of_images(step, of_shared)
-        return max(model.motion_px(one[: POSE + LENS]) for model, one in zip(self._chosen.models, steps, strict=True))
+        return max(model.motion_px(one) for model, one in zip(self._chosen.models, steps, strict=True))
 
     def equations(self, shared: FloatArray, free: NDArray[np.intp]) -> ShotEquations:
         """Return the equations at the present state; ``free``: indices of the shared unknowns that are not exact."""

@@ -18,20 +18,21 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.image import LENS, POSE, OwnPrior
-from horizonval.estimation.fit.levels import Levels, eliminated, solve_levels
 from horizonval.estimation.fit.light import (
     PIXEL_VARIANCE,
     EdgeProfile,
+    Levels,
     LightNoise,
     brightness,
     edge_profile,
+    eliminated,
     inner_levels,
     light_basis,
     light_noise,
+    solve_levels,
 )
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pixels import LimbAngle, limb_angle
@@ -47,9 +48,9 @@ LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 """Least values of an image's own unknowns: a lens without blur, a hard limb."""
 MOST_ROOM = 0.5
 """Largest share of the blur's variance that makes room for a scale height in one step."""
-ROUNDS = 2
-"""Rounds of an estimate of the noise: by equal weights, then by those that follow from it."""
-NONE = np.empty((2, 0), dtype=np.intp)
+HELD = 1e3
+"""Factor on the information on blur and scale height until the noise was estimated at a better pose than the start's: a
+limb out of its place looks soft."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -62,8 +63,7 @@ class EdgePixels:
 
     ``columns``, ``rows``, ``values``: shape (n,); ``counts``: shape (n,), pixels of which each is the mean;
     ``wide_px2``: shape (n,), variance of their distances from the limb; ``rounding``: variance of rounding;
-    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2; ``neighbours``: shape
-    (2, k), pairs of adjacent pixels.
+    ``sectors``: number of sectors; ``along``: shape (n,), place in the sector, -1/2 to 1/2.
 
     Geometry: ``los_cam``: shape (3, n); ``offset``: shape (n,), angle inside the limb beyond that of the line of sight
     [rad]; ``by_lens``: shape (4, n), its change by errors of the lens; ``lens``: shape (4,), those with which the lines
@@ -82,7 +82,6 @@ class EdgePixels:
     rounding: float
     sectors: int
     along: FloatArray
-    neighbours: NDArray[np.intp]
     los_cam: FloatArray
     offset: FloatArray
     by_lens: FloatArray
@@ -125,13 +124,18 @@ class EdgeKnown:
 
 @dataclass(frozen=True)
 class _Edge:
-    """Geometry and profile of the pixels; ``soft`` is the scale height in the image [px/m], None for a hard limb."""
+    """Geometry and profile of the pixels.
+
+    ``soft``: scale height in the image [px/m], None for a hard limb; ``sagging``: change of its logarithm by the angle
+    inside the limb [1/rad].
+    """
 
     angle: LimbAngle
     x: FloatArray
     blur: FloatArray
     edge: EdgeProfile
     soft: FloatArray | None
+    sagging: FloatArray
     scale: FloatArray
     basis: FloatArray
 
@@ -192,6 +196,7 @@ class EdgeModel:
         self._px_per_m = float(np.abs(motion[POSE - 1]).max())
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
+        self._held = False
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
@@ -211,6 +216,8 @@ class EdgeModel:
         rows = np.zeros((3, SCALE + 1))
         rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
         sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
+        if self._held:
+            sigmas[:2] /= HELD**0.5
         rows /= sigmas[:, None]
         middle = known.middle_m - pose.height_m - own[1]
         off = np.array([*(known.own - own), middle if np.isfinite(known.middle_sigma_m) else 0.0]) / sigmas
@@ -219,14 +226,18 @@ class EdgeModel:
     def reach(self, step: FloatArray) -> float:
         """Return how far a step goes, 1 where derivatives end to hold."""
         return max(
-            self.motion_px(step[: POSE + LENS]) / LARGEST_MOTION_PX,
+            self.motion_px(step) / LARGEST_MOTION_PX,
             abs(float(step[BLUR])) / LARGEST_LOG_STEP,
             abs(float(step[SCALE])) / self._largest_scale_step_m,
         )
 
     def motion_px(self, step: FloatArray) -> float:
-        """Return by how much a step of pose and lens moves the limb where it moves it most [px]."""
-        return float(np.abs(step @ self._motion).max())
+        """Return by how much a step (7 + 4 + own) moves the limb where it moves it most [px].
+
+        The limb of a soft air is a scale height above its foot, so that one rises as much as the other falls.
+        """
+        rises = step[SCALE] * self._motion[POSE - 1]
+        return float(np.abs(step[:BLUR] @ self._motion + rises).max())
 
     def look(
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None
@@ -240,36 +251,26 @@ class EdgeModel:
         return EdgeLook(seen, levels, pixels.values - levels.of_pixels(seen.basis))
 
     def noise(self, look: EdgeLook, own: FloatArray, before: PixelNoise | None) -> LightNoise:
-        """Return the variance model of the pixels, and estimate the spread of the sectors' levels.
-
-        It follows from the profile alone, in two rounds: an estimate that leans on the weights before runs away where
-        the ground is uneven, since the faint rim of the edge then fits ever better.
-        """
-        pixels, basis, weights = self.pixels, look.seen.basis, self.pixels.counts
-        for number in range(ROUNDS):
-            levels = solve_levels(basis, pixels.values, weights, pixels.sectors)
-            residuals = pixels.values - levels.of_pixels(basis)
-            found = light_noise(
-                pixels.values,
-                residuals,
-                basis,
-                levels.of_sector,
-                pixels.neighbours if number == ROUNDS - 1 else NONE,
-                pixels.counts,
-                pixels.rounding,
-                start=before is None,
-            )
-            weights = found.weights(residuals)
-        self._spread = levels.spread_information
-        return found
+        """Return the variance model of the pixels, and estimate the spread of the sectors' levels."""
+        pixels, self._held = self.pixels, before is None
+        noise, self._spread = light_noise(
+            look.seen.basis,
+            np.array([pixels.columns, pixels.rows]),
+            pixels.values,
+            pixels.counts,
+            pixels.sectors,
+            pixels.rounding,
+        )
+        return noise
 
     def noise_of(
         self, before: EdgeModel, noise: LightNoise, pose: LimbPose, own: FloatArray, air: FloatArray
     ) -> LightNoise:
         """Return the noise of other pixels of the image as that of these, and take over the levels' spread."""
         self._spread = before._spread
-        edge = self._seen(pose, self.pixels.lens, own, air).edge.level
-        return noise.at(edge, self.pixels.counts)
+        seen, pixels = self._seen(pose, self.pixels.lens, own, air), self.pixels
+        levels = solve_levels(seen.basis, pixels.values, pixels.counts, pixels.sectors, self._spread)
+        return noise.at(seen.edge.level, pixels.counts, pixels.values - levels.of_pixels(seen.basis))
 
     def linear(self, look: EdgeLook, own: FloatArray, weights: FloatArray) -> EdgeLinear:
         """Return the normal equations at a look, the levels eliminated."""
@@ -279,12 +280,17 @@ class EdgeModel:
         self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_SCALE_STEP * float(own[1]))
         lift, change = brightness(look.of_pixel, seen.x, pixels.along)
         by_x = lift * seen.edge.slope + change * seen.edge.level
-        per_rad = by_x / seen.scale
+        by_log_soft = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft * float(own[1])
+        per_rad = by_x / seen.scale + by_log_soft * seen.sagging
         by_height = seen.angle.by_height * per_rad
         jacobian = np.empty((SCALE + 1 + len(pixels.modes), len(by_x)))
         jacobian[:3] = seen.angle.by_rotation * per_rad
         jacobian[3 : POSE - 1] = seen.angle.by_position * per_rad
         jacobian[POSE - 1] = by_height
+        # The distance to the limb changes the scale of heights.
+        nearer = by_log_soft * seen.angle.by_height**2
+        jacobian[3 : POSE - 1] -= nearer * (seen.angle.p * seen.angle.axes)[:, None]
+        jacobian[POSE - 1] += nearer * seen.angle.axes[0]
         jacobian[POSE:BLUR] = pixels.by_lens * per_rad
         jacobian[BLUR] = blur**2 * (lift * seen.edge.by_blur / seen.blur + by_x * pixels.bend)
         jacobian[SCALE] = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft
@@ -317,15 +323,17 @@ class EdgeModel:
             step = np.concatenate([pixels.pose.step_to(pose), lens - pixels.lens])
             scale = scale * np.exp(step @ pixels.scale_changes)
         x = delta / scale + 0.5 * blur**2 * pixels.bend
-        soft = None
+        soft, sagging = None, np.zeros(())
         if known.soft:
             # The ray at the angle y outside has its lowest point y tan(rho) / 2 of its height below the tangent's
             # straight line: 0.4 % at 8 km seen from 500 km, 2 arcsec.
-            sag = 1.0 + 0.5 * np.minimum(angle.delta, 0.0) * axes[0] * angle.by_height
-            soft = angle.by_height / (scale * np.maximum(sag, LEAST_SAG))
+            bent = 0.5 * axes[0] * angle.by_height
+            sag = np.maximum(1.0 + np.minimum(delta, 0.0) * bent, LEAST_SAG)
+            soft = angle.by_height / (scale * sag)
+            sagging = np.where((delta < 0.0) & (sag > LEAST_SAG), -bent / sag, 0.0)
         wide = np.sqrt(blur**2 + pixels.wide_px2)
         edge = edge_profile(x, wide, None if soft is None else scale_m * soft)
-        return _Edge(angle, x, wide, edge, soft, scale, light_basis(edge.level, x, pixels.along))
+        return _Edge(angle, x, wide, edge, soft, sagging, scale, light_basis(edge.level, x, pixels.along))
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,17 +34,23 @@ from horizonval.earth.limb_heights import Relief, oblate_limbs
 from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, ShotState
 from horizonval.estimation.fit.known import ArcPlaces, LimbKnowledge
-from horizonval.estimation.fit.levels import from_widest_gap, sectors_of
-from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, OUTSIDE_SCALES, LightNoise
+from horizonval.estimation.fit.light import (
+    INSIDE_PX,
+    OUTSIDE_PX,
+    OUTSIDE_SCALES,
+    LightNoise,
+    from_widest_gap,
+    sectors_of,
+)
 from horizonval.estimation.fit.pixels import (
     LimbAngle,
-    NearPixels,
     gradient,
     image_scale,
     in_view,
     limb_angle,
     limb_bend,
     near_pixels,
+    pixel_at_limb_m,
 )
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.lens_error import miscalibrated
@@ -59,10 +66,9 @@ LARGEST_BLUR_PX = 8.0
 """Blur of an edge as wide as the window inside it: what is fitted there is no limb. Searches for a limb pass 6.7."""
 FEWEST_LIMB_PX = 8
 """Smallest limb in view [px]: seven unknowns and a level."""
-BEND_PLACES = 100
-"""Along the limb: the bend is interpolated between them."""
-MOTION_PLACES = 48
-"""Along the limb, at which its motion is looked up: four to the wave of a pose's unknowns on a whole disc, and more."""
+PLACES = 48
+"""Places along the limb at which its bend and motion are evaluated: four to the wave of a pose's unknowns on a whole
+disc, and more."""
 SHORTEST_RAD = 0.05
 """Correlation length of cloud heights at the Earth's centre: 3 deg."""
 MISPLACED_PX = 0.05
@@ -73,7 +79,7 @@ DARKEST_SIGMA_RAD = 0.3
 """Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
 STEP_PX = 0.5
 """Step of the limb in the image for differences of the image scale, which changes over a hundred pixels."""
-MOST_PIXELS = 6000
+MOST_PIXELS = 4000
 """Number of pixels and cells of an image from which it is fitted by cells."""
 CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
 """Depth of cells at the edge and beside it, and how far the edge reaches. Half a pixel adds 0.02 px^2 to the blur's
@@ -131,14 +137,18 @@ class EdgeChooser:
         if self._basis_body is None or before is None:
             self._heights = None
             self._basis_body = tangent_basis(pose.nadir_cam)
-        limbs = []
+        limbs, lens_open = [], self._scaled or bool(self.knowledge.lens_sigmas.any())
         for one, own in zip(self.images, state.own, strict=True):
-            limbs.append(_limb(one, pose, self._basis_body, self.known, own, lens, most, self._whole))
+            near = _limb(one, pose, self._basis_body, self.known, own, lens, most, self._whole, lens_open=lens_open)
+            limbs.append(near)
         # The heights along the limb are those at the start: what it moves by is small before what they vary over.
         if self._heights is None:
             self._heights = _heights(limbs, pose, self.knowledge)
             state = replace(state, air=np.zeros(self._heights.count))
-        models = [_model(limb, pose, self._heights, self.known, self._scaled) for limb in limbs]
+        models = [
+            _model(limb, pose.of_camera(one.cam_from_body), self._heights, self.known, self._scaled)
+            for limb, one in zip(limbs, self.images, strict=True)
+        ]
         columns = [np.arange(self._heights.count)] * len(models)
         noises: list[LightNoise | None] = [None] * len(models)
         if before is not None and most == self._most:
@@ -153,28 +163,62 @@ class EdgeChooser:
 
 @dataclass(frozen=True)
 class _Limb:
-    """The pixels near the limb in one image, and their geometry at a pose, for n pixels.
+    """The pixels near the limb in one image, or cells of them, at a pose, n in all.
 
-    ``angle``, ``scale``, ``by_lens``: as in :class:`.edge.EdgePixels`; ``azimuth``: shape (n,), about the body's nadir
-    at the start [rad]; ``on_limb``: numbers of those nearest to the limb; ``limb_px``, ``limb_rad``: its length.
+    ``camera``: with the errors ``lens``, which are unknowns if ``lens_open``; ``los``: shape (3, n), lines of sight,
+    whose angle is ``angle``; ``gradient``: shape (2, n), change of the angle by column and by row [rad/px]; ``delta``,
+    ``values``, ``columns``, ``rows``: shape (n,), means of the pixels' angles, grey levels and places; ``counts``,
+    ``wide_px2``: as in :class:`.edge.EdgePixels`; ``azimuth``: shape (n,), about the body's nadir at the start [rad];
+    ``on_limb``: numbers of some pixels nearest to the limb; ``limb_px``, ``limb_rad``: its length; ``rounding``:
+    variance of rounding.
     """
 
-    one: EdgeImage
     camera: CameraModel
-    near: NearPixels
     lens: FloatArray
+    lens_open: bool
+    los: FloatArray
+    gradient: FloatArray
+    delta: FloatArray
+    values: FloatArray
+    columns: FloatArray
+    rows: FloatArray
+    counts: FloatArray
+    wide_px2: FloatArray
     angle: LimbAngle
-    scale: FloatArray
-    by_lens: FloatArray
     azimuth: FloatArray
     on_limb: NDArray[np.intp]
     limb_px: int
     limb_rad: float
+    rounding: float
+
+    @cached_property
+    def scale(self) -> FloatArray:
+        """Image scale across the limb [rad/px], shape (n,)."""
+        return np.hypot(*self.gradient)
 
     @property
     def pixel_m(self) -> FloatArray:
         """Height that a pixel sees at each of the places on the limb."""
         return np.asarray((self.scale / self.angle.by_height)[self.on_limb])
+
+    @cached_property
+    def by_lens(self) -> FloatArray:
+        """Change of the angle by errors of the lens, shape (4, n).
+
+        A direction is seen at another place in the image: the pixel, which stays, sees what is as far to the other
+        side.
+        """
+        if not self.lens_open:
+            return np.zeros((LENS, len(self.columns)))
+        camera, none, one = self.camera, np.zeros_like(self.columns), np.ones_like(self.columns)
+        bent = np.zeros((len(one), 2))
+        if camera.projection != "equal_angle":
+            # Linear in its coefficient: one of a whole pixel at the corner is as good as a small one.
+            there, _ = project(miscalibrated(camera, distortion_px=1.0), self.los.T)
+            bent = np.nan_to_num(there - np.column_stack([self.columns, self.rows]))
+        to_column = np.array([self.columns - camera.cx, one, none, bent[:, 0]])
+        to_row = np.array([self.rows - camera.cy, none, one, bent[:, 1]])
+        return -(self.gradient[0] * to_column + self.gradient[1] * to_row)
 
 
 def _limb(
@@ -186,8 +230,10 @@ def _limb(
     lens: FloatArray,
     most: int | None,
     whole: float,
+    *,
+    lens_open: bool,
 ) -> _Limb:
-    """Return the pixels near a limb.
+    """Return the pixels near a limb, gathered in cells where they are many.
 
     Pixels whose limb is outside the picture are left out: without an edge they would determine levels alone and
     misplace the limb. Raises ``LinAlgError``: too little limb in view, or an edge that is none.
@@ -195,76 +241,78 @@ def _limb(
     blur_px = float(np.exp(own[0]))
     if blur_px > LARGEST_BLUR_PX:
         raise np.linalg.LinAlgError(f"the edge is wider than {LARGEST_BLUR_PX:.0f} px: no limb near the start")
-    camera, pose = one.camera, body.of_camera(one.cam_from_body)
-    if lens.any():
-        camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
+    camera, pose = with_errors(one.camera, lens), body.of_camera(one.cam_from_body)
     axes = known.axes_m + pose.height_m
-    to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
     wide = BLURS * max(blur_px - SHARP_PX, 0.0)
-    soft = OUTSIDE_SCALES * float(own[1]) / to_limb * max(camera.fx, camera.fy)
+    soft = OUTSIDE_SCALES * float(own[1]) / pixel_at_limb_m(camera, pose.r_itrs, axes[0])
     outside, inside = OUTSIDE_PX + wide + soft, INSIDE_PX + wide
     near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, outside, inside, most)
     angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
-    seen = in_view(camera, near, angle, (-whole * outside, whole * inside))
-    seen &= np.isfinite(one.image[near.rows, near.columns])
+    values = np.asarray(one.image[near.rows, near.columns], dtype=np.float64)
+    seen = in_view(camera, near, angle, (-whole * outside, whole * inside)) & np.isfinite(values)
     if not seen.all():
-        near, angle = near.take(seen), angle.take(seen)
-    by_column, by_row = gradient(angle, near.by_column, near.by_row)
-    scale = np.hypot(by_column, by_row)
-    on_limb = np.flatnonzero(np.abs(angle.delta) < 0.5 * scale)
+        near, angle, values = near.take(seen), angle.take(seen), values[seen]
+    slopes = gradient(angle, near.by_column, near.by_row)
+    x = angle.delta / np.hypot(*slopes)
+    on_limb = np.flatnonzero(np.abs(x) < 0.5)
     limb_px = len(on_limb) * near.every
     fewest = 1 if min(one.image.shape) == 1 else FEWEST_LIMB_PX
     if limb_px < fewest or not len(on_limb):
         raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view, not saturated; {fewest} are needed")
-    across = basis_body.T @ (one.cam_from_body.T @ near.los_cam)
-    # A direction is seen at another place in the image: the pixel, which stays, sees what is as far to the other side.
-    to_column, to_row = _by_lens_px(camera, near)
+    across = (basis_body.T @ one.cam_from_body.T) @ near.los_cam
+    azimuth, counts, wide_px2 = np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi), np.ones(len(x)), np.zeros(len(x))
+    each = [*near.los_cam, *slopes, angle.delta, values, near.columns, near.rows]
+    limb_rad = float(np.hypot(*slopes)[on_limb].sum()) * near.every
+    rounding = rounding_variance(values)
+    if len(values) > MOST_PIXELS:
+        azimuth, counts, wide_px2, x, each = _gathered(azimuth, x, each)
+        on_limb = np.flatnonzero(np.abs(x) < CELL_PX)
+        angle = limb_angle(np.array(each[:3]), pose.cam_from_itrs, pose.r_itrs, axes)
+    delta, values, columns, rows = (np.asarray(row, dtype=np.float64) for row in each[5:])
     return _Limb(
-        one,
-        camera,
-        near,
-        lens,
-        angle,
-        scale,
-        -(by_column * to_column + by_row * to_row),
-        np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi),
-        on_limb,
-        limb_px,
-        float(scale[on_limb].sum()) * near.every,
+        camera=camera,
+        lens=lens,
+        lens_open=lens_open,
+        los=np.array(each[:3]),
+        gradient=np.array(each[3:5]),
+        delta=delta,
+        values=values,
+        columns=columns,
+        rows=rows,
+        counts=counts,
+        wide_px2=wide_px2,
+        angle=angle,
+        azimuth=azimuth,
+        on_limb=on_limb[:: max(1, len(on_limb) // PLACES)],
+        limb_px=limb_px,
+        limb_rad=limb_rad,
+        rounding=rounding,
     )
 
 
-def _by_lens_px(camera: CameraModel, near: NearPixels) -> tuple[FloatArray, FloatArray]:
-    """Return how directions move in the image by ln focal length, principal point and distortion, shape (4, n) each."""
-    column, row = near.columns - camera.cx, near.rows - camera.cy
-    none, one = np.zeros(len(column)), np.ones(len(column))
-    bent = (none, none)
-    if camera.projection != "equal_angle":
-        # Linear in its coefficient: one of a whole pixel at the corner is as good as a small one.
-        there, _ = project(miscalibrated(camera, distortion_px=1.0), near.los_cam.T)
-        here = np.column_stack([near.columns, near.rows])
-        bent = tuple(np.nan_to_num(there - here).T)
-    return np.array([column, one, none, bent[0]]), np.array([row, none, one, bent[1]])
+def with_errors(camera: CameraModel, lens: FloatArray) -> CameraModel:
+    """Return a camera with errors of its lens, shape (4,)."""
+    if not lens.any():
+        return camera
+    return miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
 
 
 def _scale_changes(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:
     """Return the relative changes of the image scale by pose and lens, shape (11, n), as central differences."""
-    camera, near = limb.camera, limb.near
+    camera = limb.camera
     pixel_m = float(np.median(limb.pixel_m))
     pixel_rad = 1.0 / max(camera.fx, camera.fy)
     sizes = STEP_PX * np.array([*[pixel_rad] * 3, *[pixel_m] * 4, pixel_rad, 1.0, 1.0, 1.0])
     bends = camera.projection != "equal_angle"
     sides = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    around = np.column_stack([near.columns, near.rows]) + sides[:, None]
+    around = np.column_stack([limb.columns, limb.rows]) + sides[:, None]
 
     def scale(step: FloatArray) -> FloatArray:
-        lens, moved, seen = step[POSE:], pose.moved(step[:POSE]), near
-        if lens.any():
-            changed = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), float(lens[3]))
-            los, right, left, below, above = unproject(changed, around).transpose(0, 2, 1)
-            seen = replace(near, los_cam=los, by_column=0.5 * (right - left), by_row=0.5 * (below - above))
-        angle = limb_angle(seen.los_cam, moved.cam_from_itrs, moved.r_itrs, known.axes_m + moved.height_m)
-        return image_scale(angle, seen.by_column, seen.by_row)
+        lens, moved = step[POSE:], pose.moved(step[:POSE])
+        changed = with_errors(camera, lens)
+        los, right, left, below, above = unproject(changed, around).transpose(0, 2, 1)
+        angle = limb_angle(los, moved.cam_from_itrs, moved.r_itrs, known.axes_m + moved.height_m)
+        return image_scale(angle, 0.5 * (right - left), 0.5 * (below - above))
 
     changes = np.zeros((POSE + LENS, len(limb.scale)))
     for number, step in enumerate(np.diag(sizes)[: len(sizes) - (not bends)]):
@@ -272,119 +320,73 @@ def _scale_changes(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:
     return np.nan_to_num(changes)
 
 
-def _model(limb: _Limb, body: LimbPose, heights: _Heights, known: EdgeKnown, scaled: bool) -> EdgeModel:
-    """Return the model of an image's pixels, those in excess gathered in cells."""
-    near, angle, some = limb.near, limb.angle, limb.on_limb
-    pose = body.of_camera(limb.one.cam_from_body)
-    values = np.asarray(limb.one.image[near.rows, near.columns], dtype=np.float64)
-    place = np.array([near.columns, near.rows])
-    changes = _scale_changes(limb, pose, known) if scaled else np.zeros((0, len(values)))
-    each = np.concatenate(
-        [near.los_cam, limb.by_lens, [limb.scale, angle.delta, angle.by_height, values], place, changes]
-    )
-    azimuth, counts, wide = limb.azimuth, np.ones(len(values)), np.zeros(len(values))
-    gathered = len(values) > MOST_PIXELS
-    if gathered:
-        azimuth, counts, wide, each, place = _gathered(azimuth, angle.delta / limb.scale, each)
-    sectors = sectors_of(azimuth, limb.limb_px, limb.limb_rad)
-    order = sectors.order
-    each, azimuth = np.ascontiguousarray(each[:, order]), azimuth[order]
-    los, by_lens, (scale, delta, by_height, values_of, columns, rows), changes = np.split(each, [3, 7, 13])
-    offset = np.zeros(len(order))
-    if gathered:
-        axes = known.axes_m + pose.height_m
-        offset = delta - limb_angle(los, pose.cam_from_itrs, pose.r_itrs, axes).delta
-    lift, modes = heights.at(azimuth)
+def _model(limb: _Limb, pose: LimbPose, heights: _Heights, known: EdgeKnown, scaled: bool) -> EdgeModel:
+    """Return the model of an image's pixels, at the pose of its camera."""
+    sectors = sectors_of(limb.azimuth, limb.limb_px, limb.limb_rad)
+    order, some, angle = sectors.order, limb.on_limb, limb.angle
+    lift, modes = heights.at(limb.azimuth)
     if heights.misplaced:
         # As a height, since a height is what a mode is of.
-        modes = np.concatenate([modes, [MISPLACED_PX * scale / by_height]])
+        modes = np.concatenate([modes, [MISPLACED_PX * limb.scale / angle.by_height]])
     pixels = EdgePixels(
-        columns=columns,
-        rows=rows,
-        values=values_of,
-        counts=counts[order],
-        wide_px2=wide[order],
-        rounding=rounding_variance(values),
+        columns=limb.columns[order],
+        rows=limb.rows[order],
+        values=limb.values[order],
+        counts=limb.counts[order],
+        wide_px2=limb.wide_px2[order],
+        rounding=limb.rounding,
         sectors=sectors.count,
         # A linear array crosses the limb in one pixel, which has no place along it.
         along=sectors.along if limb.limb_px > 1 else np.zeros(len(order)),
-        neighbours=_neighbours(place[0, order], place[1, order]),
-        los_cam=los,
-        offset=offset,
-        by_lens=by_lens,
+        los_cam=np.ascontiguousarray(limb.los[:, order]),
+        offset=(limb.delta - angle.delta)[order],
+        by_lens=np.ascontiguousarray(limb.by_lens[:, order]),
         lens=limb.lens,
-        scale=scale,
-        scale_changes=changes if scaled else None,
+        scale=limb.scale[order],
+        scale_changes=np.ascontiguousarray(_scale_changes(limb, pose, known)[:, order]) if scaled else None,
         pose=pose,
-        bend=_bend(limb, pose, known, azimuth),
-        lift_m=lift,
-        modes=modes,
+        bend=_bend(limb, pose, known)[order],
+        lift_m=lift[order],
+        modes=np.ascontiguousarray(modes[:, order]),
     )
-    some = some[:: max(1, len(some) // MOTION_PLACES)]
     by_all = [angle.by_rotation[:, some], angle.by_position[:, some], angle.by_height[None, some]]
     return EdgeModel(pixels, known, np.concatenate([*by_all, limb.by_lens[:, some]]) / limb.scale[some])
 
 
-def _bend(limb: _Limb, pose: LimbPose, known: EdgeKnown, azimuth: FloatArray) -> FloatArray:
-    """Return the bend of the limb at azimuths (n,) about the body's nadir."""
-    near, some = limb.near, limb.on_limb
-    some = some[:: max(1, len(some) // BEND_PLACES)]
-    uv = np.column_stack([near.columns[some], near.rows[some]]).astype(float)
-    bend = limb_bend(limb.one.camera, uv, pose.cam_from_itrs, pose.r_itrs, known.axes_m + pose.height_m)
+def _bend(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:
+    """Return the bend of the limb at the pixels, shape (n,)."""
+    uv = np.column_stack([limb.columns, limb.rows])[limb.on_limb]
+    bend = limb_bend(limb.camera, uv, pose.cam_from_itrs, pose.r_itrs, known.axes_m + pose.height_m)
     seen = np.isfinite(bend)
     if not seen.any():
-        return np.zeros(len(azimuth))
-    return np.asarray(np.interp(azimuth, limb.azimuth[some][seen], bend[seen], period=2.0 * np.pi))
+        return np.zeros(len(limb.azimuth))
+    return np.asarray(np.interp(limb.azimuth, limb.azimuth[limb.on_limb][seen], bend[seen], period=2.0 * np.pi))
 
 
 def _gathered(
-    azimuth: FloatArray, x: FloatArray, each: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
+    azimuth: FloatArray, x: FloatArray, each: list[FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, list[FloatArray]]:
     """Return pixels gathered in cells of azimuth and distance.
 
-    ``azimuth``, ``x``: shape (n,), distance inside the limb [px]; ``each``: shape (r, n). Result for m cells: azimuth
-    (m,), number of pixels (m,), variance of the distances (m,), means of the rows (r, m), and the cells' numbers along
-    and across the limb (2, m).
+    ``azimuth``, ``x``: shape (n,), distance inside the limb [px]; ``each``: r rows (n,). Result for m cells, shape (m,)
+    each: azimuth, number of pixels, variance of the distances, mean distance, and means of the rows.
     """
-    first, last = float(x.min()), float(x.max())
     edges = np.arange(-EDGE_PX, EDGE_PX + 0.5 * CELL_PX, CELL_PX)
-    beside = (np.arange(-EDGE_PX, first, -WIDE_CELL_PX)[:0:-1], np.arange(EDGE_PX, last, WIDE_CELL_PX)[1:])
+    beside = (np.arange(-EDGE_PX, x.min(), -WIDE_CELL_PX)[:0:-1], np.arange(EDGE_PX, x.max(), WIDE_CELL_PX)[1:])
     across = np.searchsorted(np.concatenate([beside[0], edges, beside[1]]), x)
     deep = int(across.max()) + 1
     order, along = from_widest_gap(azimuth)
-    start = azimuth[order[0]]
     count = max(MOST_PIXELS // deep, 1)
-    arc = np.empty(len(order), dtype=np.intp)
-    arc[order] = np.minimum((along / max(along[-1], 1e-300) * count).astype(np.intp), count - 1)
+    turned = np.empty(len(order))
+    turned[order] = along
+    arc = np.minimum((turned * (count / max(along[-1], 1e-300))).astype(np.intp), count - 1)
     number = arc * deep + across
     every = np.bincount(number, minlength=count * deep)
     used = np.flatnonzero(every)
     pixels = every[used].astype(np.float64)
-    turned = np.empty(len(order))
-    turned[order] = along
-
-    def mean(row: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(number, weights=row, minlength=count * deep)[used] / pixels)
-
-    middle = mean(x)
-    wide = np.maximum(mean(x * x) - middle**2, 0.0)
-    means = np.array([mean(row) for row in each])
-    where = np.array([used // deep, used % deep], dtype=np.intp)
-    return np.asarray(np.mod(mean(turned) + start, 2.0 * np.pi)), pixels, np.asarray(wide), means, where
-
-
-def _neighbours(columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the numbers of pixels side by side in a row or a column, shape (2, k)."""
-    across = int(columns.max()) + 2
-    number = rows * across + columns
-    order = np.argsort(number)
-    ranked = number[order]
-    pairs = []
-    for step in (1, across):
-        at = np.minimum(np.searchsorted(ranked, number + step), len(ranked) - 1)
-        found = ranked[at] == number + step
-        pairs.append(np.array([np.flatnonzero(found), order[at[found]]]))
-    return np.concatenate(pairs, axis=1)
+    along, middle, square, *means = (np.bincount(number, row)[used] / pixels for row in (turned, x, x * x, *each))
+    around = np.mod(along + azimuth[order[0]], 2.0 * np.pi)
+    return around, pixels, np.maximum(square - middle**2, 0.0), middle, means
 
 
 @dataclass(frozen=True)

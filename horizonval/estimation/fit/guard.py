@@ -26,7 +26,7 @@ seen by any test of one image. An error of the altitude is seen only where the i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
@@ -39,12 +39,11 @@ from scipy.special import bdtr, chdtri, ndtri
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import CLOUD_RELIEF_SOLAR, CLOUD_RELIEF_THERMAL, limb_height_m, reliefs
-from horizonval.estimation.fit.levels import from_widest_gap
-from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile
+from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANCE, edge_profile, from_widest_gap
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
 from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.limb.picture import median, rounding_variance, smaller
+from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -64,12 +63,8 @@ FEWEST_OF_PIECE = 50
 """Fewest pixels of a piece, of 160, where they are thinned."""
 MOST_PIXELS = 4000
 """Pixels of a large image that are looked at."""
-LEAST_PX = 32
-"""Smallest size of a copy with wider pixels: two windows, and a limb that bends."""
-HELD_STEPS, MOST_STEPS = 2, 12
-"""Steps of an edge's place and blur alone, and of all."""
-HELD = 1e6
-"""Inverse of the standard deviation that holds the softness."""
+MOST_STEPS = 12
+"""Steps to the place, the blur and the softness of an edge."""
 LEAST_WIDTH_PX = 0.3
 """Smallest blur with the pixel's own, which is 0.29 px."""
 LARGEST_STEP = (1.0, 0.4, 0.5)
@@ -79,18 +74,6 @@ MISPLACED_PX = 0.05
 over a slope of 0.5 of the step per pixel."""
 JUMP_PX = 0.02
 """The same for a single line and the next, which have most of it in common."""
-LEAST_JUMP_PX = 0.3
-"""Smallest jump of a single line, across the limb, that counts: six times what misplaces a line. A tear along a
-limb that is nearly parallel to the rows is therefore not seen."""
-CROSSED_PX = 1.0
-"""Least distance from the edge, to both sides, at which a line shows its step."""
-SURE_LINE_PX = 0.5
-"""Largest standard deviation of a line's shift against the next that counts: beyond, a few pixels decide it."""
-INDEPENDENT_LINES = 12
-"""Lines whose shifts count as independent: what the phases of pixels make of an oblique limb repeats itself."""
-PROFILE_SHARE = 0.15
-"""Root-mean-square difference, as a share of the step, between a limb's profile and an exponential: 0.01 to 0.08 under
-a high Sun and in the infrared, up to 0.16 near the terminator."""
 COIN = 0.1
 """Chance of as many pieces of one sign, if signs are random, below which they are a limb: four pieces, the shortest
 limb of a search, can reach it."""
@@ -99,17 +82,11 @@ BLUR_SIGMA = 0.08
 focus changes with temperature. At :data:`SIGMAS` a lens is taken for 1.5 times as soft."""
 UNSTATED_BLUR_SIGMA = 0.3
 """The same of a lens whose file states none."""
-AIR_BLUR_M = 7e3
-"""What air adds to the blur, being no exponential: its scale height."""
 CLOUDY_BLUR_PX = 1.0
 """The same at least in the infrared, where cirrus and the clouds below it make two limbs one above the other: 0.8 px
 with pixels of 20 km. Chosen: unknown blur of this size does no harm to the fits."""
-LEAST_BLUR_PX = 0.4
-"""Blur below which pixels hide a lens."""
 DIFFRACTION_BLUR = 0.45
 """Standard deviation of the Gaussian nearest to an aperture's spread, in wavelengths times f-number."""
-TAIL_PX = 1.0
-"""Softness that wings of a lens and a bolometer's lag make [px]; softer than this and than any air is no limb."""
 PLACED_PX = 3.0
 """How far a claim may place the limb beyond the air: methods with whole pixels."""
 LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
@@ -121,12 +98,8 @@ NEIGHBOURS = 9
 """Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
 DARKEST = 0.1
 """Smallest step relative to the neighbours' that is still dark ground: the sea is a tenth of a cloud."""
-MOST_HIDDEN = 0.5
-"""Share of the limb in view that may be disturbed."""
-MOST_SATURATED = 0.5
-"""Largest saturated share of a limb that is fitted: above, fits are wrong by 0.03 deg and more."""
-SATURATION_PX = 4.0
-"""Depth inside the limb at which a piece is tested for saturation."""
+MOST_LOST = 0.5
+"""Largest share of the limb that may be saturated, or disturbed: fits of more are wrong by 0.03 deg."""
 RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX, LINES = 0.5, 3, 40.0, 4
 """A second limb: least step relative to the first, width of the strips, how far from the first it is sought, and lines
 across a piece."""
@@ -213,7 +186,6 @@ class SeenEdge:
     ``place_px``: of the edge, inside the predicted limb; ``blur_px``, ``scale_height_m``: of lens and limb;
     ``blur_sigma``: of the blur's logarithm. Shape (m,) each: ``steps``, of radiance, positive with the whole limb's
     sign, and ``step_sigmas``; ``off_px``, how far inside the common edge a piece has its own, and ``off_sigmas``.
-    ``misfit``: mean square residual across the edge, less the noise to both sides, over the squared step.
     ``slope``: shape (m, k), change of radiance per pixel inside; ``residuals``, ``weights``: shape (m, k).
     """
 
@@ -226,7 +198,6 @@ class SeenEdge:
     step_sigmas: FloatArray
     off_px: FloatArray
     off_sigmas: FloatArray
-    misfit: float
     slope: FloatArray
     residuals: FloatArray
     weights: FloatArray
@@ -253,12 +224,10 @@ def seen_edge(
     # Few pixels find the edge, all of them measure it.
     every = max(view.x.shape[1] // FEWEST_OF_PIECE, 1)
     few = _Pixels(view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
-    for number in range(MOST_STEPS):
-        held = number < HELD_STEPS
-        # A soft limb and a blurred one are alike from afar: the softness is held until the edge is in its place.
+    for _ in range(MOST_STEPS):
         before, look = now, few.look(now)
-        now = np.clip(now + look.step(HELD if held else known, scale_m / unit_m - now[2])[0], least, most)
-        if not held and (np.abs(now - before) < 0.2 * np.array(LARGEST_STEP)).all():
+        now = np.clip(now + look.step(known, scale_m / unit_m - now[2])[0], least, most)
+        if (np.abs(now - before) < 0.2 * np.array(LARGEST_STEP)).all():
             break
     all_of_them = _Pixels(view.values, view.x, unit_m * view.soft)
     all_of_them.look(now)
@@ -268,10 +237,6 @@ def seen_edge(
     step_sigmas = np.sqrt(np.maximum(look.inverse[:, 1, 1], 1e-300))
     sign = float(np.sign(np.sum(look.levels[:, 1] / step_sigmas**2))) or 1.0
     steps = sign * look.levels[:, 1]
-    between = (look.share > 0.02) & (look.share < 0.98)
-    beyond = float(np.mean(look.residuals[between] ** 2 - look.variance[between])) if between.any() else 0.0
-    shown = steps > SIGMAS * step_sigmas
-    typical = median(steps[shown]) if shown.any() else 0.0
     information, pull = look.of_pieces()
     return SeenEdge(
         place_px=float(now[0]),
@@ -283,7 +248,6 @@ def seen_edge(
         step_sigmas=step_sigmas,
         off_px=pull / information,
         off_sigmas=information**-0.5,
-        misfit=max(beyond, 0.0) / typical**2 if typical > 0.0 else np.inf,
         slope=-look.rows[:, 3],
         residuals=look.residuals,
         weights=look.weights,
@@ -404,27 +368,23 @@ def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observatio
     return np.asarray(across @ brightest >= 0.0)
 
 
-def disturbed_pieces(view: LimbView, seen: SeenEdge, due: BoolArray, relief_m: float) -> BoolArray:
+def disturbed_pieces(seen: SeenEdge, due: BoolArray, relief_px: float) -> BoolArray:
     """Return which pieces have the limb away from their neighbours', or none between pieces that show it, shape (m,).
 
-    ``relief_m``: standard deviation of the limb's height along itself.
+    ``relief_px``: standard deviation of the limb's place along itself.
     """
     # Where the Sun may not light the limb, its edge may be the terminator, which departs from it by and by.
     due = minimum_filter1d(due, NEIGHBOURS, mode="nearest")
     shown = due & seen.shown
-    if np.count_nonzero(shown) < NEIGHBOURS:
-        return np.zeros(len(shown), dtype=bool)
-    numbers = np.flatnonzero(shown)
-    off = seen.off_px[numbers]
-    middle = median_filter(off, NEIGHBOURS, mode="nearest")
-    natural = np.hypot(MISPLACED_PX, relief_m / view.pixel_m)
-    sigmas = np.hypot(seen.off_sigmas[numbers], natural)
     away = np.zeros(len(shown), dtype=bool)
-    away[numbers] = np.abs(off - middle) > SIGMAS * sigmas
+    if np.count_nonzero(shown) < NEIGHBOURS:
+        return away
+    off = seen.off_px[shown]
+    sigmas = np.hypot(seen.off_sigmas[shown], np.hypot(MISPLACED_PX, relief_px))
+    away[shown] = np.abs(off - median_filter(off, NEIGHBOURS, mode="nearest")) > SIGMAS * sigmas
     # No edge where that of the neighbours would be seen at once: dark ground is a fraction of clouds, and not nothing.
-    expected = median_filter(np.maximum(seen.steps, 0.0), NEIGHBOURS, mode="nearest")
-    none = (seen.steps < DARKEST * expected) & (DARKEST * expected > seen.step_sigmas)
-    return np.asarray(away | (due & ~shown & none))
+    expected = DARKEST * median_filter(np.maximum(seen.steps, 0.0), NEIGHBOURS, mode="nearest")
+    return np.asarray(away | (due & ~shown & (seen.steps < expected) & (expected > seen.step_sigmas)))
 
 
 def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatArray) -> float:
@@ -441,46 +401,37 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     shown = minimum_filter1d(seen.shown, 3, mode="nearest")
     if not shown.any():
         return 0.0
-    lines, along, weights, x, slope, residuals = (
-        one[shown].ravel() for one in (lines, along, seen.weights, view.x, seen.slope, seen.residuals)
+    lines, along, weights, slope, residuals, x = (
+        one[shown].ravel() for one in (lines, along, seen.weights, seen.slope, seen.residuals, view.x)
     )
-    lines, x = lines - lines.min(), x - seen.place_px
-    count = int(lines.max()) + 1
+    lines = lines - lines.min()
     by_shift = slope * along
     information = weights * by_shift**2
-    known = np.maximum(np.bincount(lines, information, count), 1e-300)
-    shift = np.bincount(lines, weights * by_shift * residuals, count) / known
+    known = np.maximum(np.bincount(lines, information), 1e-300)
+    shift = np.bincount(lines, weights * by_shift * residuals) / known
     # What misplaces the limb across itself shifts a line by more, the more obliquely it crosses.
-    across = np.maximum(np.bincount(lines, information * np.abs(along), count) / known, 1e-3)
+    across = np.maximum(np.bincount(lines, information * np.abs(along)) / known, 1e-3)
     # Lines that end before they cross the limb see its tails, in which no exponential is right.
-    outside, inside = (np.bincount(lines, sign * x > CROSSED_PX, count) > 0.0 for sign in (-1.0, 1.0))
-    crossed = outside & inside
+    beside = np.bincount(lines, x > seen.place_px), np.bincount(lines, x < seen.place_px)
+    crossed = (beside[0] > 0) & (beside[1] > 0)
 
-    def squares(apart: int, misplaced_px: float) -> tuple[FloatArray, FloatArray]:
+    def squares(apart: int, misplaced_px: float) -> FloatArray:
         variance = 1.0 / known + (misplaced_px / across) ** 2
-        both = variance[apart:] + variance[:-apart]
-        change = np.abs(shift[apart:] - shift[:-apart])
-        sure = (both < SURE_LINE_PX**2) & crossed[apart:] & crossed[:-apart]
-        return (change**2 / both)[sure], (change * np.minimum(across[apart:], across[:-apart]))[sure]
+        found = (shift[apart:] - shift[:-apart]) ** 2 / (variance[apart:] + variance[:-apart])
+        return np.asarray(found[crossed[apart:] & crossed[:-apart]])
 
-    (one, _), (two, _), (single, jump) = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
+    one, two, single = squares(1, MISPLACED_PX), squares(2, MISPLACED_PX), squares(1, JUMP_PX)
     if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
-    free = min(len(one), INDEPENDENT_LINES)
-    every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chdtri(free, CHANCE)) / free)
+    every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chdtri(len(one), CHANCE)) / len(one))
     usual = max(median(single) / NORMAL_QUARTILE**2, 1.0)
-    largest = float(np.max(single * (jump > LEAST_JUMP_PX)))
-    return max(every, largest / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
+    return max(every, float(single.max()) / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
 
 
-def rival_pieces(
-    image: FloatArray, camera: CameraModel, view: LimbView, seen: SeenEdge, nearest_px: float
-) -> BoolArray:
-    """Return which pieces show a step like the limb's at another distance, shape (m,).
-
-    ``nearest_px``: least distance of a second limb that is none of the air's.
-    """
+def rival_pieces(image: FloatArray, camera: CameraModel, view: LimbView, seen: SeenEdge, air_px: float) -> BoolArray:
+    """Return which pieces show a step like the limb's at another distance, out of reach of the air, shape (m,)."""
+    nearest_px = max(RIVAL_WIDTH_PX, air_px) + RIVAL_WIDTH_PX
     # The image along lines across the middle of every piece, in strips as wide as the window.
     strips = int(2.0 * FARTHEST_RIVAL_PX / RIVAL_WIDTH_PX) + 3
     depth = (np.arange(RIVAL_WIDTH_PX * strips) - 0.5 * (RIVAL_WIDTH_PX * strips - 1))[:, None]
@@ -528,63 +479,126 @@ def examined(
     in_air: bool,
     points: FloatArray,
     uneven_px: float = 0.0,
+    by_pixels: bool = True,
 ) -> Verdict:
     """Return what the pixels about a fitted limb say of it.
 
     ``image``: shape (H, W), NaN where the fit had no pixels; ``ellipsoid``: of the planet; ``in_air``: whether the edge
     may be anywhere in the air above the pose's limb, or is at it; ``points``: shape (k, 2), for refusals;
-    ``uneven_px``: by how much the fit has the limb depart from the pose's.
+    ``uneven_px``: by how much the fit has the limb depart from the pose's; ``by_pixels``: whether the pose is of a fit
+    of the pixels, which blur and torn lines mislead, or of points.
     """
-    prior = observation.prior
-    pixel_m = pixel_at_limb_m(observation.camera, pose.r_itrs, float(ellipsoid.axes_m[0]))
-    scale = 1
-    camera = observation.camera
-    while scale * pixel_m < prior.limb_scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
-        scale *= 2
+    prior, camera = observation.prior, observation.camera
+    pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(ellipsoid.axes_m[0]))
+    # A limb that is many pixels deep is no edge in the image's own pixels.
+    scale = scale_as_deep(camera, pixel_m, prior.limb_scale_height_m)
     if scale > 1:
-        # A limb that is many pixels deep is no edge in the image's own pixels.
         image, camera = smaller(image, camera, scale)
+    pixel_m *= scale
     low, high = limb_height_m(observation.band_kind)
     axes = ellipsoid.axes_m + (0.0 if in_air else pose.height_m)
-    pixel_m *= scale
     # Height and softness of a limb are hard to tell apart: an edge may be found lower than the fit has it.
     between = (-high / pixel_m - PLACED_PX, (-low if in_air else high - low) / pixel_m + PLACED_PX)
-
-    def refused(outcome: Outcome, reason: str) -> Verdict:
-        return Verdict(Refusal(outcome, reason, points), np.zeros((0, 2)))
-
     lens = observation.lens or Lens()
-    own_px = prior.lens_blur_px / scale if lens.blur_px is None else max(lens.blur_px, LEAST_BLUR_PX) / scale
-    own_px = float(np.hypot(own_px, DIFFRACTION_BLUR * lens.diffraction_px / scale))
+    own_px = prior.lens_blur_px if lens.blur_px is None else lens.blur_px
+    own_px = float(np.hypot(own_px, DIFFRACTION_BLUR * lens.diffraction_px)) / scale
+
+    def tests() -> Iterator[Test]:
+        yield _lost(view, seen, due, observation.full_scale)
+        yield _rival(rival_pieces(image, camera, view, seen, (high - low) / view.pixel_m), due)
+        yield _misplaced(view, seen, due, between, uneven_px / scale)
+        if by_pixels:
+            yield _blurred(seen, lens, own_px, scale, thermal=observation.band_kind == "thermal")
+            yield _torn(view, seen)
+        if np.mean(disturbed) > MOST_LOST:
+            yield Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed"
+
     try:
         view = limb_view(image, camera, pose, axes, high / pixel_m)
         seen = seen_edge(view, own_px, prior.limb_scale_height_m, prior.limb_scale_height_sigma_m, between)
     except np.linalg.LinAlgError as e:
-        return refused(Outcome.NOT_CONVERGED, f"the limb that the claim predicts: {e}")
+        reason = f"the limb that the claim predicts: {e}"
+        return Verdict(Refusal(Outcome.NOT_CONVERGED, reason, points), np.zeros((0, 2)))
     due = due_pieces(view, seen, pose.nadir_cam, observation)
-    nearest_px = max(RIVAL_WIDTH_PX, (high - low) / view.pixel_m) + 2.0 * RIVAL_WIDTH_PX
-    for refusal in (
-        _by_saturation(view, seen, observation.full_scale, points),
-        _by_share(view, seen, due, points),
-        _by_misfit(seen, points),
-        _by_rival(rival_pieces(image, camera, view, seen, nearest_px), due, points),
-        _by_place(view, seen, due, between, observation, points, uneven_px / scale),
-        _by_blur(view, seen, own_px, lens, scale, points, thermal=observation.band_kind == "thermal"),
-        _by_lines(view, seen, points),
-    ):
-        if refusal is not None:
-            return Verdict(refusal, np.zeros((0, 2)))
-    clouds = CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL
-    known = reliefs(observation.band_kind, prior.limb_relief_m)
-    relief = float(np.hypot.reduce([one.sigma_m for one in known])) if known else 0.0
-    relief = float(np.hypot(relief, clouds.sigma_m)) if prior.limb_relief_m is None else relief
-    disturbed = disturbed_pieces(view, seen, due, float(np.hypot(relief, uneven_px / scale * pixel_m)))
-    if float(np.mean(disturbed)) > MOST_HIDDEN:
-        return refused(Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed")
+    known = [*reliefs(observation.band_kind, prior.limb_relief_m)]
+    if prior.limb_relief_m is None:
+        known.append(CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL)
+    relief_px = float(np.linalg.norm([one.sigma_m for one in known])) / view.pixel_m
+    disturbed = disturbed_pieces(seen, due, float(np.hypot(relief_px, uneven_px / scale)))
+    refusal = next((Refusal(*test, points) for test in tests() if test is not None), None)
     # What stands before the limb rarely ends with a piece.
     hidden = maximum_filter1d(disturbed, 3, mode="nearest")
     borders = view.azimuth + view.first_rad
-    return Verdict(None, np.column_stack([borders[:-1], borders[1:]])[hidden])
+    return Verdict(refusal, np.column_stack([borders[:-1], borders[1:]])[hidden])
+
+
+Test = tuple[Outcome, str] | None
+"""Why a limb is not believed."""
+
+
+def _needed(count: int | np.signedinteger) -> int:
+    """Return how many of so many pieces are more than chance makes of them."""
+    return int(np.argmax(bdtr(np.arange(count + 1.0), count, 0.5) >= 1.0 - COIN)) + 1
+
+
+def _lost(view: LimbView, seen: SeenEdge, due: BoolArray, full_scale: float | None) -> Test:
+    """Test whether the limb is saturated, or not there."""
+    if full_scale is not None:
+        x = view.x - seen.place_px
+        inside = (x > 0.5) & (x < 0.5 * INSIDE_PX)
+        full = (inside & (view.values >= full_scale)).sum(axis=1) > 0.5 * inside.sum(axis=1)
+        if np.mean(full) > MOST_LOST:
+            return Outcome.SATURATED, f"{np.mean(full):.0%} of the limb is saturated"
+    count, shown = np.count_nonzero(due), np.count_nonzero(due & seen.shown)
+    # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
+    if shown and not shown < _needed(count) <= count:
+        return None
+    return Outcome.NO_LIMB, f"{shown} of {count} pieces of the predicted limb show an edge; {_needed(count)} are needed"
+
+
+def _rival(rival: BoolArray, due: BoolArray) -> Test:
+    count, shown = np.count_nonzero(due), np.count_nonzero(rival & due)
+    if shown < _needed(count):
+        return None
+    return Outcome.AMBIGUOUS, f"{shown} of {count} pieces show a second limb beside the first"
+
+
+def _misplaced(
+    view: LimbView,
+    seen: SeenEdge,
+    due: BoolArray,
+    between_px: tuple[float, float],
+    uneven_px: float,
+) -> Test:
+    """Test whether the edge lies where air may be, and is as even as clouds and terminator."""
+    if not between_px[0] < seen.place_px < between_px[1]:
+        return Outcome.AMBIGUOUS, f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
+    # A body before a few pieces is left out of a second fit.
+    off, sigmas = np.sort(seen.off_px[due & seen.shown]), seen.off_sigmas[due & seen.shown]
+    few = int(FEW_PIECES * (len(off) - 1))
+    far = float(off[-1 - few] - off[few]) - SIGMAS * median(sigmas)
+    if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX + uneven_px:
+        return None
+    return Outcome.AMBIGUOUS, f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
+
+
+def _blurred(seen: SeenEdge, lens: Lens, own_px: float, scale: int, *, thermal: bool) -> Test:
+    """Test whether the edge is no wider than the lens makes it; ``own_px``: its blur in pixels ``scale`` as wide."""
+    known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
+    margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
+    widest = margin * max(own_px * float(lens.ratios.max()), LEAST_WIDTH_PX)
+    if seen.blur_px <= np.hypot(widest, CLOUDY_BLUR_PX / scale if thermal else 0.0):
+        return None
+    stated = "" if lens.blur_px is not None else ", if its file states none (optics.psf_sigma_px)"
+    blur, own = scale * seen.blur_px, scale * own_px
+    return Outcome.AMBIGUOUS, f"the limb is blurred by {blur:.1f} px, the camera's own blur is {own:.1f} px{stated}"
+
+
+def _torn(view: LimbView, seen: SeenEdge) -> Test:
+    for word, lines, along in (("row", view.rows, view.by_column), ("column", view.columns, view.by_row)):
+        if jumps(view, seen, lines, along) > 1.0:
+            return Outcome.AMBIGUOUS, f"the limb jumps from one {word} of pixels to the next"
+    return None
 
 
 def without_azimuths(
@@ -607,7 +621,7 @@ def without_lost_lines(image: FloatArray) -> FloatArray:
 
     Lines of space may be of one value too: those beside them are then of that value for the most part.
     """
-    lost = [_lost(lines) for lines in (image, image.T)]
+    lost = [_lost_lines(lines) for lines in (image, image.T)]
     if not any(one.any() for one in lost):
         return image
     image = np.array(image, dtype=np.float64)
@@ -616,7 +630,7 @@ def without_lost_lines(image: FloatArray) -> FloatArray:
     return image
 
 
-def _lost(lines: FloatArray) -> BoolArray:
+def _lost_lines(lines: FloatArray) -> BoolArray:
     """Return which rows of an array are lost."""
     even = lines.min(axis=1) == lines.max(axis=1)
     same = np.zeros(len(lines), dtype=bool)
@@ -631,100 +645,6 @@ def _lost(lines: FloatArray) -> BoolArray:
         inside = first > 0 and last < len(lines)
         lost[first:last] = inside and all(np.mean(lines[row] == lines[first, 0]) < 0.5 for row in (first - 1, last))
     return lost
-
-
-def _by_saturation(view: LimbView, seen: SeenEdge, full_scale: float | None, points: FloatArray) -> Refusal | None:
-    if full_scale is None:
-        return None
-    x = view.x - seen.place_px
-    inside = (x > 0.5) & (x < SATURATION_PX)
-    share = (inside & (view.values >= full_scale)).sum(axis=1) / np.maximum(inside.sum(axis=1), 1)
-    saturated = float(np.mean(share > 0.5))
-    if not saturated > MOST_SATURATED:
-        return None
-    return Refusal(Outcome.SATURATED, f"{saturated:.0%} of the limb is saturated", points)
-
-
-def _needed(due: BoolArray) -> int:
-    count = np.count_nonzero(due)
-    return int(np.argmax(bdtr(np.arange(count + 1.0), count, 0.5) >= 1.0 - COIN)) + 1
-
-
-def _by_share(view: LimbView, seen: SeenEdge, due: BoolArray, points: FloatArray) -> Refusal | None:
-    shown = int(np.count_nonzero(due & seen.shown))
-    # Of fewer than four pieces, as between saturated ones, no number excludes chance: what the fit explains decides.
-    if not shown < _needed(due) <= np.count_nonzero(due):
-        return None
-    reason = f"{shown} of {np.count_nonzero(due)} pieces of the predicted limb show an edge; {_needed(due)} are needed"
-    return Refusal(Outcome.NO_LIMB, reason, points)
-
-
-def _by_misfit(seen: SeenEdge, points: FloatArray) -> Refusal | None:
-    count = len(seen.steps)
-    if seen.misfit / PROFILE_SHARE**2 <= float(chdtri(count, CHANCE)) / count:
-        return None
-    reason = f"the pixels miss the limb's profile by {np.sqrt(seen.misfit):.0%} of its step"
-    return Refusal(Outcome.NO_LIMB, reason, points)
-
-
-def _by_rival(rival: BoolArray, due: BoolArray, points: FloatArray) -> Refusal | None:
-    shown = int(np.count_nonzero(rival & due))
-    if shown < _needed(due):
-        return None
-    reason = f"{shown} of {np.count_nonzero(due)} pieces show a second limb beside the first"
-    return Refusal(Outcome.AMBIGUOUS, reason, points)
-
-
-def _by_place(
-    view: LimbView,
-    seen: SeenEdge,
-    due: BoolArray,
-    between_px: tuple[float, float],
-    observation: Observation,
-    points: FloatArray,
-    uneven_px: float,
-) -> Refusal | None:
-    prior = observation.prior
-    softest_m = prior.limb_scale_height_m + SIGMAS * prior.limb_scale_height_sigma_m
-    if seen.scale_height_m > max(softest_m, TAIL_PX * view.pixel_m):
-        reason = f"the edge is soft as air of a scale height of {seen.scale_height_m / 1e3:.0f} km"
-        return Refusal(Outcome.NO_LIMB, reason, points)
-    if not between_px[0] < seen.place_px < between_px[1]:
-        reason = f"the image shows no limb within {PLACED_PX:.0f} px of the air's heights"
-        return Refusal(Outcome.AMBIGUOUS, reason, points)
-    shown = due & seen.shown
-    if not shown.any():
-        return Refusal(Outcome.NO_LIMB, "no piece of the predicted limb shows an edge", points)
-    # A body before a few pieces is left out of a second fit.
-    lowest, highest = np.quantile(seen.off_px[shown], (FEW_PIECES, 1.0 - FEW_PIECES))
-    far = float(highest - lowest - SIGMAS * np.median(seen.off_sigmas[shown]))
-    if far <= LARGEST_RELIEF_M / view.pixel_m + LARGEST_RELIEF_PX + uneven_px:
-        return None
-    reason = f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
-    return Refusal(Outcome.AMBIGUOUS, reason, points)
-
-
-def _by_blur(
-    view: LimbView, seen: SeenEdge, own_px: float, lens: Lens, scale: int, points: FloatArray, *, thermal: bool
-) -> Refusal | None:
-    known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
-    margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
-    air_px = max(AIR_BLUR_M / view.pixel_m, CLOUDY_BLUR_PX / scale if thermal else 0.0)
-    widest = float(np.hypot(margin * own_px * float(lens.ratios.max()), air_px))
-    sharpest = 0.0 if lens.blur_px is None else own_px * float(lens.ratios.min()) / margin**2
-    if sharpest <= float(np.hypot(seen.blur_px, AIR_BLUR_M / view.pixel_m)) and seen.blur_px <= widest:
-        return None
-    stated = "" if lens.blur_px is not None else ", if its file states none (optics.psf_sigma_px)"
-    blur, own = scale * seen.blur_px, scale * own_px
-    reason = f"the limb is blurred by {blur:.1f} px, the camera's own blur is {own:.1f} px{stated}"
-    return Refusal(Outcome.AMBIGUOUS, reason, points)
-
-
-def _by_lines(view: LimbView, seen: SeenEdge, points: FloatArray) -> Refusal | None:
-    for word, lines, along in (("row", view.rows, view.by_column), ("column", view.columns, view.by_row)):
-        if jumps(view, seen, lines, along) > 1.0:
-            return Refusal(Outcome.AMBIGUOUS, f"the limb jumps from one {word} of pixels to the next", points)
-    return None
 
 
 def pulled(

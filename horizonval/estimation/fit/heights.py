@@ -449,23 +449,27 @@ class UnevenLimb:
 
     def _sunlit(self, places: ArcPlaces) -> tuple[FloatArray, FloatArray]:
         if self.sun_cam is not None:
-            edge = self._under(places, self.sun_cam)
-            covariance = _covariance(edge, places)
-            for moved in misread_suns(self.sun_cam, self.sun_sigma_rad):
-                change = self._under(places, moved).mean_m - edge.mean_m
-                covariance += np.outer(change, change)
-            return edge.mean_m, covariance
+            edge, *misread = self._under(places, [self.sun_cam, *misread_suns(self.sun_cam, self.sun_sigma_rad)])
+            changes = np.array([one.mean_m for one in misread]) - edge.mean_m
+            return edge.mean_m, _covariance(edge, places) + changes.T @ changes
         suns = fibonacci_sphere(SUNS)
         lit = (suns @ places.up_cam.T >= 0.0).all(axis=1)
-        suns = suns[lit] if lit.any() else places.up_cam.mean(axis=0)[None]
-        edges = [self._under(places, sun / np.linalg.norm(sun)) for sun in suns]
+        overhead = places.up_cam.mean(axis=0)
+        edges = self._under(places, suns[lit] if lit.any() else [overhead / np.linalg.norm(overhead)])
         heights = np.array([edge.mean_m for edge in edges])
         mean = heights.mean(axis=0)
         spread = (heights - mean).T @ (heights - mean) / len(heights)
         return mean, spread + np.mean([_covariance(edge, places) for edge in edges], axis=0)
 
-    def _under(self, places: ArcPlaces, sun_cam: FloatArray) -> EdgeHeights:
-        return self.heights.at(places.pixel_m, *sun_angles_at(places.los_cam, places.up_cam, sun_cam))
+    def _under(self, places: ArcPlaces, suns: ArrayLike) -> list[EdgeHeights]:
+        """Return the heights under each of k Suns, shape (k, 3)."""
+        zenith, azimuth = sun_angles_at(places.los_cam, places.up_cam, np.asarray(suns))
+        found = self.heights.at(np.tile(places.pixel_m, len(zenith)), zenith.ravel(), azimuth.ravel())
+        means = np.split(found.mean_m, len(zenith))
+        patterns = np.split(found.patterns_m, len(zenith), axis=1)
+        return [
+            EdgeHeights(*one) for one in zip(means, patterns, np.split(found.correlation_rad, len(zenith)), strict=True)
+        ]
 
 
 def _covariance(edge: EdgeHeights, places: ArcPlaces) -> FloatArray:

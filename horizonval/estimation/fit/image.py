@@ -87,7 +87,7 @@ class ImageModel(Protocol):
         """Return how far a step (7 + 4 + own) goes, 1 where derivatives end to hold."""
 
     def motion_px(self, step: FloatArray) -> float:
-        """Return by how much a step of pose and lens (11) moves the limb where it moves it most [px]."""
+        """Return by how much a step (7 + 4 + own) moves the limb where it moves it most [px]."""
 
     def look(
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None

@@ -1,4 +1,4 @@
-"""The brightness of pixels across the limb: the profile of an edge, the levels of sectors, the weights of pixels.
+"""The brightness of pixels across the limb: profile of an edge, levels of sectors, noise of pixels.
 
 **Edge.** Inside the limb the radiance is 1; outside it falls as ``exp(-height / H)``, at once where the scale height is
 zero. The lens blurs it by a Gaussian, the pixel by its square, which has the second moment 1/12 px^2 in every
@@ -16,12 +16,21 @@ the radius ``b`` px is moved by ``s^2 / (2 b)``; :mod:`.edge` takes that into ac
 
 **Levels.** In a sector the Earth's brightness is ``B = a + a' u + (c + c' u) x + d x^2 / w``, with ``u`` from -1/2 to
 1/2 along the limb, ``x`` pixels inside it, and ``w`` the width of the window. ``a'`` and ``c'`` describe the lens's
-fall-off and the Sun's height along the limb, ``c`` and ``d`` shading across it.
+fall-off and the Sun's height along the limb, ``c`` and ``d`` shading across it. The pixels are ``A (mu + d)`` with the
+functions ``A`` of :func:`light_basis`, the mean ``mu`` of all sectors (the shading has none), and a sector's difference
+``d`` with the prior ``N(0, T)``. ``T`` is the scatter of the sectors' levels beyond their noise: evenly lit limbs keep
+the precision of one common level. All levels are eliminated from the normal equations (Schur's complement), with ``G =
+A^T W A`` and ``H = (G + T^-1)^-1`` of each sector::
 
-**Noise.** The variance is linear in brightness (photons and read-out). It is estimated from the residuals in space and
-on the Earth, and interpolated by the edge's level ``E``. Larger residuals across the edge (ozone, haze) add a variance
-proportional to ``4 E (1 - E)``. Residuals of clouds, coasts and snow are correlated between neighbours; correlated
-pixels together have the weight of one (:class:`.noise.PixelNoise`).
+    N_xx = sum J^T W J - J^T W A H A^T W J,    N_xm = sum J^T W A (1 - H G),    N_mm = sum G - G H G
+    N = N_xx - N_xm N_mm^-1 N_mx
+
+Sectors have equally many pixels, so that an array of n pixels is one of (m, n / m).
+
+**Noise.** The variance is linear in brightness (photons and read-out): between that of space and that of the Earth by
+the edge's level ``E``. Larger residuals across the edge (ozone, haze) add one proportional to ``4 E (1 - E)``. Levels
+take a part of the residuals' squares: with the hat matrix ``h`` of a sector ``1 - 2 h_ii + sum_j h_ij^2 v_j / v_i`` of
+the variance ``v_i`` is left.
 """
 
 from __future__ import annotations
@@ -33,8 +42,7 @@ from numpy.typing import NDArray
 from scipy.special import erfcx, ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
-from horizonval.estimation.limb.picture import median
+from horizonval.estimation.fit.noise import WEIGHINGS, PixelNoise, correlated, mean_square, weighed
 
 OUTSIDE_PX, INSIDE_PX = 12.0, 8.0
 """Distance of a sharp limb's pixels into space and into the Earth. Separate levels of every sector, from ``w`` pixels
@@ -103,29 +111,6 @@ def edge_profile(x: FloatArray, blur: float | FloatArray, scale: FloatArray | No
     )
 
 
-OUTLIER = 5.0
-EVEN = 0.05
-"""Relative standard deviation of the ground's brightness up to which it counts as uniform: detector noise and profile
-misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35."""
-SPACE_LEVEL, EARTH_LEVEL = 0.1, 0.9
-"""Edge levels below and above which the noise of space and Earth is measured."""
-MIDDLE_LEVEL = 0.02
-"""Edge level from which, up to one minus it, the edge's residuals are measured."""
-SIGNIFICANT = 3.0
-"""Standard deviations by which an excess must stand out: one that noise makes itself would only cost precision."""
-FEWEST_PIXELS = 8
-"""Smallest number of pixels of either side; with fewer, all residuals are used."""
-LEAST_ALONE = 2
-"""Smallest number of independent pixels of the Earth that a sector has."""
-LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
-"""A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
-and above what twilight leaves; chosen."""
-UNSEEN = 1e9
-"""Number of pixels that count as one in a sector without light, which shows no limb."""
-DARKEST = 1e-3
-"""Smallest ratio of the variances of space and Earth. Space may have a single grey level, known to one level only;
-pixels just above it must not determine the limb alone."""
-
 SHADING_PX = 8.0
 """Unit of the bend of the shading: it makes the levels of one size."""
 
@@ -149,63 +134,283 @@ def brightness(levels: FloatArray, x: FloatArray, along: FloatArray) -> tuple[Fl
     )
 
 
+PIXELS_ALONG = 24
+"""Smallest limb length of a sector [px]: its levels are then known ten times better than one pixel's noise."""
+MOST_SECTORS = 48
+WIDEST_RAD = 0.2
+"""Largest sector, as an angle. Lens fall-off (cosine to the fourth) then departs by up to 3 % at 45 deg from a line
+along the sector; over 24 pixels of a degree it is 17 %, which displaces the limb."""
+CENTRED = 2
+"""Number of levels that scatter about a mean: background and amplitude, not the shading."""
+SIGNIFICANT = 3.0
+"""Standard deviations by which the sectors' scatter must exceed what noise makes of them to be a scatter of theirs."""
+SINGULAR = 1e-12
+"""Eigenvalue, relative to the largest, below which a combination of levels is undetermined."""
+NO_SPREAD = 1e-6
+"""Smallest spread of sectors relative to the variance of the mean level; keeps the matrices regular."""
+
+
+@dataclass(frozen=True)
+class Sectors:
+    """A division of pixels.
+
+    ``order``: shape (n,), pixels by azimuth from the widest gap on, as many in every sector; a few may be left out.
+    ``count``: number of sectors; ``azimuth``: shape (n,), of the ordered pixels [rad], rising from 0.
+    """
+
+    order: NDArray[np.intp]
+    count: int
+    azimuth: FloatArray
+
+    @property
+    def along(self) -> FloatArray:
+        """Place of the ordered pixels in their sector, from -1/2 to 1/2 of its azimuth, shape (n,)."""
+        azimuth = self.azimuth.reshape(self.count, -1)
+        borders = np.append(azimuth[:, 0], azimuth[-1, -1])
+        middle, width = 0.5 * (borders[1:] + borders[:-1]), np.maximum(np.diff(borders), 1e-300)
+        return np.asarray(((azimuth - middle[:, None]) / width[:, None]).ravel())
+
+
+def sectors_of(azimuth: FloatArray, limb_px: int, limb_rad: float = 0.0) -> Sectors:
+    """Return sectors of equally many pixels.
+
+    ``azimuth``: shape (n,), about the nadir [rad]; ``limb_px``, ``limb_rad``: length of the limb in view, also as an
+    angle.
+    """
+    count = max(limb_px // PIXELS_ALONG, int(limb_rad / WIDEST_RAD))
+    return divided(azimuth, int(np.clip(count, 1, MOST_SECTORS)))
+
+
+def divided(azimuth: FloatArray, count: int) -> Sectors:
+    """Return so many sectors of equally many pixels, of azimuths (n,) [rad]."""
+    order, along = from_widest_gap(azimuth)
+    count = min(count, len(order))
+    size = len(order) // count
+    kept = np.linspace(0.0, len(order) - 1.0, size * count).round().astype(np.intp)
+    return Sectors(order[kept], count, along[kept])
+
+
+def from_widest_gap(azimuth: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the order of azimuths (n,) [rad] from their widest gap on, and the azimuths so, rising from 0."""
+    order = np.argsort(azimuth, kind="stable")
+    ordered = azimuth[order]
+    gaps = np.append(np.diff(ordered), ordered[0] + 2.0 * np.pi - ordered[-1])
+    order = np.roll(order, -((int(np.argmax(gaps)) + 1) % len(order)))
+    return order, np.mod(azimuth[order] - azimuth[order[0]], 2.0 * np.pi)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Levels of the sectors.
+
+    ``of_sector``: shape (m, k); ``spread_information``: shape (k,), inverse variance about their mean; ``penalty``: sum
+    of squared departures over that variance; ``inverse``: shape (m, k, k), covariance of a sector's levels about it.
+    """
+
+    of_sector: FloatArray
+    spread_information: FloatArray
+    penalty: float
+    inverse: FloatArray
+
+    def left(self, basis: FloatArray, weights: FloatArray, variance: FloatArray) -> FloatArray:
+        """Return the share of the variance of pixels, shape (n,), that levels leave in the squared residuals.
+
+        ``weights``: shape (n,), with which the levels were found; ``variance``: shape (n,), of the pixels, in any unit.
+        """
+        rows = _by_sector(basis, len(self.of_sector))
+        gains = self.inverse @ rows
+        noise = (rows * _by_sector(weights[None] ** 2 * variance, len(self.of_sector))) @ rows.transpose(0, 2, 1)
+        own = np.einsum("mkc,mkc->mc", rows, gains).ravel() * weights
+        return 1.0 - 2.0 * own + np.einsum("mkc,mkc->mc", gains, noise @ gains).ravel() / variance
+
+    def of_pixels(self, basis: FloatArray) -> FloatArray:
+        """Return what the levels make of basis functions (k, n), shape (n,)."""
+        each = basis.reshape(basis.shape[0], len(self.of_sector), -1)
+        return np.einsum("kmc,mk->mc", each, self.of_sector).ravel()
+
+
+def solve_levels(
+    basis: FloatArray,
+    values: FloatArray,
+    weights: FloatArray,
+    count: int,
+    spread_information: FloatArray | None = None,
+) -> Levels:
+    """Return the most probable levels of every sector, their spread about the mean estimated with them or given.
+
+    ``basis``: shape (k, n), of the ordered pixels; those of background and amplitude first; ``values``, ``weights``:
+    shape (n,); ``count``: number of sectors; ``spread_information``: shape (k,).
+    """
+    k = len(basis)
+    rows = _by_sector(basis * np.sqrt(weights), count)
+    grams = rows @ rows.transpose(0, 2, 1)
+    right = np.einsum("mkc,mc->mk", rows, (values * np.sqrt(weights)).reshape(count, -1))
+    if spread_information is None:
+        inverse, vectors = _inverse_parts(grams)
+        along = np.einsum("ikj,ik->ij", vectors, right)
+        free = np.einsum("ijk,ik->ij", vectors, inverse * along)
+        spread_information = 1.0 / _spread(free, np.einsum("ijk,ik->ij", vectors**2, inverse))
+    information = spread_information
+    own = np.asarray(np.linalg.inv(grams + np.diag(information)))
+    held = np.eye(k) - grams @ own
+    mean = np.zeros(k)
+    pull = np.einsum("ijk,ik->j", held, right)[:CENTRED]
+    mean[:CENTRED] = np.linalg.lstsq((held @ grams).sum(axis=0)[:CENTRED, :CENTRED], pull, rcond=None)[0]
+    departure = np.einsum("ijk,ik->ij", own, right - grams @ mean)
+    return Levels(mean + departure, information, float((departure**2 @ information).sum()), own)
+
+
+def eliminated(
+    jacobian: FloatArray, basis: FloatArray, weights: FloatArray, count: int, spread_information: FloatArray
+) -> FloatArray:
+    """Return the normal matrix (p, p) of the shared unknowns, the levels eliminated.
+
+    ``jacobian``: shape (p, n); ``basis``: shape (k, n); ``weights``: shape (n,); others as for :func:`solve_levels`.
+    Residuals from the most probable levels pull on nothing, so that the right side is that of the jacobian alone.
+    """
+    root = np.sqrt(weights)
+    rows = jacobian * root
+    inner_rows = _by_sector(basis * root, count)
+    inner = inner_rows @ inner_rows.transpose(0, 2, 1)
+    cross = _by_sector(rows, count) @ inner_rows.transpose(0, 2, 1)
+    own = np.linalg.inv(inner + np.diag(spread_information))
+    by_own = cross @ own
+    p, k = len(jacobian), len(basis)
+    taken = by_own.transpose(1, 0, 2).reshape(p, -1) @ cross.transpose(0, 2, 1).reshape(count * k, p)
+    to_mean = (cross - by_own @ inner).sum(axis=0)[:, :CENTRED]
+    mean = (inner - inner @ own @ inner).sum(axis=0)[:CENTRED, :CENTRED]
+    inverse, vectors = _inverse_parts(mean)
+    along = to_mean @ vectors
+    return np.asarray(rows @ rows.T - taken - (along * inverse) @ along.T)
+
+
+def _by_sector(rows: FloatArray, count: int) -> FloatArray:
+    """Return rows (r, n) of ordered pixels by sector, shape (m, r, n / m)."""
+    return rows.reshape(len(rows), count, -1).transpose(1, 0, 2)
+
+
+def _inverse_parts(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return eigenvalues and vectors of the pseudo-inverse of symmetric matrices (..., k, k)."""
+    values, vectors = np.linalg.eigh(matrices)
+    size = np.abs(values)
+    determined = size > SINGULAR * size.max(axis=-1, keepdims=True)
+    return np.divide(1.0, values, out=np.zeros_like(values), where=determined), vectors
+
+
+def _spread(free: FloatArray, noise_variance: FloatArray) -> FloatArray:
+    """Return the variance of the sectors' levels beyond noise, shape (k,), 0 if noise explains it.
+
+    Weighted moments (DerSimonian and Laird, Controlled Clinical Trials 7, 177, 1986).
+    """
+    weight = 1.0 / np.maximum(noise_variance, 1e-100)
+    total = weight.sum(axis=0)
+    centred = np.arange(free.shape[1]) < CENTRED
+    mean = np.where(centred, (weight * free).sum(axis=0) / total, 0.0)
+    freedom = len(free) - centred
+    excess = (weight * (free - mean) ** 2).sum(axis=0) - freedom
+    excess = np.where(excess > SIGNIFICANT * np.sqrt(2.0 * freedom), excess, 0.0)
+    scale = total - np.where(centred, (weight**2).sum(axis=0) / total, 0.0)
+    spread = np.maximum(excess, 0.0) / np.where(scale > 0.0, scale, np.inf)
+    return np.asarray(np.maximum(spread, NO_SPREAD / total))
+
+
+OF_SIDE = 0.02
+"""Edge level up to which, and from one minus which, pixels show the noise of space and Earth; between, the edge's."""
+LIT_SHARE, BRIGHT_QUANTILE = 0.1, 0.95
+"""A sector is lit whose light is at least such a share of this quantile of all of them: a tenth is below every cloud
+and above what twilight leaves; chosen."""
+EVEN = 0.05
+"""Relative standard deviation of the ground's brightness up to which it counts as uniform: detector noise and profile
+misfit leave 0.01 to 0.03 in clear air, clouds 0.07 to 0.35."""
+AWAY = 100.0
+"""How much less than those beside the edge the pixels in its middle weigh for the levels from which the noise is
+estimated, times four: an edge that is out of its place must not look like noise elsewhere."""
+LEAST_LEFT = 0.1
+"""Smallest share of a residual's mean square that levels are taken to leave."""
+UNSEEN = 1e9
+"""Number of pixels that count as one in a sector without light, which shows no limb."""
+DARKEST = 1e-3
+"""Smallest ratio of the variances of space and Earth. Space may have a single grey level, known to one level only;
+pixels just above it must not determine the limb alone."""
+
+
 @dataclass(frozen=True)
 class LightNoise(PixelNoise):
-    """Noise of pixels across a limb.
+    """Noise of pixels across a limb, with the tails of the residuals from which it was estimated.
 
-    ``parts``: variance in space, on the Earth, and excess in the edge's middle; ``alike``: number of the Earth's pixels
-    with one common error.
+    Weights that follow the residuals of each look would change the levels, which are eliminated by them. Held between
+    estimates, they leave a sum of squares, whose steps converge as those of Gauss and Newton.
+
+    ``variance``: shape (n,), inverse weights; ``parts``: variance in space, on the Earth, and excess in the edge's
+    middle; ``alike``: number of the Earth's pixels with one common error (clouds, coasts).
     """
 
     parts: tuple[float, float, float] = (1.0, 1.0, 0.0)
     alike: float = 1.0
 
-    def at(self, edge: FloatArray, counts: FloatArray) -> LightNoise:
-        """Return the same noise of pixels at other levels of the edge, shape (n,), means of so many each."""
-        together = _expected(edge, (1.0, self.alike, 0.0))
-        return LightNoise(_expected(edge, self.parts) / counts, together, self.parts, self.alike)
+    def weights(self, residuals: FloatArray) -> FloatArray:
+        """Return the inverse variances, shape (n,)."""
+        return np.asarray(1.0 / self.variance)
+
+    def improbability(self, residuals: FloatArray) -> float:
+        """Return the sum of the squared residuals (n,) in sigmas."""
+        return float(np.sum(residuals * residuals / self.variance))
+
+    def at(self, edge: FloatArray, counts: FloatArray, residuals: FloatArray) -> LightNoise:
+        """Return the same noise of pixels at levels of the edge, shape (n,), means of so many each."""
+        variance = _expected(edge, self.parts)
+        ground = np.maximum(1.0 - self.parts[0] / variance, 0.0)
+        pixels = PixelNoise(variance / counts, 1.0 + (self.alike - 1.0) * ground)
+        return replace(self, variance=1.0 / pixels.weights(residuals))
 
 
 def light_noise(
-    values: FloatArray,
-    residuals: FloatArray,
-    basis: FloatArray,
-    of_sector: FloatArray,
-    neighbours: NDArray[np.intp],
-    counts: FloatArray,
-    rounding: float,
-    *,
-    start: bool = False,
-) -> LightNoise:
-    """Return the noise of pixels by their residuals.
+    basis: FloatArray, places: FloatArray, values: FloatArray, counts: FloatArray, sectors: int, rounding: float
+) -> tuple[LightNoise, FloatArray]:
+    """Return the noise of pixels, by the profile alone, and the inverse variance of the sectors' levels, shape (6,).
 
-    ``values``, ``residuals``, ``counts``: shape (n,), the last numbers of pixels that each is the mean of; ``basis``:
-    shape (6, n), of :func:`light_basis`; ``of_sector``: shape (m, 6), levels; ``neighbours``: shape (2, k), pairs of
-    adjacent pixels; ``rounding``: smallest variance of a pixel; ``start``: whether the limb may be out of its place.
+    An estimate that leans on earlier weights runs away where the ground is uneven: the faint rim of the edge then fits
+    ever better.
+
+    ``basis``: shape (6, n), of the ordered pixels; ``places``: shape (2, n), column and row; ``values``: shape (n,);
+    ``counts``: shape (n,), numbers of pixels that each is the mean of; ``rounding``: smallest variance of a pixel.
     """
-    edge, count = basis[1], len(of_sector)
-    each = len(values) // count
-    lit = np.abs(inner_levels(values, edge, of_sector))
-    seen = np.repeat(lit >= LIT_SHARE * np.quantile(lit, BRIGHT_QUANTILE), each)
-    level = np.repeat(of_sector[:, 1], each)
-    parts = _noise((residuals * np.sqrt(counts))[seen], edge[seen], int(seen.sum()) // each, rounding)
-    depth = basis[2] / np.where(edge > EARTH_LEVEL, edge, 1.0)
-    alike = _alike(residuals, level, np.where(seen, edge, 0.0), depth, neighbours, count)
-    if start:
-        # Before the limb is in its place the edge must not weigh less for being missed: all of the noise is wider.
-        between = seen & (edge > MIDDLE_LEVEL) & (edge < 1.0 - MIDDLE_LEVEL)
-        line = (parts[0], parts[1], 0.0)
-        missed = residuals[between] ** 2 * counts[between] / _expected(edge[between], line)
-        wider = max(float(np.mean(missed)), 1.0) if len(missed) else 1.0
-        parts = (wider * line[0], wider * line[1], 0.0)
-    found = LightNoise(np.ones(1), parts=parts, alike=alike).at(edge, counts)
-    return replace(found, together=np.where(seen, found.together, UNSEEN))
+    edge = basis[1]
+    weights = counts / (1.0 + AWAY * edge * (1.0 - edge))
+    levels = solve_levels(basis, values, weights, sectors, np.full(len(basis), NO_SPREAD))
+    residuals = values - levels.of_pixels(basis)
+    light = np.abs(inner_levels(values, edge, levels.of_sector))
+    brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
+    lit = np.repeat(light >= LIT_SHARE * brightest, len(values) // len(light))
+    left = np.maximum(levels.left(basis, weights, 1.0 / counts), LEAST_LEFT)
+    squares, level = (residuals**2 * counts / left)[lit], edge[lit]
+    floor = max(rounding, 1e-12 * float(np.mean(squares)) + 1e-300)
+    space, earth = level < OF_SIDE, level > 1.0 - OF_SIDE
+    of_space, of_earth = (mean_square(squares[there], squares) for there in (space, earth))
+    line = (max(of_space, DARKEST * of_earth, floor), max(of_earth, floor), 0.0)
+    between, excess = ~(space | earth), 0.0
+    if between.any():
+        squares, level = squares[between], level[between]
+        expected, share, excess = _expected(level, line), 4.0 * level * (1.0 - level), np.inf
+        for _ in range(WEIGHINGS):
+            beyond = weighed(squares, expected + excess * share) - expected
+            excess = max(float((beyond @ share) / (share @ share)), 0.0)
+    alike, uneven = 1.0, 1.0 - (EVEN * float(light[light >= LIT_SHARE * brightest].mean())) ** 2 / line[1]
+    ground = np.flatnonzero(lit & (edge > 1.0 - OF_SIDE))
+    if uneven > 0.0 and len(ground):
+        in_sigmas = residuals[ground] * np.sqrt(PixelNoise(line[1] / counts[ground]).weights(residuals[ground]))
+        columns, rows = places[:, ground]
+        alike += uneven * (correlated(columns, rows, in_sigmas, float(np.sqrt(np.mean(counts)))) - 1.0)
+    found = LightNoise(np.ones(1), parts=(*line[:2], excess), alike=alike).at(edge, counts, residuals)
+    if not lit.all():
+        found = replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
+    return found, solve_levels(basis, values, found.weights(residuals), sectors).spread_information
 
 
 def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) -> FloatArray:
     """Return how much brighter than space sectors are inside the limb, shape (m,); parameters as of light_noise."""
     count = len(of_sector)
-    inside = (edge > EARTH_LEVEL).reshape(count, -1).astype(float)
+    inside = (edge > 1.0 - OF_SIDE).reshape(count, -1).astype(float)
     above = values.reshape(count, -1) - of_sector[:, :1]
     return np.asarray((inside * above).sum(axis=1) / np.maximum(inside.sum(axis=1), 1.0))
 
@@ -213,73 +418,3 @@ def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) ->
 def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatArray:
     level = np.clip(edge, 0.0, 1.0)
     return np.asarray(variance[0] + (variance[1] - variance[0]) * level + variance[2] * 4.0 * level * (1.0 - level))
-
-
-def _noise(residuals: FloatArray, edge: FloatArray, sectors: int, rounding: float) -> tuple[float, float, float]:
-    """Return the variances in space and on the Earth, at least rounding's, and the excess at the edge."""
-    floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
-    where = (edge < SPACE_LEVEL, edge > EARTH_LEVEL)
-    space, earth = (_spread_of(residuals[there], residuals) for there in where)
-    # Every sector has spent one of its pixels' freedom on the level to either side.
-    counts = [float(there.sum()) for there in where]
-    freedom = [max(1.0 - sectors / max(count, 1.0), 0.5) for count in counts]
-    earth = max(earth / freedom[1], floor)
-    line = (max(space / freedom[0], DARKEST * earth, floor), earth)
-    between = (edge >= MIDDLE_LEVEL) & (edge <= 1.0 - MIDDLE_LEVEL)
-    share = np.clip(edge[between], 0.0, 1.0)
-    if len(share) <= FEWEST_PIXELS:
-        return line[0], line[1], 0.0
-    expected = _expected(share, (*line, 0.0))
-    squares = residuals[between] ** 2
-    inside = squares <= OUTLIER**2 * median(squares / expected) / NORMAL_QUARTILE**2 * expected
-    squares, expected, share = squares[inside], expected[inside], share[inside]
-    beyond = float((squares - expected).sum())
-    # The square of a normal number has twice its variance squared for a variance.
-    if beyond < SIGNIFICANT * float(np.sqrt(2.0 * (expected**2).sum())):
-        return line[0], line[1], 0.0
-    return line[0], line[1], beyond / float((4.0 * share * (1.0 - share)).sum())
-
-
-def _alike(
-    residuals: FloatArray,
-    level: FloatArray,
-    edge: FloatArray,
-    depth_px: FloatArray,
-    neighbours: NDArray[np.intp],
-    sectors: int,
-) -> float:
-    """Return the number of the Earth's pixels with one common error: 1 for noise, more for clouds, coasts and snow.
-
-    With the correlation ``q`` between neighbours a sum along a line has ``(1 + q) / (1 - q)`` times the variance of
-    independent pixels. A misfit common to the whole limb is removed before. Only variations above :data:`EVEN` count.
-    """
-    within = np.flatnonzero(edge > EARTH_LEVEL)
-    if len(within) <= FEWEST_PIXELS or not neighbours.shape[1]:
-        return 1.0
-    level = level[within]
-    size = np.where(np.abs(level) > 0.0, level, 1.0)
-    relative = residuals[within] / size
-    largest = OUTLIER * median(np.abs(relative)) / NORMAL_QUARTILE
-    relative = np.clip(relative, -largest, largest)
-    depth = np.rint(depth_px[within]).astype(np.intp)
-    depth -= depth.min()
-    profile = np.bincount(depth, weights=relative) / np.maximum(np.bincount(depth), 1)
-    ground = np.full(len(edge), np.nan)
-    ground[within] = relative - profile[depth]
-    a, b = ground[neighbours]
-    seen = np.isfinite(a) & np.isfinite(b)
-    a, b = a[seen], b[seen]
-    share = float(np.sum(a * b)) / max(0.5 * float(np.sum(a * a + b * b)), 1e-300)
-    if share < SIGNIFICANT / float(np.sqrt(max(len(a), 1))):
-        return 1.0
-    variance = float(np.mean(ground[within] ** 2))
-    uneven = max(1.0 - EVEN**2 / variance, 0.0) if variance > 0.0 else 0.0
-    most = max(len(within) / (LEAST_ALONE * sectors), 1.0)
-    return 1.0 + (min(((1.0 + share) / max(1.0 - share, 1e-9)) ** 2, most) - 1.0) * uneven
-
-
-def _spread_of(some: FloatArray, all_of_them: FloatArray) -> float:
-    """Return the mean square of residuals that are no outliers by their quartiles."""
-    size = np.abs(some if len(some) > FEWEST_PIXELS else all_of_them)
-    inside = size <= OUTLIER * median(size) / NORMAL_QUARTILE
-    return float(np.mean(size[inside] ** 2))

@@ -4,8 +4,8 @@ One shot of images (:mod:`.bundle`) with edge models (:mod:`.edge`), solved by t
 and blur are each image's own; pose, height and softness of the limb, and its relief, are common.
 
 Uneven ground, clouds and coasts move the limb of some sectors more than noise and relief do. The scatter of the
-sectors' positions gives chi-squared per degree of freedom; where it exceeds one by two of its standard deviations the
-covariance is multiplied by it (Birge's ratio, Phys. Rev. 40, 207, 1932).
+sectors' positions gives chi-squared per degree of freedom; where chance does not explain it the covariance is
+multiplied by it (Birge's ratio, Phys. Rev. 40, 207, 1932).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.fit.bundle import SHARED, Bundle, Shot, ShotPrior
@@ -30,8 +31,8 @@ FITTED = 3
 """Degrees of freedom constrained by the sector residuals: two tilts and a size."""
 UNLIT = 3.0
 """Largest depth of an unlit sliver, of its mean: two standard deviations above."""
-SCATTERED = 2.0
-"""Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
+SCATTERED = 0.02
+"""Probability with which chance alone makes sectors scatter by what counts as more."""
 OPTIONS = SolverOptions(most_steps=60, frozen=0.1)
 """Equations of the edge cost little more than a look at it: derivatives are frozen at the end only. Blur and scale
 height, where they are hard to tell apart, take many steps."""
@@ -94,7 +95,7 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     sigmas = np.zeros(SHARED)
     if len(images) == 1:
         sigmas[:LENS] = knowledge.lens_sigmas
-    solution = solve(Bundle([shot], sigmas), replace(OPTIONS, stages=(*few, Stage(reselect_px=1.0))))
+    solution = solve(Bundle([shot], sigmas), replace(OPTIONS, stages=(*few, Stage(reselect_px=2.0, tolerance=0.1))))
     found, state = solution.shots[0], shot.state
     assert shot.chosen is not None
     assert shot.seen is not None
@@ -148,4 +149,4 @@ def scatter(places: Sequence[SectorPlaces]) -> float:
     covariance = relief[:, seen].T @ relief[:, seen] + np.diag(1.0 / information[seen])
     ratio = float(off[seen] @ np.linalg.solve(covariance, off[seen])) / free
     # A variance of so few is not known well: that of Student's distribution.
-    return ratio * free / max(free - 2, 1) if ratio > 1.0 + SCATTERED * float(np.sqrt(2.0 / free)) else 1.0
+    return ratio * free / max(free - 2, 1) if ratio * free > chdtri(free, SCATTERED) else 1.0

@@ -77,6 +77,11 @@ NORMAL_QUARTILE = 0.67448975
 """Median of the absolute value of a unit normal."""
 
 
+def weighed(squares: FloatArray, variance: FloatArray | float) -> FloatArray:
+    """Return squared residuals (n,) with the weights of Student's distribution, over what normal ones have of them."""
+    return np.asarray(squares * ((TAIL_FREEDOM + 1.0) / OF_NORMAL / (TAIL_FREEDOM + squares / variance)))
+
+
 def variance_of(
     residuals: FloatArray, level: FloatArray, parts: FloatArray, least: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
@@ -88,18 +93,17 @@ def variance_of(
     brightest = max(float(level.max()), 1e-300)
     level = np.clip(level / brightest, 0.0, 1.0)
     squares = residuals**2
-    dark, bright = (_mean_square(squares[there], squares) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
+    dark, bright = (mean_square(squares[there], squares) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
     components = np.concatenate([level[None], parts])
     components /= np.maximum(components.max(axis=1), 1e-300)[:, None]
     variance = np.maximum(dark + max(bright - dark, 0.0) * level, least)
     for _ in range(WEIGHINGS):
-        weighed = squares * ((TAIL_FREEDOM + 1.0) / OF_NORMAL / (TAIL_FREEDOM + squares / variance))
-        beyond = _components(weighed - dark, variance, components) @ components
+        beyond = _components(weighed(squares, variance) - dark, variance, components) @ components
         variance = np.maximum(dark + beyond, least)
     return variance, np.minimum(beyond / variance, 1.0)
 
 
-def _mean_square(squares: FloatArray, otherwise: FloatArray) -> float:
+def mean_square(squares: FloatArray, otherwise: FloatArray) -> float:
     """Return the mean of squared residuals with the weights of their own distribution."""
     some = squares if len(squares) > FEWEST_PIXELS else otherwise
     mean = float(np.median(some)) / NORMAL_QUARTILE**2
@@ -107,7 +111,7 @@ def _mean_square(squares: FloatArray, otherwise: FloatArray) -> float:
         mean = float(np.mean(some))
     for _ in range(WEIGHINGS):
         mean = max(mean, 1e-300)
-        mean = float(np.mean(some * ((TAIL_FREEDOM + 1.0) / OF_NORMAL / (TAIL_FREEDOM + some / mean))))
+        mean = float(np.mean(weighed(some, mean)))
     return max(mean, 1e-300)
 
 
@@ -123,21 +127,22 @@ def _components(squares: FloatArray, variance: FloatArray, parts: FloatArray) ->
 
 
 SQUARES_PX = (4, 8, 16, 32)
-"""Sides of the squares over which residuals are summed: scales of clouds and of charge spread."""
+"""Sides of the squares over which residuals are summed, in spacings of the pixels: scales of clouds and of charge
+spread."""
 LEAST_COMMON, SURELY_COMMON = 1.1, 1.3
 """Range of the factor in which correlation comes to count; independent residuals have 1.0 to 1.1. A ramp, since a step
 would displace the nadir."""
 
 
-def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, side_px: float = 1.0) -> float:
+def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, spacing_px: float) -> float:
     """Return how much larger the variance of residual sums over squares is than of independent ones, at least 1.
 
-    ``columns``, ``rows``, ``in_sigmas``: shape (n,); ``side_px``: of the area that one residual is the mean of. The
-    square size is the one at which the ratio is largest.
+    ``columns``, ``rows``, ``in_sigmas``: shape (n,); ``spacing_px``: mean distance of the residuals. The square size is
+    the one at which the ratio is largest.
     """
     most = 1.0
     for side in SQUARES_PX:
-        column, row = ((part / (side * side_px)).astype(np.intp) for part in (columns, rows))
+        column, row = ((part / (side * spacing_px)).astype(np.intp) for part in (columns, rows))
         square = row * (int(column.max()) + 1) + column
         sums, count = np.bincount(square, in_sigmas), np.bincount(square)
         full = count > side
@@ -146,8 +151,8 @@ def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, sid
     return 1.0 + counts * (most - 1.0)
 
 
-LEAST_SHARE, MOST_SHARE = 0.01, 0.99
-"""Range of the share of dark pixels at the floor: fewer lose nothing, more determine nothing."""
+LEAST_SHARE = 0.01
+"""Smallest share of dark pixels at the floor, and above it: fewer lose nothing, and determine nothing."""
 FEWEST = 50
 """Dark pixels: the share is then known to a seventh, and so the noise."""
 ROUNDS = 20
@@ -182,7 +187,7 @@ def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
         return None
     share = float(np.mean(dark <= lowest))
     mean = float(np.mean(dark)) - lowest
-    if not (LEAST_SHARE < share < MOST_SHARE and mean > 0.0):
+    if not (LEAST_SHARE < share < 1.0 - LEAST_SHARE and mean > 0.0):
         return None
     below, sigma = float(ndtri(share)), mean
     for _ in range(ROUNDS):

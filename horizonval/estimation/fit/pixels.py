@@ -26,6 +26,7 @@ px. It changes slowly along the limb and is evaluated at some positions only.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,28 +39,55 @@ from horizonval.geometry.rotation import cross
 
 @dataclass(frozen=True)
 class LimbAngle:
-    """Angle inside the limb, of n lines of sight.
+    """Angle inside the limb, of n lines of sight, and its derivatives, each computed when it is first needed.
 
-    ``delta``: shape (n,) [rad], positive inside. Derivatives: ``by_direction`` (3, n), line of sight in camera axes;
-    ``by_rotation`` (3, n), rotation vector in camera axes, ``cam_from_itrs`` becomes ``exp([theta x]) cam_from_itrs``;
-    ``by_position`` (3, n), Earth-fixed position [rad/m]; ``by_height`` (n,), limb height [rad/m].
+    ``delta``: shape (n,) [rad], positive inside. Of the symbols above, shape (3, n): ``los`` the lines of sight in
+    camera axes, ``scaled`` = ``d / s``, ``t``, ``q``; ``length``: shape (n,), of ``d / s``; ``p``, ``n``, ``axes``:
+    shape (3,); ``axes_cam``: shape (3, 3), the scaling and turn of camera axes.
     """
 
     delta: FloatArray
-    by_direction: FloatArray
-    by_rotation: FloatArray
-    by_position: FloatArray
-    by_height: FloatArray
+    los: FloatArray
+    scaled: FloatArray
+    length: FloatArray
+    t: FloatArray
+    q: FloatArray
+    p: FloatArray
+    axes_cam: FloatArray
+    axes: FloatArray
 
-    def take(self, which: NDArray[np.bool_]) -> LimbAngle:
+    def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> LimbAngle:
         """Return those of some lines of sight."""
-        return LimbAngle(
-            self.delta[which],
-            self.by_direction[:, which],
-            self.by_rotation[:, which],
-            self.by_position[:, which],
-            self.by_height[which],
-        )
+        rows = self.delta, self.los, self.scaled, self.length, self.t, self.q
+        delta, los, scaled, length, t, q = (one[..., which] for one in rows)
+        return LimbAngle(delta, los, scaled, length, t, q, self.p, self.axes_cam, self.axes)
+
+    @cached_property
+    def by_direction(self) -> FloatArray:
+        """Derivative by the line of sight in camera axes, shape (3, n)."""
+        return self.axes_cam @ (self.t / self.length)
+
+    @cached_property
+    def by_rotation(self) -> FloatArray:
+        """Derivative by the turn ``theta`` in camera axes, ``exp([theta x]) cam_from_itrs``, shape (3, n)."""
+        return np.array(cross(self.by_direction, self.los))
+
+    @cached_property
+    def by_position(self) -> FloatArray:
+        """Derivative by the Earth-fixed position [rad/m], shape (3, n)."""
+        return self._by_scaled / self.axes[:, None]
+
+    @cached_property
+    def by_height(self) -> FloatArray:
+        """Derivative by the limb's height [rad/m], shape (n,)."""
+        along = np.einsum("ij,ij->j", self.scaled / self.axes[:, None], self.t) / self.length
+        return -((self.p / self.axes) @ self._by_scaled) - along
+
+    @cached_property
+    def _by_scaled(self) -> FloatArray:
+        size_2 = float(self.p @ self.p)
+        outwards = -self.p / (size_2 * np.sqrt(size_2 - 1.0))
+        return np.asarray(outwards[:, None] - self.q / np.sqrt(size_2))
 
 
 def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> LimbAngle:
@@ -73,30 +101,17 @@ def limb_angle(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArra
     size = float(np.sqrt(p @ p))
     if not size > 1.0:
         raise np.linalg.LinAlgError("the position lies below the limb")
-    k = float(np.sqrt((size - 1.0) * (size + 1.0)))
-    n = -p / size
-    scaled = (cam_from_itrs / axes_m).T @ los_cam
+    n = -p[:, None] / size
+    axes_cam = cam_from_itrs / axes_m
+    scaled = axes_cam.T @ los_cam
     length = np.sqrt(np.einsum("ij,ij->j", scaled, scaled))
     e = scaled / length
-    cosine = n @ e
-    t = n[:, None] - cosine * e
+    cosine = n[:, 0] @ e
+    t = n - cosine * e
     sine = np.maximum(np.sqrt(np.einsum("ij,ij->j", t, t)), 1e-300)
     t /= sine
-    delta = np.arctan2(1.0, k) - np.arctan2(sine, cosine)
-    by_scaled_direction = t / length
-    by_direction = (cam_from_itrs / axes_m) @ by_scaled_direction
-    q = (e - cosine * n[:, None]) / sine
-    by_scaled_position = n[:, None] / (size * k) - q / size
-    by_height = -((p / axes_m) @ by_scaled_position) - np.einsum(
-        "ij,ij->j", scaled / axes_m[:, None], by_scaled_direction
-    )
-    return LimbAngle(
-        delta=delta,
-        by_direction=by_direction,
-        by_rotation=np.array(cross(by_direction, los_cam)),
-        by_position=by_scaled_position / axes_m[:, None],
-        by_height=by_height,
-    )
+    delta = np.arctan2(1.0, np.sqrt((size - 1.0) * (size + 1.0))) - np.arctan2(sine, cosine)
+    return LimbAngle(delta, los_cam, scaled, length, t, (e - cosine * n) / sine, p, axes_cam, axes_m)
 
 
 SQUARE_PX = 8
@@ -178,18 +193,15 @@ def near_pixels(
     :func:`limb_angle`.
     """
     directions = pixel_directions(camera)
-    columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)
-    every = 1
-    if most is not None and len(columns) > most:
-        # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
-        every = 1 << int(np.log2(len(columns) / most))
-        chosen = (columns + rows * round(OBLIQUE * every)) % every == 0
-        columns, rows = columns[chosen], rows[chosen]
-    pixels = replace(_of_camera(directions, columns, rows), every=every)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        angle = limb_angle(pixels.los_cam, cam_from_itrs, r_itrs, axes_m)
-        x = angle.delta / image_scale(angle, pixels.by_column, pixels.by_row)
-        return pixels.take((x >= -outside_px) & (x <= inside_px))
+    limb = cam_from_itrs, r_itrs, axes_m
+    columns, rows, scale, every = _squares(camera, *limb, outside_px + REACH_PX, inside_px + REACH_PX, most)
+    with np.errstate(invalid="ignore"):
+        x = limb_angle(directions[rows, columns].T, *limb).delta / scale
+        near = np.flatnonzero((x >= -outside_px) & (x <= inside_px))
+    pixels = replace(_of_camera(directions, columns[near], rows[near]), every=every)
+    # A neighbour outside the image circle has no direction.
+    whole = np.isfinite(pixels.by_column.sum(axis=0) + pixels.by_row.sum(axis=0))
+    return pixels if whole.all() else pixels.take(whole)
 
 
 def in_view(
@@ -207,14 +219,19 @@ def in_view(
 
 
 def _squares(
-    directions: FloatArray,
+    camera: CameraModel,
     cam_from_itrs: FloatArray,
     r_itrs: FloatArray,
     axes_m: FloatArray,
     outside_px: float,
     inside_px: float,
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return columns and rows of the pixels of all squares whose middle lies within a distance of the limb."""
+    most: int | None,
+) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray, int]:
+    """Return columns, rows and image scale [rad/px] of the pixels of all squares whose middle is near the limb.
+
+    Of more than ``most`` pixels there is one in a number, which is the last that is returned.
+    """
+    directions = pixel_directions(camera)
     height, width = directions.shape[:2]
     middle, before = SQUARE_PX // 2, SQUARE_PX // 2 - 1
     column = np.minimum(np.arange(0, width, SQUARE_PX) + middle, width - 1)
@@ -224,15 +241,24 @@ def _squares(
     below = directions[np.maximum(row - before, 0)[:, None], column[None, :]].reshape(-1, 3).T
     with np.errstate(invalid="ignore", divide="ignore"):
         angle = limb_angle(np.ascontiguousarray(centre), cam_from_itrs, r_itrs, axes_m)
-        far = angle.delta / image_scale(angle, (centre - right) / before, (centre - below) / before)
+        scale = image_scale(angle, (centre - right) / before, (centre - below) / before)
+        far = angle.delta / scale
         # A square whose centre sees nothing may still hold pixels at the edge of the image circle.
         some = np.flatnonzero(~((far > inside_px) | (far < -outside_px)))
-    offset = np.arange(SQUARE_PX, dtype=np.intp)
-    corner_row, corner_column = np.divmod(some, len(column))
-    rows = (corner_row[:, None, None] * SQUARE_PX + offset[None, :, None]).repeat(SQUARE_PX, axis=2).ravel()
-    columns = (corner_column[:, None, None] * SQUARE_PX + offset[None, None, :]).repeat(SQUARE_PX, axis=1).ravel()
-    in_image = (columns < width) & (rows < height)
-    return columns[in_image], rows[in_image]
+    scale = np.nan_to_num(scale[some], nan=1.0 / max(camera.fx, camera.fy))
+    # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
+    pixels = len(some) * SQUARE_PX**2
+    every = 1 if most is None or pixels <= most else 1 << int(np.log2(pixels / most))
+    line = round(OBLIQUE * every)
+    in_row, in_column = np.divmod(np.arange(SQUARE_PX**2), SQUARE_PX)
+    chosen = (in_column + in_row * line) % min(every, SQUARE_PX) == 0
+    rows, columns = (
+        (corner[:, None] * SQUARE_PX + offset[chosen]).ravel()
+        for corner, offset in zip(np.divmod(some, len(column)), (in_row, in_column), strict=True)
+    )
+    scale = scale.repeat(np.count_nonzero(chosen))
+    chosen = (columns < width) & (rows < height) & ((columns + rows * line) % every == 0)
+    return columns[chosen], rows[chosen], scale[chosen], every
 
 
 def limb_bend(

@@ -29,10 +29,12 @@ from horizonval.renderer.thermal.emission_table import (
     ThermalAir,
     ThermalView,
     WarmKind,
+    axes_for,
     columns_for,
     ground_values,
     lagrange,
     limb_values,
+    nodes_for,
 )
 from horizonval.renderer.types import Values, Vec, indices_where, inverse_root
 
@@ -90,13 +92,14 @@ class ThermalFrame:
         view: FrameGeometry,
         cells: Cells,
         emission: GroundEmission,
-        top_m: float,
+        airs: Sequence[ThermalAir],
         nodes: int,
         accuracy: float,
     ) -> ThermalFrame:
-        """Look where all rays end."""
+        """Look where all rays end; ``airs``: of all bands, with the same layers of thin cloud."""
         origin = np.array([float(c[0]) for c in view.origin])
-        coordinates = RayCoordinates.of(view.planet, origin, top_m)
+        layered = any(len(air.band.layers) for air in airs)
+        coordinates = axes_for(RayCoordinates.of(view.planet, origin, airs[0].top_m), accuracy, layered)
         clouds = view.ground.model.clouds if view.ground is not None else None
         layer_m = None if clouds is None else clouds.top_m + ABOVE_TOPS_M
 
@@ -125,8 +128,9 @@ class ThermalFrame:
     def parts(self, air: ThermalAir) -> Iterator[tuple[mi.UInt32, mi.Float64, mi.Float64]]:
         """Yield ``(slots of cells, share of each, radiance)`` of all that shines in a band; each cell once in each."""
         cells = self.cells
-        columns = columns_for(self.coordinates, air.band)
-        band = ThermalView(air, self.coordinates, columns, self.nodes, self.layer_m)
+        columns = columns_for(self.coordinates, air.band, self.accuracy)
+        nodes = nodes_for(self.nodes, self.accuracy)
+        band = ThermalView(air, self.coordinates, columns, nodes, self.layer_m)
         clear = self._marched(air) if self.view.gap_maps else self._looked_up(band)
         if self.ground is not None:
             radiance = mixed(clear(self.ground), air.kinds, self.ground.ends)

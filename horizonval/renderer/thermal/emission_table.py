@@ -18,6 +18,8 @@ A cloud of emissivity e in front of a ray of radiance L gives ``P + e Q + (1 - e
 Tables depend neither on where the camera looks nor on the Sun or the time of day: they serve all frames from a
 position, and grow where frames need them (:mod:`horizonval.renderer.tables`). Rows are even: the air's profile bends
 at heights that are the same all around, so that refined patches would need five times the rays for the same error.
+``render.accuracy`` sets rows, azimuths and evaluations along rays together (:func:`axes_for`, :func:`columns_for`,
+:func:`nodes_for`).
 
 **The ends of rays.** Ground of temperature T and emissivity e sends ``sum over g of through_g [e_g S_g(T) + (1 - e_g)
 sky_g]`` along a ray. Water mirrors: its sky is the air along the reflected ray. For all else sky_g is the mean radiance
@@ -178,9 +180,16 @@ class GroundSource:
 
 TEMPERATURE_ERROR = 2e-5
 STATIONS, STATION_STEPS = 80, 1
-COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 33
+USUAL_ACCURACY = 1e-3
+"""Share of the bright limb for which the numbers below are."""
+LIMB_ROWS, GROUND_ROWS = 160, 64
+CROWDED_ROWS = 512
+"""Of the limb where layers of thin cloud have edges, and of the sky around a camera inside the air."""
+STEP_SHARE = 0.75
+"""Evaluations along rays of tables, as a share of those that a scene asks for."""
+COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 24
 """Azimuths over half a circle: through air that is the same everywhere, and through air that is not."""
-COLUMNS_PER_RAD = 82.0
+COLUMNS_PER_RAD = 60.0
 """The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
 MAP_COLUMNS = 5
 """Times the azimuths of half a circle, all round through columns on a map, at each of which the air bends."""
@@ -214,7 +223,8 @@ class ThermalAir:
         digest = content_digest(
             replace(band, name=""), replace(emission, cloud_emissivity=0.0), refraction, mi.variant()
         )
-        return cls(band, emission, columns.top_m, list(columns.batches()), GroundSource(band, emission), digest)
+        batches = list(columns.batches(single=True))
+        return cls(band, emission, columns.top_m, batches, GroundSource(band, emission), digest)
 
     def under(self, maps: Sequence[GapMap | None]) -> ThermalAir:
         """Return the air with the gaps of its layers, by the maps of all layers."""
@@ -261,13 +271,30 @@ def lagrange(t: Number, nodes: Sequence[Number] | FloatArray) -> list[Number]:
     return out
 
 
-def columns_for(coordinates: RayCoordinates, band: EmittingBand) -> int:
+def axes_for(coordinates: RayCoordinates, accuracy: float, layered: bool) -> RayCoordinates:
+    """Return coordinates with as many rows as an accuracy needs; ``layered``: through layers of thin cloud."""
+    finer = (USUAL_ACCURACY / accuracy) ** 0.25
+    limb = CROWDED_ROWS if layered or coordinates.inside else LIMB_ROWS
+    return replace(
+        coordinates,
+        ground=replace(coordinates.ground, count=math.ceil(GROUND_ROWS * finer)),
+        limb=replace(coordinates.limb, count=math.ceil(limb * finer)),
+    )
+
+
+def columns_for(coordinates: RayCoordinates, band: EmittingBand, accuracy: float = USUAL_ACCURACY) -> int:
     """Return how many azimuths a table has over half a circle, or all round where the air varies with longitude."""
     if band.is_uniform:
         return COLUMNS_ALIKE
     horizon_rad = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
     half = max(1 + math.ceil(COLUMNS_PER_RAD * horizon_rad), FEWEST_COLUMNS)
+    half = math.ceil(half * math.sqrt(USUAL_ACCURACY / accuracy))
     return half if band.column_map is None else MAP_COLUMNS * (half - 1)
+
+
+def nodes_for(nodes: int, accuracy: float = USUAL_ACCURACY) -> int:
+    """Return the evaluations along rays of a table, of those that a scene asks for."""
+    return max(2 * math.ceil(0.5 * STEP_SHARE * nodes * (USUAL_ACCURACY / accuracy) ** (1.0 / 3.0)), 16)
 
 
 @dataclass(frozen=True)
@@ -333,7 +360,7 @@ class ThermalView:
 
     def _key(self, *kind: object) -> str:
         c = self.coordinates
-        return content_digest("thermal", *kind, self.air.digest, c.origin, c.planet, self.columns, self.nodes)
+        return content_digest("thermal", *kind, self.air.digest, c, self.columns, self.nodes)
 
     def values(self, to_ground: bool) -> NodeValues:
         """Return what makes nodes of :class:`BandTables`."""

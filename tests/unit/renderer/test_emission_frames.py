@@ -33,12 +33,13 @@ CLOUDS = {"cover": 0.6, "top_km": 12.0, "mean_top_km": 8.0}
 def _view(air: OpticalModel, origin: FloatArray, nodes: int = 256, layer_m: float | None = None) -> Any:
     from horizonval.renderer.kernel.frame_geometry import RayCoordinates
     from horizonval.renderer.planet import Planet
-    from horizonval.renderer.thermal.emission_table import ThermalAir, ThermalView, columns_for
+    from horizonval.renderer.thermal.emission_table import ThermalAir, ThermalView, axes_for, columns_for
 
     b = air.thermal[0]
     assert air.emission is not None
     thermal = ThermalAir.of(b, air.emission)
     coordinates = RayCoordinates.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
+    coordinates = axes_for(coordinates, 1e-3, layered=False)
     return ThermalView(thermal, coordinates, columns_for(coordinates, b), nodes, layer_m)
 
 
@@ -71,19 +72,20 @@ def _looked(view: Any, o: Any, d: Any, to_ground: bool) -> Any:
     ],
 )
 def test_tables_say_what_the_march_says(table: dict[str, Any], altitude_m: float, spectrum: dict[str, Any]) -> None:
-    """1e-3 of the local radiance where it exceeds 1e-3 of the brightest, a third of that for 29 rays of 30.
+    """2e-3 of the bright limb at worst and a median of 4e-4, among rays that crowd where radiance bends.
 
-    2e-3 from a geostationary orbit, where two climates meet along the limb; 1.5 times as much in weather, which bends
-    at every column. A quarter of the rays passes within 2 km of the hard limb, as many near 16 km.
+    A quarter of them passes within 2 km of the hard limb, as many near 16 km. 5e-3 from a geostationary orbit, where
+    two climates meet along the limb, and from a balloon, around which the steps are long.
     """
     from horizonval.renderer.rays import thermal_radiance
     from horizonval.renderer.tables import vectors
+    from horizonval.renderer.thermal.emission_table import nodes_for
 
-    most = (2e-3 if altitude_m > 1e7 else 1e-3) * (1.5 if table is WEATHER else 1.0)
+    most = 2e-3 if 1e5 < altitude_m < 1e7 else 5e-3
     air = replace(optical_model(scene(**table), camera(spectrum)), refractivity=None)
     latitude = np.radians(20.0)
     origin = (WGS84.a_m - 2e3 + altitude_m) * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
-    view = _view(air, origin)
+    view = _view(air, origin, nodes_for(128))
     coordinates = view.coordinates
     rng = np.random.default_rng(np.random.SeedSequence(5))
     height = np.concatenate([rng.uniform(0, 2e3, 100), rng.uniform(14.5e3, 17e3, 100), rng.uniform(0, 90e3, 200)])
@@ -93,17 +95,17 @@ def test_tables_say_what_the_march_says(table: dict[str, Any], altitude_m: float
         below = np.arccos(WGS84.a_m / radius) - dip
         height = np.concatenate([below, rng.uniform(0.0, coordinates.limb.most, 100)])
     grazing = np.concatenate([rng.uniform(0.0, 0.03, 100), rng.uniform(0.0, np.pi / 2, 200)])
+    bright = 0.0
     for to_ground, v in ((False, height), (True, grazing)):
         azimuth = rng.uniform(-np.pi, np.pi, len(v))
         d = coordinates.directions(v, azimuth, to_ground)
-        direct = thermal_radiance(air, WGS84.a_m, np.tile(origin, (len(v), 1)), d, polar_radius_m=WGS84.b_m, nodes=256)[
+        direct = thermal_radiance(air, WGS84.a_m, np.tile(origin, (len(v), 1)), d, polar_radius_m=WGS84.b_m, nodes=512)[
             "b"
         ]
-        looked = np.array(_looked(view, vectors(origin[None, :]), vectors(d), to_ground))
-        bright = direct > 1e-3 * direct.max()
-        assert bright.sum() > 200
-        assert looked[bright] == pytest.approx(direct[bright], rel=most)
-        assert np.quantile(np.abs(looked[bright] / direct[bright] - 1.0), 29 / 30) < most / 3
+        bright = bright or direct.max()
+        error = np.abs(np.array(_looked(view, vectors(origin[None, :]), vectors(d), to_ground)) - direct) / bright
+        assert error.max() < most
+        assert np.median(error) < most / 5
 
 
 @pytest.mark.parametrize("opacity_per_m", [1e-7, 1e-5, 1e-2])

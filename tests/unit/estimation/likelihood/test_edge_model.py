@@ -10,8 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.fit.edge_pixels import relief_modes
-from horizonval.estimation.fit.levels import eliminated, solve_levels
-from horizonval.estimation.fit.light import PIXEL_VARIANCE, LightNoise, edge_profile, light_basis, light_noise
+from horizonval.estimation.fit.light import (
+    PIXEL_VARIANCE,
+    edge_profile,
+    eliminated,
+    light_basis,
+    light_noise,
+    solve_levels,
+)
 from horizonval.estimation.fit.pixels import image_scale, limb_angle, limb_bend, near_pixels
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.start import position_from_limb
@@ -245,19 +251,6 @@ def test_modes_make_the_relief() -> None:
     assert len(modes) < len(nodes)
 
 
-def _noise(basis: np.ndarray, values: np.ndarray, sectors: int) -> tuple[LightNoise, np.ndarray]:
-    """The noise by the residuals of levels, by whose weights the levels are solved for again."""
-    weights, none = np.ones(len(values)), np.empty((2, 0), dtype=np.intp)
-    for _ in range(3):
-        levels = solve_levels(basis, values, weights, sectors)
-        residuals = values - levels.of_pixels(basis)
-        noise = light_noise(
-            values, residuals, basis, levels.of_sector, none, np.ones(len(values)), rounding_variance(values)
-        )
-        weights = noise.weights(residuals)
-    return noise, residuals
-
-
 @pytest.mark.parametrize("night", [0, 6, 8])
 def test_black_night_is_not_read_as_noise_of_the_earth(night: int) -> None:
     """Eight bits of space and night are exactly black: as noise of the Earth it made all that clouds do an outlier."""
@@ -266,7 +259,8 @@ def test_black_night_is_not_read_as_noise_of_the_earth(night: int) -> None:
     edge = edge_profile(x, 0.75, None).level
     lit = np.arange(4000) >= 400 * night
     values = np.rint(lit * edge * np.maximum(rng.normal(120.0, 12.0, 4000), 0.0))
-    noise, residuals = _noise(light_basis(edge, x, along), values, 10)
+    basis, places = light_basis(edge, x, along), np.array([400.0 * along + 200.0, x + 10.0])
+    noise, _ = light_noise(basis, places, values, np.ones(4000), 10, rounding_variance(values))
     # By chance: three standard deviations of a variance of so many pixels.
     assert noise.parts[1] == pytest.approx(12.0**2, rel=3.0 * np.sqrt(2.0 / np.sum(lit & (edge > 0.9))))
-    assert np.median(noise.weights(residuals)[lit & (edge > 0.9)]) > 0.5 / 12.0**2
+    assert np.median(1.0 / noise.variance[lit & (edge > 0.9)]) > 0.5 / 12.0**2

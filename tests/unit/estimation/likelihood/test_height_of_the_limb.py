@@ -20,7 +20,6 @@ from horizonval.estimation.fit.heights import (
     lengths_along,
 )
 from horizonval.estimation.fit.known import ArcPlaces, LimbHeights, LimbKnowledge, sphere_knowledge
-from horizonval.estimation.fit.levels import solve_levels
 from horizonval.estimation.fit.light import edge_profile, light_basis, light_noise
 from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.estimation.guard.guard import guarded
@@ -182,12 +181,10 @@ def test_a_space_of_one_level_is_not_known_for_sure() -> None:
     x = np.tile(np.linspace(-12.0, 8.0, 81), 24)
     edge = edge_profile(x, 0.8).level
     values = np.rint(10.0 + 100.0 * edge + rng.normal(0.0, 2.0, len(x)) * (edge > 0.01))
-    basis, none = light_basis(edge, x, np.zeros_like(x)), np.empty((2, 0), dtype=np.intp)
-    levels = solve_levels(basis, values, np.ones(len(x)), 1)
-    residuals = values - levels.of_pixels(basis)
-    noise = light_noise(values, residuals, basis, levels.of_sector, none, np.ones(len(x)), rounding_variance(values))
+    basis, places = light_basis(edge, x, np.zeros_like(x)), np.array([np.repeat(np.arange(24.0), 81), x + 12.0])
+    noise, _ = light_noise(basis, places, values, np.ones(len(x)), 1, rounding_variance(values))
     assert noise.parts[1] == pytest.approx(4.0, rel=0.2)
-    assert noise.weights(residuals).max() < 1.3e3 / noise.parts[1]
+    assert (1.0 / noise.variance).max() < 1.3e3 / noise.parts[1]
 
 
 def test_a_limb_that_is_all_saturated_is_refused() -> None:
