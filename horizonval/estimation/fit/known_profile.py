@@ -36,8 +36,7 @@ from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import ProfileKnowledge
 from horizonval.estimation.fit.profile_pixels import NoLimbError, ray_height
 from horizonval.estimation.fit.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
-from horizonval.estimation.limb.finder import picture_of
-from horizonval.estimation.limb.picture import Picture, pixel_directions
+from horizonval.estimation.limb.picture import Picture, picture_of, pixel_directions
 from horizonval.estimation.observation import Lens, Observation
 from horizonval.estimation.prior import BY_LATITUDE_MONTH, GAIN_SIGMA
 from horizonval.geometry.camera import CameraModel
