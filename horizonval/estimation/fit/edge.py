@@ -49,8 +49,8 @@ LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 MOST_ROOM = 0.5
 """Largest share of the blur's variance that makes room for a scale height in one step."""
 HELD = 30.0
-"""Ratio of the prior standard deviations of blur and scale height to those until the noise was estimated at a better pose than the start's: a
-limb out of its place looks soft."""
+"""Ratio of the prior standard deviations of blur and scale height to those until the noise was estimated at a better
+pose than the start's: a limb out of its place looks soft."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1

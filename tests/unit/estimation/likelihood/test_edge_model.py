@@ -14,8 +14,8 @@ from horizonval.estimation.fit.light import (
     PIXEL_VARIANCE,
     edge_profile,
     eliminated,
-    light_basis,
     levels_information,
+    light_basis,
     light_noise,
     solve_levels,
 )
