@@ -254,10 +254,10 @@ class _Search:
             for one in self._proposed(number):
                 if any(one.same(other) for other in known):
                     continue
-                found, finest = self._followed(one, self.coarse or 0), 0
+                found, finest = self._followed(one, self._last(one)), 0
                 if not any(found.same(other) for other in known):
                     verdict = self._judged(found)
-                    if isinstance(verdict, Refusal) and self.coarse:
+                    if isinstance(verdict, Refusal) and self.coarse and self._at_sectors(found):
                         found = self._followed(found, 0)
                         verdict = self._judged(found)
                     verdicts.append((found.evidence.score, verdict))
@@ -373,9 +373,17 @@ class _Search:
             seen = np.asarray(np.isfinite(los).all(axis=1))
         return uv[seen], los[seen]
 
+    def _last(self, found: _Candidate) -> int:
+        """Return the number of the level that the search for a curve ends at.
+
+        Discs that the image holds as a whole are far away: all of their unknowns lie within some pixels.
+        """
+        wide = found.rho_rad * self.camera.fx > 0.5 * min(self.camera.width, self.camera.height)
+        return 0 if self.coarse is None or not wide else self.coarse
+
     def _at_sectors(self, found: _Candidate) -> bool:
         """Whether the places of a curve's sectors are enough for a coarse search."""
-        return self.coarse is not None and found.number >= self.coarse
+        return self.coarse is not None and self._last(found) == self.coarse <= found.number
 
     def _grain(self, found: _Candidate) -> float:
         """Return the standard deviation of a pixel's noise inside a curve: of differences of neighbours, half."""
