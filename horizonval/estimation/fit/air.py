@@ -51,6 +51,7 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.fit.heights import correlations, everywhere, lengths_along
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.templates import LimbTemplates
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.rotation import off_axis_angle
 
 LEFT_OUT = 1e-4
@@ -65,11 +66,12 @@ LEAST_BUMP = 3e-3
 LEAST_LEFT = 5e-5
 """Smallest residual sigma relative to the maximum: half a step of the tables' 8 bits."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
-EARTH_RADIUS_M = 6.371e6
 POLE_ITRS = np.array([0.0, 0.0, 1.0])
 LEAST_APART = 0.15
 """Size, relative to a mode's standard deviation, below which its second part is neglected: it moves the nadir by 0.01
 of its sigma."""
+MAIN = ("limb", "end")
+"""Kinds of the functions that move a limb most: modes at the lowest points and the ends of lines. They come first."""
 LEFT_LENGTH_RAD = 0.1
 """Correlation length along the limb of what the modes leave: between clouds and air."""
 
@@ -93,6 +95,18 @@ class NodeAir:
     lengths_rad: FloatArray
     neglected: FloatArray
     waves: tuple[FloatArray, ...] = ()
+
+    @property
+    def few(self) -> NodeAir:
+        """The same air with its modes alone."""
+        count = sum(kind in MAIN for kind, _ in self.names)
+        return replace(
+            self,
+            functions=self.functions[:, : 1 + count],
+            names=self.names[:count],
+            lengths_rad=self.lengths_rad[:, :count],
+            waves=self.waves[:count],
+        )
 
     @cached_property
     def wave(self) -> FloatArray:
@@ -191,7 +205,7 @@ def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
     """
     bright = mean >= 0.5 * mean.max(axis=1)[:, None]
     source_m = height_m[len(height_m) - 1 - np.argmax(bright[:, ::-1], axis=1)]
-    return np.asarray(np.sqrt(np.maximum(2.0 * (source_m[:, None] - height_m) / EARTH_RADIUS_M, 0.0)))
+    return np.asarray(np.sqrt(np.maximum(2.0 * (source_m[:, None] - height_m) / MEAN_RADIUS_M, 0.0)))
 
 
 def alike_at_ends(height_m: FloatArray, mean: FloatArray, along_rad: FloatArray) -> FloatArray:
@@ -200,15 +214,14 @@ def alike_at_ends(height_m: FloatArray, mean: FloatArray, along_rad: FloatArray)
     return np.asarray(np.exp(-0.5 * (away[:, None] / along_rad[:, :, None]) ** 2))
 
 
-def wave_of(covariance: FloatArray) -> FloatArray:
-    """Return the square root (m, j) of a covariance (m, m), with as many columns as it needs."""
-    variances, vectors = np.linalg.eigh(covariance)
-    variances, vectors = np.maximum(variances[::-1], 0.0), vectors[:, ::-1]
-    kept = int(np.searchsorted(np.cumsum(variances), (1.0 - LEFT_OUT) * variances.sum())) + 1
-    return np.asarray(vectors[:, :kept] * np.sqrt(variances[:kept]))
-
-
-Name = tuple[Hashable, tuple[str, int]]
+def waves_of(covariances: FloatArray) -> list[FloatArray]:
+    """Return the square roots (m, j) of covariances (k, m, m), each with as many columns as it needs."""
+    found = []
+    for variances, vectors in zip(*np.linalg.eigh(covariances), strict=True):
+        falling = np.maximum(variances[::-1], 0.0)
+        count = int(np.searchsorted(np.cumsum(falling), (1.0 - LEFT_OUT) * falling.sum())) + 1
+        found.append(np.asarray(vectors[:, ::-1][:, :count] * np.sqrt(falling[:count])))
+    return found
 
 
 @dataclass(frozen=True)
@@ -216,61 +229,54 @@ class CommonAir:
     """The air of all images of a shot.
 
     ``images``: air of each, with the common waves at its nodes; ``columns``: indices of each image's unknowns among the
-    common ones; ``waves``: by function, shape (nodes, unknowns) over the nodes of all images that have it; ``owners``:
-    those images, by function; ``count``: number of unknowns.
+    common ones; ``count``: number of these.
     """
 
     images: Sequence[NodeAir]
     columns: Sequence[NDArray[np.intp]]
-    waves: dict[Name, FloatArray]
-    owners: dict[Name, list[int]]
     count: int
 
-    def taken_over(self, before: CommonAir, unknowns: FloatArray) -> FloatArray:
-        """Return the unknowns whose coefficients along the limbs are nearest to those of other nodes and grids."""
-        known = [
-            dict(zip(air.names, air.coefficients(unknowns[at])[:, 1:].T, strict=True))
-            for air, at in zip(before.images, before.columns, strict=True)
-        ]
-        found = []
-        for name, wave in self.waves.items():
-            said = []
-            for image in self.owners[name]:
-                values = known[image].get(name[1], np.zeros(2))
-                places = np.linspace(0.0, 1.0, len(self.images[image].up_itrs))
-                said.append(np.interp(places, np.linspace(0.0, 1.0, len(values)), values))
-            found.append(wave.T @ np.concatenate(said) / np.maximum((wave**2).sum(axis=0), 1e-300))
-        return np.concatenate(found)
+    @cached_property
+    def few(self) -> CommonAir:
+        """The same air with its modes alone, whose unknowns are the first ones; all of a table without modes."""
+        images = [air.few for air in self.images]
+        if not all(air.names for air in images):
+            return self
+        columns = [at[: air.wave.shape[1]] for air, at in zip(images, self.columns, strict=True)]
+        return CommonAir(images, columns, 1 + max(int(at.max()) for at in columns))
 
 
 def common_air(airs: Sequence[NodeAir], tables: Sequence[Hashable]) -> CommonAir:
     """Combine the air of all images; those with equal ``tables`` share their functions, but for the optics' gain."""
-    owners: dict[Name, list[int]] = {}
-    for image, (air, table) in enumerate(zip(airs, tables, strict=True)):
-        for name in air.names:
-            owners.setdefault((image if name[0] == "gain" else table, name), []).append(image)
+    places: dict[Hashable, list[tuple[int, int]]] = {}
+    for main in (True, False):
+        for image, (air, table) in enumerate(zip(airs, tables, strict=True)):
+            for k, name in enumerate(air.names):
+                if (name[0] in MAIN) == main:
+                    places.setdefault((image if name[0] == "gain" else table, name), []).append((image, k))
+    # Functions of one length vary along the limb in the same way.
+    lengths = [np.concatenate([airs[i].lengths_rad[:, k] for i, k in of_one]) for of_one in places.values()]
+    keys = [(tuple(i for i, _ in of_one), one.tobytes()) for of_one, one in zip(places.values(), lengths, strict=True)]
     roots: dict[tuple[tuple[int, ...], bytes], FloatArray] = {}
-    waves: dict[Name, FloatArray] = {}
-    parts: list[dict[tuple[str, int], tuple[FloatArray, int]]] = [{} for _ in airs]
+    for seen_by in {images for images, _ in keys}:
+        different = {key: one for key, one in zip(keys, lengths, strict=True) if key[0] == seen_by}
+        up = np.concatenate([airs[i].up_itrs for i in seen_by])
+        covariances = correlations(np.stack(list(different.values()), axis=1), up, POLE_ITRS)
+        roots |= zip(different, waves_of(covariances), strict=True)
+    waves: list[dict[int, FloatArray]] = [{} for _ in airs]
+    columns: list[dict[int, NDArray[np.intp]]] = [{} for _ in airs]
     count = 0
-    for key, images in owners.items():
-        lengths = np.concatenate([airs[i].lengths_rad[:, airs[i].names.index(key[1])] for i in images])
-        same = (tuple(images), lengths.tobytes())
-        if same not in roots:
-            up = np.concatenate([airs[i].up_itrs for i in images])
-            roots[same] = wave_of(correlations(lengths[:, None], up, POLE_ITRS)[0])
-        waves[key] = wave = roots[same]
-        first = 0
-        for i in images:
+    for of_one, key in zip(places.values(), keys, strict=True):
+        wave, first = roots[key], 0
+        for i, k in of_one:
             last = first + len(airs[i].up_itrs)
-            parts[i][key[1]] = (wave[first:last], count)
+            waves[i][k], columns[i][k] = wave[first:last], count + np.arange(wave.shape[1])
             first = last
         count += wave.shape[1]
-    own, columns = [], []
-    for air, part in zip(airs, parts, strict=True):
-        own.append(replace(air, waves=tuple(part[name][0] for name in air.names)))
-        columns.append(np.concatenate([part[name][1] + np.arange(part[name][0].shape[1]) for name in air.names]))
-    return CommonAir(own, columns, waves, owners, count)
+    images = [
+        replace(air, waves=tuple(own[k] for k in range(len(air.names)))) for air, own in zip(airs, waves, strict=True)
+    ]
+    return CommonAir(images, [np.concatenate([own[k] for k in range(len(own))]) for own in columns], count)
 
 
 def _means(height_m: FloatArray, borders: FloatArray) -> csr_array:
@@ -365,7 +371,7 @@ class KnownAir:
 
     def _under_own_sun(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, curve: float) -> FloatArray:
         """Return means (m, h), every height's under the Sun of its own line's lowest point."""
-        turn = SUNLIT_M * np.sqrt(2.0 * curve / EARTH_RADIUS_M)
+        turn = SUNLIT_M * np.sqrt(2.0 * curve / MEAN_RADIUS_M)
         cosine, sine = np.cos(turn)[:, None, None], np.sin(turn)[:, None, None]
         normal, los = cosine * normal_cam - sine * los_cam, cosine * los_cam + sine * normal_cam
         means = self._templates.mean_at(*self._place(normal.reshape(-1, 3), los.reshape(-1, 3), pose))

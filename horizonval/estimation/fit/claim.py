@@ -24,7 +24,7 @@ from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.guard.knowledge import contradicted
-from horizonval.estimation.limb.picture import Picture, in_whole, smaller
+from horizonval.estimation.limb.picture import Picture, in_whole, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -36,8 +36,6 @@ FEWEST_OF_DISC = 6
 """Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
 KNOWN_SIGMAS = 2.0
 """Standard deviations of the scale height that a pixel covers where the limb's shape is known."""
-LEAST_PX = 32
-"""Smallest size of a reduced copy: two windows of the fit, and a limb that bends."""
 
 
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
@@ -159,10 +157,7 @@ def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) ->
     """
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
     deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
-    scale = 1
-    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
-        scale *= 2
-    return scale
+    return scale_as_deep(camera, pixel_m, deep_m)
 
 
 class PoseFit(Protocol):

@@ -79,9 +79,9 @@ DARKEST_SIGMA_RAD = 0.3
 """Standard deviation of the direction in which a disc is darkest, by a slope of a third of the levels' scatter."""
 STEP_PX = 0.5
 """Step of the limb in the image for differences of the image scale, which changes over a hundred pixels."""
-MOST_PIXELS = 3000
+MOST_PIXELS = 4000
 """Number of pixels and cells of an image from which it is fitted by cells."""
-CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 3.0
+CELL_PX, WIDE_CELL_PX, EDGE_PX = 0.5, 2.0, 4.0
 """Depth of cells at the edge and beside it, and how far the edge reaches. Half a pixel adds 0.02 px^2 to the blur's
 0.6, and its fourth moment changes the edge by less than 1e-4 of the step."""
 
@@ -199,7 +199,7 @@ class _Limb:
     @property
     def pixel_m(self) -> FloatArray:
         """Height that a pixel sees at each of the places on the limb."""
-        return np.asarray((self.scale / self.angle.by_height)[self.on_limb])
+        return np.asarray(self.scale[self.on_limb] / self.angle.take(self.on_limb).by_height)
 
     @cached_property
     def by_lens(self) -> FloatArray:
@@ -349,8 +349,9 @@ def _model(limb: _Limb, pose: LimbPose, heights: _Heights, known: EdgeKnown, sca
         lift_m=lift[order],
         modes=np.ascontiguousarray(modes[:, order]),
     )
-    by_all = [angle.by_rotation[:, some], angle.by_position[:, some], angle.by_height[None, some]]
-    return EdgeModel(pixels, known, np.concatenate([*by_all, limb.by_lens[:, some]]) / limb.scale[some])
+    angle = angle.take(some)
+    by_all = [angle.by_rotation, angle.by_position, angle.by_height[None], limb.by_lens[:, some]]
+    return EdgeModel(pixels, known, np.concatenate(by_all) / limb.scale[some])
 
 
 def _bend(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:

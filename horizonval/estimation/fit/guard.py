@@ -26,7 +26,7 @@ seen by any test of one image. An error of the altitude is seen only where the i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
@@ -43,7 +43,7 @@ from horizonval.estimation.fit.light import INSIDE_PX, OUTSIDE_PX, PIXEL_VARIANC
 from horizonval.estimation.fit.noise import NORMAL_QUARTILE, PixelNoise
 from horizonval.estimation.fit.pixels import gradient, in_view, limb_angle, near_pixels, pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.limb.picture import median, rounding_variance, smaller
+from horizonval.estimation.limb.picture import median, rounding_variance, scale_as_deep, smaller
 from horizonval.estimation.observation import Fit, Lens, Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -63,12 +63,8 @@ FEWEST_OF_PIECE = 50
 """Fewest pixels of a piece, of 160, where they are thinned."""
 MOST_PIXELS = 4000
 """Pixels of a large image that are looked at."""
-LEAST_PX = 32
-"""Smallest size of a copy with wider pixels: two windows, and a limb that bends."""
-HELD_STEPS, MOST_STEPS = 2, 12
-"""Steps of an edge's place and blur alone, and of all."""
-HELD = 1e6
-"""Inverse of the standard deviation that holds the softness."""
+MOST_STEPS = 12
+"""Steps to the place, the blur and the softness of an edge."""
 LEAST_WIDTH_PX = 0.3
 """Smallest blur with the pixel's own, which is 0.29 px."""
 LARGEST_STEP = (1.0, 0.4, 0.5)
@@ -86,13 +82,9 @@ BLUR_SIGMA = 0.08
 focus changes with temperature. At :data:`SIGMAS` a lens is taken for 1.5 times as soft."""
 UNSTATED_BLUR_SIGMA = 0.3
 """The same of a lens whose file states none."""
-AIR_BLUR_M = 7e3
-"""What air adds to the blur, being no exponential: its scale height."""
 CLOUDY_BLUR_PX = 1.0
 """The same at least in the infrared, where cirrus and the clouds below it make two limbs one above the other: 0.8 px
 with pixels of 20 km. Chosen: unknown blur of this size does no harm to the fits."""
-LEAST_BLUR_PX = 0.4
-"""Blur below which pixels hide a lens."""
 DIFFRACTION_BLUR = 0.45
 """Standard deviation of the Gaussian nearest to an aperture's spread, in wavelengths times f-number."""
 PLACED_PX = 3.0
@@ -232,12 +224,10 @@ def seen_edge(
     # Few pixels find the edge, all of them measure it.
     every = max(view.x.shape[1] // FEWEST_OF_PIECE, 1)
     few = _Pixels(view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
-    for number in range(MOST_STEPS):
-        held = number < HELD_STEPS
-        # A soft limb and a blurred one are alike from afar: the softness is held until the edge is in its place.
+    for _ in range(MOST_STEPS):
         before, look = now, few.look(now)
-        now = np.clip(now + look.step(HELD if held else known, scale_m / unit_m - now[2])[0], least, most)
-        if not held and (np.abs(now - before) < 0.2 * np.array(LARGEST_STEP)).all():
+        now = np.clip(now + look.step(known, scale_m / unit_m - now[2])[0], least, most)
+        if (np.abs(now - before) < 0.2 * np.array(LARGEST_STEP)).all():
             break
     all_of_them = _Pixels(view.values, view.x, unit_m * view.soft)
     all_of_them.look(now)
@@ -378,27 +368,23 @@ def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observatio
     return np.asarray(across @ brightest >= 0.0)
 
 
-def disturbed_pieces(view: LimbView, seen: SeenEdge, due: BoolArray, relief_m: float) -> BoolArray:
+def disturbed_pieces(seen: SeenEdge, due: BoolArray, relief_px: float) -> BoolArray:
     """Return which pieces have the limb away from their neighbours', or none between pieces that show it, shape (m,).
 
-    ``relief_m``: standard deviation of the limb's height along itself.
+    ``relief_px``: standard deviation of the limb's place along itself.
     """
     # Where the Sun may not light the limb, its edge may be the terminator, which departs from it by and by.
     due = minimum_filter1d(due, NEIGHBOURS, mode="nearest")
     shown = due & seen.shown
-    if np.count_nonzero(shown) < NEIGHBOURS:
-        return np.zeros(len(shown), dtype=bool)
-    numbers = np.flatnonzero(shown)
-    off = seen.off_px[numbers]
-    middle = median_filter(off, NEIGHBOURS, mode="nearest")
-    natural = np.hypot(MISPLACED_PX, relief_m / view.pixel_m)
-    sigmas = np.hypot(seen.off_sigmas[numbers], natural)
     away = np.zeros(len(shown), dtype=bool)
-    away[numbers] = np.abs(off - middle) > SIGMAS * sigmas
+    if np.count_nonzero(shown) < NEIGHBOURS:
+        return away
+    off = seen.off_px[shown]
+    sigmas = np.hypot(seen.off_sigmas[shown], np.hypot(MISPLACED_PX, relief_px))
+    away[shown] = np.abs(off - median_filter(off, NEIGHBOURS, mode="nearest")) > SIGMAS * sigmas
     # No edge where that of the neighbours would be seen at once: dark ground is a fraction of clouds, and not nothing.
-    expected = median_filter(np.maximum(seen.steps, 0.0), NEIGHBOURS, mode="nearest")
-    none = (seen.steps < DARKEST * expected) & (DARKEST * expected > seen.step_sigmas)
-    return np.asarray(away | (due & ~shown & none))
+    expected = DARKEST * median_filter(np.maximum(seen.steps, 0.0), NEIGHBOURS, mode="nearest")
+    return np.asarray(away | (due & ~shown & (seen.steps < expected) & (expected > seen.step_sigmas)))
 
 
 def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatArray) -> float:
@@ -445,7 +431,7 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
 
 def rival_pieces(image: FloatArray, camera: CameraModel, view: LimbView, seen: SeenEdge, air_px: float) -> BoolArray:
     """Return which pieces show a step like the limb's at another distance, out of reach of the air, shape (m,)."""
-    nearest_px = max(RIVAL_WIDTH_PX, air_px) + 2.0 * RIVAL_WIDTH_PX
+    nearest_px = max(RIVAL_WIDTH_PX, air_px) + RIVAL_WIDTH_PX
     # The image along lines across the middle of every piece, in strips as wide as the window.
     strips = int(2.0 * FARTHEST_RIVAL_PX / RIVAL_WIDTH_PX) + 3
     depth = (np.arange(RIVAL_WIDTH_PX * strips) - 0.5 * (RIVAL_WIDTH_PX * strips - 1))[:, None]
@@ -493,63 +479,57 @@ def examined(
     in_air: bool,
     points: FloatArray,
     uneven_px: float = 0.0,
+    by_pixels: bool = True,
 ) -> Verdict:
     """Return what the pixels about a fitted limb say of it.
 
     ``image``: shape (H, W), NaN where the fit had no pixels; ``ellipsoid``: of the planet; ``in_air``: whether the edge
     may be anywhere in the air above the pose's limb, or is at it; ``points``: shape (k, 2), for refusals;
-    ``uneven_px``: by how much the fit has the limb depart from the pose's.
+    ``uneven_px``: by how much the fit has the limb depart from the pose's; ``by_pixels``: whether the pose is of a fit
+    of the pixels, which blur and torn lines mislead, or of points.
     """
-    prior = observation.prior
-    pixel_m = pixel_at_limb_m(observation.camera, pose.r_itrs, float(ellipsoid.axes_m[0]))
-    scale = 1
-    camera = observation.camera
-    while scale * pixel_m < prior.limb_scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
-        scale *= 2
+    prior, camera = observation.prior, observation.camera
+    pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(ellipsoid.axes_m[0]))
+    # A limb that is many pixels deep is no edge in the image's own pixels.
+    scale = scale_as_deep(camera, pixel_m, prior.limb_scale_height_m)
     if scale > 1:
-        # A limb that is many pixels deep is no edge in the image's own pixels.
         image, camera = smaller(image, camera, scale)
+    pixel_m *= scale
     low, high = limb_height_m(observation.band_kind)
     axes = ellipsoid.axes_m + (0.0 if in_air else pose.height_m)
-    pixel_m *= scale
     # Height and softness of a limb are hard to tell apart: an edge may be found lower than the fit has it.
     between = (-high / pixel_m - PLACED_PX, (-low if in_air else high - low) / pixel_m + PLACED_PX)
-
-    def refused(outcome: Outcome, reason: str) -> Verdict:
-        return Verdict(Refusal(outcome, reason, points), np.zeros((0, 2)))
-
     lens = observation.lens or Lens()
-    own_px = prior.lens_blur_px / scale if lens.blur_px is None else max(lens.blur_px, LEAST_BLUR_PX) / scale
-    own_px = float(np.hypot(own_px, DIFFRACTION_BLUR * lens.diffraction_px / scale))
+    own_px = prior.lens_blur_px if lens.blur_px is None else lens.blur_px
+    own_px = float(np.hypot(own_px, DIFFRACTION_BLUR * lens.diffraction_px)) / scale
+
+    def tests() -> Iterator[Test]:
+        yield _lost(view, seen, due, observation.full_scale)
+        yield _rival(rival_pieces(image, camera, view, seen, (high - low) / view.pixel_m), due)
+        yield _misplaced(view, seen, due, between, uneven_px / scale)
+        if by_pixels:
+            yield _blurred(seen, lens, own_px, scale, thermal=observation.band_kind == "thermal")
+            yield _torn(view, seen)
+        if np.mean(disturbed) > MOST_LOST:
+            yield Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed"
+
     try:
         view = limb_view(image, camera, pose, axes, high / pixel_m)
         seen = seen_edge(view, own_px, prior.limb_scale_height_m, prior.limb_scale_height_sigma_m, between)
     except np.linalg.LinAlgError as e:
-        return refused(Outcome.NOT_CONVERGED, f"the limb that the claim predicts: {e}")
+        reason = f"the limb that the claim predicts: {e}"
+        return Verdict(Refusal(Outcome.NOT_CONVERGED, reason, points), np.zeros((0, 2)))
     due = due_pieces(view, seen, pose.nadir_cam, observation)
-    tests: tuple[Callable[[], Test], ...] = (
-        lambda: _lost(view, seen, due, observation.full_scale),
-        lambda: _rival(rival_pieces(image, camera, view, seen, (high - low) / view.pixel_m), due),
-        lambda: _misplaced(view, seen, due, between, uneven_px / scale),
-        lambda: _blurred(view, seen, lens, own_px, scale, thermal=observation.band_kind == "thermal"),
-        lambda: _torn(view, seen),
-    )
-    for test in tests:
-        if (found := test()) is not None:
-            return refused(*found)
-    relief_m = float(
-        np.hypot.reduce([0.0, *(one.sigma_m for one in reliefs(observation.band_kind, prior.limb_relief_m))])
-    )
+    known = [*reliefs(observation.band_kind, prior.limb_relief_m)]
     if prior.limb_relief_m is None:
-        clouds = CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL
-        relief_m = float(np.hypot(relief_m, clouds.sigma_m))
-    disturbed = disturbed_pieces(view, seen, due, float(np.hypot(relief_m, uneven_px / scale * pixel_m)))
-    if float(np.mean(disturbed)) > MOST_LOST:
-        return refused(Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed")
+        known.append(CLOUD_RELIEF_SOLAR if observation.band_kind == "solar" else CLOUD_RELIEF_THERMAL)
+    relief_px = float(np.linalg.norm([one.sigma_m for one in known])) / view.pixel_m
+    disturbed = disturbed_pieces(seen, due, float(np.hypot(relief_px, uneven_px / scale)))
+    refusal = next((Refusal(*test, points) for test in tests() if test is not None), None)
     # What stands before the limb rarely ends with a piece.
     hidden = maximum_filter1d(disturbed, 3, mode="nearest")
     borders = view.azimuth + view.first_rad
-    return Verdict(None, np.column_stack([borders[:-1], borders[1:]])[hidden])
+    return Verdict(refusal, np.column_stack([borders[:-1], borders[1:]])[hidden])
 
 
 Test = tuple[Outcome, str] | None
@@ -602,13 +582,12 @@ def _misplaced(
     return Outcome.AMBIGUOUS, f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
 
 
-def _blurred(view: LimbView, seen: SeenEdge, lens: Lens, own_px: float, scale: int, *, thermal: bool) -> Test:
-    """Test whether the edge is as wide as the lens makes it; ``own_px``: its blur in pixels ``scale`` as wide."""
+def _blurred(seen: SeenEdge, lens: Lens, own_px: float, scale: int, *, thermal: bool) -> Test:
+    """Test whether the edge is no wider than the lens makes it; ``own_px``: its blur in pixels ``scale`` as wide."""
     known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
     margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
-    air_px = AIR_BLUR_M / view.pixel_m
-    widest = np.hypot(margin * own_px * lens.ratios.max(), max(air_px, CLOUDY_BLUR_PX / scale if thermal else 0.0))
-    if seen.blur_px <= widest:
+    widest = margin * max(own_px * float(lens.ratios.max()), LEAST_WIDTH_PX)
+    if seen.blur_px <= np.hypot(widest, CLOUDY_BLUR_PX / scale if thermal else 0.0):
         return None
     stated = "" if lens.blur_px is not None else ", if its file states none (optics.psf_sigma_px)"
     blur, own = scale * seen.blur_px, scale * own_px

@@ -127,21 +127,22 @@ def _components(squares: FloatArray, variance: FloatArray, parts: FloatArray) ->
 
 
 SQUARES_PX = (4, 8, 16, 32)
-"""Sides of the squares over which residuals are summed: scales of clouds and of charge spread."""
+"""Sides of the squares over which residuals are summed, in spacings of the pixels: scales of clouds and of charge
+spread."""
 LEAST_COMMON, SURELY_COMMON = 1.1, 1.3
 """Range of the factor in which correlation comes to count; independent residuals have 1.0 to 1.1. A ramp, since a step
 would displace the nadir."""
 
 
-def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, side_px: float = 1.0) -> float:
+def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, spacing_px: float) -> float:
     """Return how much larger the variance of residual sums over squares is than of independent ones, at least 1.
 
-    ``columns``, ``rows``, ``in_sigmas``: shape (n,); ``side_px``: of the area that one residual is the mean of. The
-    square size is the one at which the ratio is largest.
+    ``columns``, ``rows``, ``in_sigmas``: shape (n,); ``spacing_px``: mean distance of the residuals. The square size is
+    the one at which the ratio is largest.
     """
     most = 1.0
     for side in SQUARES_PX:
-        column, row = ((part / (side * side_px)).astype(np.intp) for part in (columns, rows))
+        column, row = ((part / (side * spacing_px)).astype(np.intp) for part in (columns, rows))
         square = row * (int(column.max()) + 1) + column
         sums, count = np.bincount(square, in_sigmas), np.bincount(square)
         full = count > side
@@ -150,8 +151,8 @@ def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, sid
     return 1.0 + counts * (most - 1.0)
 
 
-LEAST_SHARE, MOST_SHARE = 0.01, 0.99
-"""Range of the share of dark pixels at the floor: fewer lose nothing, more determine nothing."""
+LEAST_SHARE = 0.01
+"""Smallest share of dark pixels at the floor, and above it: fewer lose nothing, and determine nothing."""
 FEWEST = 50
 """Dark pixels: the share is then known to a seventh, and so the noise."""
 ROUNDS = 20
@@ -186,7 +187,7 @@ def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
         return None
     share = float(np.mean(dark <= lowest))
     mean = float(np.mean(dark)) - lowest
-    if not (LEAST_SHARE < share < MOST_SHARE and mean > 0.0):
+    if not (LEAST_SHARE < share < 1.0 - LEAST_SHARE and mean > 0.0):
         return None
     below, sigma = float(ndtri(share)), mean
     for _ in range(ROUNDS):

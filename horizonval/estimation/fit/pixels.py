@@ -194,13 +194,7 @@ def near_pixels(
     """
     directions = pixel_directions(camera)
     limb = cam_from_itrs, r_itrs, axes_m
-    columns, rows, scale = _squares(camera, *limb, outside_px + REACH_PX, inside_px + REACH_PX)
-    every = 1
-    if most is not None and len(columns) > most:
-        # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
-        every = 1 << int(np.log2(len(columns) / most))
-        chosen = np.flatnonzero((columns + rows * round(OBLIQUE * every)) % every == 0)
-        columns, rows, scale = columns[chosen], rows[chosen], scale[chosen]
+    columns, rows, scale, every = _squares(camera, *limb, outside_px + REACH_PX, inside_px + REACH_PX, most)
     with np.errstate(invalid="ignore"):
         x = limb_angle(directions[rows, columns].T, *limb).delta / scale
         near = np.flatnonzero((x >= -outside_px) & (x <= inside_px))
@@ -231,8 +225,12 @@ def _squares(
     axes_m: FloatArray,
     outside_px: float,
     inside_px: float,
-) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
-    """Return columns, rows and image scale [rad/px] of the pixels of all squares whose middle is near the limb."""
+    most: int | None,
+) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray, int]:
+    """Return columns, rows and image scale [rad/px] of the pixels of all squares whose middle is near the limb.
+
+    Of more than ``most`` pixels there is one in a number, which is the last that is returned.
+    """
     directions = pixel_directions(camera)
     height, width = directions.shape[:2]
     middle, before = SQUARE_PX // 2, SQUARE_PX // 2 - 1
@@ -248,12 +246,19 @@ def _squares(
         # A square whose centre sees nothing may still hold pixels at the edge of the image circle.
         some = np.flatnonzero(~((far > inside_px) | (far < -outside_px)))
     scale = np.nan_to_num(scale[some], nan=1.0 / max(camera.fx, camera.fy))
-    offset = np.arange(SQUARE_PX, dtype=np.intp)
-    corner_row, corner_column = np.divmod(some, len(column))
-    rows = (corner_row[:, None, None] * SQUARE_PX + offset[None, :, None]).repeat(SQUARE_PX, axis=2).ravel()
-    columns = (corner_column[:, None, None] * SQUARE_PX + offset[None, None, :]).repeat(SQUARE_PX, axis=1).ravel()
-    in_image = (columns < width) & (rows < height)
-    return columns[in_image], rows[in_image], scale.repeat(SQUARE_PX**2)[in_image]
+    # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
+    pixels = len(some) * SQUARE_PX**2
+    every = 1 if most is None or pixels <= most else 1 << int(np.log2(pixels / most))
+    line = round(OBLIQUE * every)
+    in_row, in_column = np.divmod(np.arange(SQUARE_PX**2), SQUARE_PX)
+    chosen = (in_column + in_row * line) % min(every, SQUARE_PX) == 0
+    rows, columns = (
+        (corner[:, None] * SQUARE_PX + offset[chosen]).ravel()
+        for corner, offset in zip(np.divmod(some, len(column)), (in_row, in_column), strict=True)
+    )
+    scale = scale.repeat(np.count_nonzero(chosen))
+    chosen = (columns < width) & (rows < height) & ((columns + rows * line) % every == 0)
+    return columns[chosen], rows[chosen], scale[chosen], every
 
 
 def limb_bend(

@@ -40,15 +40,14 @@ from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
-from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of, blur_after
+from horizonval.estimation.fit.air import BUMP_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
+from horizonval.estimation.fit.blurred import AROUND, REACH_BLURS, BlurredProfiles, around_of
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile_pixels import (
     AXIS_CAM,
-    GROUP_PX,
     NoLimbError,
     ProfilePixels,
     level_distance,
@@ -57,6 +56,7 @@ from horizonval.estimation.fit.profile_pixels import (
 from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.rotation import off_axis_angle
@@ -65,20 +65,16 @@ BLUR, SHARPNESS, GAIN, BACKGROUND, OWN = 0, 1, 2, 3, 4
 """Places of an image's own unknowns (ln blur, sharpness, ln gain, background), and how many there are."""
 CLOUD_TOP_M = 16e3
 """Height of tropical cloud tops."""
-DEPTH_PX, TAPER_PX = 0.5, 0.5
-"""Depth of the window below the ground, at its middle, and the depth over which it ends. Lines that end farther before
+DEPTH_PX = 0.5
+"""Depth at which the window ends below the ground, and the depth over which it ends. Lines that end farther before
 the limb see other air, ground and clouds than those that pass it."""
+NEAR_PX = 0.5
+"""Way of the limb up to which pixels stay chosen: distances are then linear to a thousandth of a pixel."""
 SPACE_PX = 4.0
 """Smallest height of the window above the air."""
-GRID_RIMS = 2.0
-"""Extension of the height grid beyond the window, in rims: its ends are five blurs and a lift away."""
 FINEST_STEP_M, STEPS_PER_PIXEL = 400.0, 12.0
 """Step of the height grid: a twentieth of the air's scale height, or a seventh of the blur. Measured against 32 steps a
 pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: sampled lenses show waves of half a pixel."""
-SOME = 500
-"""Pixels that tell how far a step moves the limb: it moves evenly along it."""
-EDGE_BLURS = 2.5
-"""Distance from the table's ends, in blurs, within which pixels see beyond it."""
 LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
 """Largest step of the limb and of logarithms: two scale heights of the air or some pixels, the range of the
 derivatives."""
@@ -124,7 +120,8 @@ class ProfileLook:
     """Predicted pixels, shape (n,) each.
 
     ``own``: shape (4,), the image's own unknowns; ``by_turn``: shape (3, n), derivatives of the distances across the
-    limb by a turn from here; ``place``, ``share``: of the height grid; ``across_m``: distance across the limb;
+    limb by a turn from here; ``place``, ``share``: of the height grid; ``at``, ``parts``: shape (8, n), numbers of the
+    coefficients at both nodes that make a pixel's value, and their weights; ``across_m``: distance across the limb;
     ``level``: radiance; ``changes``: shape (3, n), derivatives by distance across the limb [1/m], ln blur, sharpness;
     ``brightest``: largest radiance of the profile there; ``kept``: share of a radiance change that survives the
     converter's floor in the mean.
@@ -134,6 +131,8 @@ class ProfileLook:
     by_turn: FloatArray
     place: NDArray[np.intp]
     share: FloatArray
+    at: NDArray[np.intp]
+    parts: FloatArray
     across_m: FloatArray
     level: FloatArray
     changes: FloatArray
@@ -147,7 +146,7 @@ class ProfileModel:
     """The pixels that see the profile at a pose; see :class:`horizonval.estimation.fit.image.ImageModel`.
 
     ``image``: shape (H, W), NaN where missing; ``lens``: shape (4,), errors of the lens that ``camera`` has already;
-    ``blur_px``: for the window's width; ``most``: thin out evenly to about so many pixels; ``tighter``: factor on the
+    ``blur_px``: for the window's width; ``tighter``: factor on the
     information on blur and sharpness; ``before``: model of a pose near by, whose nodes and air are kept. ``off_axis``
     (n,): squared angles from the axis over the image's largest; ``below_clouds`` (n,): share of a pixel's radiance from
     below the highest clouds. Raises ``LinAlgError``: too little limb in view.
@@ -163,20 +162,20 @@ class ProfileModel:
         lens: FloatArray,
         blur_px: float,
         knowledge: ProfileKnowledge,
-        most: int | None = None,
         tighter: float = 1.0,
         before: ProfileModel | None = None,
     ) -> None:
         self.pose, self.lens, self.knowledge, self.camera = pose, lens.copy(), knowledge, camera
         self.tighter = tighter
-        self.thinned = most is not None
         _, high = knowledge.heights_m
         axes = knowledge.ellipsoid.axes_m
         to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
         pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
         widest = blur_px * float(knowledge.lens.ratios.max())
-        rim = EDGE_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
-        bottom = pose.height_m - (DEPTH_PX + 0.5 * TAPER_PX) * pixel_m
+        reach = REACH_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
+        # Half of it beyond the table is too little to see of it.
+        rim = 0.5 * reach
+        bottom = pose.height_m - 1.5 * DEPTH_PX * pixel_m
         top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
         self.curve = curve = 0.5 * axes[0] / to_limb_2
         near = profile_pixels(
@@ -187,21 +186,21 @@ class ProfileModel:
             (bottom, top),
             high + rim + pose.height_m,
             curve,
-            most,
             None if before is None else before.near.nodes,
         )
         self.near: ProfilePixels = near
         ends, _ = level_distance(np.array([bottom, top]) - pose.height_m, curve)
-        self._bottom, self._taper = ends[0], TAPER_PX * pixel_m
+        self._bottom, self._taper = ends[0], DEPTH_PX * pixel_m
         off_axis = off_axis_angle(near.nodes.los_cam, AXIS_CAM)
         if before is None:
-            step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - GRID_RIMS * rim
-            count = next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / step)), real=True)
+            step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - reach
+            count = next_fast_len(int(np.ceil((ends[1] + reach - first) / step)), real=True)
             grid = (first, first + (count - 0.5) * step, step)
             self.air = knowledge.air(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
-            self.tables = BlurredProfiles(self.air.functions, step, near.nodes.boxes_m, knowledge.lens, off_axis)
         else:
-            self.air, self.tables = before.air, before.tables
+            self.air = before.air
+        self._off_axis_rad = off_axis
+        self._tables: tuple[FloatArray, BlurredProfiles] | None = None if before is None else before._tables
         self.floor = floor_of(near.space, float(np.nanmin(image)))
         i, t = near.sector, near.along
         self._lift = near.nodes.lift_m[i] * (1.0 - t) + near.nodes.lift_m[i + 1] * t
@@ -209,13 +208,21 @@ class ProfileModel:
         self._variance = variances[i] + (variances[i + 1] - variances[i]) * t
         shares = off_axis_share(camera, near.nodes.los_cam)
         self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
-        self.width_m = near.nodes.width_m[i]
-        self._some = slice(None, None, max(1, len(t) // SOME))
+        self.width_m, self.pixel_m = near.nodes.width_m[i], float(np.median(near.nodes.width_m))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
-        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2 / near.group, 1.0)
-        self._least = rounding_variance(near.values) / near.group
+        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * MEAN_RADIUS_M / self.width_m**2 / near.every, 1.0)
+        self._least = rounding_variance(near.values)
         self._last: tuple[FloatArray, ProfileLook] | None = None
+
+    @property
+    def tables(self) -> BlurredProfiles:
+        """The functions of the air, blurred."""
+        functions = self.air.functions
+        if self._tables is None or self._tables[0] is not functions:
+            boxes, lens = self.near.nodes.boxes_m, self.knowledge.lens
+            self._tables = functions, BlurredProfiles(functions, self.air.step_m, boxes, lens, self._off_axis_rad)
+        return self._tables[1]
 
     def held(self, tighter: float) -> ProfileModel:
         """Return the same pixels with another factor on the information on blur and sharpness."""
@@ -225,11 +232,7 @@ class ProfileModel:
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
         """Return the own unknowns after a step."""
-        after = own + step
-        after[BLUR] = np.log(
-            blur_after(float(np.exp(own[BLUR])), float(own[SHARPNESS]), float(step[BLUR]), float(step[SHARPNESS]))
-        )
-        return after
+        return own + step
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the priors of lens and gain, and that of the background where a floor cuts space off."""
@@ -248,24 +251,28 @@ class ProfileModel:
     def reach(self, step: FloatArray) -> float:
         """Return how far a step goes, 1 at the end of the derivatives' range."""
         own = step[POSE + LENS :]
-        most_px = max(LARGEST_MOTION_M / float(np.median(self.near.nodes.width_m)), LARGEST_MOTION_PX)
+        most_px = max(LARGEST_MOTION_M / self.pixel_m, LARGEST_MOTION_PX)
         logs = float(np.abs(own[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP
         return max(self.motion_px(step) / most_px, logs)
 
     def motion_px(self, step: FloatArray) -> float:
         """Return by how much a step (7 + 4 + own) moves the limb where it moves it most [px]."""
-        moved = step[:POSE] @ self.near.by_pose[:, self._some]
-        moved += step[POSE : POSE + LENS] @ self.near.by_lens[:, self._some]
-        return float(np.abs(moved).max() / np.median(self.near.nodes.width_m))
+        moved = step[:POSE] @ self.near.by_pose + step[POSE : POSE + LENS] @ self.near.by_lens
+        return float(np.abs(moved).max()) / self.pixel_m
 
     def look(
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None = None
     ) -> ProfileLook:
         """Return the pixels as predicted; ``weights`` are not needed."""
-        at = np.concatenate([pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own, air])
+        at = np.concatenate([pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own[:GAIN], air])
         if self._last is None or not np.array_equal(self._last[0], at):
             self._last = at, self._look(self.away(pose), lens - self.lens, own, air)
-        return self._last[1]
+        look = self._last[1]
+        shown = own[BACKGROUND] + float(np.exp(own[GAIN])) * self.near.light * look.level
+        kept = np.ones_like(shown)
+        if self.floor is not None:
+            shown, kept = self.floor.expected(shown)
+        return replace(look, own=own, kept=kept, residuals=self.near.values - shown)
 
     def away(self, pose: LimbPose) -> FloatArray:
         """Return the way to a pose, shape (7,), along which distances across the limb are linear.
@@ -286,8 +293,9 @@ class ProfileModel:
         return way
 
     def _look(self, away: FloatArray, lens: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
+        """Return the radiance of the pixels, without gain and background."""
         near, air = self.near, self.air
-        blur, sharpness, gain = float(np.exp(own[BLUR])), float(own[SHARPNESS]), float(np.exp(own[GAIN]))
+        blur, sharpness = float(np.exp(own[BLUR])), float(own[SHARPNESS])
         across = near.across_m + away @ near.by_pose + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
         # A turn after the tilt t so far, t + d - t x d / 2 - (t x n) (n . d) / 2: rotations of both kinds commute less.
         nadir = self.pose.nadir_cam
@@ -296,30 +304,21 @@ class ProfileModel:
         by_turn = after.T @ near.by_pose[:3]
         if lens.any():
             across = across + lens @ near.by_lens
-        at = (across - air.bottom_m) / air.step_m
+        on_grid = (across - air.bottom_m) / air.step_m
         size = air.functions.shape[2]
-        place = np.clip(at.astype(np.intp), 1, size - 3)
-        share = np.clip(at - place, 0.0, 1.0)
+        place = np.clip(on_grid.astype(np.intp), 1, size - 3)
+        share = np.clip(on_grid - place, 0.0, 1.0)
         changes = self.tables.changes(air.coefficients(unknowns), blur, sharpness)
-        rows = np.ascontiguousarray(changes.transpose(1, 2, 0)).reshape(-1, len(changes))
-        first, weights, steeper = near.sector * size + place, *around_of(share)
-        left, right = (rows[at[:, None] + AROUND] for at in (first, first + size))
-        around = left + near.along[:, None, None] * (right - left)
-        level, by_blur, by_sharpness = np.einsum("nic,ni->cn", around, weights)
-        slope = np.einsum("ni,ni->n", around[:, :, 0], steeper) / air.step_m
-        shown = own[BACKGROUND] + gain * near.light * level
-        kept = np.ones_like(shown)
-        if self.floor is not None:
-            shown, kept = self.floor.expected(shown)
+        at = np.add.outer(np.concatenate([AROUND, size + AROUND]), near.sector * size + place)
+        parts, steeper = (
+            np.concatenate([weights * (1.0 - near.along), weights * near.along]) for weights in around_of(share)
+        )
+        level, by_blur, by_sharpness = (np.einsum("in,in->n", np.take(one, at), parts) for one in changes)
+        slope = np.einsum("in,in->n", np.take(changes[0], at), steeper) / air.step_m
         largest, i = changes[0].max(axis=1), near.sector
         brightest = largest[i] + (largest[i + 1] - largest[i]) * near.along
         by_all = np.array([slope, by_blur, by_sharpness])
-        return ProfileLook(own, by_turn, place, share, across, level, by_all, brightest, kept, near.values - shown)
-
-    def around(self, look: ProfileLook) -> NDArray[np.int32]:
-        """Return the numbers, shape (n, 4), of coefficients at the first node that a pixel's value is made of."""
-        first = self.near.sector * self.air.functions.shape[2] + look.place
-        return (first[:, None] + AROUND).astype(np.int32)
+        return ProfileLook(own, by_turn, place, share, at, parts, across, level, by_all, brightest, level, near.values)
 
     def levels(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> FloatArray:
         """Return the own unknowns with the gain and background that fit best."""
@@ -350,8 +349,7 @@ class ProfileModel:
         # Not of a limb that is still displaced, which would hide it.
         if self.tighter == 1.0:
             in_sigmas = look.residuals * np.sqrt(PixelNoise(variance).weights(look.residuals))
-            side_px = near.group / GROUP_PX if near.group > 1 else 1.0
-            common = correlated(near.columns, near.rows, in_sigmas, side_px)
+            common = correlated(near.columns, near.rows, in_sigmas, float(np.sqrt(near.every)))
             # The mean share counts, since the ratio is that of all pixels together.
             together = 1.0 + (common - 1.0) * shown / max(float(shown.mean()), 1e-300)
             together = together + (self._bump_px - 1.0) * np.minimum(neglected / variance, 1.0)
@@ -391,17 +389,16 @@ class ProfileLinear:
         self._model, self.look, self.weights = model, look, weights
         near, air = model.near, model.air
         functions = model.tables.values(float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))[:, 1:]
-        sectors, count, size = len(near.starts) - 1, functions.shape[1], functions.shape[2]
+        sectors, count = len(near.starts) - 1, functions.shape[1]
         table = np.ascontiguousarray(functions.transpose(0, 2, 1)).reshape(-1, count)
         shared = model.derivatives(look)
         root = np.sqrt(weights)
         amplitude = model.amplitude(look) * root
         rows = np.empty((len(weights), 2 * count + len(shared)))
-        around, ends = model.around(look), np.arange(0, 4 * len(weights) + 1, 4)
-        parts, _ = around_of(look.share)
-        for node, part in enumerate((amplitude * (1.0 - near.along), amplitude * near.along)):
-            of_node = ((parts * part[:, None]).ravel(), around.ravel() + node * size, ends)
-            rows[:, node * count : (node + 1) * count] = csr_array(of_node, shape=(len(weights), len(table))) @ table
+        parts, ends = (look.parts * amplitude).reshape(2, 4, -1), np.arange(0, 4 * len(weights) + 1, 4)
+        for node, (part, at) in enumerate(zip(parts, look.at.reshape(2, 4, -1), strict=True)):
+            of_node = csr_array((part.T.ravel(), at.T.ravel(), ends), shape=(len(weights), len(table)))
+            rows[:, node * count : (node + 1) * count] = of_node @ table
         np.multiply(shared.T, root[:, None], out=rows[:, 2 * count :])
         own, next_ = np.zeros((sectors + 1, count, count)), np.zeros((sectors + 1, count, count))
         mixed = np.zeros((sectors + 1, len(shared), count))
@@ -422,13 +419,9 @@ class ProfileLinear:
         """Return the right sides: the gradient at another look, exact there."""
         assert isinstance(look, ProfileLook)
         weighed = weights * look.residuals
-        values, _ = around_of(look.share)
         model, air, size = self._model, self._model.air, self._model.air.functions.shape[2]
-        values *= (model.amplitude(look) * weighed)[:, None]
-        first, along = model.around(look).ravel(), model.near.along[:, None]
-        places = len(model.near.starts) * size
-        on_grid = np.bincount(first, (values * (1.0 - along)).ravel(), places)
-        on_grid += np.bincount(first + size, (values * along).ravel(), places)
+        values = look.parts * (model.amplitude(look) * weighed)
+        on_grid = np.bincount(look.at.ravel(), values.ravel(), len(model.near.starts) * size)
         on_nodes = np.asarray(on_grid.reshape(-1, size), dtype=np.float64)
         pull = model.tables.pull(on_nodes, float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))
         of_air = np.einsum("ij,ij->j", pull[:, 1 + air.function], air.wave)
@@ -474,22 +467,14 @@ class ProfileImage:
 
 @dataclass(frozen=True)
 class ProfileChosen(Chosen):
-    """Pixels of all images, and the air that they share."""
+    """Pixels of all images, and all of the air that they share."""
 
-    air: CommonAir
+    whole: CommonAir
 
     @property
     def profiles(self) -> list[ProfileModel]:
         """The models, as what they are."""
         return [model for model in self.models if isinstance(model, ProfileModel)]
-
-
-NEAR_PX = 0.25
-"""Way of the limb up to which pixels stay chosen: distances are then linear to a thousandth of a pixel."""
-
-
-SAME_AIR_PX = 1.0
-"""Way of the limb up to which nodes and air stay: a node is then beside the limb by less than a scale height."""
 
 
 class ProfileChooser:
@@ -501,50 +486,47 @@ class ProfileChooser:
     def __call__(
         self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
     ) -> ProfileChosen:
-        """Return the pixels near the limb at a state."""
-        if isinstance(before, ProfileChosen) and self._still_good(before, state, lens, most):
-            held = [model.held(tighter) for model in before.profiles]
-            return replace(before, models=held, state=state, noises=[None] * len(held))
+        """Return the pixels near the limb at a state; the air of a few has the modes that move a limb most."""
+        old = before if isinstance(before, ProfileChosen) else None
+        ways = [] if old is None else self._ways(old, state, lens)
+        # Within the reach of derivatives a node is beside the limb by less than the nodes are apart.
+        same_air = old is not None and all(
+            model.reach(way) < 1.0 for model, way in zip(old.profiles, ways, strict=True)
+        )
         models: list[ProfileModel] = []
-        old = self._near_by(before, state, lens)
-        olds: list[ProfileModel | None] = [None] * len(self._images) if old is None else [*old]
-        for one, own, its in zip(self._images, state.own, olds, strict=True):
+        for k, (one, own) in enumerate(zip(self._images, state.own, strict=True)):
+            near_by = old.profiles[k] if old is not None and same_air else None
+            if near_by is not None and near_by.motion_px(ways[k]) < NEAR_PX:
+                models.append(near_by.held(tighter))
+                continue
             camera = one.camera
             if lens.any():
                 camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), lens[3])
-            pose = state.pose.of_camera(one.turn)
-            models.append(
-                ProfileModel(one.image, camera, pose, lens, float(np.exp(own[BLUR])), one.knowledge, most, tighter, its)
-            )
-        if isinstance(before, ProfileChosen) and old is not None:
-            return replace(before, models=models, state=state, noises=[None] * len(models))
-        air = common_air([model.air for model in models], [one.table for one in self._images])
+            pose, blur_px = state.pose.of_camera(one.turn), float(np.exp(own[BLUR]))
+            models.append(ProfileModel(one.image, camera, pose, lens, blur_px, one.knowledge, tighter, near_by))
+        if old is not None and same_air:
+            whole = old.whole
+        else:
+            whole = common_air([model.air for model in models], [one.table for one in self._images])
+        air = whole if most is None else whole.few
         for model, own_air in zip(models, air.images, strict=True):
             model.air = own_air
-        if isinstance(before, ProfileChosen):
-            state = replace(state, air=air.taken_over(before.air, state.air))
-        else:
+        if old is None:
             owns = tuple(
                 model.levels(model.pose, lens, one, np.zeros(model.air.wave.shape[1]))
                 for model, one in zip(models, state.own, strict=True)
             )
             state = ShotState(state.pose, owns, np.zeros(air.count))
-        return ProfileChosen(models, air.columns, state, [None] * len(models), air)
+        else:
+            # Unknowns at other nodes say nothing of these.
+            known = state.air if same_air else np.zeros(0)
+            state = replace(state, air=np.append(known, np.zeros(air.count - len(known))))
+        return ProfileChosen(models, air.columns, state, [None] * len(models), whole)
 
-    def _still_good(self, before: ProfileChosen, state: ShotState, lens: FloatArray, most: int | None) -> bool:
-        """Return whether pixels are as good as those that would be chosen now."""
-        thinned = most is None and any(model.thinned for model in before.profiles)
-        return not thinned and self._moved_px(before, state, lens) < NEAR_PX
-
-    def _near_by(self, before: Chosen | None, state: ShotState, lens: FloatArray) -> list[ProfileModel] | None:
-        """Return the models whose nodes and air serve the present state too, if they do."""
-        if not isinstance(before, ProfileChosen) or self._moved_px(before, state, lens) > SAME_AIR_PX:
-            return None
-        return before.profiles
-
-    def _moved_px(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> float:
-        """Return by how much the limb has moved since pixels were chosen."""
-        return max(
-            model.motion_px(np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens]))
+    def _ways(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> list[FloatArray]:
+        """Return the steps (7 + 4 + own) from where pixels were chosen, of every image; without the own unknowns."""
+        still = np.zeros(OWN)
+        return [
+            np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens, still])
             for one, model in zip(self._images, before.profiles, strict=True)
-        )
+        ]

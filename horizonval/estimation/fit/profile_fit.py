@@ -39,7 +39,7 @@ from horizonval.estimation.fit.profile import (
 from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
 
 OPTIONS = SolverOptions(
-    stages=(Stage(pixels=2400, tighter=10.0, tolerance=1.0, reselect_px=3.0), Stage()),
+    stages=(Stage(pixels=2400, tighter=10.0, tolerance=2.0, reselect_px=3.0), Stage(tolerance=0.1)),
     steady=0.5,
     frozen=5.0,
     good=0.2,

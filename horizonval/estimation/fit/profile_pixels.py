@@ -18,16 +18,11 @@ The change of ``g`` is smaller by ``h / a`` and neglected. Errors of the lens ch
 y)`` from the principal point as the pixel's own motion in the image does: by ``-x, -y`` for the logarithm of the focal
 length, by ``-1`` in a column or a row for the principal point, and outwards by ``-(rho / rho_corner)^3`` px for the
 distortion, ``rho`` the radius without it.
-
-**Groups.** Beyond some thousand pixels nothing is gained by one equation each. Along a short piece of the limb, pixels
-of nearly one height are replaced by their mean: values, heights and derivatives are linear in it, and a group whose
-heights differ by ``w`` pixels sees a profile that is blurred by another ``w^2 / 12`` px^2.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,18 +111,13 @@ mode's standard deviation; with half of the length 3 % of one sign would remain,
 MOST_SECTORS = 64
 BORDER_PX = 2
 """Width of the image's border that is left out: light from outside, and the change of scale, are unknown there."""
-BEND_PLACES = 200
-"""Along the limb: the bend is interpolated between them."""
 LEVELLINGS = 2
 """Iterations for nodes: each squares a height over the Earth's radius, so that 21 km become 70 m, then nothing."""
 WIDER = 1.5
 """Widening of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
-MOST_ROWS = 6000
-"""Pixels or groups of them: noise of 1 % in each leaves 0.01 % of the limb's step in their mean."""
-GROUP_PX = 0.25
-"""Largest difference of the heights in a group: 0.005 px^2, a hundredth of a lens's blur."""
-CANDIDATES = 5
-"""Of the pixels near a limb, times :data:`MOST_ROWS`, are looked at: more are thinned out evenly."""
+MOST_PIXELS = 3000
+"""Of pixels near a limb, once or twice so many are used, evenly spread: more determine nothing that the air leaves
+open."""
 
 
 @dataclass(frozen=True)
@@ -148,13 +138,13 @@ class LimbPlaces:
 
 @dataclass(frozen=True)
 class ProfilePixels:
-    """n pixels that see the profile, or means of some, in order of azimuth, in m sectors with nodes at both ends.
+    """n pixels that see the profile, in order of azimuth, in m sectors with nodes at both ends.
 
     ``columns``, ``rows``, ``values`` (grey levels), ``light`` (response relative to the axis: solid angle through the
     pupil), ``height_m``, ``distance_m`` (from the observer): shape (n,); ``across_m`` (n,): distance across the limb;
     ``by_pose`` (7, n), ``by_lens`` (4, n): its derivatives; ``sector`` (n,); ``starts`` (m + 1,); ``along`` (n,):
-    position in the sector, 0 to 1; ``group``: number of pixels that one stands for; ``space``: values of pixels above
-    the air.
+    position in the sector, 0 to 1; ``every``: number of pixels of the image of which each is one; ``space``: values of
+    pixels above the air.
     """
 
     columns: FloatArray
@@ -169,7 +159,7 @@ class ProfilePixels:
     sector: NDArray[np.intp]
     starts: NDArray[np.intp]
     along: FloatArray
-    group: int
+    every: int
     nodes: LimbPlaces
     space: FloatArray
 
@@ -182,10 +172,9 @@ def profile_pixels(
     between_m: tuple[float, float],
     space_m: float,
     curve: float,
-    most: int | None = None,
     nodes: LimbPlaces | None = None,
 ) -> ProfilePixels:
-    """Return valid pixels between two heights at a pose, about ``most`` of them, evenly spread.
+    """Return valid pixels between two heights at a pose, about :data:`MOST_PIXELS` of them, evenly spread.
 
     ``space_m``: height from which there is no air; ``nodes``: of a pose near by, to be kept. Raises ``LinAlgError``:
     too little limb in view.
@@ -194,8 +183,8 @@ def profile_pixels(
     axes = ellipsoid.axes_m
     to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
     per_m = WIDER * max(camera.fx, camera.fy) / to_limb
-    candidates = CANDIDATES * MOST_ROWS if most is None else most
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, top_m * per_m, -bottom_m * per_m, candidates)
+    reach = top_m * per_m, -bottom_m * per_m, MOST_PIXELS
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, *reach)
     ray = ray_height(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     inside = (ray.height_m > bottom_m) & (ray.height_m < top_m) & (ray.distance_m > 0.0)
     inside &= np.isfinite(image[near.rows, near.columns])
@@ -218,10 +207,11 @@ def profile_pixels(
         at_centre = float(np.sqrt(max(1.0 - axes[0] ** 2 / float(pose.r_itrs @ pose.r_itrs), 0.0)))
         count = int(np.clip(np.ceil(turned[-1] * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
         borders = turned[np.linspace(0, len(order) - 1, count + 1).astype(np.intp)]
-        some = np.flatnonzero(on_limb)
-        some = some[:: max(1, len(some) // BEND_PLACES)]
-        by_node = _Along(camera, pose, axes, curve, azimuth[order[0]], borders)
-        nodes = by_node.nodes(near.take(some), azimuth[some], width[some], by_column[some], by_row[some])
+        along_limb = order[on_limb[order]]
+        nearest = np.searchsorted(np.mod(azimuth[along_limb] - azimuth[order[0]], 2.0 * np.pi), borders)
+        some = along_limb[np.minimum(nearest, len(along_limb) - 1)]
+        parts = np.abs([width[some], by_column[some], by_row[some]])
+        nodes = _limb_places(camera, pose, axes, curve, azimuth[order[0]] + borders, near.take(some), parts)
     else:
         # Pixels may lie a little before the first node and after the last one.
         at_nodes = _azimuth(basis, nodes.los_cam.T)
@@ -243,14 +233,7 @@ def profile_pixels(
             _by_lens(camera, near, by_column, by_row),
         ]
     )[:, order]
-    group = 1
     space = values[ray.height_m > space_m]
-    if len(order) > MOST_ROWS and most is None:
-        group = -(-len(order) // MOST_ROWS)
-        together = np.concatenate([of_each, along[None]])
-        together, starts = _grouped(together, starts, group, limb_px / count)
-        of_each, along = together[:-1], together[-1]
-        sector = np.repeat(np.arange(count), np.diff(starts))
     columns, rows, values, light, height_m, distance_m, across_m = of_each[:7]
     return ProfilePixels(
         columns=columns,
@@ -265,30 +248,10 @@ def profile_pixels(
         sector=sector,
         starts=starts,
         along=along,
-        group=group,
+        every=near.every,
         nodes=nodes,
         space=space,
     )
-
-
-def _grouped(
-    of_each: FloatArray, starts: NDArray[np.intp], size: int, sector_px: float
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return means (c, m) over groups of ordered pixels (c, n), and where sectors start among them.
-
-    ``sector_px``: length of a sector. Pieces of the limb are so long that ``size`` pixels next to each other in height
-    differ by :data:`GROUP_PX`.
-    """
-    pieces = max(1, int(sector_px * GROUP_PX / size))
-    height, along = of_each[4], of_each[-1]
-    sector = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    piece = sector * pieces + np.minimum((along * pieces).astype(np.intp), pieces - 1)
-    order = np.lexsort((height, piece))
-    piece = piece[order]
-    first = np.searchsorted(piece, np.arange((len(starts) - 1) * pieces + 1))
-    firsts = np.concatenate([np.arange(a, b, size) for a, b in pairwise(first)])
-    counts = np.diff(np.append(firsts, len(order)))
-    return np.add.reduceat(of_each[:, order], firsts, axis=1) / counts, np.searchsorted(firsts, starts)
 
 
 def _light(camera: CameraModel, near: NearPixels) -> FloatArray:
@@ -324,41 +287,31 @@ def _azimuth(basis: FloatArray, los_cam: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(across[1], across[0]))
 
 
-@dataclass(frozen=True)
-class _Along:
-    """Azimuths of nodes, ``borders`` (m + 1,) from ``first_rad``, on the limb of a pose."""
+def _limb_places(
+    camera: CameraModel,
+    pose: LimbPose,
+    axes: FloatArray,
+    curve: float,
+    turn: FloatArray,
+    near: NearPixels,
+    parts: FloatArray,
+) -> LimbPlaces:
+    """Return nodes at azimuths (m + 1,), by the pixels of the limb next to them.
 
-    camera: CameraModel
-    pose: LimbPose
-    axes: FloatArray
-    curve: float
-    first_rad: float
-    borders: FloatArray
-
-    def nodes(
-        self, near: NearPixels, azimuth: FloatArray, width: FloatArray, by_column: FloatArray, by_row: FloatArray
-    ) -> LimbPlaces:
-        """Return the nodes, by some pixels on the limb and what these see per pixel."""
-        pose, axes = self.pose, self.axes
-        at = np.mod(azimuth - self.first_rad, 2.0 * np.pi)
-        rising = np.argsort(at)
-        at = at[rising]
-        uv = np.column_stack([near.columns, near.rows])[rising].astype(float)
-        lifted = 0.5 * _laplacian(self.camera, uv, pose, axes, self.curve)
-        known = np.isfinite(lifted)
-        parts = [np.interp(self.borders, at, np.abs(part[rising])) for part in (width, by_column, by_row)]
-        # Nodes at the ends may lie outside the image: where they are is a matter of geometry alone.
-        turn = self.borders + self.first_rad
-        outwards = tangent_basis(pose.nadir_cam) @ np.array([np.cos(turn), np.sin(turn)])
-        sine = float(axes[0] / np.linalg.norm(pose.r_itrs))
-        los_cam = _level_los(sine * outwards + np.sqrt(1.0 - sine**2) * pose.nadir_cam[:, None], pose, axes)
-        return LimbPlaces(
-            width_m=parts[0],
-            boxes_m=np.column_stack(parts[1:]),
-            lift_m=np.interp(self.borders, at[known], lifted[known]) if known.any() else np.zeros(len(turn)),
-            normal_cam=ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam.T,
-            los_cam=los_cam.T,
-        )
+    ``parts``: shape (3, m + 1), width of these pixels across the limb [m], whole and along columns and rows.
+    """
+    uv = np.column_stack([near.columns, near.rows]).astype(float)
+    # Nodes at the ends may lie outside the image: where they are is a matter of geometry alone.
+    outwards = tangent_basis(pose.nadir_cam) @ np.array([np.cos(turn), np.sin(turn)])
+    sine = float(axes[0] / np.linalg.norm(pose.r_itrs))
+    los_cam = _level_los(sine * outwards + np.sqrt(1.0 - sine**2) * pose.nadir_cam[:, None], pose, axes)
+    return LimbPlaces(
+        width_m=parts[0],
+        boxes_m=parts[1:].T.copy(),
+        lift_m=0.5 * np.nan_to_num(_laplacian(camera, uv, pose, axes, curve)),
+        normal_cam=ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam.T,
+        los_cam=los_cam.T,
+    )
 
 
 def _level_los(los_cam: FloatArray, pose: LimbPose, axes: FloatArray) -> FloatArray:

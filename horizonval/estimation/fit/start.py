@@ -144,7 +144,7 @@ def ellipsoid_start(observation: Observation, method: str) -> EllipsoidStart | R
     if prior.q_cam_from_itrs is None or prior.attitude_sigma_rad is None:
         open_ = "" if prior.nadir_cam is None else "; nadir_cam leaves the turn about the vertical open"
         return Refusal(Outcome.BAD_INPUT, f"{method} needs a prior of the attitude (q_cam_from_itrs){open_}")
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
+    searched = find_limb_and_picture(observation, coarse=True)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched

@@ -30,12 +30,12 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import reliefs, systematic_covariance
-from horizonval.estimation.fit.guard import examined, too_uncertain, too_wide
+from horizonval.estimation.fit.guard import LARGEST_RELIEF_M, LARGEST_RELIEF_PX, examined, too_uncertain, too_wide
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.knowledge import contradicted
 from horizonval.estimation.guard.limits import model_covariance
-from horizonval.estimation.guard.points import MUCH_LOST, TrustedPoints, second_limb, trusted_points
+from horizonval.estimation.guard.points import MUCH_LOST, TrustedPoints, trusted_points
 from horizonval.estimation.guard.rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.lens_error import WithLensError, lens_errors, with_lens_error
 from horizonval.estimation.limb.cone import arc_order, cone_gain, cone_uncertainty
@@ -114,8 +114,24 @@ def _run_on_points(estimator: Estimator, observation: Observation) -> Fit | Refu
     confirmed = _confirmed(replace(result, systematic_nadir_cam=None), limb, observation, limb.systematic[:2, :2])
     if isinstance(confirmed, Refusal):
         return confirmed
-    refusal = second_limb(points)
+    seen, uv = points.observation, project(points.observation.camera, points.seen)[0]
+    refusal = _unlike_a_limb(points.picture.grey, seen, points.seen_cone().axis_cam, limb.seen_rho_rad, uv)
     return _noise_apart(confirmed, points) if refusal is None else refusal
+
+
+def _unlike_a_limb(
+    image: FloatArray,
+    observation: Observation,
+    nadir_cam: FloatArray,
+    rho_rad: float,
+    points: FloatArray,
+    *,
+    by_pixels: bool = False,
+) -> Refusal | None:
+    """Return why the pixels about a cone's limb are not those of a limb in air, or None."""
+    radius = observation.prior.sphere_radius_m
+    pose = LimbPose(np.eye(3), -radius / float(np.sin(rho_rad)) * nadir_cam)
+    return examined(image, observation, pose, sphere(radius), in_air=True, points=points, by_pixels=by_pixels).refusal
 
 
 def _best_reach(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, GuardLimb] | Refusal:
@@ -153,7 +169,7 @@ def _determined(points: TrustedPoints, estimates: str) -> tuple[TrustedPoints, G
     radius = observation.prior.sphere_radius_m
     pixel_m = radius / np.tan(rho) / max(observation.camera.fx, observation.camera.fy)
     relief_m = limits.seen_relief(los, axis, rho, radius).sigma_m
-    if relief_m > max(limits.LARGEST_RELIEF_M, limits.LARGEST_RELIEF_PX * pixel_m):
+    if relief_m > max(LARGEST_RELIEF_M, LARGEST_RELIEF_PX * pixel_m):
         return Refusal(Outcome.NO_LIMB, f"the points bend by {1e-3 * relief_m:.0f} km along the limb", uv)
     seen_rho = float(off_axis_angle(points.seen, points.seen_cone().axis_cam).mean())
     limb = GuardLimb(axis, seen_rho, noise, systematic)
@@ -278,7 +294,10 @@ def _arc_in_head(head: Observation) -> FloatArray | Refusal:
         return points
     if head.band_kind is not None and not points.bright_inside:
         return Refusal(Outcome.NO_LIMB, "the limb has its bright side in space")
-    if (refusal := second_limb(points)) is not None:
+    rho = float(off_axis_angle(points.seen, points.seen_cone().axis_cam).mean())
+    uv = project(head.camera, points.seen)[0]
+    refusal = _unlike_a_limb(points.picture.grey, points.observation, points.seen_cone().axis_cam, rho, uv)
+    if refusal is not None:
         return refusal
     if points.zenith_rad is not None:
         points = points.take(points.zenith_rad <= HEAD_LOWEST_SUN_RAD)
@@ -390,9 +409,8 @@ def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refu
         # Claims of a fit are false beyond half of the error that is allowed to a cone.
         refusal = too_wide(result, 0.5 * prior.accept_rad)
         return result if refusal is None else refusal
-    pose = LimbPose(np.eye(3), -prior.sphere_radius_m / float(np.sin(rho)) * nadir)
-    image, planet = np.asarray(observation.image, dtype=np.float64), sphere(prior.sphere_radius_m)
-    refusal = examined(image, observation, pose, planet, in_air=True, points=result.points).refusal
+    image = np.asarray(observation.image, dtype=np.float64)
+    refusal = _unlike_a_limb(image, observation, nadir, rho, result.points, by_pixels=True)
     if refusal is None:
         refusal = too_wide(result, prior.accept_rad)
     return result if refusal is None else refusal

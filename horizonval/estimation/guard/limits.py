@@ -21,8 +21,6 @@ SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 """Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
 AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
 """Smallest tolerance for methods with whole pixels or circles where the guard uses sub-pixels and cones."""
-LARGEST_RELIEF_M, LARGEST_RELIEF_PX = 15e3, 0.5
-"""Largest relief of a limb along itself: cloud tops reach the tropopause; and what the phases of wide pixels leave."""
 SMOOTHED_RAD = float(np.deg2rad(4.0))
 """Length of limb, by azimuth, of a mean along it: clouds vary faster along it than sunlight."""
 

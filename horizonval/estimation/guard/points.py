@@ -18,20 +18,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
-from scipy.stats import binom
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
-from horizonval.earth.limb_heights import limb_height_m
 from horizonval.estimation.fit.heights import SUN_SIGMA_RAD
 from horizonval.estimation.guard import limits
 from horizonval.estimation.guard.sunlit import SunlitLimb, blur_across, sun_angles, sunlit_limb
 from horizonval.estimation.limb.cone import arc_order, near_cone
-from horizonval.estimation.limb.evidence import MOST_SECTORS, PROFILES, read_profiles
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.picture import ROSE_SIGMAS, Picture, in_wider_pixels, median
-from horizonval.estimation.limb.pyramid import PyramidLevel, cone_frame, on_cone, trace_limb
+from horizonval.estimation.limb.pyramid import cone_frame, on_cone, trace_limb
 from horizonval.estimation.limb.steepest import SATURATED_SHARE, inwards_of, to_steepest
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel, project
@@ -106,7 +102,7 @@ class TrustedPoints:
 
 def trusted_points(observation: Observation) -> TrustedPoints | Refusal:
     """Return the points of an image's limb that may be trusted, at least :data:`limits.FEWEST_POINTS` of them."""
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
+    searched = find_limb_and_picture(observation)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched
@@ -281,52 +277,3 @@ def isolated(los_cam: FloatArray, camera: CameraModel) -> BoolArray:
     length = np.bincount(piece, weights=np.where(step > GAP_PX, 0.0, step), minlength=len(breaks))
     bad[order] = length[piece] < SHORTEST_STRETCH_PX
     return bad
-
-
-RIVAL_PX = 40
-"""Distance to either side of the limb within which a second one puts it in doubt: lens flares and rings of glare."""
-RIVAL_WIDTH_PX = 3
-"""Half-width of the window in which an edge is a step; an edge blurred by 0.7 px extends over two pixels."""
-RIVAL_STEP = 0.5
-"""Smallest step of a rival relative to the limb's: half is the level at which edges are located."""
-RIVAL_PLACES = 2 * RIVAL_WIDTH_PX + 1
-"""Distances that count as one."""
-COIN = 0.1
-"""Chance, under random signs, of as many sectors with a step, below which they count as a limb."""
-
-
-def second_limb(points: TrustedPoints) -> Refusal | None:
-    """Refuse a limb with a second one parallel to it, out of reach of the air.
-
-    The limb in view is cut into sectors. A sector shows a second limb where its mean profile has a step of at least
-    half of that at the limb and of the same sign.
-    """
-    observation, cone = points.observation, points.seen_cone()
-    camera, radius = observation.camera, observation.prior.sphere_radius_m
-    rho = float(off_axis_angle(points.seen, cone.axis_cam).mean())
-    trace = trace_limb(camera, cone.axis_cam, rho, 1.0, PROFILES * MOST_SECTORS)
-    low, high = limb_height_m(observation.band_kind)
-    air_px = (high - low) * np.tan(rho) / radius / trace.middle_px_rad
-    offsets = np.arange(-RIVAL_PX - RIVAL_WIDTH_PX, RIVAL_PX + RIVAL_WIDTH_PX + 1.0)
-    profiles, known = read_profiles(PyramidLevel(points.picture.single, None, 1.0, 0.0), trace, offsets)
-    sectors = len(profiles) // PROFILES
-    shape = (sectors, PROFILES, len(offsets))
-    known = known[: sectors * PROFILES]
-    count = known.reshape(shape).sum(axis=1)
-    total = np.where(known, profiles[: sectors * PROFILES], 0.0).reshape(shape).sum(axis=1)
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    # Means of the pixels inside a place less those outside of it.
-    windows = np.lib.stride_tricks.sliding_window_view(mean, RIVAL_WIDTH_PX, axis=1).mean(axis=2)
-    steps = windows[:, RIVAL_WIDTH_PX:] - windows[:, :-RIVAL_WIDTH_PX]
-    places = offsets[RIVAL_WIDTH_PX : RIVAL_WIDTH_PX + steps.shape[1]]
-    steps = steps if points.bright_inside else -steps
-    with np.errstate(invalid="ignore"):
-        limb = np.nanmax(np.where(np.abs(places) <= RIVAL_WIDTH_PX, steps, -np.inf), axis=1, initial=-np.inf)
-        lit = limb >= FADED_SHARE * np.percentile(limb, 90.0)
-        far = np.abs(places) >= max(RIVAL_WIDTH_PX, air_px) + RIVAL_WIDTH_PX
-        shown = lit[:, None] & far & (steps >= RIVAL_STEP * limb[:, None])
-    # Single hot pixels lie anywhere, a second limb at one distance in most sectors.
-    due, rivals = int(lit.sum()), int(maximum_filter1d(shown, RIVAL_PLACES, axis=1).sum(axis=0).max())
-    if rivals <= binom.isf(COIN, due, 0.5):
-        return None
-    return Refusal(Outcome.AMBIGUOUS, f"{rivals} of {due} sectors show a second limb next to the first")

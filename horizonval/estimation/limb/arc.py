@@ -88,8 +88,7 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusa
         return refusal
     grey = np.asarray(image, dtype=np.float64)
     # The blur before Canny reflects the image at its border, which bends edges in the last two pixels.
-    edges = find_edges(Picture(grey, full_scale).eight_bit, 2)
-    uv = longest_chain(edges.uv, (grey.shape[0], grey.shape[1]))
+    uv = longest_chain(find_edges(Picture(grey, full_scale).eight_bit, 2), (grey.shape[0], grey.shape[1]))
     if len(uv) < FEWEST_PIXELS:
         if full_scale is not None and float(np.percentile(grey, 99.9)) < DARK_LEVEL * full_scale:
             return Refusal(Outcome.DARK, f"no edge of {FEWEST_PIXELS} pixels in a dark image")

@@ -8,11 +8,7 @@
    Another cone with half of its likelihood and another nadir makes it ambiguous.
 4. Its points are measured at the finest size that still shows it (:mod:`.locate`).
 
-``find_limb`` does all of it. ``find_edges_only`` and ``find_canny_pixels`` are the published methods' searches: every
-edge of the image, right only where the limb is the only edge.
-
-The Sun is a compact saturated blob whose rim is a perfect circle before a flat sky: a limb, except that it is too
-small.
+A saturated blob that looks like the Sun is named where no limb is found.
 """
 
 from __future__ import annotations
@@ -27,7 +23,6 @@ from scipy.ndimage import uniform_filter1d
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty, near_cone
-from horizonval.estimation.limb.edges import Edges, find_edges, half_window, refine
 from horizonval.estimation.limb.evidence import (
     MOST_SECTORS,
     PROFILES,
@@ -38,11 +33,21 @@ from horizonval.estimation.limb.evidence import (
     weigh,
 )
 from horizonval.estimation.limb.locate import points_of
-from horizonval.estimation.limb.picture import DARK_LEVEL, MEDIAN_TO_SIGMA, Picture, check_image, median, percentile
-from horizonval.estimation.limb.proposals import FEWEST_POINTS, LimbPoints, propose
-from horizonval.estimation.limb.pyramid import LARGEST_FINE_PX, levels_of, trace_limb, without_disc
-from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
-from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.estimation.limb.picture import (
+    DARK_LEVEL,
+    FEWEST_POINTS,
+    MEDIAN_TO_SIGMA,
+    LimbPoints,
+    Picture,
+    median,
+    percentile,
+    picture_of,
+)
+from horizonval.estimation.limb.proposals import propose
+from horizonval.estimation.limb.pyramid import LARGEST_FINE_PX, levels_of, trace_limb
+from horizonval.estimation.observation import Observation
+from horizonval.estimation.prior import Prior
+from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.horizon import fit_cone
 from horizonval.geometry.rotation import off_axis_angle
 
@@ -94,6 +99,8 @@ STILL_SEEN = 0.25
 """The same for a sharp limb: half the pixel size halves contrast over noise, and quarters the log likelihood."""
 TRIED = 2
 """Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
+COARSE_PX = 144
+"""Longer side of the level that a coarse search ends at: a tenth of its pixel is less than a pixel of a megapixel."""
 WHOLE = 0.9
 """Visible share of the cone's limb above which no other cone is searched. A limb with its Earth inside along less of it
 is none: chance gives half, a dark cloud hides a tenth."""
@@ -111,28 +118,16 @@ LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
 """Largest standard deviation of the nadir; beyond, dependent methods cannot distinguish a limb from a line."""
 LOWEST_M = 1e3
 """Lowest altitude of a camera: below, the ground is what limits its view."""
-TALLEST_AIR_M = 120e3
-"""Airglow and aurora: what shines higher is not the Earth's."""
 LEAST_SIGNAL = 3.0
 """Smallest brightness of the Earth over the pixel noise: less is below ten electrons, and masked noise looks like a
 disc."""
-OTHER_SHARE = 0.3
-"""Difference from space, relative to the limb's step, above which a pixel shows an object, and the largest share of the
-sky in view with objects: the Moon, the Sun with its glare, a part of the spacecraft."""
 PIECES = 32
 """Pieces of the visible limb over which its step is averaged: clouds vary faster along it than sunlight."""
 FADED_SHARE = 0.7
 """Ratio of the limb's step to the step deep inside (upper quartile), below which the limb has faded near the
 terminator, where the edge sinks below the horizon."""
-SUN_REACH = 2.0
-"""Radii of a saturated blob that are left out: its bloom."""
-LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
-"""Largest radius of the Sun (0.27 deg) with its glare; a larger blob may be a saturated Earth and is not left out."""
 ROUGH_SIGMAS = 3.0
 """Standard deviations of a rough nadir, and of what a limb may be wrong by, within which the two agree."""
-LIMB_SHARE = 0.4
-"""Canny's upper threshold, relative to strong gradients, where all edges count as limb; discs of 50 to 200 px have
-steep shading."""
 DARK_CONTRAST = 0.02
 """Contrast of full scale between middle and brightest pixels, five levels of eight bits: below, and darker than
 :data:`DARK_LEVEL`, the scene is unlit rather than uniformly bright."""
@@ -147,18 +142,20 @@ def find_limb(
     size; ``full_scale``: digital number of saturation; ``prior``: its altitude bounds the angular radius, and its
     attitude decides between two curves.
     """
-    found = find_limb_and_picture(image, camera, full_scale, prior)
+    found = find_limb_and_picture(Observation(image, camera, full_scale=full_scale, prior=prior))
     return found if isinstance(found, Refusal) else found[0]
 
 
-def find_limb_and_picture(
-    image: FloatArray, camera: CameraModel, full_scale: float | None = None, prior: Prior = NOTHING_KNOWN
-) -> tuple[LimbPoints, Picture] | Refusal:
-    """Return the limb of an image and the picture that it was found in; otherwise as :func:`find_limb`."""
-    picture = picture_of(image, camera, full_scale)
+def find_limb_and_picture(observation: Observation, *, coarse: bool = False) -> tuple[LimbPoints, Picture] | Refusal:
+    """Return the limb of an observation and the picture that it was found in, or why there is none.
+
+    ``coarse``: the start of a fit, right to some pixels, is enough: the search ends at a copy of :data:`COARSE_PX`.
+    """
+    camera = observation.camera
+    picture = picture_of(observation.image, camera, observation.full_scale)
     if isinstance(picture, Refusal):
         return picture
-    found = _Search(picture, camera, prior).limb()
+    found = _Search(picture, camera, observation.prior, coarse).limb()
     return found if isinstance(found, Refusal) else (found, picture)
 
 
@@ -180,21 +177,6 @@ def largest_rho_rad(prior: Prior) -> float:
         return LARGEST_RHO_RAD
     rho = float(np.arcsin(prior.sphere_radius_m / (prior.sphere_radius_m + lowest)))
     return min(rho + LARGEST_SIGMA_RAD, 0.5 * np.pi)
-
-
-def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> Picture | Refusal:
-    """Return an image that may hold a limb as a picture, or why it holds none; parameters as for :func:`find_limb`."""
-    if (refusal := check_image(image, full_scale)) is not None:
-        return refusal
-    if image.shape != (camera.height, camera.width):
-        return wrong_size(image, camera)
-    return Picture(image, full_scale)
-
-
-def wrong_size(image: FloatArray, camera: CameraModel) -> Refusal:
-    """Return the refusal of an image (H, W) that is not its camera's."""
-    size = f"{image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}"
-    return Refusal(Outcome.BAD_INPUT, f"the image is {size}")
 
 
 @dataclass(frozen=True)
@@ -235,14 +217,13 @@ class _FoundLimb:
 class _Search:
     """The search in one picture."""
 
-    def __init__(self, picture: Picture, camera: CameraModel, prior: Prior) -> None:
+    def __init__(self, picture: Picture, camera: CameraModel, prior: Prior, coarse: bool) -> None:
         self.picture, self.camera, self.rough_nadir = picture, camera, prior.rough_nadir
         self.largest_rho_rad = largest_rho_rad(prior)
         self.sun = find_sun(picture.saturated)
         self.levels = levels_of(picture, camera)
-        if self.sun is not None and self.sun.radius_px / camera.fx < LARGEST_SUN_RADIUS_RAD:
-            radius = SUN_REACH * self.sun.radius_px + 1.0
-            self.levels = without_disc(self.levels, self.sun.column, self.sun.row, radius)
+        sides = [max(level.grey.shape) for level in self.levels]
+        self.coarse = next((k for k, side in enumerate(sides) if side <= COARSE_PX), len(sides) - 1) if coarse else None
 
     def limb(self) -> LimbPoints | Refusal:
         """Return the limb's points, or why there are none."""
@@ -263,23 +244,22 @@ class _Search:
     def _verdicts(self) -> list[tuple[float, _FoundLimb | Refusal]]:
         """Return verdict and score of every level's most probable cones, smallest level first."""
         verdicts: list[tuple[float, _FoundLimb | Refusal]] = []
-        # With the smallest number of a level at which a cone is known already: one that is refused at a small level may
-        # show at larger ones.
-        tried: list[tuple[_Candidate, int]] = []
+        # A cone that is refused at a small level may show at larger ones.
+        accepted: list[_Candidate] = []
         for number in range(len(self.levels) - 1, -1, -1):
             if max(self.levels[number].grey.shape) > LARGEST_FINE_PX and number < len(self.levels) - 1:
                 break
-            known = [one for one, least in tried if least <= number]
             for one in self._proposed(number):
-                if any(one.same(other) for other in known):
+                if any(one.same(other) for other in accepted):
                     continue
-                found, finest = self._followed(one), 0
-                if not any(found.same(other) for other in known):
+                found = self._followed(one, self._last(one))
+                verdict = self._judged(found)
+                if isinstance(verdict, Refusal) and self.coarse and self._at_sectors(found):
+                    found = self._followed(found, 0)
                     verdict = self._judged(found)
-                    verdicts.append((found.evidence.score, verdict))
-                    finest = found.number if isinstance(verdict, Refusal) else 0
-                known += [one, found]
-                tried += [(one, finest), (found, finest)]
+                verdicts.append((found.evidence.score, verdict))
+                if isinstance(verdict, _FoundLimb):
+                    accepted.append(found)
             limbs = [one for _, one in verdicts if isinstance(one, _FoundLimb)]
             if any(one.explained > WHOLE and self._agrees(one.axis_cam) for one in limbs):
                 break
@@ -305,10 +285,10 @@ class _Search:
                     break
         return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
 
-    def _followed(self, start: _Candidate) -> _Candidate:
-        """Return a cone fitted to one level after another, down to the finest that still shows it."""
+    def _followed(self, start: _Candidate, last: int) -> _Candidate:
+        """Return a cone fitted to one level after another, down to the finest that still shows it, at most ``last``."""
         best, largest = start, start.evidence.score
-        for number in range(start.number, -1, -1):
+        for number in range(max(start.number - 1, last), last - 1, -1):
             here = self._fitted(number, best)
             if here is None:
                 break
@@ -316,9 +296,11 @@ class _Search:
             if here.evidence.score < (STILL_SEEN if sharp else STILL_SHOWN) * largest:
                 break
             best, largest = here, max(largest, here.evidence.score)
+        if self._at_sectors(best):
+            return best
         # The width of the edge is that at a cone of this level.
-        last = self._fitted(best.number, best)
-        return best if last is None or last.evidence.score < STILL_SHOWN * best.evidence.score else last
+        here = self._fitted(best.number, best)
+        return best if here is None or here.evidence.score < STILL_SHOWN * best.evidence.score else here
 
     def _fitted(self, number: int, start: _Candidate) -> _Candidate | None:
         """Return the cone through the sectors that show a limb, and what a level shows of it."""
@@ -350,15 +332,7 @@ class _Search:
         ):
             if wrong:
                 return Refusal(Outcome.NO_LIMB, reason)
-        other = self._other_than_space(found, step)
-        if other > OTHER_SHARE:
-            return Refusal(Outcome.NO_LIMB, f"{other:.0%} of what lies outside the best curve is no space")
-        width, bright = evidence.width_px, evidence.bright_inside
-        uv, steps, deep = points_of(level, camera, found.axis_cam, found.rho_rad, width, bright)
-        uv = uv[_lit(steps, deep)] if len(uv) else uv
-        los = unproject(camera, uv)
-        seen = np.isfinite(los).all(axis=1)
-        uv, los = uv[seen], los[seen]
+        uv, los = self._points(found)
         good = near_cone(los, 1.0 / max(camera.fx, camera.fy))
         uv, los = uv[good], los[good]
         if len(uv) < FEWEST_POINTS:
@@ -381,6 +355,32 @@ class _Search:
         points = LimbPoints(uv, los, int(level.scale))
         return _FoundLimb(points, axis, uncertainty, evidence.score, evidence.explained, too_low)
 
+    def _points(self, found: _Candidate) -> tuple[FloatArray, FloatArray]:
+        """Return places (n, 2) of a curve's limb and lines of sight (n, 3): of its sectors, or of its pixels."""
+        evidence, camera = found.evidence, self.camera
+        if self._at_sectors(found):
+            los = evidence.los[evidence.shows]
+            uv, seen = project(camera, los)
+        else:
+            level, width = self.levels[found.number], evidence.width_px
+            uv, steps, deep = points_of(level, camera, found.axis_cam, found.rho_rad, width, evidence.bright_inside)
+            uv = uv[_lit(steps, deep)] if len(uv) else uv
+            los = unproject(camera, uv)
+            seen = np.asarray(np.isfinite(los).all(axis=1))
+        return uv[seen], los[seen]
+
+    def _last(self, found: _Candidate) -> int:
+        """Return the number of the level that the search for a curve ends at.
+
+        Discs that the image holds as a whole are far away: all of their unknowns lie within some pixels.
+        """
+        wide = found.rho_rad * self.camera.fx > 0.5 * min(self.camera.width, self.camera.height)
+        return 0 if self.coarse is None or not wide else self.coarse
+
+    def _at_sectors(self, found: _Candidate) -> bool:
+        """Whether the places of a curve's sectors are enough for a coarse search."""
+        return self.coarse is not None and self._last(found) == self.coarse <= found.number
+
     def _grain(self, found: _Candidate) -> float:
         """Return the standard deviation of a pixel's noise inside a curve: of differences of neighbours, half."""
         finest, scale = self.levels[0], self.levels[found.number].scale
@@ -391,22 +391,6 @@ class _Search:
         (one, other), known = finest.at(np.array([places, places + np.array([1.0, 0.0])]))
         difference = np.abs(one - other)[known.all(axis=0)]
         return MEDIAN_TO_SIGMA * median(difference) / np.sqrt(2.0) if len(difference) else 0.0
-
-    def _other_than_space(self, found: _Candidate, step: float) -> float:
-        """Return the share of the sky in view that shows objects."""
-        coarsest, camera = self.levels[-1], self.camera
-        v, u = np.mgrid[: coarsest.grey.shape[0], : coarsest.grey.shape[1]].reshape(2, -1)
-        los = unproject(camera, coarsest.scale * np.column_stack([u, v]).astype(np.float64))
-        outside = off_axis_angle(los, found.axis_cam) - found.rho_rad
-        margin = max(TALLEST_AIR_M / MEAN_RADIUS_M * np.tan(found.rho_rad), SHIFTS_PX[-1] * coarsest.scale / camera.fx)
-        with np.errstate(invalid="ignore"):
-            sky = outside > margin
-        if coarsest.known is not None:
-            sky &= coarsest.known[v, u]
-        levels = coarsest.grey[v[sky], u[sky]].astype(np.float64)
-        if len(levels) < FEWEST_POINTS:
-            return 0.0
-        return float(np.mean(np.abs(levels - median(levels)) > OTHER_SHARE * step))
 
     def _refused(self, first: Refusal | None) -> Refusal:
         """Return why a picture without a limb has none; ``first``: what was said of its most probable curve."""
@@ -431,39 +415,3 @@ def _lit(step: FloatArray, deep: FloatArray) -> NDArray[np.bool_]:
     at_limb, inside = (uniform_filter1d(np.abs(some), size, mode="nearest") for some in (step, deep))
     share = at_limb / np.maximum(inside, np.finfo(float).tiny)
     return np.asarray(share >= FADED_SHARE * percentile(share, 75.0))
-
-
-def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
-    """Return every refined edge point, without a test that it is limb; arguments as for :func:`find_limb`."""
-    picture = picture_of(image, camera, full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    rim = half_window(picture.grey.shape) + 1
-    edges = _inside_image_circle(find_edges(picture.eight_bit, rim), camera, rim)
-    return _seen(refine(picture.grey, edges.uv, edges.gradient), camera)
-
-
-def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
-    """Return every Canny pixel unrefined and untested, with the threshold :data:`LIMB_SHARE`; see :func:`find_limb`."""
-    picture = picture_of(image, camera, full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    return _seen(_inside_image_circle(find_edges(picture.eight_bit, 1, LIMB_SHARE), camera, 1).uv, camera)
-
-
-def _seen(uv: FloatArray, camera: CameraModel) -> LimbPoints | Refusal:
-    los = unproject(camera, uv)
-    good = np.isfinite(los).all(axis=1)
-    if good.sum() < FEWEST_POINTS:
-        return Refusal(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
-    return LimbPoints(uv[good], los[good])
-
-
-def _inside_image_circle(edges: Edges, camera: CameraModel, rim_px: int) -> Edges:
-    """Leave out the lens's own edge: a perfect cone with nothing outside, everything a limb is."""
-    if camera.image_circle_rad is None:
-        return edges
-    outwards = edges.uv - (camera.cx, camera.cy)
-    length = np.maximum(np.hypot(*outwards.T), 1e-9)[:, None]
-    further = np.isfinite(unproject(camera, edges.uv + rim_px * outwards / length)).all(axis=1)
-    return Edges(edges.uv[further], edges.gradient[further])

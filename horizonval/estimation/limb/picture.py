@@ -7,7 +7,7 @@ and some pixels between darkness and saturation.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -133,6 +133,18 @@ def smaller(image: FloatArray, camera: CameraModel, scale: int) -> tuple[FloatAr
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)), small
 
 
+LEAST_PX = 32
+"""Smallest size of a reduced copy: two windows of a fit, and a limb that bends."""
+
+
+def scale_as_deep(camera: CameraModel, pixel_m: float, deep_m: float) -> int:
+    """Return how many pixels of a size together see as much as a depth: a power of two, or 1."""
+    scale = 1
+    while scale * pixel_m < deep_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+        scale *= 2
+    return scale
+
+
 def in_wider_pixels(observation: Observation, scale: int) -> Observation:
     """Return what pixels ``scale`` times as wide would have seen; columns and rows left over are cut."""
     if scale == 1:
@@ -169,6 +181,8 @@ def _pixel_directions(camera: CameraModel) -> FloatArray:
 
 IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 """Operator that measures noise and cancels levels and first derivatives."""
+NOISE_ROWS = 128
+"""Rows and columns that the noise is measured in: 16 000 pixels know it to a percent."""
 STRETCH_PERCENTILES = (0.5, 99.9)
 """Percentiles of the levels that exclude dead and hot pixels."""
 SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
@@ -238,13 +252,50 @@ class Picture:
         return np.clip((self.grey - low) * (255.0 / (high - low)) + 0.5, 0, 255).astype(np.uint8)
 
 
-def noise_sigma(image: NDArray[np.floating | np.uint8], stride: int = 1) -> float:
+def noise_sigma(image: NDArray[np.floating | np.uint8]) -> float:
     """Return the standard deviation of the pixel noise, blind to edges and smooth shading.
 
     By Immerkaer's operator (Computer Vision and Image Understanding 64, 300, 1996), with the median in place of the
-    mean so that edges do not count, over every ``stride``-th row and column.
+    mean so that edges do not count, over some :data:`NOISE_ROWS` rows and columns.
     """
-    whole = image.dtype == np.uint8
-    response = cv2.filter2D(image if whole else np.asarray(image, np.float32), cv2.CV_16S if whole else -1, IMMERKAER)
+    step = max(min(image.shape) // NOISE_ROWS, 1)
+    signed = image.astype(np.int16) if image.dtype == np.uint8 else image
+
+    def second_difference(rows: slice) -> NDArray[Any]:
+        return signed[rows, :-2:step] - 2 * signed[rows, 1:-1:step] + signed[rows, 2::step]
+
+    outer = second_difference(slice(0, -2, step)) + second_difference(slice(2, None, step))
     gain = float(np.linalg.norm(IMMERKAER)) / MEDIAN_TO_SIGMA
-    return median(np.abs(response[1:-1:stride, 1:-1:stride])) / gain
+    return median(np.abs(outer - 2 * second_difference(slice(1, -1, step)))) / gain
+
+
+def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> Picture | Refusal:
+    """Return an image that may hold a limb as a picture, or why it holds none; parameters as for :func:`find_limb`."""
+    if (refusal := check_image(image, full_scale)) is not None:
+        return refusal
+    if image.shape != (camera.height, camera.width):
+        return wrong_size(image, camera)
+    return Picture(image, full_scale)
+
+
+def wrong_size(image: FloatArray, camera: CameraModel) -> Refusal:
+    """Return the refusal of an image (H, W) that is not its camera's."""
+    size = f"{image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}"
+    return Refusal(Outcome.BAD_INPUT, f"the image is {size}")
+
+
+FEWEST_POINTS = 8
+"""Smallest number of points: three unknowns, and their scatter."""
+
+
+@dataclass(frozen=True)
+class LimbPoints:
+    """Points of the Earth's limb in one image.
+
+    ``uv``: shape (n, 2), (column, row) [px]; ``los_cam``: shape (n, 3), unit lines of sight; ``scale``: image pixels
+    per pixel of the copy in which the limb is sharp.
+    """
+
+    uv: FloatArray
+    los_cam: FloatArray
+    scale: int = 1

@@ -9,6 +9,7 @@ that agree are counted. Proposals are judged by their likelihood (:mod:`.evidenc
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -17,27 +18,10 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.edges import SOBEL_NOISE_GAIN
-from horizonval.estimation.limb.picture import ROSE_SIGMAS
+from horizonval.estimation.limb.picture import FEWEST_POINTS, ROSE_SIGMAS
 from horizonval.estimation.limb.pyramid import PyramidLevel
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.horizon import cones_through, fit_cone
-
-FEWEST_POINTS = 8
-"""Smallest number of points: three unknowns, and their scatter."""
-
-
-@dataclass(frozen=True)
-class LimbPoints:
-    """Points of the Earth's limb in one image.
-
-    ``uv``: shape (n, 2), (column, row) [px]; ``los_cam``: shape (n, 3), unit lines of sight; ``scale``: image pixels
-    per pixel of the copy in which the limb is sharp.
-    """
-
-    uv: FloatArray
-    los_cam: FloatArray
-    scale: int = 1
-
 
 INT16 = np.iinfo(np.int16)
 UNITS = 8.0
@@ -51,7 +35,7 @@ TRIPLES = 6_000
 """Where a tenth of the edges are the limb's, six of these lie on it wholly."""
 COS_GRADIENT = float(np.cos(np.deg2rad(25.0)))
 """Cosine of three standard deviations of a 3 x 3 gradient's direction just above the noise."""
-MOST_CONES = 256
+MOST_CONES = 64
 """Largest number of cones whose support is counted; where the limb dominates the edges, most triples lie on it."""
 TOLERANCE_PX = 1.5
 """A whole pixel lies up to 0.7 px from a curve, and the curve through three of them as far again."""
@@ -75,17 +59,16 @@ class _Edges:
         return np.asarray(near & (np.abs(across) >= COS_GRADIENT * slope) & ((across > 0.0) == inside[:, None]))
 
 
-def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) -> list[tuple[FloatArray, float]]:
-    """Return axes and half-angles of the cones that most edge points of a level agree with.
+def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) -> Iterator[tuple[FloatArray, float]]:
+    """Yield axes and half-angles of the cones that most edge points of a level agree with.
 
     ``camera``: of the picture.
     """
     uv, gradient = edge_points(level)
     edges = _sights(uv * level.scale, gradient, camera, level.scale)
-    found: list[tuple[FloatArray, float]] = []
     n = len(edges.los)
     if n < FEWEST_POINTS:
-        return found
+        return
     rng = np.random.default_rng(np.random.SeedSequence(n))
     axes, cosines, inside = _agreeing(edges, rng.integers(0, n, size=(TRIPLES, 3)), largest_rho_rad)
     supports = edges.supports(axes, cosines, inside)
@@ -105,8 +88,7 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
             support, axis, cosine = again, cone.axis_cam, cone.cos_rho
         taken |= support
         sine = np.linalg.norm(np.cross(edges.los[support], axis), axis=1).mean()
-        found.append((axis, float(np.arctan2(sine, cosine))))
-    return found
+        yield axis, float(np.arctan2(sine, cosine))
 
 
 def _agreeing(
@@ -116,7 +98,7 @@ def _agreeing(
     batches: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = []
     found = 0
     # Where a quarter of the triples and more agree, the first part of them gives all that are needed.
-    for some in np.array_split(triples, len(triples) // (4 * MOST_CONES)):
+    for some in np.split(triples, [4 * MOST_CONES, 20 * MOST_CONES]):
         axes, cosines = cones_through(*np.moveaxis(edges.los[some], 1, 0))
         across = np.einsum("ij,ikj->ik", axes, edges.by_across[some])
         along = np.einsum("ij,ikj->ik", axes, edges.by_along[some])

@@ -10,8 +10,8 @@ one value, and what a lens does not fill.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -27,12 +27,10 @@ COARSEST_PX = 24
 LARGEST_FINE_PX = 320
 """Longer side of the largest level searched as a whole; larger ones are searched near a limb of a smaller one. A disc
 of four pixels in a megapixel is still two wide."""
-SMALLEST_BLOCK_PX = 64
-"""Smallest rectangle of one value that is no measurement: noise leaves none, and a horizon bends."""
+SMALLEST_BLOCK_PX = 7
+"""Shorter side of the smallest rectangle of one value that is no measurement: noise leaves none, a horizon bends."""
 KNOWN_SHARE = 0.7
-"""Smallest valid share of a smaller level's pixel: a lost line is filled from both sides, a block is not."""
-NOISE_ROWS = 128
-"""Rows and columns that the noise is measured in: 16 000 pixels know it to a percent."""
+"""Smallest valid share of a smaller level's pixel: a lost line is filled from both sides, a wide gap is not."""
 NOISE_FLOOR = 1e-3
 """Smallest noise relative to the range of levels: no picture is better than ten bits."""
 
@@ -53,7 +51,7 @@ class PyramidLevel:
     @cached_property
     def noise(self) -> float:
         """Standard deviation of a pixel's noise, by what neighbours show."""
-        return max(noise_sigma(self.grey, max(min(self.grey.shape) // NOISE_ROWS, 1)), self.floor)
+        return max(noise_sigma(self.grey), self.floor)
 
     def at(self, uv: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the levels at places (..., 2) of this level, interpolated linearly, and which are known.
@@ -96,18 +94,6 @@ def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
     return [PyramidLevel(*one, floor) for one in zip(greys, knowns, scales, strict=True)]
 
 
-def without_disc(levels: list[PyramidLevel], column: float, row: float, radius_px: float) -> list[PyramidLevel]:
-    """Return the levels with a disc of the picture unknown in all of them."""
-    out = []
-    for level in levels:
-        height, width = level.grey.shape
-        v, u = np.ogrid[:height, :width]
-        known = np.hypot(u - column / level.scale, v - row / level.scale) > radius_px / level.scale + 1.0
-        known = known if level.known is None else level.known & known
-        out.append(replace(level, grey=_filled(level.grey, known), known=known))
-    return out
-
-
 def known_pixels(picture: Picture, camera: CameraModel) -> NDArray[np.bool_] | None:
     """Return which pixels hold a measurement, shape (H, W); None if all do."""
     unknown = _lost_lines(picture.single)
@@ -134,13 +120,17 @@ def _lost_lines(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 
 def _mark_blocks(picture: Picture, unknown: NDArray[np.bool_]) -> None:
-    """Mark the pixels of rectangles that have the darkest value throughout."""
-    darkest = picture.grey == picture.darkest
-    if np.count_nonzero(darkest) < SMALLEST_BLOCK_PX:
+    """Mark the pixels of rectangles that have the darkest value throughout, and no pixel of it next to them."""
+    darkest = (picture.single == np.float32(picture.darkest)).view(np.uint8)
+    square = np.ones((SMALLEST_BLOCK_PX, SMALLEST_BLOCK_PX), np.uint8)
+    opened = cv2.morphologyEx(darkest, cv2.MORPH_OPEN, square)
+    if not opened.any():
         return
-    _, _, stats, _ = cv2.connectedComponentsWithStats(darkest.view(np.uint8), connectivity=4)
-    for left, top, wide, high, area in stats[1:]:
-        if area >= SMALLEST_BLOCK_PX and area == wide * high and min(wide, high) > 1:
+    _, _, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
+    stats = stats[1:]
+    for left, top, wide, high, area in stats[stats[:, cv2.CC_STAT_AREA] == stats[:, 2] * stats[:, 3]]:
+        around = darkest[max(top - 1, 0) : top + high + 1, max(left - 1, 0) : left + wide + 1]
+        if np.count_nonzero(around) == area:
             unknown[top : top + high, left : left + wide] = True
 
 
@@ -161,8 +151,10 @@ def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.f
 
 AZIMUTHS = 256
 """First azimuths of a cone, dense towards the middle of the image, since a telescope sees a degree."""
+SPREAD = np.pi * np.linspace(-1.0, 1.0, AZIMUTHS) * np.abs(np.linspace(-1.0, 1.0, AZIMUTHS))
 STEP_RAD = 1e-5
 """Step of differences across the limb: far above rounding, far below a pixel."""
+INWARDS, ALONG = STEP_RAD * np.array([[[0.0], [-1.0], [0.0]], [[0.0], [0.0], [1.0]]])
 
 
 @dataclass(frozen=True)
@@ -197,35 +189,44 @@ def trace_limb(
     ``spacing_px``: smallest spacing; ``most``: largest number of positions.
     """
     frame = cone_frame(axis_cam)
-    middle = unproject(camera, np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0])) @ frame
-    towards = float(np.arctan2(middle[1], middle[0])) if np.isfinite(middle).all() else 0.0
-    t = np.linspace(-1.0, 1.0, AZIMUTHS)
-    azimuth = towards + np.pi * t * np.abs(t)
-    uv, _ = project(camera, on_cone(frame, rho_rad, azimuth))
+    middle = _middle(camera) @ frame
+    azimuth = (np.arctan2(middle[1], middle[0]) if np.isfinite(middle).all() else 0.0) + SPREAD
     with np.errstate(invalid="ignore"):
-        seen = np.all((uv >= -0.5) & (uv <= (camera.width - 0.5, camera.height - 0.5)), axis=1)
-        step = np.hypot(*np.diff(uv, axis=0).T)
-    near = seen[1:] | seen[:-1]
-    along = np.concatenate([[0.0], np.cumsum(np.where(near & np.isfinite(step), step, 0.0))])
-    if along[-1] < 1.0:
-        return Trace(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), spacing_px)
-    count = max(int(along[-1] / spacing_px), 2)
-    count = count if most is None else min(count, most)
-    azimuth = np.interp((np.arange(count) + 0.5) * (along[-1] / count), along, azimuth)
-    # The place itself, one step further in, and one step further along.
-    steps = STEP_RAD * np.array([[0.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
-    (uv, inner, after), _ = project(camera, on_cone(frame, rho_rad + steps[:, :1], azimuth + steps[:, 1:]))
-    with np.errstate(invalid="ignore"):
-        seen = ((uv >= 0.0) & (uv <= (camera.width - 1, camera.height - 1))).all(axis=1)
-    seen &= np.isfinite(inner).all(axis=1) & np.isfinite(after).all(axis=1)
-    uv, azimuth = uv[seen], azimuth[seen]
+        uv, _ = project(camera, on_cone(frame, rho_rad, azimuth))
+        seen = _inside(camera, uv, 0.5)
+        across, down = (uv[1:] - uv[:-1]).T
+        step = np.where(seen[1:] | seen[:-1], np.sqrt(across * across + down * down), 0.0)
+        along = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(step), step, 0.0))])
+        length = float(along[-1])
+        if length < 1.0:
+            return Trace(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), spacing_px)
+        count = max(int(length / spacing_px), 2)
+        count = count if most is None else min(count, most)
+        azimuth = np.interp((np.arange(count) + 0.5) * (length / count), along, azimuth)
+        # The place itself, one step further in, and one step further along.
+        here, inner, after = project(camera, on_cone(frame, rho_rad + INWARDS, azimuth + ALONG))[0]
+        seen = _inside(camera, here, 0.0) & np.isfinite(inner[:, 0] + after[:, 0])
+    here, azimuth = here[seen], azimuth[seen]
+    radial, tangent = inner[seen] - here, after[seen] - here
     # Across the limb in the image, which is not where the axis lies: at right angles to the limb itself.
-    tangent, radial = after[seen] - uv, inner[seen] - uv
-    normal = tangent[:, ::-1] * (-1.0, 1.0)
-    normal /= np.maximum(np.hypot(*normal.T), 1e-300)[:, None]
-    across = np.einsum("ij,ij->i", normal, radial)
-    normal *= np.where(across < 0.0, -1.0, 1.0)[:, None]
-    return Trace(uv, normal, STEP_RAD / np.maximum(np.abs(across), 1e-300), azimuth, along[-1] / count)
+    turned = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    length_2 = np.maximum((turned * turned).sum(axis=1), 1e-300)
+    across = (turned * radial).sum(axis=1) / np.sqrt(length_2)
+    normal = turned * (np.where(across < 0.0, -1.0, 1.0) / np.sqrt(length_2))[:, None]
+    return Trace(here, normal, STEP_RAD / np.maximum(np.abs(across), 1e-300), azimuth, length / count)
+
+
+@lru_cache(maxsize=2)
+def _middle(camera: CameraModel) -> FloatArray:
+    """Return the line of sight of the image's middle, shape (3,)."""
+    return unproject(camera, np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0]))
+
+
+def _inside(camera: CameraModel, uv: FloatArray, margin: float) -> NDArray[np.bool_]:
+    """Return which places (n, 2) lie in the image, or no further than a margin [px] beyond its outermost pixels."""
+    u, v = uv.T
+    columns = (u >= -margin) & (u <= camera.width - 1.0 + margin)
+    return np.asarray(columns & (v >= -margin) & (v <= camera.height - 1.0 + margin))
 
 
 def cone_frame(axis: FloatArray) -> FloatArray:
@@ -235,8 +236,7 @@ def cone_frame(axis: FloatArray) -> FloatArray:
 
 def on_cone(frame: FloatArray, rho: float | FloatArray, azimuth: FloatArray) -> FloatArray:
     """Return lines of sight on cones, shape (..., 3), of half-angles ``rho`` at azimuths (...) in a cone's frame."""
-    rho, azimuth = np.broadcast_arrays(rho, azimuth)
-    parts = np.empty((*azimuth.shape, 3))
     sine = np.sin(rho)
+    parts = np.empty((*np.broadcast_shapes(np.shape(rho), azimuth.shape), 3))
     parts[..., 0], parts[..., 1], parts[..., 2] = sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(rho)
     return np.asarray(parts @ frame.T)

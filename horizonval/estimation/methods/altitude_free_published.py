@@ -24,7 +24,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.limb.cone import ConeUncertainty, cone_uncertainty
-from horizonval.estimation.limb.finder import find_canny_pixels
+from horizonval.estimation.limb.edges import find_canny_pixels
 from horizonval.estimation.methods.altitude_free import fit_of_cone, newton
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import nadir_of_roll_pitch

@@ -32,7 +32,8 @@ from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
-from horizonval.estimation.limb.finder import find_limb_and_picture, wrong_size
+from horizonval.estimation.limb.finder import find_limb_and_picture
+from horizonval.estimation.limb.picture import wrong_size
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.ellipsoid import sphere
@@ -74,7 +75,7 @@ def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
         if isinstance(crossing, Refusal):
             return crossing
         return image, np.array([[crossing.column, 0.0]])
-    searched = find_limb_and_picture(head.image, head.camera, head.full_scale, head.prior)
+    searched = find_limb_and_picture(head, coarse=True)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched

@@ -28,7 +28,7 @@ any height below its own."""
 
 def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
-    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale, observation.prior)
+    searched = find_limb_and_picture(observation, coarse=True)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched

@@ -20,8 +20,8 @@ pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS` pixels to s. The scales
 - on the ground a sixth of the cosine of the light's zenith angle, and in twilight the angle over which the Earth's
   shadow rises by a scale height (:data:`TWILIGHT_RAD`); beyond twilight there is no light (:data:`NIGHT`).
 
-A pixel with the terminator, a coast, the edge of snow or ice or a border between kinds of ground is cut, too, and so
-is everything under clouds.
+Pixels that are large against gaps in thin cloud are cut. A pixel with the terminator, a coast, the edge of snow or ice
+or a border between kinds of ground is cut, too, and so is everything under clouds.
 """
 
 from __future__ import annotations
@@ -49,6 +49,8 @@ GLINT_RAD = 0.08
 """Width of the Sun's glint on a calm sea."""
 TWILIGHT_RAD = 0.005
 """Half of what a scale height of the shadow takes in the middle of twilight: the ground's terminator is sharper."""
+GAP_PIXELS = 1.0 / 15.0
+"""Largest pixel on the ground that is not cut, of the scale of gaps in thin cloud."""
 NIGHT = -0.33
 """Cosine of the zenith angle of a light that has gone down for good."""
 
@@ -130,6 +132,9 @@ def _even_ground(view: FrameGeometry, centre: Vec, reach: mi.Float64) -> mi.Bool
     # seen from the Earth's centre, along the ray's trace on the ground
     needed *= (mid - half) / dr.maximum(half, 1.0)
     size, lift = needed / EVEN_PIXELS, 0.0 if view.bending is None else constant(view.bending.largest_angle())
+    for gaps in view.gap_maps:
+        if gaps is not None:
+            even &= size * view.planet.a_m < GAP_PIXELS * gaps.scale_m
     point = along(view.origin, centre, mid - half)
     lights = [view.sun]
     if view.moon is not None and view.moon.lights_earth:

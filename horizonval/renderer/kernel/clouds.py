@@ -460,7 +460,7 @@ _maps: OrderedDict[_MapKey, GapMap] = OrderedDict()
 class GapMap:
     """The cloud's share of the mean column, f / c, less one, around ``up``; ``side`` nodes along both axes.
 
-    ``axes``: the map's x and y directions; ``per_unit``: nodes per unit.
+    ``axes``: the map's x and y directions; ``per_unit``: nodes per unit; ``cover``: c; ``scale_m``: of the gaps.
     """
 
     values: mi.Float32
@@ -468,6 +468,12 @@ class GapMap:
     up: Vec
     per_unit: mi.Float64
     side: mi.UInt32
+    cover: mi.Float64
+    scale_m: float
+
+    def share(self, normal: Vec) -> mi.Float64:
+        """Return the cloud's share f of its full optical depth below unit normals."""
+        return (self.excess(normal) + 1.0) * self.cover
 
     def excess(self, normal: Vec) -> mi.Float64:
         """Return by how much of the mean column a layer exceeds it below unit normals: -1 in a gap."""
@@ -520,4 +526,4 @@ def _make_map(gaps: LayerGaps, planet: Planet, origin: tuple[float, float, float
     cloudy = dr.clip((rank - constant(1.0 - gaps.cover)) / constant(gaps.softness) + 0.5, 0.0, 1.0)
     values = mi.Float32(cloudy / constant(gaps.cover) - 1.0)
     dr.eval(values)
-    return GapMap(values, axes, vertical, per_unit, row_length)
+    return GapMap(values, axes, vertical, per_unit, row_length, constant(gaps.cover), gaps.scale_m)

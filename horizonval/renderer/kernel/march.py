@@ -244,8 +244,14 @@ def march_to_stations(
     to_ground: bool,
     concentration: float,
     stations: SunlitStations,
-) -> tuple[Values, Values, Values]:
-    """Return radiance, bounce and transmittance from the observer to stations, per node, each (stations * rays,)."""
+    *,
+    attenuated: bool = True,
+) -> tuple[Values, Values, Values, mi.Float64 | None]:
+    """Return what the pieces between stations add, per node, each (stations * rays,), and the bending at rays' ends.
+
+    Radiance, bounce and optical depth, the first from the observer to the first station, seen from their beginnings;
+    with ``attenuated`` False what a piece adds is its emission, of which nothing is absorbed.
+    """
     ends = mi.Bool(to_ground)
     dr.make_opaque(ends)
     path = find_path(planet, top_m, o, d, ends)
@@ -265,17 +271,19 @@ def march_to_stations(
     def bound(i: mi.Float64) -> mi.Float64:
         return stations.bound(path, edges, concentration, i)
 
-    def note(i: mi.UInt32, tau: Values, radiance: Values) -> None:
+    def note(i: mi.UInt32, tau: Values, radiance: Values) -> tuple[Values, Values]:
         station, within = stations.interval(dr.maximum(mi.Float64(i) - stations.before, 0.0))
         # the last round may go past the last station
         here = (i >= stations.before) & (i <= count) & (within < 1e-6)
         index = mi.UInt32(station) * width + lane
         for values, value in zip(noted, [*radiance, *tau], strict=True):
             dr.scatter(values, value, index, here, mode=dr.ReduceMode.NoConflicts)
+        tau, radiance = ([dr.select(here, 0.0, v) for v in sums] for sums in (tau, radiance))
+        return tau, radiance
 
-    _integrate(planet, path, batch, source, o, d, count, bound, note)
+    _, _, state = _integrate(planet, path, batch, source, o, d, count, bound, note, attenuated)
     first, last = batch.width, parts * batch.width
-    return noted[:first], noted[first:last], [dr.exp(-v) for v in noted[last:]]
+    return noted[:first], noted[first:last], noted[last:], state[1]
 
 
 def _parts(batch: ShiningNodes | OpacityNodes) -> int:
@@ -330,11 +338,12 @@ def _integrate(
     d: Vec,
     count: int | mi.UInt32,
     bound: Bound,
-    note: Callable[[mi.UInt32, Values, Values], None] | None = None,
+    note: Callable[[mi.UInt32, Values, Values], tuple[Values, Values]] | None = None,
+    attenuated: bool = True,
 ) -> tuple[Values, Values, State]:
     """Return optical depth and radiances per node, and the source's state at the end.
 
-    ``note`` gets both after each step.
+    ``note`` gets both after each step, and returns with what to go on.
     """
     together = source.round.steps
 
@@ -360,10 +369,13 @@ def _integrate(
             for n in range(batch.width):
                 depth = 0.5 * h * (k_a[n] + k_b[n])
                 for m in range(n, len(j_a), batch.width):
-                    radiance[m] = radiance[m] + dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[m], j_b[m], depth)
+                    added = 0.5 * h * (j_a[m] + j_b[m])
+                    if attenuated:
+                        added = dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[m], j_b[m], depth)
+                    radiance[m] = radiance[m] + added
                 tau[n] = tau[n] + depth
             if note is not None:
-                note(i + k + 1, tau, radiance)
+                tau, radiance = note(i + k + 1, tau, radiance)
             return k + 1, t1, tau, radiance, bending
 
         begin = mi.UInt32(0), t0 + 0.0, tau, radiance, state[1]

@@ -13,13 +13,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self, TypeAlias
+from typing import Protocol, Self, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.column_air import ColumnAir, DepthFactor, Lattice
-from horizonval.renderer.kernel.clouds import GapMap
 from horizonval.renderer.planet import Bands, Planet, along
 from horizonval.renderer.refraction import RefractionTables
 from horizonval.renderer.scattering.source_table import HorizontalTransfer, SourceTable
@@ -58,6 +57,13 @@ class Place:
         return interpolate(table, self.node, self.weight, width)
 
 
+class Gaps(Protocol):
+    """Where a layer is cloudy."""
+
+    def excess(self, normal: Vec) -> mi.Float64:
+        """Return by how much of the mean column a layer exceeds it below unit normals: -1 in a gap."""
+
+
 @dataclass(frozen=True)
 class GappedLayer:
     """A layer of thin cloud with gaps in a batch; ``number``: index among the model's layers.
@@ -70,7 +76,7 @@ class GappedLayer:
     extinction: mi.Float64
     scattering: mi.Float64
     asymmetry: Values
-    map: GapMap | None = None
+    map: Gaps | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ class _Air:
     bands: Bands = field(default=(), kw_only=True)
     gapped: tuple[GappedLayer, ...] = field(default=(), kw_only=True)
 
-    def under(self, maps: Sequence[GapMap | None]) -> Self:
+    def under(self, maps: Sequence[Gaps | None]) -> Self:
         """Return the batch with the gaps of its layers, by the maps of all layers."""
         return replace(self, gapped=tuple(replace(layer, map=maps[layer.number]) for layer in self.gapped))
 
@@ -203,7 +209,7 @@ class SolarNodes(_Air):
         """Whether the air varies with longitude too."""
         return self.columns is not None and isinstance(self.columns.places, Lattice)
 
-    def under(self, maps: Sequence[GapMap | None]) -> SolarNodes:
+    def under(self, maps: Sequence[Gaps | None]) -> SolarNodes:
         """Return the batch, and its airglow, with the gaps of its layers."""
         glow = None if self.glow is None else self.glow.under(maps)
         return replace(super().under(maps), glow=glow)

@@ -29,8 +29,10 @@ from horizonval.renderer.planet import find_path
 from horizonval.renderer.refraction import RefractionTables
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.types import Values, Vec, indices_where
+from horizonval.renderer.view_table.broken_air import BrokenAir
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
 from horizonval.renderer.view_table.sunlit_air import (
+    FAINT,
     Light,
     RayPlane,
     StationPlace,
@@ -69,6 +71,7 @@ class _Looked:
     azimuth: mi.Float64
     marched: mi.UInt32
     cloudy: _Cloudy | None
+    broken: BrokenAir | None
 
 
 @dataclass(frozen=True)
@@ -112,13 +115,14 @@ class FrameTables:
     ) -> FrameTables | None:
         """Find the places of a frame's rays, and make missing patches; None where nothing shines by table.
 
-        Gaps of thin cloud are finer than tables over directions: a frame with such is marched, ray by ray. ``hits``:
-        where rays to the ground end, and rays past it; ``batches``: those of thermal nodes are ignored; ``nodes``:
-        evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering;
+        Frames with gaps of thin cloud and opaque clouds, or with two layers with gaps at one height, are marched.
+        ``hits``: where rays to the ground end, and rays past it; ``batches``: those of thermal nodes are ignored;
+        ``nodes``: evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering;
         ``accuracy``: error allowed, as a share of the bright limb.
         """
-        lights = [] if view.gap_maps else _lights(view, batches, nodes, accuracy)
-        if not lights:
+        lights = _lights(view, batches, nodes, accuracy)
+        clouds = view.ground is not None and view.ground.model.clouds is not None
+        if not lights or (view.gap_maps and (clouds or not all(light.gaps_apart for light in lights))):
             return None
         tables = cls(view, cells, lights, digest, accuracy)
         if cells.ground.count:
@@ -139,7 +143,8 @@ class FrameTables:
             plane = RayPlane.of(coordinates, to_ground, {*light.edges_m, last_m}, top_m)
             x, azimuth = plane.place(self.view.origin, direction)
             dr.eval(x, azimuth)
-            table = self._table(light, plane)
+            broken = BrokenAir(light, plane, self.view.gap_maps) if self.view.gap_maps else None
+            table = self._table(light, plane, broken=broken)
             table.cover(x, azimuth)
             rough = [] if (mask := table.rough(x, azimuth)) is None else [mask]
             cloudy = None
@@ -152,7 +157,7 @@ class FrameTables:
                     dr.scatter(beside, mask, clouded)
                     rough.append(beside)
             marched = indices_where(reduce(or_, rough)) if rough else mi.UInt32()
-            looked[light.name] = _Looked(light, coordinates, table, x, azimuth, marched, cloudy)
+            looked[light.name] = _Looked(light, coordinates, table, x, azimuth, marched, cloudy, broken)
         return LitRays(direction, to_ground, looked)
 
     def _cloudy(
@@ -177,20 +182,29 @@ class FrameTables:
         return _Cloudy(table, index, x, azimuth, station)
 
     def _bright_limb(self, cells: Cells) -> FloatArray:
-        """Return the radiance of the frame's bright limb, (batches * 4,).
+        """Return the radiance of the frame's bright limb, (batches * 4,), and leave out lights that add nothing to it.
 
         By the azimuths of its rays past the ground, or of those to the ground if it has no others. In steps of a
         factor of four below the brightest all round, so that frames from one position share tables.
         """
         planet, origin = self.view.planet, self._origin
         key = self._key("bright limb", [self._key_of(light) for light in self._lights])
-        around = TABLES.get_or_make(key, lambda: bright_limb(self._lights, planet, origin), lambda table: table.nbytes)
+        lights = self._lights
+        each = TABLES.get_or_make(key, lambda: bright_limb(lights, planet, origin), lambda table: table.nbytes)
+        around = np.maximum(each.sum(axis=0), 1e-30)
+        bright = self._brightest_in_frame(cells, around)
+        shares = (each.max(axis=1) / bright).max(axis=1)
+        self._lights = [light for light, share in zip(lights, shares, strict=True) if share > FAINT * self.accuracy]
+        self._lights = self._lights or lights[:1]
+        return bright
+
+    def _brightest_in_frame(self, cells: Cells, around: FloatArray) -> FloatArray:
         brightest = around.max(axis=0)
         rays, to_ground = (cells.limb, False) if cells.limb.count else (cells.ground, True)
         if not rays.count:
             # A camera that sees only space.
             return np.asarray(brightest)
-        coordinates = RayCoordinates.of(planet, origin, self._lights[0].top_m)
+        coordinates = RayCoordinates.of(self.view.planet, self._origin, self._lights[0].top_m)
         _, azimuth = coordinates.place(self.view.origin, rays.direction, to_ground)
         sector = mi.UInt32(dr.floor(azimuth * (0.5 / math.pi * len(around)) + (len(around) + 0.5))) % len(around)
         seen = dr.zeros(mi.UInt32, len(around))
@@ -207,7 +221,9 @@ class FrameTables:
         toward = tuple(float(c[0]) for c in light.direction)
         return light.name, toward, light.nodes, tuple(b is not None for b in light.batches)
 
-    def _table(self, light: Light, plane: RayPlane, cloud_top_m: float | None = None) -> PatchTable:
+    def _table(
+        self, light: Light, plane: RayPlane, cloud_top_m: float | None = None, broken: BrokenAir | None = None
+    ) -> PatchTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
         # rays that end on a map or a cloud know themselves by how much they have turned
         bends = (
@@ -216,9 +232,13 @@ class FrameTables:
             and any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
         )
         names = [self._key_of(other) for other in (light, *self._lights)]
-        key = self._key("sunlit air", names, self._bright.tolist(), plane.to_ground, bends, cloud_top_m)
+        key = self._key(
+            "sunlit air", names, self._bright.tolist(), plane.to_ground, bends, cloud_top_m, broken is not None
+        )
 
         def make() -> PatchTable:
+            if broken is not None:
+                return broken.table(self._bright)
             if cloud_top_m is None:
                 return sunlit_air(light, plane, self._bright, bends)
             return cloudy_air(light, plane, self._bright, cloud_top_m)
@@ -240,14 +260,21 @@ class FrameTables:
         bends = bends and hit is None
         count, width = len(looked.light.batches), nodes.width
         apart = isinstance(nodes, SolarNodes) and nodes.bounce is not None
-        packets = [first, first + 1]
-        packets += [bounce_packet(count, False, batch)] if apart else []
-        packets += [bending_packet(count)] if bends else []
-        values = looked.table.look(looked.x, looked.azimuth, packets)
-        lights = [values[k * PACKET : k * PACKET + width] for k in range(2 + apart)]
-        bending = values[-PACKET] if bends else None
-        found = [dr.maximum(v, 0.0) if k != 1 else v for k, light in enumerate(lights) for v in light]
-        found += [] if bending is None else [bending]
+        bending: mi.Float64 | None
+        if looked.broken is not None:
+            o, d = self.view.origin, rays.direction
+            *parts, bending = looked.broken.look(looked.table, looked.x, looked.azimuth, o, d, batch, width)
+            found = [value for part in parts for value in part]
+            dr.eval(found, bending)
+        else:
+            packets = [first, first + 1]
+            packets += [bounce_packet(count, False, batch)] if apart else []
+            packets += [bending_packet(count)] if bends else []
+            values = looked.table.look(looked.x, looked.azimuth, packets)
+            lights = [values[k * PACKET : k * PACKET + width] for k in range(2 + apart)]
+            found = [dr.maximum(v, 0.0) if k != 1 else v for k, light in enumerate(lights) for v in light]
+            bending = values[-PACKET]
+        found += [bending] if bends and bending is not None else []
         if looked.cloudy is not None:
             dr.eval(found)
             self._before_clouds(looked, batch, found)

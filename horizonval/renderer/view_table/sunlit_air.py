@@ -37,6 +37,7 @@ from itertools import accumulate, pairwise
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.frame_geometry import RayAxis, RayCoordinates
@@ -177,6 +178,8 @@ MORE_NODES, MORE_NODES_IN_SHADOW = 2.0, 4.0
 OF_A_KINK = 4.0
 """How many accuracies the splines through every second node may miss. The spline through all of them halves that at a
 kink, and divides it by sixteen where radiance is smooth."""
+FAINT = 0.01
+"""A light that brightens no limb all round by this share of the accuracy is left out."""
 LEAST_TRANSMITTANCE, LEAST_BENDING_RAD = 0.1, 0.01
 """Smaller ones may have their error."""
 SURVEY_ROWS, SURVEY_AZIMUTHS = 12, 24
@@ -206,6 +209,25 @@ class Light:
         """Return whether a layer of thin cloud, or of airglow, is at a height."""
         bands = [band for batch in self.batches if batch is not None for band in batch.bands]
         return any(band.base_m < height_m < band.top_m for band in bands)
+
+    @property
+    def gapped(self) -> list[list[int]]:
+        """Return the numbers of the layers with gaps between neighbouring edges, from the highest on."""
+        spans: dict[int, tuple[float, float]] = {}
+        for batch in self.batches:
+            for layer in () if batch is None else batch.gapped:
+                assert batch is not None
+                cloudy = np.flatnonzero(np.array(layer.extinction).reshape(-1, batch.width).any(axis=1))
+                if len(cloudy):
+                    z = np.array(batch.grid.altitude_m)
+                    spans[layer.number] = float(z[cloudy[0]]), float(z[cloudy[-1]])
+        between = [0.5 * (high + low) for high, low in pairwise(sorted(self.edges_m, reverse=True))]
+        return [[n for n, (low, high) in spans.items() if low <= height <= high] for height in between]
+
+    @property
+    def gaps_apart(self) -> bool:
+        """Whether no two layers with gaps share a height."""
+        return all(len(numbers) < 2 for numbers in self.gapped)
 
     @property
     def air_ends_m(self) -> tuple[float, float]:
@@ -281,8 +303,10 @@ class Light:
         d: Vec,
         to_ground: bool,
         stations: SunlitStations,
-    ) -> tuple[Values, Values, Values]:
-        """March up to stations along the rays."""
+        *,
+        attenuated: bool = True,
+    ) -> tuple[Values, Values, Values, mi.Float64 | None]:
+        """Return what pieces between stations along rays add, as :func:`march_to_stations`."""
         return march_to_stations(
             coordinates.planet,
             self.top_m,
@@ -293,6 +317,7 @@ class Light:
             to_ground,
             SOLAR_CONCENTRATION,
             stations,
+            attenuated=attenuated,
         )
 
 
@@ -318,21 +343,22 @@ def packets_of(light: Light, bends: bool) -> int:
 
 
 def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> FloatArray:
-    """Return the radiance of the bright limb of all lights together, shape (azimuths, batches * 4).
+    """Return the radiance of the bright limb in every light, shape (lights, azimuths, batches * 4).
 
     The brightest of a row of tangent heights.
     """
     width = PACKET * len(lights[0].batches)
-    total = np.zeros((SURVEY_ROWS * SURVEY_AZIMUTHS, width))
-    for light in lights:
+    brightest = np.zeros((len(lights), SURVEY_AZIMUTHS, width))
+    for number, light in enumerate(lights):
         plane = RayPlane.of(RayCoordinates.of(planet, origin, light.top_m), False, (), light.top_m)
         turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
         x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
         found = _marched(light, plane, x.ravel(), azimuth.ravel(), bends=False)
         for k in range(len(light.batches)):
             of_batch = slice(PACKET * radiance_packet(k), PACKET * radiance_packet(k) + PACKET)
-            total[:, PACKET * k : PACKET * (k + 1)] += found[:, of_batch]
-    return np.maximum(total.reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, width).max(axis=0), 1e-30)
+            rows = found[:, of_batch].reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, PACKET)
+            brightest[number, :, PACKET * k : PACKET * (k + 1)] = rows.max(axis=0)
+    return brightest
 
 
 def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray, bends: bool) -> FloatArray:
@@ -364,34 +390,36 @@ def sunlit_air(light: Light, plane: RayPlane, bright: FloatArray, bends: bool) -
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         return _marched(light, plane, x, azimuth, bends)
 
-    return air_table(light, values, bright, bends)
+    return air_table(light, values, *_scales(light, bright, bends))
 
 
-def air_table(
-    light: Light,
-    values: Callable[[FloatArray, FloatArray], FloatArray],
-    bright: FloatArray,
-    bends: bool = False,
-    stations: int = 1,
-) -> PatchTable:
-    """Return an empty table of ``values``: the quantities of :func:`sunlit_air` for every station.
-
-    ``bright``: radiance of the bright limb, (batches * 4,).
-    """
+def _scales(light: Light, bright: FloatArray, bends: bool) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the arguments of :func:`air_table`; ``bright``: radiance of the bright limb, (batches * 4,)."""
     packets, count = packets_of(light, bends), len(light.batches)
-    scale = np.zeros((packets, PACKET))
+    scale, own = np.zeros((packets, PACKET)), np.zeros((packets, PACKET), dtype=bool)
     for k in range(count):
         of_batch = bright[PACKET * k : PACKET * (k + 1)]
         scale[radiance_packet(k)] = of_batch
         if light.over_varied_ground:
             scale[bounce_packet(count, bends, k)] = of_batch
-    # of transmittances and the bending angle, which have no scale but their own
-    scale[1 : 2 * count : 2] = LEAST_TRANSMITTANCE
-    own = np.zeros((packets, PACKET), dtype=bool)
-    own[1 : 2 * count : 2] = True
+    scale[1 : 2 * count : 2], own[1 : 2 * count : 2] = LEAST_TRANSMITTANCE, True
     if bends:
         scale[bending_packet(count)], own[bending_packet(count)] = LEAST_BENDING_RAD, True
-    scale, own = (np.tile(v.ravel(), stations) for v in (scale, own))
+    return scale.ravel(), own.ravel()
+
+
+def air_table(
+    light: Light,
+    values: Callable[[FloatArray, FloatArray], FloatArray],
+    scale: FloatArray,
+    own: NDArray[np.bool_],
+    *,
+    single: bool = False,
+) -> PatchTable:
+    """Return an empty table of ``values``, with an error that is the light's accuracy.
+
+    As a share of ``scale``, shape (quantities,), or of values themselves where ``own`` and they are larger.
+    """
     miss = OF_A_KINK * light.accuracy
 
     def allowed(known: FloatArray) -> FloatArray:
@@ -400,11 +428,11 @@ def air_table(
         found *= miss
         return found
 
-    return PatchTable(Tabulated(values, allowed, packets * PACKET * stations, single=stations > 1))
+    return PatchTable(Tabulated(values, allowed, len(scale), single=single))
 
 
 STATIONS = 13
-"""At least; more of them where many edges of layers cut the way."""
+"""Without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts the way."""
 STEPS, STEPS_BEFORE = 3, 24
 """Of the march: from one station to the next, and up to the first, at the usual accuracy."""
 IN_SHADOW_BEFORE = 2
@@ -470,10 +498,10 @@ def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
     ways = [high - low for high, low in pairwise(reach)]
     if not to_ground:
         ways = [*ways[:-1], 2.0 * ways[-1], *reversed(ways[:-1])]
-    free = max(STATIONS - 1 - LEAST_INTERVALS * len(ways), 0)
+    free = STATIONS - 1 - LEAST_INTERVALS
     shares = [LEAST_INTERVALS + math.floor(free * way / sum(ways)) for way in ways]
     longest = shares.index(max(shares))
-    shares[longest] += max(STATIONS - 1 - sum(shares), 0)
+    shares[longest] += free + LEAST_INTERVALS * len(ways) - sum(shares)
     return [0, *accumulate(shares)]
 
 
@@ -492,16 +520,22 @@ def cloudy_air(light: Light, plane: RayPlane, bright: FloatArray, top_m: float) 
         for k, batch in enumerate(light.batches):
             if batch is None:
                 continue
-            radiance, bounce, transmittance = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
-            dr.eval(radiance, bounce, transmittance)
-            for n, (r, t) in enumerate(zip(radiance, transmittance, strict=True)):
-                out[:, :, 2 * k, n] = np.asarray(r).reshape(stations.count, -1).T
-                out[:, :, 2 * k + 1, n] = np.asarray(t).reshape(stations.count, -1).T
-            for n, b in enumerate(bounce):
-                out[:, :, bounce_packet(count, False, k), n] = np.asarray(b).reshape(stations.count, -1).T
+            parts = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
+            dr.eval(parts)
+            radiance, bounce, depth = (
+                np.array([np.asarray(v).reshape(stations.count, -1).T for v in part]) for part in parts[:3]
+            )
+            through = np.exp(-np.cumsum(depth, axis=-1))
+            before = np.concatenate([np.ones_like(through[..., :1]), through[..., :-1]], axis=-1)
+            out[:, :, 2 * k, : batch.width] = np.moveaxis(np.cumsum(before * radiance, axis=-1), 0, -1)
+            out[:, :, 2 * k + 1, : batch.width] = np.moveaxis(through, 0, -1)
+            if len(bounce):
+                summed = np.moveaxis(np.cumsum(before * bounce, axis=-1), 0, -1)
+                out[:, :, bounce_packet(count, False, k), : batch.width] = summed
         return out.reshape(len(x), -1)
 
-    return air_table(light, values, bright, stations=stations_a_ray)
+    scale, own = _scales(light, bright, bends=False)
+    return air_table(light, values, np.tile(scale, stations_a_ray), np.tile(own, stations_a_ray), single=True)
 
 
 def place_among(stations: SunlitStations, t: mi.Float64) -> StationPlace:

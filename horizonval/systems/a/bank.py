@@ -26,9 +26,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.limb.cone import SLOW_PX, slow_error
-from horizonval.estimation.limb.finder import find_canny_pixels, find_edges_only, find_limb
-from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.proposals import LimbPoints
+from horizonval.estimation.limb.edges import find_canny_pixels
+from horizonval.estimation.limb.finder import find_limb
+from horizonval.estimation.limb.picture import LimbPoints, Picture
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import MEAN_RADIUS_M
@@ -159,12 +159,10 @@ def _errors(
     observation = Observation(image=image, camera=camera, full_scale=full_scale)
     nadir = np.array(frame.truth.nadir_geocentric_cam)
     whole = find_canny_pixels(image, camera, full_scale)
-    level = find_edges_only(image, camera, full_scale)
     limb = find_limb(image, camera, full_scale)
     fits = {
         "whole, newton": (whole, altitude_free_published.fit_pixels),
         "whole, closed": (whole, altitude_free_closed_form.fit_points),
-        "level, newton": (level, altitude_free.fit_points),
         "limb, newton": (limb, altitude_free.fit_points),
         "limb, closed": (limb, altitude_free_closed_form.fit_points),
     }

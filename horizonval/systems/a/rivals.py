@@ -29,8 +29,8 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Refusal
-from horizonval.estimation.limb.finder import find_canny_pixels
-from horizonval.estimation.limb.proposals import LimbPoints
+from horizonval.estimation.limb.edges import find_canny_pixels
+from horizonval.estimation.limb.picture import LimbPoints
 from horizonval.estimation.methods import altitude_free_closed_form, altitude_free_published
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject

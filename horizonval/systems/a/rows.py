@@ -227,7 +227,7 @@ def accuracy_rows(bank: Bank) -> list[ComparisonRow]:
     def errors(method: str, light: str = "clean") -> list[float]:
         return values(sharp, method, "nadir_arcsec", light)
 
-    whole, level, limb = (rms(errors(method)) for method in ("whole, newton", "level, newton", "limb, newton"))
+    whole, limb = (rms(errors(method)) for method in ("whole, newton", "limb, newton"))
     whole_noisy, limb_noisy = (errors(method, "noisy") for method in ("whole, newton", "limb, newton"))
     nees = values(bank.values(), "whole, newton", "nees")
     noisy_nees = values(sharp, "limb, newton", "nees", "noisy")
@@ -240,7 +240,6 @@ def accuracy_rows(bank: Bank) -> list[ComparisonRow]:
             camera=camera,
             frames=len(sharp),
             pixel=60 * 3600 / 1024,
-            level=level,
         ),
         TEXT.row("whole", whole, camera=camera, factor=whole / limb),
         TEXT.row("sub_pixel_noisy", rms(limb_noisy), camera=camera, median=np.median(limb_noisy)),

@@ -61,10 +61,11 @@ def test_stations_tell_what_marches_find_that_end_there(
     sun = constant_vector(sun_itrs)
     first, last = way_through(PLANET, o, d, 18e3, to_ground)
     stations = SunlitStations((first, last), _numbers(4.0), _numbers(192.0), count=5, steps=192, before=192)
-    radiance, _, transmittance = march_to_stations(
-        PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations
-    )
-    radiance, transmittance = (np.array(v[0]).reshape(5, 3) for v in (radiance, transmittance))
+    radiance, _, depth, _ = march_to_stations(PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations)
+    # of the pieces between stations
+    radiance, depth = (np.array(v[0]).reshape(5, 3) for v in (radiance, depth))
+    transmittance = np.exp(-np.cumsum(depth, axis=0))
+    radiance = np.cumsum(radiance * np.exp(depth) * transmittance, axis=0)
     for k in range(5):
         end = first + (last - first) * (k / 4.0)
         cloud = dr.full(mi.Bool, True, 3), end

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import ndtr
 
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.proposals import LimbPoints
+from horizonval.estimation.limb.picture import LimbPoints
 from horizonval.estimation.limb.pyramid import cone_frame, on_cone, trace_limb
 from horizonval.estimation.limb.steepest import (
     NEEDED_PX,
