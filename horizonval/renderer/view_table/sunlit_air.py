@@ -361,6 +361,19 @@ def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> 
     return brightest
 
 
+def brightest_air(lights: Sequence[Light], planet: Planet, origin: FloatArray, d: Vec) -> FloatArray:
+    """Return the largest radiance of the air along rays to the ground, in all lights together, (batches * 4,)."""
+    total = np.zeros(PACKET * len(lights[0].batches))
+    for light in lights:
+        coordinates = RayCoordinates.of(planet, origin, light.top_m)
+        for k, batch in enumerate(light.batches):
+            if batch is not None:
+                air = light.march(batch, coordinates, vectors(origin[None, :]), d, True)
+                dr.eval(air.radiance)
+                total[PACKET * k : PACKET * k + batch.width] += [float(np.max(np.asarray(v))) for v in air.radiance]
+    return total
+
+
 def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray, bends: bool) -> FloatArray:
     """Return the quantities of a table at places."""
     d = vectors(plane.directions(x, azimuth))
