@@ -35,7 +35,7 @@ LIMB_TOP_M = 80e3
 """The brightest pixel between the ground and this height is what errors are a share of."""
 WORST, MEDIAN = 2e-3, 1e-4
 """Largest errors at the default accuracy, as shares of the bright limb."""
-AIRLESS = 1e-3
+AIRLESS = 0.03
 """A limb below this share of the brightest pixel is no limb."""
 DARK = 1e-4
 """Pixels below this share of the bright limb do not count for the median."""

@@ -444,8 +444,8 @@ def air_table(
     return PatchTable(Tabulated(values, allowed, len(scale), single=single))
 
 
-STATIONS = 13
-"""Without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts the way."""
+STATIONS, STATIONS_TO_GROUND = 19, 13
+"""On rays past the ground and to it without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts the way."""
 STEPS, STEPS_BEFORE = 3, 24
 """Of the march: from one station to the next, and up to the first, at the usual accuracy."""
 IN_SHADOW_BEFORE = 2
@@ -511,7 +511,7 @@ def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
     ways = [high - low for high, low in pairwise(reach)]
     if not to_ground:
         ways = [*ways[:-1], 2.0 * ways[-1], *reversed(ways[:-1])]
-    free = STATIONS - 1 - LEAST_INTERVALS
+    free = (STATIONS_TO_GROUND if to_ground else STATIONS) - 1 - LEAST_INTERVALS
     shares = [LEAST_INTERVALS + math.floor(free * way / sum(ways)) for way in ways]
     longest = shares.index(max(shares))
     shares[longest] += free + LEAST_INTERVALS * len(ways) - sum(shares)
