@@ -342,22 +342,26 @@ def packets_of(light: Light, bends: bool) -> int:
     return bounce_packet(count, bends, count if light.over_varied_ground else 0)
 
 
-def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> FloatArray:
-    """Return the radiance of the bright limb in every light, shape (lights, azimuths, batches * 4).
+def limb_plane(light: Light, planet: Planet, origin: FloatArray) -> RayPlane:
+    """Return the plane of the survey of the limb."""
+    return RayPlane.of(RayCoordinates.of(planet, origin, light.top_m), False, (), light.top_m)
 
-    The brightest of a row of tangent heights.
+
+def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> FloatArray:
+    """Return the radiance of the limb in every light, shape (lights, rows, azimuths, batches * 4).
+
+    Of each row the largest from there on upwards.
     """
     width = PACKET * len(lights[0].batches)
-    brightest = np.zeros((len(lights), SURVEY_AZIMUTHS, width))
+    brightest = np.zeros((len(lights), SURVEY_ROWS, SURVEY_AZIMUTHS, width))
+    turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
+    x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
     for number, light in enumerate(lights):
-        plane = RayPlane.of(RayCoordinates.of(planet, origin, light.top_m), False, (), light.top_m)
-        turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
-        x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
-        found = _marched(light, plane, x.ravel(), azimuth.ravel(), bends=False)
+        found = _marched(light, limb_plane(light, planet, origin), x.ravel(), azimuth.ravel(), bends=False)
         for k in range(len(light.batches)):
             of_batch = slice(PACKET * radiance_packet(k), PACKET * radiance_packet(k) + PACKET)
             rows = found[:, of_batch].reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, PACKET)
-            brightest[number, :, PACKET * k : PACKET * (k + 1)] = rows.max(axis=0)
+            brightest[number, ..., PACKET * k : PACKET * (k + 1)] = np.maximum.accumulate(rows[::-1])[::-1]
     return brightest
 
 
@@ -445,7 +449,8 @@ def air_table(
 
 
 STATIONS, STATIONS_TO_GROUND = 19, 13
-"""On rays past the ground and to it without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts the way."""
+"""On rays past the ground and to it without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts
+the way."""
 STEPS, STEPS_BEFORE = 3, 24
 """Of the march: from one station to the next, and up to the first, at the usual accuracy."""
 IN_SHADOW_BEFORE = 2
