@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import drjit as dr
@@ -203,6 +203,8 @@ def node_parts(
             lights.append(("glow", batch.glow, view.sun, hits_under[0]))
         if view.sunless and len(lights) > 1:
             del lights[0]
+        if tables is not None and seen is not None:
+            lights = [light for light in lights if light[0] in seen.looked] or lights[:1]
 
         def shine(name: str, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None) -> tuple[Values, Values]:
             if tables is None or seen is None:
@@ -222,7 +224,8 @@ def node_parts(
 
     def past_clouds(disc: DiscCells, hit: SurfaceHit | None) -> Values:
         # of which nothing but the transmittance is evaluated
-        _, transmittance = march_light(disc.direction, False, batch, view.sun, None)
+        dark = replace(batch, diffuse=None, bounce=None)
+        _, transmittance = march_light(disc.direction, False, dark, view.sun, None)
         dr.eval(transmittance)
         return transmittance if hit is None else [dr.select(hit.ends, 0.0, t) for t in transmittance]
 

@@ -36,6 +36,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
@@ -392,11 +393,15 @@ class LocalLight:
         sky = [mi.Float64(v) for v in self._ground(batch).in_sky(normal)]
         return GroundFactors(air, sky)
 
-    def _key(self, name: str, *more: object) -> str:
+    @cached_property
+    def _place(self) -> str:
+        """Digest of the ground and the position."""
         assert self.view.ground is not None
         planet = self.view.planet.a_m, self.view.planet.b_m
-        origin = tuple(float(v) for v in self.origin)
-        return content_digest(name, self.view.ground.model, planet, origin, mi.variant(), *more)
+        return content_digest(self.view.ground.model, planet, tuple(float(v) for v in self.origin), mi.variant())
+
+    def _key(self, name: str, *more: object) -> str:
+        return content_digest(name, self._place, *more)
 
     def _ground(self, batch: SolarNodes) -> GroundLight:
         bounce, ground = batch.bounce, self.view.ground

@@ -51,6 +51,7 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.fit.heights import correlations, everywhere, lengths_along
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.templates import LimbTemplates
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.rotation import off_axis_angle
 
 LEFT_OUT = 1e-4
@@ -65,7 +66,6 @@ LEAST_BUMP = 3e-3
 LEAST_LEFT = 5e-5
 """Smallest residual sigma relative to the maximum: half a step of the tables' 8 bits."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
-EARTH_RADIUS_M = 6.371e6
 POLE_ITRS = np.array([0.0, 0.0, 1.0])
 LEAST_APART = 0.15
 """Size, relative to a mode's standard deviation, below which its second part is neglected: it moves the nadir by 0.01
@@ -205,7 +205,7 @@ def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
     """
     bright = mean >= 0.5 * mean.max(axis=1)[:, None]
     source_m = height_m[len(height_m) - 1 - np.argmax(bright[:, ::-1], axis=1)]
-    return np.asarray(np.sqrt(np.maximum(2.0 * (source_m[:, None] - height_m) / EARTH_RADIUS_M, 0.0)))
+    return np.asarray(np.sqrt(np.maximum(2.0 * (source_m[:, None] - height_m) / MEAN_RADIUS_M, 0.0)))
 
 
 def alike_at_ends(height_m: FloatArray, mean: FloatArray, along_rad: FloatArray) -> FloatArray:
@@ -400,7 +400,7 @@ class KnownAir:
 
     def _under_own_sun(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, curve: float) -> FloatArray:
         """Return means (m, h), every height's under the Sun of its own line's lowest point."""
-        turn = SUNLIT_M * np.sqrt(2.0 * curve / EARTH_RADIUS_M)
+        turn = SUNLIT_M * np.sqrt(2.0 * curve / MEAN_RADIUS_M)
         cosine, sine = np.cos(turn)[:, None, None], np.sin(turn)[:, None, None]
         normal, los = cosine * normal_cam - sine * los_cam, cosine * los_cam + sine * normal_cam
         means = self._templates.mean_at(*self._place(normal.reshape(-1, 3), los.reshape(-1, 3), pose))

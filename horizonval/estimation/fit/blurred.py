@@ -47,49 +47,6 @@ REACH_BLURS = 5.0
 """Range of sampled sums, in blurs: 4e-6 of the central sample."""
 LEAST_BLUR_PX = 0.15
 """Smallest blur; below it only the central sample remains."""
-MOST_ROUNDS, MOST_ROUND, ROUNDED = 8, 0.5, 1e-4
-"""Newton's iterations for a blur of given variance: their number, largest log step and convergence threshold."""
-
-
-def blur_after(blur_px: float, sharpness: float, log_step: float, sharpness_step: float) -> float:
-    """Return the blur [px] after a step of its logarithm and of the sharpness.
-
-    Profiles mainly determine the lens's variance, which depends on both parameters. The variance takes its linear step,
-    the sharpness its full step, and the blur follows.
-    """
-    plain = blur_px * float(np.exp(log_step))
-    variance, by_log, by_sharpness = _variance(blur_px, sharpness)
-    if not (variance > 0.0 and by_log > 0.0):
-        return plain
-    wanted = np.log(variance) + (by_log * log_step + by_sharpness * sharpness_step) / variance
-    blur = plain
-    for _ in range(MOST_ROUNDS):
-        variance, by_log, _ = _variance(blur, sharpness + sharpness_step)
-        if not (variance > 0.0 and by_log > 0.0):
-            return plain
-        off = (wanted - np.log(variance)) * variance / by_log
-        blur *= float(np.exp(np.clip(off, -MOST_ROUND, MOST_ROUND)))
-        if abs(off) < ROUNDED:
-            return blur
-    return plain
-
-
-def _variance(blur_px: float, sharpness: float) -> tuple[float, float, float]:
-    """Return the variance of a lens along one axis [px^2], and its change by the blur's logarithm and the sharpness."""
-    blur = max(blur_px, LEAST_BLUR_PX)
-    square = np.arange(1, int(np.ceil(REACH_BLURS * blur)) + 1) ** 2.0
-    weight = 2.0 * np.exp(-0.5 * square / blur**2)
-    whole, second, fourth = 1.0 + weight.sum(), weight @ square, weight @ square**2
-    sampled = second / whole
-    by_log = (fourth / whole - sampled**2) / blur**2
-    smooth = blur_px**2
-    return (
-        float(smooth + sharpness * (sampled - smooth)),
-        float(2.0 * smooth + sharpness * (by_log - 2.0 * smooth)),
-        float(sampled - smooth),
-    )
-
-
 AROUND = np.arange(-1, 3)
 """Places of the grid whose coefficients make a spline between one place and the next."""
 

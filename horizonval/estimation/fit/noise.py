@@ -151,8 +151,8 @@ def correlated(columns: FloatArray, rows: FloatArray, in_sigmas: FloatArray, spa
     return 1.0 + counts * (most - 1.0)
 
 
-LEAST_SHARE, MOST_SHARE = 0.01, 0.99
-"""Range of the share of dark pixels at the floor: fewer lose nothing, more determine nothing."""
+LEAST_SHARE = 0.01
+"""Smallest share of dark pixels at the floor, and above it: fewer lose nothing, and determine nothing."""
 FEWEST = 50
 """Dark pixels: the share is then known to a seventh, and so the noise."""
 ROUNDS = 20
@@ -187,7 +187,7 @@ def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
         return None
     share = float(np.mean(dark <= lowest))
     mean = float(np.mean(dark)) - lowest
-    if not (LEAST_SHARE < share < MOST_SHARE and mean > 0.0):
+    if not (LEAST_SHARE < share < 1.0 - LEAST_SHARE and mean > 0.0):
         return None
     below, sigma = float(ndtri(share)), mean
     for _ in range(ROUNDS):

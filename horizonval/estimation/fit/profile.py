@@ -40,8 +40,8 @@ from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.air import BUMP_M, EARTH_RADIUS_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
-from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of, blur_after
+from horizonval.estimation.fit.air import BUMP_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
+from horizonval.estimation.fit.blurred import AROUND, REACH_BLURS, BlurredProfiles, around_of
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
@@ -56,6 +56,7 @@ from horizonval.estimation.fit.profile_pixels import (
 from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.rotation import off_axis_angle
@@ -64,22 +65,16 @@ BLUR, SHARPNESS, GAIN, BACKGROUND, OWN = 0, 1, 2, 3, 4
 """Places of an image's own unknowns (ln blur, sharpness, ln gain, background), and how many there are."""
 CLOUD_TOP_M = 16e3
 """Height of tropical cloud tops."""
-DEPTH_PX, TAPER_PX = 0.5, 0.5
-"""Depth of the window below the ground, at its middle, and the depth over which it ends. Lines that end farther before
+DEPTH_PX = 0.5
+"""Depth at which the window ends below the ground, and the depth over which it ends. Lines that end farther before
 the limb see other air, ground and clouds than those that pass it."""
 NEAR_PX = 0.5
 """Way of the limb up to which pixels stay chosen: distances are then linear to a thousandth of a pixel."""
 SPACE_PX = 4.0
 """Smallest height of the window above the air."""
-GRID_RIMS = 2.0
-"""Extension of the height grid beyond the window, in rims: its ends are five blurs and a lift away."""
 FINEST_STEP_M, STEPS_PER_PIXEL = 400.0, 12.0
 """Step of the height grid: a twentieth of the air's scale height, or a seventh of the blur. Measured against 32 steps a
 pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: sampled lenses show waves of half a pixel."""
-SOME = 500
-"""Pixels that tell how far a step moves the limb: it moves evenly along it."""
-EDGE_BLURS = 2.5
-"""Distance from the table's ends, in blurs, within which pixels see beyond it."""
 LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
 """Largest step of the limb and of logarithms: two scale heights of the air or some pixels, the range of the
 derivatives."""
@@ -177,8 +172,10 @@ class ProfileModel:
         to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
         pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
         widest = blur_px * float(knowledge.lens.ratios.max())
-        rim = EDGE_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
-        bottom = pose.height_m - (DEPTH_PX + 0.5 * TAPER_PX) * pixel_m
+        reach = REACH_BLURS * float(np.sqrt(widest**2 + PIXEL_VARIANCE)) * pixel_m
+        # Half of it beyond the table is too little to see of it.
+        rim = 0.5 * reach
+        bottom = pose.height_m - 1.5 * DEPTH_PX * pixel_m
         top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
         self.curve = curve = 0.5 * axes[0] / to_limb_2
         near = profile_pixels(
@@ -193,11 +190,11 @@ class ProfileModel:
         )
         self.near: ProfilePixels = near
         ends, _ = level_distance(np.array([bottom, top]) - pose.height_m, curve)
-        self._bottom, self._taper = ends[0], TAPER_PX * pixel_m
+        self._bottom, self._taper = ends[0], DEPTH_PX * pixel_m
         off_axis = off_axis_angle(near.nodes.los_cam, AXIS_CAM)
         if before is None:
-            step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - GRID_RIMS * rim
-            count = next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / step)), real=True)
+            step, first = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL), ends[0] - reach
+            count = next_fast_len(int(np.ceil((ends[1] + reach - first) / step)), real=True)
             grid = (first, first + (count - 0.5) * step, step)
             self.air = knowledge.air(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
         else:
@@ -212,10 +209,9 @@ class ProfileModel:
         shares = off_axis_share(camera, near.nodes.los_cam)
         self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
         self.width_m, self.pixel_m = near.nodes.width_m[i], float(np.median(near.nodes.width_m))
-        self._some = slice(None, None, max(1, len(t) // SOME))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
-        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * EARTH_RADIUS_M / self.width_m**2 / near.every, 1.0)
+        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * MEAN_RADIUS_M / self.width_m**2 / near.every, 1.0)
         self._least = rounding_variance(near.values)
         self._last: tuple[FloatArray, ProfileLook] | None = None
 
@@ -231,16 +227,12 @@ class ProfileModel:
     def held(self, tighter: float) -> ProfileModel:
         """Return the same pixels with another factor on the information on blur and sharpness."""
         one = copy(self)
-        one.tighter, one._last = tighter, None
+        one.tighter = tighter
         return one
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
         """Return the own unknowns after a step."""
-        after = own + step
-        after[BLUR] = np.log(
-            blur_after(float(np.exp(own[BLUR])), float(own[SHARPNESS]), float(step[BLUR]), float(step[SHARPNESS]))
-        )
-        return after
+        return own + step
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the priors of lens and gain, and that of the background where a floor cuts space off."""
@@ -265,18 +257,22 @@ class ProfileModel:
 
     def motion_px(self, step: FloatArray) -> float:
         """Return by how much a step (7 + 4 + own) moves the limb where it moves it most [px]."""
-        moved = step[:POSE] @ self.near.by_pose[:, self._some]
-        moved += step[POSE : POSE + LENS] @ self.near.by_lens[:, self._some]
+        moved = step[:POSE] @ self.near.by_pose + step[POSE : POSE + LENS] @ self.near.by_lens
         return float(np.abs(moved).max()) / self.pixel_m
 
     def look(
         self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray, weights: FloatArray | None = None
     ) -> ProfileLook:
         """Return the pixels as predicted; ``weights`` are not needed."""
-        at = np.concatenate([pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own, air])
+        at = np.concatenate([pose.cam_from_itrs.ravel(), pose.r_itrs, [pose.height_m], lens, own[:GAIN], air])
         if self._last is None or not np.array_equal(self._last[0], at):
             self._last = at, self._look(self.away(pose), lens - self.lens, own, air)
-        return self._last[1]
+        look = self._last[1]
+        shown = own[BACKGROUND] + float(np.exp(own[GAIN])) * self.near.light * look.level
+        kept = np.ones_like(shown)
+        if self.floor is not None:
+            shown, kept = self.floor.expected(shown)
+        return replace(look, own=own, kept=kept, residuals=self.near.values - shown)
 
     def away(self, pose: LimbPose) -> FloatArray:
         """Return the way to a pose, shape (7,), along which distances across the limb are linear.
@@ -297,8 +293,9 @@ class ProfileModel:
         return way
 
     def _look(self, away: FloatArray, lens: FloatArray, own: FloatArray, unknowns: FloatArray) -> ProfileLook:
+        """Return the radiance of the pixels, without gain and background."""
         near, air = self.near, self.air
-        blur, sharpness, gain = float(np.exp(own[BLUR])), float(own[SHARPNESS]), float(np.exp(own[GAIN]))
+        blur, sharpness = float(np.exp(own[BLUR])), float(own[SHARPNESS])
         across = near.across_m + away @ near.by_pose + self._lift * (blur**2 * self._variance + PIXEL_VARIANCE)
         # A turn after the tilt t so far, t + d - t x d / 2 - (t x n) (n . d) / 2: rotations of both kinds commute less.
         nadir = self.pose.nadir_cam
@@ -318,15 +315,10 @@ class ProfileModel:
         )
         level, by_blur, by_sharpness = (np.einsum("in,in->n", np.take(one, at), parts) for one in changes)
         slope = np.einsum("in,in->n", np.take(changes[0], at), steeper) / air.step_m
-        shown = own[BACKGROUND] + gain * near.light * level
-        kept = np.ones_like(shown)
-        if self.floor is not None:
-            shown, kept = self.floor.expected(shown)
         largest, i = changes[0].max(axis=1), near.sector
         brightest = largest[i] + (largest[i + 1] - largest[i]) * near.along
         by_all = np.array([slope, by_blur, by_sharpness])
-        residuals = near.values - shown
-        return ProfileLook(own, by_turn, place, share, at, parts, across, level, by_all, brightest, kept, residuals)
+        return ProfileLook(own, by_turn, place, share, at, parts, across, level, by_all, brightest, level, near.values)
 
     def levels(self, pose: LimbPose, lens: FloatArray, own: FloatArray, air: FloatArray) -> FloatArray:
         """Return the own unknowns with the gain and background that fit best."""
@@ -486,11 +478,6 @@ class ProfileChosen(Chosen):
         return [model for model in self.models if isinstance(model, ProfileModel)]
 
 
-SAME_AIR_PX, SAME_AIR_M = 1.0, 15e3
-"""Way of the limb up to which nodes and air stay, the longer one: either makes them wrong by less than their spacing
-does."""
-
-
 class ProfileChooser:
     """Chooses the pixels of all images of a shot; see :class:`horizonval.estimation.fit.image.Chooser`."""
 
@@ -502,14 +489,15 @@ class ProfileChooser:
     ) -> ProfileChosen:
         """Return the pixels near the limb at a state; the air of a few has the modes that move a limb most."""
         old = before if isinstance(before, ProfileChosen) else None
-        moved = [np.inf] if old is None else self._moved_px(old, state, lens)
+        ways = [] if old is None else self._ways(old, state, lens)
+        # Within the reach of derivatives a node is beside the limb by less than the nodes are apart.
         same_air = old is not None and all(
-            px < max(SAME_AIR_PX, SAME_AIR_M / model.pixel_m) for px, model in zip(moved, old.profiles, strict=True)
+            model.reach(way) < 1.0 for model, way in zip(old.profiles, ways, strict=True)
         )
         models: list[ProfileModel] = []
         for k, (one, own) in enumerate(zip(self._images, state.own, strict=True)):
             near_by = old.profiles[k] if old is not None and same_air else None
-            if near_by is not None and moved[k] < NEAR_PX:
+            if near_by is not None and near_by.motion_px(ways[k]) < NEAR_PX:
                 models.append(near_by.held(tighter))
                 continue
             camera = one.camera
@@ -536,9 +524,10 @@ class ProfileChooser:
             state = replace(state, air=np.append(state.air, np.zeros(air.count - len(state.air))))
         return ProfileChosen(models, air.columns, state, [None] * len(models), air, whole)
 
-    def _moved_px(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> list[float]:
-        """Return by how much every image's limb has moved since pixels were chosen."""
+    def _ways(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> list[FloatArray]:
+        """Return the steps (7 + 4 + own) from where pixels were chosen, of every image; without the own unknowns."""
+        still = np.zeros(OWN)
         return [
-            model.motion_px(np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens]))
+            np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens, still])
             for one, model in zip(self._images, before.profiles, strict=True)
         ]

@@ -111,13 +111,11 @@ mode's standard deviation; with half of the length 3 % of one sign would remain,
 MOST_SECTORS = 64
 BORDER_PX = 2
 """Width of the image's border that is left out: light from outside, and the change of scale, are unknown there."""
-BEND_PLACES = 200
-"""Along the limb: the bend is interpolated between them."""
 LEVELLINGS = 2
 """Iterations for nodes: each squares a height over the Earth's radius, so that 21 km become 70 m, then nothing."""
 WIDER = 1.5
 """Widening of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
-MOST_PIXELS = 6000
+MOST_PIXELS = 3000
 """Of pixels near a limb, once or twice so many are used, evenly spread: more determine nothing that the air leaves
 open."""
 
@@ -209,10 +207,11 @@ def profile_pixels(
         at_centre = float(np.sqrt(max(1.0 - axes[0] ** 2 / float(pose.r_itrs @ pose.r_itrs), 0.0)))
         count = int(np.clip(np.ceil(turned[-1] * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
         borders = turned[np.linspace(0, len(order) - 1, count + 1).astype(np.intp)]
-        some = np.flatnonzero(on_limb)
-        some = some[:: max(1, len(some) // BEND_PLACES)]
-        by_node = _Along(camera, pose, axes, curve, azimuth[order[0]], borders)
-        nodes = by_node.nodes(near.take(some), azimuth[some], width[some], by_column[some], by_row[some])
+        along_limb = order[on_limb[order]]
+        nearest = np.searchsorted(np.mod(azimuth[along_limb] - azimuth[order[0]], 2.0 * np.pi), borders)
+        some = along_limb[np.minimum(nearest, len(along_limb) - 1)]
+        parts = np.abs([width[some], by_column[some], by_row[some]])
+        nodes = _limb_places(camera, pose, axes, curve, azimuth[order[0]] + borders, near.take(some), parts)
     else:
         # Pixels may lie a little before the first node and after the last one.
         at_nodes = _azimuth(basis, nodes.los_cam.T)
@@ -288,41 +287,31 @@ def _azimuth(basis: FloatArray, los_cam: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(across[1], across[0]))
 
 
-@dataclass(frozen=True)
-class _Along:
-    """Azimuths of nodes, ``borders`` (m + 1,) from ``first_rad``, on the limb of a pose."""
+def _limb_places(
+    camera: CameraModel,
+    pose: LimbPose,
+    axes: FloatArray,
+    curve: float,
+    turn: FloatArray,
+    near: NearPixels,
+    parts: FloatArray,
+) -> LimbPlaces:
+    """Return nodes at azimuths (m + 1,), by the pixels of the limb next to them.
 
-    camera: CameraModel
-    pose: LimbPose
-    axes: FloatArray
-    curve: float
-    first_rad: float
-    borders: FloatArray
-
-    def nodes(
-        self, near: NearPixels, azimuth: FloatArray, width: FloatArray, by_column: FloatArray, by_row: FloatArray
-    ) -> LimbPlaces:
-        """Return the nodes, by some pixels on the limb and what these see per pixel."""
-        pose, axes = self.pose, self.axes
-        at = np.mod(azimuth - self.first_rad, 2.0 * np.pi)
-        rising = np.argsort(at)
-        at = at[rising]
-        uv = np.column_stack([near.columns, near.rows])[rising].astype(float)
-        lifted = 0.5 * _laplacian(self.camera, uv, pose, axes, self.curve)
-        known = np.isfinite(lifted)
-        parts = [np.interp(self.borders, at, np.abs(part[rising])) for part in (width, by_column, by_row)]
-        # Nodes at the ends may lie outside the image: where they are is a matter of geometry alone.
-        turn = self.borders + self.first_rad
-        outwards = tangent_basis(pose.nadir_cam) @ np.array([np.cos(turn), np.sin(turn)])
-        sine = float(axes[0] / np.linalg.norm(pose.r_itrs))
-        los_cam = _level_los(sine * outwards + np.sqrt(1.0 - sine**2) * pose.nadir_cam[:, None], pose, axes)
-        return LimbPlaces(
-            width_m=parts[0],
-            boxes_m=np.column_stack(parts[1:]),
-            lift_m=np.interp(self.borders, at[known], lifted[known]) if known.any() else np.zeros(len(turn)),
-            normal_cam=ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam.T,
-            los_cam=los_cam.T,
-        )
+    ``parts``: shape (3, m + 1), width of these pixels across the limb [m], whole and along columns and rows.
+    """
+    uv = np.column_stack([near.columns, near.rows]).astype(float)
+    # Nodes at the ends may lie outside the image: where they are is a matter of geometry alone.
+    outwards = tangent_basis(pose.nadir_cam) @ np.array([np.cos(turn), np.sin(turn)])
+    sine = float(axes[0] / np.linalg.norm(pose.r_itrs))
+    los_cam = _level_los(sine * outwards + np.sqrt(1.0 - sine**2) * pose.nadir_cam[:, None], pose, axes)
+    return LimbPlaces(
+        width_m=parts[0],
+        boxes_m=parts[1:].T.copy(),
+        lift_m=0.5 * np.nan_to_num(_laplacian(camera, uv, pose, axes, curve)),
+        normal_cam=ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam.T,
+        los_cam=los_cam.T,
+    )
 
 
 def _level_los(los_cam: FloatArray, pose: LimbPose, axes: FloatArray) -> FloatArray:

@@ -184,7 +184,7 @@ class _Search:
                 # Two estimates may follow each other by turns.
                 settled = (bounded.square < 1.0 and change < options.steady) or weighs >= options.most_weighs
                 # Slopes by other weights say nothing of the curvature.
-                before, curvatures = (before, curvatures) if settled else (None, [])
+                before, curvatures = None, []
                 solved = None if change > options.reweighed else solved
         if square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")

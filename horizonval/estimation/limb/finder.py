@@ -300,6 +300,8 @@ class _Search:
             if here.evidence.score < (STILL_SEEN if sharp else STILL_SHOWN) * largest:
                 break
             best, largest = here, max(largest, here.evidence.score)
+        if self._at_sectors(best):
+            return best
         # The width of the edge is that at a cone of this level.
         here = self._fitted(best.number, best)
         return best if here is None or here.evidence.score < STILL_SHOWN * best.evidence.score else here
@@ -360,7 +362,7 @@ class _Search:
     def _points(self, found: _Candidate) -> tuple[FloatArray, FloatArray]:
         """Return places (n, 2) of a curve's limb and lines of sight (n, 3): of its sectors, or of its pixels."""
         evidence, camera = found.evidence, self.camera
-        if self.coarse is not None and found.number >= self.coarse:
+        if self._at_sectors(found):
             los = evidence.los[evidence.shows]
             uv, seen = project(camera, los)
         else:
@@ -370,6 +372,10 @@ class _Search:
             los = unproject(camera, uv)
             seen = np.asarray(np.isfinite(los).all(axis=1))
         return uv[seen], los[seen]
+
+    def _at_sectors(self, found: _Candidate) -> bool:
+        """Whether the places of a curve's sectors are enough for a coarse search."""
+        return self.coarse is not None and found.number >= self.coarse
 
     def _grain(self, found: _Candidate) -> float:
         """Return the standard deviation of a pixel's noise inside a curve: of differences of neighbours, half."""

@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter1d
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.picture import MEDIAN_TO_SIGMA, median, pixel_directions
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.rotation import off_axis_angle, tangent_basis
+from horizonval.geometry.rotation import tangent_basis
 
 MARGIN_PX, SKY_PX = 4.0, 40.0
 """From the top of the air to where space begins, for a start that is right to two pixels and a blurred limb; and how
@@ -37,21 +37,30 @@ def without_foreign_light(
     ``nadir_cam``, ``rho_rad``: cone of the limb, right to two pixels; ``top_rad``: angle from it to the top of the air.
     """
     los, px_per_rad = pixel_directions(camera), max(camera.fx, camera.fy)
-    outside = (off_axis_angle(los, nadir_cam) - rho_rad) * px_per_rad
+    cosine = (los @ nadir_cam).ravel()
+
+    def at(outside_px: float) -> float:
+        """Return the cosine of the angle from the nadir at a distance outside the limb."""
+        return float(np.cos(np.clip(rho_rad + outside_px / px_per_rad, 0.0, np.pi)))
+
     top = top_rad * px_per_rad + MARGIN_PX
-    with np.errstate(invalid="ignore"):
-        known = np.isfinite(image)
-        space = known & (outside > top) & (outside < top + SKY_PX)
-        inside = known & (outside < -1.0) & (outside > -MARGIN_PX)
-        limb = np.abs(outside) < 1.0
-    if np.count_nonzero(space) < FEWEST_PX or not inside.any() or not limb.any():
+    near = np.flatnonzero((cosine < at(-MARGIN_PX)) & (cosine > at(top + SKY_PX)))
+    cosine, values = cosine[near], image.ravel()[near]
+    known = np.isfinite(values)
+    space, inside = known & (cosine < at(top)), known & (cosine > at(-1.0))
+    limb = near[(cosine < at(-1.0)) & (cosine > at(1.0))]
+    if np.count_nonzero(space) < FEWEST_PX or not inside.any() or not len(limb):
         return image
-    level = median(image[space])
-    off = np.abs(image - level)
-    step = abs(float(np.percentile(image[inside], 75.0)) - level)
-    noise = MEDIAN_TO_SIGMA * median(off[space])
-    lit = space & (off > max(NOISE_SIGMAS * noise, LEAST_SHARE * step))
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(lit.astype(np.uint8), connectivity=8)
+    level = median(values[space])
+    off = np.abs(values[space] - level)
+    step = abs(float(np.percentile(values[inside], 75.0)) - level)
+    noise = MEDIAN_TO_SIGMA * median(off)
+    lit = near[space][off > max(NOISE_SIGMAS * noise, LEAST_SHARE * step)]
+    if len(lit) < FEWEST_PX:
+        return image
+    mask = np.zeros(image.shape, dtype=np.uint8)
+    mask.ravel()[lit] = 1
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     large = np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= FEWEST_PX)
     large = large[large > 0]
     if not len(large):
@@ -66,4 +75,6 @@ def without_foreign_light(
         wide = max(DILATED_PX, int(np.count_nonzero(there)) // 2)
         hidden |= maximum_filter1d(there, min(2 * wide + 1, bins), mode="wrap")
     # Light all round is a veil or a glow, of which the fit has a model, or no limb, which the fit finds out.
-    return image if float(np.mean(hidden[place[limb]])) > MOST_HIDDEN else np.where(hidden[place], np.nan, image)
+    return (
+        image if float(np.mean(hidden[place.ravel()[limb]])) > MOST_HIDDEN else np.where(hidden[place], np.nan, image)
+    )

@@ -9,6 +9,7 @@ that agree are counted. Proposals are judged by their likelihood (:mod:`.evidenc
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -58,17 +59,16 @@ class _Edges:
         return np.asarray(near & (np.abs(across) >= COS_GRADIENT * slope) & ((across > 0.0) == inside[:, None]))
 
 
-def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) -> list[tuple[FloatArray, float]]:
-    """Return axes and half-angles of the cones that most edge points of a level agree with.
+def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) -> Iterator[tuple[FloatArray, float]]:
+    """Yield axes and half-angles of the cones that most edge points of a level agree with.
 
     ``camera``: of the picture.
     """
     uv, gradient = edge_points(level)
     edges = _sights(uv * level.scale, gradient, camera, level.scale)
-    found: list[tuple[FloatArray, float]] = []
     n = len(edges.los)
     if n < FEWEST_POINTS:
-        return found
+        return
     rng = np.random.default_rng(np.random.SeedSequence(n))
     axes, cosines, inside = _agreeing(edges, rng.integers(0, n, size=(TRIPLES, 3)), largest_rho_rad)
     supports = edges.supports(axes, cosines, inside)
@@ -88,8 +88,7 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
             support, axis, cosine = again, cone.axis_cam, cone.cos_rho
         taken |= support
         sine = np.linalg.norm(np.cross(edges.los[support], axis), axis=1).mean()
-        found.append((axis, float(np.arctan2(sine, cosine))))
-    return found
+        yield axis, float(np.arctan2(sine, cosine))
 
 
 def _agreeing(

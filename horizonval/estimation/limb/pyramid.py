@@ -4,8 +4,8 @@ A limb tens of pixels deep at one size is an edge at another. Each level has hal
 before, each the mean of its neighbours with the weights (1, 4, 6, 4, 1) / 16 both ways (Burt and Adelson, IEEE Trans.
 Communications 31, 532, 1983). A position ``uv`` of level ``k`` is ``2^k uv`` of the picture.
 
-Pixels without a measurement are excluded at all levels: rows and columns that a link lost and filled with one value,
-and what a lens does not fill.
+Pixels without a measurement are excluded at all levels: rows, columns and rectangles that a link lost and filled with
+one value, and what a lens does not fill.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ COARSEST_PX = 24
 LARGEST_FINE_PX = 320
 """Longer side of the largest level searched as a whole; larger ones are searched near a limb of a smaller one. A disc
 of four pixels in a megapixel is still two wide."""
+SMALLEST_BLOCK_PX = 7
+"""Shorter side of the smallest rectangle of one value that is no measurement: noise leaves none, a horizon bends."""
 KNOWN_SHARE = 0.7
 """Smallest valid share of a smaller level's pixel: a lost line is filled from both sides, a wide gap is not."""
 NOISE_FLOOR = 1e-3
@@ -95,6 +97,7 @@ def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
 def known_pixels(picture: Picture, camera: CameraModel) -> NDArray[np.bool_] | None:
     """Return which pixels hold a measurement, shape (H, W); None if all do."""
     unknown = _lost_lines(picture.single)
+    _mark_blocks(picture, unknown)
     if camera.image_circle_rad is not None:
         unknown |= ~np.isfinite(pixel_directions(camera)[:, :, 0])
     return ~unknown if unknown.any() else None
@@ -114,6 +117,21 @@ def _lost_lines(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
             inner[: varied[0]] = inner[varied[-1] :] = False
             out[inner] = True
     return lost
+
+
+def _mark_blocks(picture: Picture, unknown: NDArray[np.bool_]) -> None:
+    """Mark the pixels of rectangles that have the darkest value throughout, and no pixel of it next to them."""
+    darkest = (picture.single == np.float32(picture.darkest)).view(np.uint8)
+    square = np.ones((SMALLEST_BLOCK_PX, SMALLEST_BLOCK_PX), np.uint8)
+    opened = cv2.morphologyEx(darkest, cv2.MORPH_OPEN, square)
+    if not opened.any():
+        return
+    _, _, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
+    stats = stats[1:]
+    for left, top, wide, high, area in stats[stats[:, cv2.CC_STAT_AREA] == stats[:, 2] * stats[:, 3]]:
+        around = darkest[max(top - 1, 0) : top + high + 1, max(left - 1, 0) : left + wide + 1]
+        if np.count_nonzero(around) == area:
+            unknown[top : top + high, left : left + wide] = True
 
 
 def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:

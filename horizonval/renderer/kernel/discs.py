@@ -256,16 +256,18 @@ def disc_cells(
     solid_angle = _solid_angle(seen, column, line) / subsamples**2
     # through the middle of the part that is seen: away from the Earth where the limb cuts the sub-cell
     shift = 0.5 * small * covered
+    at_corners = corners(u, v)
+    dr.eval(at_corners)
     result = DiscCells(
         cell,
         sub,
         splits,
         seen(u - shift * du, v - shift * dv),
-        corners(u, v),
+        at_corners,
         (1.0 - covered) / solid_angle,
-        None if disc.light is None else _phase(disc, on_disc, (e1, e2), u, v, small),
+        None if disc.light is None else _phase(disc, (e1, e2), at_corners),
     )
-    dr.eval(result.direction, result.corners, result.free)
+    dr.eval(result.direction, result.free, result.phase)
     return result
 
 
@@ -282,15 +284,11 @@ def _solid_angle(seen: Direction, u: mi.Float64, v: mi.Float64) -> mi.Float64:
     return triangle(a, b, c) + triangle(a, c, d)
 
 
-def _phase(
-    disc: Disc,
-    on_disc: Callable[[mi.Float64, mi.Float64], tuple[mi.Float64, mi.Float64]],
-    axes: tuple[Vec, Vec],
-    u: mi.Float64,
-    v: mi.Float64,
-    size: mi.Float64,
-) -> mi.Float64:
-    """Return the mean of ``mu0 / (mu0 + mu)`` in sub-cells over that of the whole disc, at most at its edge."""
+def _phase(disc: Disc, axes: tuple[Vec, Vec], corners: list[tuple[mi.Float64, mi.Float64]]) -> mi.Float64:
+    """Return the mean of ``mu0 / (mu0 + mu)`` in sub-cells over that of the whole disc, at most at its edge.
+
+    Places in a sub-cell are bilinear between its ``corners``.
+    """
     assert disc.light is not None
     to_observer = -dot(disc.light, disc.direction)
     lx, ly = dot(disc.light, axes[0]), dot(disc.light, axes[1])
@@ -301,7 +299,10 @@ def _phase(
     total, points = mi.Float64(0.0), mi.Float64(0.0)
     for i in range(_POINTS):
         for j in range(_POINTS):
-            x, y = on_disc(u + ((i + 0.5) / _POINTS - 0.5) * size, v + ((j + 0.5) / _POINTS - 0.5) * size)
+            across, down = (i + 0.5) / _POINTS, (j + 0.5) / _POINTS
+            x, y = (
+                dr.lerp(dr.lerp(a, b, across), dr.lerp(d, c, across), down) for a, b, c, d in zip(*corners, strict=True)
+            )
             scale = dr.minimum(1.0, 0.9995 * inverse_root(dr.maximum(x * x + y * y, 1e-12)))
             # points beside the disc stand on its edge, and count only where there are no others
             weight = dr.select(scale < 1.0, mi.Float64(1e-6), 1.0)

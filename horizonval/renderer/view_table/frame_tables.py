@@ -32,6 +32,7 @@ from horizonval.renderer.types import Values, Vec, indices_where
 from horizonval.renderer.view_table.broken_air import BrokenAir
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
 from horizonval.renderer.view_table.sunlit_air import (
+    FAINT,
     Light,
     RayPlane,
     StationPlace,
@@ -115,9 +116,8 @@ class FrameTables:
         """Find the places of a frame's rays, and make missing patches; None where nothing shines by table.
 
         Frames with gaps of thin cloud and opaque clouds, or with two layers with gaps at one height, are marched.
-        ``hits``:
-        where rays to the ground end, and rays past it; ``batches``: those of thermal nodes are ignored; ``nodes``:
-        evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering;
+        ``hits``: where rays to the ground end, and rays past it; ``batches``: those of thermal nodes are ignored;
+        ``nodes``: evaluations along a ray of the direct march; ``digest``: of air, planet and orders of scattering;
         ``accuracy``: error allowed, as a share of the bright limb.
         """
         lights = _lights(view, batches, nodes, accuracy)
@@ -182,20 +182,29 @@ class FrameTables:
         return _Cloudy(table, index, x, azimuth, station)
 
     def _bright_limb(self, cells: Cells) -> FloatArray:
-        """Return the radiance of the frame's bright limb, (batches * 4,).
+        """Return the radiance of the frame's bright limb, (batches * 4,), and leave out lights that add nothing to it.
 
         By the azimuths of its rays past the ground, or of those to the ground if it has no others. In steps of a
         factor of four below the brightest all round, so that frames from one position share tables.
         """
         planet, origin = self.view.planet, self._origin
         key = self._key("bright limb", [self._key_of(light) for light in self._lights])
-        around = TABLES.get_or_make(key, lambda: bright_limb(self._lights, planet, origin), lambda table: table.nbytes)
+        lights = self._lights
+        each = TABLES.get_or_make(key, lambda: bright_limb(lights, planet, origin), lambda table: table.nbytes)
+        around = np.maximum(each.sum(axis=0), 1e-30)
+        bright = self._brightest_in_frame(cells, around)
+        shares = (each.max(axis=1) / bright).max(axis=1)
+        self._lights = [light for light, share in zip(lights, shares, strict=True) if share > FAINT * self.accuracy]
+        self._lights = self._lights or lights[:1]
+        return bright
+
+    def _brightest_in_frame(self, cells: Cells, around: FloatArray) -> FloatArray:
         brightest = around.max(axis=0)
         rays, to_ground = (cells.limb, False) if cells.limb.count else (cells.ground, True)
         if not rays.count:
             # A camera that sees only space.
             return np.asarray(brightest)
-        coordinates = RayCoordinates.of(planet, origin, self._lights[0].top_m)
+        coordinates = RayCoordinates.of(self.view.planet, self._origin, self._lights[0].top_m)
         _, azimuth = coordinates.place(self.view.origin, rays.direction, to_ground)
         sector = mi.UInt32(dr.floor(azimuth * (0.5 / math.pi * len(around)) + (len(around) + 0.5))) % len(around)
         seen = dr.zeros(mi.UInt32, len(around))

@@ -178,6 +178,8 @@ MORE_NODES, MORE_NODES_IN_SHADOW = 2.0, 4.0
 OF_A_KINK = 4.0
 """How many accuracies the splines through every second node may miss. The spline through all of them halves that at a
 kink, and divides it by sixteen where radiance is smooth."""
+FAINT = 0.01
+"""A light that brightens no limb all round by this share of the accuracy is left out."""
 LEAST_TRANSMITTANCE, LEAST_BENDING_RAD = 0.1, 0.01
 """Smaller ones may have their error."""
 SURVEY_ROWS, SURVEY_AZIMUTHS = 12, 24
@@ -341,21 +343,22 @@ def packets_of(light: Light, bends: bool) -> int:
 
 
 def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> FloatArray:
-    """Return the radiance of the bright limb of all lights together, shape (azimuths, batches * 4).
+    """Return the radiance of the bright limb in every light, shape (lights, azimuths, batches * 4).
 
     The brightest of a row of tangent heights.
     """
     width = PACKET * len(lights[0].batches)
-    total = np.zeros((SURVEY_ROWS * SURVEY_AZIMUTHS, width))
-    for light in lights:
+    brightest = np.zeros((len(lights), SURVEY_AZIMUTHS, width))
+    for number, light in enumerate(lights):
         plane = RayPlane.of(RayCoordinates.of(planet, origin, light.top_m), False, (), light.top_m)
         turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
         x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
         found = _marched(light, plane, x.ravel(), azimuth.ravel(), bends=False)
         for k in range(len(light.batches)):
             of_batch = slice(PACKET * radiance_packet(k), PACKET * radiance_packet(k) + PACKET)
-            total[:, PACKET * k : PACKET * (k + 1)] += found[:, of_batch]
-    return np.maximum(total.reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, width).max(axis=0), 1e-30)
+            rows = found[:, of_batch].reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, PACKET)
+            brightest[number, :, PACKET * k : PACKET * (k + 1)] = rows.max(axis=0)
+    return brightest
 
 
 def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray, bends: bool) -> FloatArray:
