@@ -96,8 +96,6 @@ FEW_PIECES = 0.1
 """Share of the pieces to either side that may be farther off than any relief: what a body or a boom hides."""
 NEIGHBOURS = 9
 """Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
-DARKEST = 0.1
-"""Smallest step relative to the neighbours' that is still dark ground: the sea is a tenth of a cloud."""
 MOST_LOST = 0.5
 """Largest share of the limb that may be saturated, or disturbed: fits of more are wrong by 0.03 deg."""
 RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX, LINES = 0.5, 3, 40.0, 4
@@ -222,7 +220,7 @@ def seen_edge(
     most = np.array([between_px[1], np.log(OUTSIDE_PX), np.inf])
     now = np.array([_steepest(view, between_px), 0.5 * np.log(blur_px**2 + PIXEL_VARIANCE), scale_m / unit_m])
     # Few pixels find the edge, all of them measure it.
-    every = max(view.x.shape[1] // FEWEST_OF_PIECE, 1)
+    every = max(2 * view.x.shape[1] // FEWEST_OF_PIECE, 1)
     few = _Pixels(view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
     for _ in range(MOST_STEPS):
         before, look = now, few.look(now)
@@ -369,7 +367,7 @@ def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observatio
 
 
 def disturbed_pieces(seen: SeenEdge, due: BoolArray, relief_px: float) -> BoolArray:
-    """Return which pieces have the limb away from their neighbours', or none between pieces that show it, shape (m,).
+    """Return which pieces have the limb away from their neighbours', shape (m,).
 
     ``relief_px``: standard deviation of the limb's place along itself.
     """
@@ -382,9 +380,7 @@ def disturbed_pieces(seen: SeenEdge, due: BoolArray, relief_px: float) -> BoolAr
     off = seen.off_px[shown]
     sigmas = np.hypot(seen.off_sigmas[shown], np.hypot(MISPLACED_PX, relief_px))
     away[shown] = np.abs(off - median_filter(off, NEIGHBOURS, mode="nearest")) > SIGMAS * sigmas
-    # No edge where that of the neighbours would be seen at once: dark ground is a fraction of clouds, and not nothing.
-    expected = DARKEST * median_filter(np.maximum(seen.steps, 0.0), NEIGHBOURS, mode="nearest")
-    return np.asarray(away | (due & ~shown & (seen.steps < expected) & (expected > seen.step_sigmas)))
+    return away
 
 
 def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatArray) -> float:
