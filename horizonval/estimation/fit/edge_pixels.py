@@ -32,8 +32,9 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, oblate_limbs
 from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
+from horizonval.estimation.fit.heights import ArcPlaces
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, ShotState
-from horizonval.estimation.fit.known import ArcPlaces, LimbKnowledge
+from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import (
     INSIDE_PX,
     OUTSIDE_PX,
