@@ -224,22 +224,16 @@ def waves_of(covariances: FloatArray) -> list[FloatArray]:
     return found
 
 
-Name = tuple[Hashable, tuple[str, int]]
-
-
 @dataclass(frozen=True)
 class CommonAir:
     """The air of all images of a shot.
 
     ``images``: air of each, with the common waves at its nodes; ``columns``: indices of each image's unknowns among the
-    common ones; ``waves``: by function, shape (nodes, unknowns) over the nodes of all images that have it; ``owners``:
-    those images, by function; ``count``: number of unknowns.
+    common ones; ``count``: number of these.
     """
 
     images: Sequence[NodeAir]
     columns: Sequence[NDArray[np.intp]]
-    waves: dict[Name, FloatArray]
-    owners: dict[Name, list[int]]
     count: int
 
     @cached_property
@@ -249,63 +243,40 @@ class CommonAir:
         if not all(air.names for air in images):
             return self
         columns = [at[: air.wave.shape[1]] for air, at in zip(images, self.columns, strict=True)]
-        main = {name: wave for name, wave in self.waves.items() if name[1][0] in MAIN}
-        owners = {name: self.owners[name] for name in main}
-        return CommonAir(images, columns, main, owners, sum(wave.shape[1] for wave in main.values()))
-
-    def taken_over(self, before: CommonAir, unknowns: FloatArray) -> FloatArray:
-        """Return the unknowns whose coefficients along the limbs are nearest to those of other nodes and grids."""
-        known = [
-            dict(zip(air.names, air.coefficients(unknowns[at])[:, 1:].T, strict=True))
-            for air, at in zip(before.images, before.columns, strict=True)
-        ]
-        found = []
-        for name, wave in self.waves.items():
-            said = []
-            for image in self.owners[name]:
-                values = known[image].get(name[1], np.zeros(2))
-                places = np.linspace(0.0, 1.0, len(self.images[image].up_itrs))
-                said.append(np.interp(places, np.linspace(0.0, 1.0, len(values)), values))
-            found.append(wave.T @ np.concatenate(said) / np.maximum((wave**2).sum(axis=0), 1e-300))
-        return np.concatenate(found)
+        return CommonAir(images, columns, 1 + max(int(at.max()) for at in columns))
 
 
 def common_air(airs: Sequence[NodeAir], tables: Sequence[Hashable]) -> CommonAir:
     """Combine the air of all images; those with equal ``tables`` share their functions, but for the optics' gain."""
-    owners: dict[Name, list[int]] = {}
+    places: dict[Hashable, list[tuple[int, int]]] = {}
     for main in (True, False):
         for image, (air, table) in enumerate(zip(airs, tables, strict=True)):
-            for name in air.names:
+            for k, name in enumerate(air.names):
                 if (name[0] in MAIN) == main:
-                    owners.setdefault((image if name[0] == "gain" else table, name), []).append(image)
+                    places.setdefault((image if name[0] == "gain" else table, name), []).append((image, k))
     # Functions of one length vary along the limb in the same way.
-    lengths = {
-        key: np.concatenate([airs[i].lengths_rad[:, airs[i].names.index(key[1])] for i in images])
-        for key, images in owners.items()
-    }
-    same = {key: (tuple(owners[key]), one.tobytes()) for key, one in lengths.items()}
+    lengths = [np.concatenate([airs[i].lengths_rad[:, k] for i, k in of_one]) for of_one in places.values()]
+    keys = [(tuple(i for i, _ in of_one), one.tobytes()) for of_one, one in zip(places.values(), lengths, strict=True)]
     roots: dict[tuple[tuple[int, ...], bytes], FloatArray] = {}
-    for seen_by in {images for images, _ in same.values()}:
-        different = {same[key]: lengths[key] for key in owners if same[key][0] == seen_by}
+    for seen_by in {images for images, _ in keys}:
+        different = {key: one for key, one in zip(keys, lengths, strict=True) if key[0] == seen_by}
         up = np.concatenate([airs[i].up_itrs for i in seen_by])
         covariances = correlations(np.stack(list(different.values()), axis=1), up, POLE_ITRS)
         roots |= zip(different, waves_of(covariances), strict=True)
-    waves: dict[Name, FloatArray] = {}
-    parts: list[dict[tuple[str, int], tuple[FloatArray, int]]] = [{} for _ in airs]
+    waves: list[dict[int, FloatArray]] = [{} for _ in airs]
+    columns: list[dict[int, NDArray[np.intp]]] = [{} for _ in airs]
     count = 0
-    for key, images in owners.items():
-        waves[key] = wave = roots[same[key]]
-        first = 0
-        for i in images:
+    for of_one, key in zip(places.values(), keys, strict=True):
+        wave, first = roots[key], 0
+        for i, k in of_one:
             last = first + len(airs[i].up_itrs)
-            parts[i][key[1]] = (wave[first:last], count)
+            waves[i][k], columns[i][k] = wave[first:last], count + np.arange(wave.shape[1])
             first = last
         count += wave.shape[1]
-    own, columns = [], []
-    for air, part in zip(airs, parts, strict=True):
-        own.append(replace(air, waves=tuple(part[name][0] for name in air.names)))
-        columns.append(np.concatenate([part[name][1] + np.arange(part[name][0].shape[1]) for name in air.names]))
-    return CommonAir(own, columns, waves, owners, count)
+    images = [
+        replace(air, waves=tuple(own[k] for k in range(len(air.names)))) for air, own in zip(airs, waves, strict=True)
+    ]
+    return CommonAir(images, [np.concatenate([own[k] for k in range(len(own))]) for own in columns], count)
 
 
 def _means(height_m: FloatArray, borders: FloatArray) -> csr_array:

@@ -47,9 +47,8 @@ from horizonval.geometry.sun_and_moon import AU_M, sun_itrs
 
 COARSE_PX = 56
 """Longer side of the coarse copy [px], with some thousand pixels."""
-FIRST_PX, FINER_PX = 500, 800
-"""Numbers of pixels of the coarse copy compared with the first grid and the finer ones; blurred by the grid's step it
-shows no more."""
+COMPARED_PX = 500
+"""Number of pixels of the coarse copy that are compared with the prediction."""
 REACH_SIGMA = 3.5
 """Range of the tilt search in prior sigmas: all but one of five hundred."""
 STEPS = 10
@@ -97,10 +96,9 @@ def start_pose(
     step = REACH_SIGMA * tilt_sigma_rad / STEPS
     best, score, reach = np.zeros(2), -np.inf, STEPS
     finest = max(FINEST_M / to_limb, FINEST_PX * pixel_rad)
-    pixels = (values, los, light, radius, bin_ * len(grid))
-    first, seen = (
-        _Seen(*(part[..., :: max(1, len(values) // most) | 1] for part in pixels)) for most in (FIRST_PX, FINER_PX)
-    )
+    # An odd step takes no columns out.
+    every = max(1, len(values) // COMPARED_PX) | 1
+    seen = _Seen(*(part[..., ::every] for part in (values, los, light, radius, bin_ * len(grid))))
     while True:
         # Three running means are as good as a Gaussian.
         width = 1 + int(max(step, pixel_rad) * to_limb / GRID_M)
@@ -111,8 +109,7 @@ def start_pose(
         tilts = best + np.array(np.meshgrid(offsets, offsets)).reshape(2, -1).T
         nadirs = n + tilts @ across.T
         nadirs /= np.linalg.norm(nadirs, axis=1)[:, None]
-        alike = (first if reach == STEPS else seen).likelihood(nadirs, distance, grid[0], blurred)
-        likelihood = alike - (tilts**2).sum(axis=1) / tilt_sigma_rad**2
+        likelihood = seen.likelihood(nadirs, distance, grid[0], blurred) - (tilts**2).sum(axis=1) / tilt_sigma_rad**2
         i = int(np.argmax(likelihood))
         best, score = tilts[i], float(likelihood[i])
         if step <= finest:

@@ -467,9 +467,8 @@ class ProfileImage:
 
 @dataclass(frozen=True)
 class ProfileChosen(Chosen):
-    """Pixels of all images, the air that they share, and all that is known of it."""
+    """Pixels of all images, and all of the air that they share."""
 
-    air: CommonAir
     whole: CommonAir
 
     @property
@@ -518,11 +517,11 @@ class ProfileChooser:
                 for model, one in zip(models, state.own, strict=True)
             )
             state = ShotState(state.pose, owns, np.zeros(air.count))
-        elif not same_air:
-            state = replace(state, air=air.taken_over(old.air, state.air))
         else:
-            state = replace(state, air=np.append(state.air, np.zeros(air.count - len(state.air))))
-        return ProfileChosen(models, air.columns, state, [None] * len(models), air, whole)
+            # Unknowns at other nodes say nothing of these.
+            known = state.air if same_air else np.zeros(0)
+            state = replace(state, air=np.append(known, np.zeros(air.count - len(known))))
+        return ProfileChosen(models, air.columns, state, [None] * len(models), whole)
 
     def _ways(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> list[FloatArray]:
         """Return the steps (7 + 4 + own) from where pixels were chosen, of every image; without the own unknowns."""

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit import known_profile
-from horizonval.estimation.fit.air import KnownAir, common_air, sun_of_time
+from horizonval.estimation.fit.air import KnownAir, sun_of_time
 from horizonval.estimation.fit.blurred import AROUND, BlurredProfiles, around_of
 from horizonval.estimation.fit.bundle import ShotPrior
 from horizonval.estimation.fit.heights import everywhere
@@ -528,23 +528,6 @@ def test_errors_of_a_lens_move_the_limb_as_another_camera_does() -> None:
         moved = (heights(error) - heights(-error)) / 2.0 * by_distance
         found = error[k] * model.near.by_lens[k]
         assert np.abs(found - moved).max() < 0.01 * np.abs(moved).max()
-
-
-def test_air_is_taken_over_where_nodes_move() -> None:
-    """The prediction of the same unknowns, chosen again a tenth of a pixel away, with other nodes and another grid."""
-    image, knowledge, start = knowledge_of(3, CAMERA)
-    near = start.moved(np.array([0.1 / CAMERA.fx, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    before, after = (
-        common_air([ProfileModel(image, CAMERA, pose, np.zeros(LENS), blur, knowledge).air], [None])
-        for pose, blur in ((start, 0.6), (near, 0.63))
-    )
-    air = 0.5 * np.random.default_rng(6).normal(size=before.count)
-    said = before.images[0].coefficients(air)
-    again = after.images[0].coefficients(after.taken_over(before, air))
-    assert after.images[0].names == before.images[0].names
-    # Coefficients are in standard deviations; the nodes have moved by a hundredth of their distance.
-    np.testing.assert_allclose(again, said, atol=0.05)
-    assert np.ptp(said[:, 1:], axis=0).max() > 0.5
 
 
 @pytest.mark.parametrize("seed", [0, 2, 6])
