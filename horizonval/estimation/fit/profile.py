@@ -152,8 +152,6 @@ class ProfileModel:
     below the highest clouds. Raises ``LinAlgError``: too little limb in view.
     """
 
-    own_count = OWN
-
     def __init__(
         self,
         image: FloatArray,
