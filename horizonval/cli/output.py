@@ -115,37 +115,27 @@ def print_dry_run(counted: DryRun, as_json: bool) -> None:
 
 
 def print_summary(summary: dict[str, Any]) -> None:
-    """Print the table of a run, one line for every estimator and camera, and its summary in words.
+    """Print the table of a run, one line for every camera and estimator, and its summary in words.
 
     Estimators that receive the true pose come last: they test the scoring, and are excluded from other lines.
     """
-    from horizonval.report.words import headline, unit_of
+    from horizonval.report.words import by_camera, headline, prior_words, unit_of
 
-    groups = sorted(summary["groups"], key=lambda group: bool(group["given_pose"]))
+    groups = by_camera(summary["groups"])
     judged = [group for group in groups if not group["given_pose"]]
     unit = unit_of(group["nadir_error_arcsec"]["max"] for group in judged)
     unit = replace(unit, sign=f" {unit.name}")
-    head = (
-        "estimator",
-        "camera",
-        "frames",
-        "answered",
-        f"rms [{unit.name}]",
-        "median",
-        "95 %",
-        "worst",
-        "false claims",
-    )
     several_draws = any(group["nees_noise"]["n"] for group in groups)
+    head = ("camera", "estimator", "frames", "right", f"rms [{unit.name}]", "median", "95 %", "worst", "false claims")
     rows = [(*head, "noise NEES / 2") if several_draws else head]
     for group in groups:
-        error, available, false = group["nadir_error_arcsec"], group["availability"], group["false_valid"]
+        error, right, false = group["nadir_error_arcsec"], group["headline"]["due"], group["false_valid"]
         rows.append(
             (
-                group["estimator"] + (" (given the pose)" if group["given_pose"] else ""),
                 group["camera"],
+                group["estimator"] + (" (given the pose)" if group["given_pose"] else ""),
                 str(group["n"]),
-                f"{available['n']} of {available['of']} due",
+                f"{right['n']} of {right['of']} usable",
                 *("-" if error[key] is None else unit.number(error[key]) for key in ("rms", "median", "p95", "max")),
                 f"{false['n']} of {false['of']}",
                 *([_noise_nees(group["nees_noise"])] if several_draws else []),
@@ -154,8 +144,10 @@ def print_summary(summary: dict[str, Any]) -> None:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    if summary.get("prior"):
+        print(f"Prior of the methods that use one: {prior_words(summary['prior'])}.")
     for group in judged:
-        print(f"{group['estimator']}, {group['camera']}: {headline(group, unit)}")
+        print(f"{group['camera']}, {group['estimator']}: {headline(group, unit)}")
 
 
 def print_shard(shard: str | None, missing: int) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from horizonval.report.words import (
     VERDICTS,
     AngleUnit,
     accuracy_of,
+    by_camera,
     confusion_tables,
     count,
     headline,
@@ -32,7 +32,7 @@ from horizonval.report.words import (
     number,
     outcome,
     percent,
-    sentences,
+    prior_words,
     unit_of,
     verdict_of,
 )
@@ -47,6 +47,8 @@ STRIP_RATIO = 20
 """Aspect ratio above which images are drawn as strips of their proportions."""
 MOST_CASES_SHOWN = 300
 """Maximum number of pictures; a larger page would not open."""
+_MOST_SOURCES = 4
+"""Number of methods and cameras whose false claims are named."""
 COARSE_PX = 320
 """Largest size of images whose pixels are shown as squares."""
 
@@ -66,7 +68,6 @@ def write_report(run_dir: Path) -> list[Path]:
     """Write the pages of a report and return them, as :func:`build_report` does the first."""
     run = load_run(run_dir, MOST_CASES_SHOWN)
     summary = summarise(run.rows, run.given_pose, run.orbit, run.likelihood)
-    opening = sentences(run.judged_rows, run.judged_estimators, summary["groups"])
     has_campaign = campaign.is_due(run)
     common: dict[str, Any] = {
         "version": run.version, "about": [f"suite {run.suite}"], "again": run.again, "run": run,
@@ -76,7 +77,6 @@ def write_report(run_dir: Path) -> list[Path]:
             "report.html",
             title=f"{run.suite}: horizonval report",
             heading=run.title or run.suite,
-            sentences=opening,
             stability=infrared.section_of_year(run_dir),
             campaign={"page": campaign.PAGE, "text": campaign.headline(run)} if has_campaign else None,
             **common,
@@ -91,7 +91,6 @@ def write_report(run_dir: Path) -> list[Path]:
             "campaign.html",
             title=f"{run.suite}: where it works and where it fails",
             heading=title,
-            sentences=opening,
             **common,
             **content,
             **viewer.striking_frames(run.views, run.estimators),
@@ -116,11 +115,14 @@ def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
     views = [view for view in run.views if view.shown]
     numbered = viewer.numbered_frames([view.image for view in views])
     cards = [_card(view, run, unit, numbered=i in numbered) for i, view in enumerate(views)]
+    viewer.share_directions([card["frame"] for card in cards])
     shown = {row["verdict"] for card in cards for row in card["rows"]}
     return {
         "summary": summary,
         "unit": unit,
-        "groups": [{**group, "finding": _finding(group, unit)} for group in _in_order(summary["groups"], run)],
+        "n_frames": len({view.case for view in run.views}) + len(run.missing),
+        "groups": [{**group, "finding": _finding(group, unit)} for group in by_camera(summary["groups"])],
+        "prior": prior_words(run.prior),
         "headline": _verdict(summary, run, broken),
         "without_numbers": sum(card["frame"].get("numbers") == "" for card in cards),
         "broken": broken,
@@ -138,11 +140,6 @@ def page_of(run: ReportRun, summary: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _in_order(groups: Sequence[Mapping[str, Any]], run: ReportRun) -> list[Mapping[str, Any]]:
-    """Return groups in the suite's order of estimators, those that receive the true pose last."""
-    return sorted(groups, key=lambda group: (group["given_pose"], run.estimators.index(group["estimator"])))
-
-
 def _finding(group: Mapping[str, Any], unit: AngleUnit) -> str:
     if not group["given_pose"]:
         return headline(group, unit)
@@ -156,7 +153,7 @@ def _verdict(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[st
     false, claims, crashes = rates["false_valid"]["n"], rates["false_valid"]["of"], rates["crashed"]["n"]
     parts = [f"{crashes} {'crash' if crashes == 1 else 'crashes'}"] if crashes else []
     if false:
-        parts.append(f"{count(false, 'false claim')} among {claims}, {_whose(summary['groups'])}")
+        parts.append(f"{count(false, 'false claim')}: {_whose(summary['groups'])}")
     if parts:
         return {"kind": "false", "glyph": "✖", "text": "; ".join(parts)}
     if broken or run.missing:
@@ -170,14 +167,14 @@ def _verdict(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[st
 
 def _whose(groups: Sequence[Mapping[str, Any]]) -> str:
     """Return the sources of the false claims, most frequent first."""
-    counts: Counter[str] = Counter()
-    for group in groups:
-        if not group["given_pose"]:
-            counts[group["estimator"]] += group["false_valid"]["n"]
-    false = [(name, n) for name, n in counts.most_common() if n]
-    if len(false) == 1:
-        return f"all by {false[0][0]}"
-    return ", ".join(f"{n} by {name}" for name, n in false)
+    false = [group for group in groups if not group["given_pose"] and group["false_valid"]["n"]]
+    false.sort(key=lambda group: -group["false_valid"]["n"])
+    words = [
+        f"{group['false_valid']['n']} of {group['false_valid']['of']} by {group['estimator']} with {group['camera']}"
+        for group in false[:_MOST_SOURCES]
+    ]
+    rest = sum(group["false_valid"]["n"] for group in false[_MOST_SOURCES:])
+    return ", ".join([*words, f"{rest} by others"] if rest else words)
 
 
 def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, Any]]:

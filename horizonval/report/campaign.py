@@ -113,7 +113,7 @@ def page_of(run: ReportRun) -> JsonObject:
 
 def links_of(run: ReportRun) -> Link:
     """Return the function that gives the address of a row's frame."""
-    shown = {view.case for view in run.views if view.shown}
+    shown = {name for view in run.views if view.shown for name in (view.case, view.scene)}
     return lambda row: f"index.html#{quote(row.case)}" if row.case in shown else None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ class CaseView:
     broken: bool
     image_path: str
     shown: bool = True
+    scene: str = ""
     head_paths: dict[str, str] = field(default_factory=dict)
 
 
@@ -46,7 +47,7 @@ class ReportRun:
     ``figures``: from :func:`horizonval.suites.record.figure_plans`. ``study``: whether it is a trade study.
     ``command``: words that repeat the run in its folder. ``programs``: estimators that are programs of the suite's
     file. ``given_pose``: estimators that receive the true pose. ``likelihood``: estimators with claims of a likelihood
-    fit. ``orbit``: cases that sample an orbit.
+    fit. ``orbit``: cases that sample an orbit. ``prior``: the table ``[prior]`` of all frames.
     """
 
     suite: str
@@ -63,6 +64,7 @@ class ReportRun:
     given_pose: tuple[str, ...] = ()
     likelihood: tuple[str, ...] = ()
     orbit: frozenset[str] = frozenset()
+    prior: dict[str, Any] = field(default_factory=dict)
 
     @property
     def rows(self) -> list[Row]:
@@ -103,7 +105,10 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
     head = _read(path, ("suite", "estimators", "cases"))
     shown = _shown(run_dir, head["cases"], most)
     store = _store(run_dir, head)
-    views = {name: _views_of(run_dir, head, store, name, name in shown) for name in head["cases"]}
+    scenes = _scenes_by_first_head(run_dir, head)
+    shown |= {first for first, scene in scenes.items() if scene in shown}
+    names = [name for name in head["cases"] if name not in scenes.values()]
+    views = {name: _views_of(run_dir, head, store, name, name in shown, scenes.get(name)) for name in names}
     for view in (view for found in views.values() for view in found or ()):
         if other := [name for name in view.rows if name not in head["estimators"]]:
             what = f"does not name the estimator {other[0]!r} of the case {view.case!r}"
@@ -123,6 +128,7 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
         given_pose=tuple(head.get("given_pose") or ()),
         likelihood=tuple(head.get("likelihood") or ()),
         orbit=frozenset(head.get("orbit") or ()),
+        prior=head.get("prior") or {},
     )
 
 
@@ -132,7 +138,8 @@ def load_case(run_dir: Path, case: str) -> list[CaseView]:
     Raises ``UserError``: no run or no finished case of that name. Raises ``DamagedFileError``: a changed file.
     """
     head = _read(RunFolder(run_dir).suite, ("suite", "estimators", "cases"))
-    views = _views_of(run_dir, head, _store(run_dir, head), case, True) if case in head["cases"] else None
+    scene = _scenes_by_first_head(run_dir, head).get(case)
+    views = _views_of(run_dir, head, _store(run_dir, head), case, True, scene) if case in head["cases"] else None
     if views is None:
         raise UserError(f"no finished case {case!r}", where=str(run_dir))
     return views
@@ -175,8 +182,24 @@ def _store(run_dir: Path, head: dict[str, Any]) -> Store:
     return Store(archive_of(RunFolder(run_dir), head), read_only=True)
 
 
-def _views_of(run_dir: Path, head: dict[str, Any], store: Store, case: str, shown: bool) -> list[CaseView] | None:
-    """Return the views of a case, with shown images; None if it is not finished."""
+def _scenes_by_first_head(run_dir: Path, head: dict[str, Any]) -> dict[str, str]:
+    """Return cases of all heads together by the case of their first head, where both are finished and did not fail."""
+
+    def is_whole(case: str) -> bool:
+        path = RunFolder(run_dir).case(case)
+        return path.is_file() and not _read(path, ()).get("error")
+
+    found = {heads[0][1]: scene for scene, heads in (head.get("heads") or {}).items()}
+    return {first: scene for first, scene in found.items() if is_whole(first) and is_whole(scene)}
+
+
+def _views_of(
+    run_dir: Path, head: dict[str, Any], store: Store, case: str, shown: bool, scene: str | None = None
+) -> list[CaseView] | None:
+    """Return the views of a case, with shown images; None if it is not finished.
+
+    ``scene``: case whose results of all heads together are added to those of this head.
+    """
     folder = RunFolder(run_dir)
     path = folder.case(case)
     if not path.is_file():
@@ -186,10 +209,17 @@ def _views_of(run_dir: Path, head: dict[str, Any], store: Store, case: str, show
         raise DamagedFileError(f"holds the results of {record['case']!r}", where=str(path), fix="run the suite again")
     try:
         heads = {}
-        for name, case_of_head in ((head.get("heads") or {}).get(case) or ()) if shown else ():
-            its = folder.case(case_of_head)
-            heads[name] = dict(_read(its, ()).get("images") or {}) if its.is_file() else {}
-        return _views(record, store, run_dir, shown, heads)
+        if scene is not None:
+            together = _read(folder.case(scene), ("rows", "details"))
+            record = {
+                **record,
+                "rows": [*record["rows"], *together["rows"]],
+                "details": {**record["details"], **together["details"]},
+            }
+            for name, case_of_head in head["heads"][scene] if shown else ():
+                its = folder.case(case_of_head)
+                heads[name] = dict(_read(its, ()).get("images") or {}) if its.is_file() else {}
+        return [replace(view, scene=scene or "") for view in _views(record, store, run_dir, shown, heads)]
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise DamagedFileError(
             f"not a case's results: {misfit(error)}", where=str(path), fix="run the suite again"

@@ -42,7 +42,6 @@ def render(
     version: str = "",
     about: Sequence[str] = (),
     links: Sequence[tuple[str, str]] = (),
-    sentences: Sequence[str] = (),
     again: str = "",
     folder: Path = FOLDER,
     filters: Mapping[str, Callable[..., Any]] | None = None,
@@ -52,8 +51,8 @@ def render(
 
     ``template``: file name, in ``folder`` or in this package. ``title``: of the browser's tab. ``version``: of the
     package that made the results. ``about``: lines above the heading. ``links``: text and address of the other pages of
-    the folder. ``sentences``: the result in words, below the heading. ``again``: command that repeats the work.
-    ``filters``: additional template filters. ``content``: variables of the template's blocks.
+    the folder. ``again``: command that repeats the work. ``filters``: additional template filters. ``content``:
+    variables of the template's blocks.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([folder, FOLDER]),
@@ -78,7 +77,6 @@ def render(
         version=version,
         about=about,
         links=links,
-        sentences=sentences,
         again=again,
         **content,
     )

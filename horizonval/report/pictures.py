@@ -55,6 +55,8 @@ SMALLEST_RANGE = 0.04
 CARD_SIDE_PX = 384
 """Longest side of a picture on a card of a page."""
 CARD_QUALITY = 82
+LOSSLESS_PX = 64
+"""Longest side of images whose cards are lossless: their pixels are seen one by one."""
 
 
 def grey_levels(image: DetectorImage) -> tuple[NDArray[np.uint8], float, float]:
@@ -68,10 +70,10 @@ def grey_levels(image: DetectorImage) -> tuple[NDArray[np.uint8], float, float]:
 
 
 def card_uri(grey: NDArray[np.uint8]) -> str:
-    """Return grey levels as a ``data:`` URI for a card, lossless if small, else reduced."""
-    scale = CARD_SIDE_PX / max(grey.shape)
-    if scale >= 1:
+    """Return grey levels as a ``data:`` URI for a card, lossless if tiny, else compressed and perhaps reduced."""
+    if max(grey.shape) <= LOSSLESS_PX:
         return png_uri(grey)
+    scale = min(1.0, CARD_SIDE_PX / max(grey.shape))
     size = (max(1, round(grey.shape[1] * scale)), max(1, round(grey.shape[0] * scale)))
     small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
     return _uri("jpeg", _encoded(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, CARD_QUALITY]))
@@ -284,8 +286,7 @@ def tiles_of(sources: Sequence[Path]) -> list[Tile]:
                 expected=f"at most {MOST_CASES} on one sheet",
                 fix=f"name the images, see {command_line('archive', 'ls', source)}",
             )
-        # A view of all heads shows the first one's image, which has a separate tile.
-        views = [view for view in run.views if view.image is not None and not view.head_paths]
+        views = [view for view in run.views if view.image is not None]
         for case, group in itertools.groupby(views, lambda view: view.case):
             tiles += _tiles_of_case(case, {view.band: view.image for view in group if view.image is not None})
     if not tiles:

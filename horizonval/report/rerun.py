@@ -37,11 +37,9 @@ def rerun_of(view: CaseView, run: ReportRun) -> Rerun:
     cameras of the same name.
     """
     assert view.image is not None
-    truth, case, band = view.image.truth, view.case, view.band
-    estimators = [name for name in run.estimators if name in view.rows] or list(run.estimators)
+    truth, band = view.image.truth, view.band
+    case = view.scene or view.case
     suites = run.suite_of_programs
-    # All heads if they were estimated together, else one image; empty if one was not archived.
-    image_paths = view.head_paths or ({"": view.image_path} if view.image_path else {})
     # A word with a leading hyphen would be parsed as an option.
     stem = f"./{case}" if case.startswith("-") else case
     files = [(f"{case}.toml", toml(truth.scene))]
@@ -51,19 +49,22 @@ def rerun_of(view: CaseView, run: ReportRun) -> Rerun:
         # one of that name.
         files.append((camera_file, toml(truth.camera)))
     quoted, word = shlex.quote(stem), shlex.quote(band)
-    heads = list(image_paths) if len(image_paths) > 1 else []
-    all_heads = " --head all" if heads else ""
-    commands = [f"horizonval render {quoted}.toml -o {quoted}.frame.exr{all_heads}"]
-    endings = [f".{head}" for head in heads] or [""]
-    # A rendered head's file is named by its target: FRAME.<head>.exr.
+    # Archived images by head, empty where one is missing; a rendered head's file is named by its target:
+    # FRAME.<head>.exr.
+    paths = {f".{head}": path for head, path in view.head_paths.items()} or {"": view.image_path}
+    commands = [f"horizonval render {quoted}.toml -o {quoted}.frame.exr{' --head all' if view.head_paths else ''}"]
     commands += [
-        f"horizonval observe {quoted}.frame{end}.exr -o {quoted}{end}.image.exr --band {word}" for end in endings
+        f"horizonval observe {quoted}.frame{end}.exr -o {quoted}{end}.image.exr --band {word}" for end in paths
     ]
-    made = " ".join(f"{quoted}{end}.image.exr" for end in endings)
-    commands += [f"horizonval estimate {made} {_estimator(name, suites)}" for name in estimators]
-    if image_paths and all(image_paths.values()):
-        stored_images = shlex.join(_from_inside(path) for path in image_paths.values())
-        commands += [f"horizonval estimate {stored_images} {_estimator(name, suites)}" for name in estimators[:1]]
+    estimators = [name for name in run.estimators if name in view.rows] or list(run.estimators)
+    together = [name for name in estimators if name in view.rows and view.rows[name].case == view.scene]
+    for name in estimators:
+        made = " ".join(f"{quoted}{end}.image.exr" for end in (paths if name in together else list(paths)[:1]))
+        commands.append(f"horizonval estimate {made} {_estimator(name, suites)}")
+    for name in (together or estimators)[:1]:
+        stored = list(paths.values()) if name in together else list(paths.values())[:1]
+        if all(stored):
+            commands.append(f"horizonval estimate {shlex.join(map(_from_inside, stored))} {_estimator(name, suites)}")
     return Rerun(tuple(files), tuple(commands))
 
 

@@ -23,8 +23,7 @@ from horizonval.report import page, plots
 from horizonval.report.load import load_run
 from horizonval.report.plots import COLOURS, GREY, INK, LIMIT, MARKERS, SMALL, Draw, plain_ticks
 from horizonval.report.viewer import MOST_BESIDE, striking_frames
-from horizonval.report.words import count, interval, key_words, number, sentences, share
-from horizonval.scoring.summary import summarise
+from horizonval.report.words import count, interval, key_words, number, share
 from horizonval.store.folder import read_json
 
 RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
@@ -52,12 +51,9 @@ def write_page(run_dir: Path) -> Path:
         _read(run_dir / COSTS, {"designs", "query"}),
     )
     run = read_json(run_dir / "run.json") or {}
-    opening: list[str] = []
     seen: dict[str, Any] = {"frames": [], "kept": 0, "estimators": ()}
     if run:
         loaded = load_run(run_dir, MOST_BESIDE)
-        groups = summarise(loaded.rows, loaded.given_pose, loaded.orbit, loaded.likelihood)["groups"]
-        opening = sentences(loaded.judged_rows, loaded.judged_estimators, groups)
         seen = striking_frames(loaded.views, loaded.estimators)
     head = result["study"]
     text = page.render(
@@ -67,7 +63,6 @@ def write_page(run_dir: Path) -> Path:
         version=result["version"],
         about=[f"study {head['name']}"],
         links=[("frames and estimators", "index.html")],
-        sentences=opening,
         again=shlex.join(run.get("command") or ()),
         filters={"measure": _measure, "share": share, "term": term_words},
         **page_of(result, costs),

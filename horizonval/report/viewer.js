@@ -5,6 +5,7 @@
   if (!find("v-frame")) return;
   const blank = { width: 1, height: 1, numbers: null, truth: "", infrared: "", layers: [], heat: null, sight: null, full: 0, black: 0, white: 1 };
   let frames = [...document.querySelectorAll("script.v-data")].map((script) => ({ ...blank, ...JSON.parse(script.textContent) }));
+  for (const { sight } of frames) if (typeof sight?.directions === "number") sight.directions = frames[sight.directions].sight.directions;
   // A run's first page has a card of every frame in it; a server knows the run's other frames, too.
   const everything = "whole" in document.querySelector(".viewer").dataset;
   const cards = everything ? [...document.querySelectorAll("#grid .tile")].map((tile, i) => ({ tile, frame: frames[i] })) : [];
@@ -38,7 +39,7 @@
     const planes = new Uint8Array(await new Response(stream).arrayBuffer());
     const n = f.width * f.height, out = new Uint16Array(n);
     for (let i = 0; i < n; i++) {
-      const step = planes[i] | (planes[n + i] << 8);
+      const coded = planes[i] | (planes[n + i] << 8), step = (coded >>> 1) ^ -(coded & 1);
       out[i] = i % f.width ? out[i - 1] + step : step;
     }
     return out;
@@ -381,7 +382,7 @@
     if (!text.includes("=")) {
       let name = text;
       try { name = decodeURIComponent(text); } catch { /* not ours: taken as it stands */ }
-      const named = frames.findIndex((f) => f.name === name);
+      const named = frames.findIndex((f) => f.name === name || (name && f.scene === name));
       if (named >= 0) state.frame = named;
       return show();
     }

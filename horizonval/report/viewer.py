@@ -1,8 +1,9 @@
 """Data of the frame viewer: every frame's exact digital numbers, the exact truth, and curves over the image.
 
-*Numbers.* A page is one file, so the numbers are inside it: differences along each line, modulo 2**16, low bytes first
-and high bytes after them, deflated, in base64. The viewer's code undoes this; nothing of it passes through a picture,
-so the number under the pointer is the number that is stored.
+*Numbers.* A page is one file, so the numbers are inside it: differences along each line, modulo 2**16, their signs in
+the lowest bit so that small ones have no high byte (0, -1, 1, -2 are 0, 1, 2, 3), low bytes first and high bytes after
+them, deflated, in base64. The viewer's code undoes this; nothing of it passes through a picture, so the number under
+the pointer is the number that is stored.
 
 *Lines of sight.* Directions are interpolated between Chebyshev nodes over the image, which for lenses as smooth as
 these is exact to about a thousandth of a degree or much better. The horizon is the tangent cone ``Q`` of the exact
@@ -46,9 +47,9 @@ from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.sensor.expected_image import black_level_dn, radiance_per_dn
 from horizonval.truth.infrared_horizon import curve_cam
 
-BUDGET_PX = 12_000_000
-"""Maximum number of pixels with numbers on one page: about 20 MB of noisy 12-bit frames."""
-MOST_BESIDE, BESIDE_PX = 16, 4_000_000
+BUDGET_PX = 4_000_000
+"""Maximum number of pixels with numbers on one page: 3 to 6 MB of noisy frames."""
+MOST_BESIDE, BESIDE_PX = 16, BUDGET_PX
 """Maximum numbers of frames and of their pixels on pages other than a run's first one."""
 CACHED = 16
 """Frames cached by the server, for stepping back and forth."""
@@ -59,7 +60,7 @@ _TEMPERATURES = 129
 """Entries of a thermal frame's table."""
 _CONE_SAMPLES = 40_000
 _POINTS_PER_LINE = 160
-"""Vertices of a line: a horizon bends by less than 0.1 px between them in a 1000 px image."""
+"""Vertices of a line in a 1000 px image, where a horizon bends by less than 0.1 px between them."""
 
 # ----------------------------------------------------------------------------------------------------- frames of a run
 
@@ -122,6 +123,7 @@ def about_frame(view: CaseView, estimators: Sequence[str]) -> dict[str, Any]:
         }
     return {
         "name": view.case,
+        "scene": view.scene,
         "band": view.band,
         "camera": next((one.camera for one in view.rows.values()), ""),
         "rows": rows,
@@ -139,6 +141,16 @@ def numbered_frames(images: Sequence[DetectorImage | None], budget_px: int = BUD
         return set(there)
     n = len(there) * budget_px // pixels
     return {there[k * len(there) // n] for k in range(n)}
+
+
+def share_directions(frames: Sequence[dict[str, Any]]) -> None:
+    """Replace directions that an earlier frame of a page has too, as those of one camera, by its number."""
+    first: dict[tuple[float, ...], int] = {}
+    for number, frame in enumerate(frames):
+        if sight := frame.get("sight"):
+            earlier = first.setdefault(tuple(sight["directions"]), number)
+            if earlier != number:
+                sight["directions"] = earlier
 
 
 def striking_frames(views: Sequence[CaseView], estimators: Sequence[str]) -> dict[str, Any]:
@@ -160,6 +172,7 @@ def striking_frames(views: Sequence[CaseView], estimators: Sequence[str]) -> dic
             break
         chosen.add((view.case, view.band))
     frames = [one_frame(view, estimators) for view in views if (view.case, view.band) in chosen]
+    share_directions(frames)
     return {"frames": frames, "kept": len(views), "estimators": estimators}
 
 
@@ -203,7 +216,9 @@ def packed(dn: NDArray[np.uint16]) -> str:
     """Return digital numbers, shape (H, W), as text for the page's code."""
     difference = dn.astype(np.uint16)
     difference[:, 1:] -= dn[:, :-1]
-    planes = np.concatenate([(difference & 0xFF).ravel(), (difference >> 8).ravel()]).astype(np.uint8)
+    signed = difference.view(np.int16)
+    coded = ((signed << 1) ^ (signed >> 15)).view(np.uint16)
+    planes = np.concatenate([(coded & 0xFF).ravel(), (coded >> 8).ravel()]).astype(np.uint8)
     return base64.b64encode(zlib.compress(planes.tobytes(), 6)).decode("ascii")
 
 
@@ -268,7 +283,8 @@ def sightline_of(truth: FrameTruth) -> dict[str, Any] | None:
 def horizon_path(truth: FrameTruth) -> str:
     """Return the exact, refracted horizon inside the image; empty if there is none."""
     ellipsoid = truth.apparent_ellipsoid
-    lines = horizon_pixels(truth.camera_model, truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _POINTS_PER_LINE)
+    camera = truth.camera_model
+    lines = horizon_pixels(camera, truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _points_per_line(camera))
     return "".join(_line(line) for line in lines)
 
 
@@ -301,9 +317,14 @@ def visible_path(camera: CameraModel, d_cam: FloatArray) -> str:
     for start, stop in edges.reshape(-1, 2):
         run = uv[start:stop]
         if len(run) > 1:
-            keep = np.unique(np.linspace(0, len(run) - 1, _POINTS_PER_LINE).round().astype(int))
+            keep = np.unique(np.linspace(0, len(run) - 1, _points_per_line(camera)).round().astype(int))
             path += _line(run[keep])
     return path
+
+
+def _points_per_line(camera: CameraModel) -> int:
+    """Return the number of vertices that bend equally little in an image of any size."""
+    return round(_POINTS_PER_LINE * math.sqrt(max(camera.width, camera.height, 100) / 1000.0))
 
 
 def points_path(points: ArrayLike) -> str:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
@@ -272,89 +269,32 @@ def _cell_look(expected: str, reported: str) -> tuple[str, str]:
 
 # -------------------------------------------------------------------------------------------------------- sentences
 
-_MOST_NAMED = 2
-"""Number of estimators with a sentence each; of more only the best and the worst."""
 _MOST_PLACES = 3
 
 
-@dataclass(frozen=True)
-class Record:
-    """Results of one estimator with all cameras; errors in arc seconds; false claims and refusals by place."""
+def by_camera(groups: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the groups of a summary by camera, so that methods on the same frames are next to each other.
 
-    name: str
-    due: int
-    right: int
-    errors: tuple[float, ...]
-    false: tuple[tuple[str, int], ...]
-    silent: tuple[tuple[str, int], ...]
-
-    @property
-    def rank(self) -> tuple[float, float, str]:
-        """Best first: the larger share of right answers, then the smaller worst error."""
-        return (-self.right / self.due if self.due else 1.0, max(self.errors, default=0.0), self.name)
-
-    @property
-    def text(self) -> str:
-        """The record in a sentence."""
-        if self.due:
-            parts = [f"{self.name} is right in {percent(self.right / self.due)} of {count(self.due, 'answer')} due"]
-        else:
-            parts = [f"{self.name} has no answer due"]
-        if self.errors:
-            middle, most = (DEG.text(float(value)) for value in np.percentile(self.errors, [50.0, 95.0]))
-            parts.append(
-                f": half of its claims are within {middle} of the true nadir, 95 % within {most}, "
-                f"the worst {DEG.text(max(self.errors))} off"
-            )
-        for words, places in (("false or crashed", self.false), ("without answer", self.silent)):
-            if places:
-                parts.append(f"; {words} mostly " + " and ".join(f"{place} ({n})" for place, n in places[:2]))
-        return "".join(parts) + "."
-
-
-def sentences(rows: Sequence[Row], estimators: Sequence[str], groups: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a sentence for each estimator, or for the best and the worst of many, by name.
-
-    ``groups``: as from :func:`horizonval.scoring.summary.summarise`.
+    Groups without a usable frame or a claim come after the others, estimators that receive the true pose last.
     """
-    if not any(row.is_due or row.is_claim for row in rows):
-        return ["No frame is due an answer."]
-    records = []
-    for name in estimators:
-        own = [row for row in rows if row.estimator == name]
-        due = [row for row in own if row.is_due]
-        records.append(
-            Record(
-                name=name,
-                due=len(due),
-                right=sum(row.is_claim and not row.false_valid for row in due),
-                errors=tuple(
-                    row.nadir_error_arcsec for row in own if row.is_claim and row.nadir_error_arcsec is not None
-                ),
-                false=_pooled_places(name, groups, ("crashed", "false")),
-                silent=_pooled_places(name, groups, ("silent",)),
-            )
-        )
-    return opening(records)
+
+    def order(group: Mapping[str, Any]) -> tuple[bool, bool, str, str]:
+        is_empty = not group["headline"]["due"]["of"] and not group["n_valid"]
+        return bool(group["given_pose"]), is_empty, group["camera"], group["estimator"]
+
+    return sorted(groups, key=order)
 
 
-def opening(records: Sequence[Record]) -> list[str]:
-    """Return the records' sentences, best first; of many those of the best and the worst."""
-    ranked = sorted(records, key=lambda one: one.rank)
-    if len(ranked) <= _MOST_NAMED:
-        return [record.text for record in ranked]
-    return [f"Of {len(ranked)} estimators the best: {ranked[0].text}", f"The worst: {ranked[-1].text}"]
-
-
-def _pooled_places(name: str, groups: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> tuple[tuple[str, int], ...]:
-    """Return the places of an estimator's failures of one kind over all cameras, with counts, most frequent first."""
-    found: Counter[str] = Counter()
-    for group in groups:
-        if group["estimator"] == name and not group["given_pose"]:
-            for key in keys:
-                for place, n, _ in group["headline"][key]:
-                    found[place] += n
-    return tuple(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+def prior_words(prior: Mapping[str, Any]) -> str:
+    """Return a table ``[prior]`` in words: what methods may use in addition to the image."""
+    words = []
+    for key, value in prior.items():
+        values = value if isinstance(value, list) else [value]
+        # Equal values of three axes are said once.
+        text = ", ".join(dict.fromkeys(f"{one:g}" if isinstance(one, float) else str(one) for one in values))
+        name, of, unit = key.partition("_sigma_")
+        words.append(f"{name.replace('_', ' ')} to {text} {unit}" if of else f"{name.replace('_', ' ')} {text}")
+    return "; ".join(words)
 
 
 def headline(group: Mapping[str, Any], unit: AngleUnit) -> str:
@@ -368,10 +308,10 @@ def headline(group: Mapping[str, Any], unit: AngleUnit) -> str:
         parts = [f"works {percent(orbit['rate'])} of the orbit ({orbit['n']} of {count(orbit['of'], 'frame')})"]
     elif due["of"]:
         bounds = interval(due["interval"], as_percent=True)
-        parts = [f"works in {percent(due['rate'])} of the frames due an answer ({due['n']} of {due['of']}; "
+        parts = [f"works in {percent(due['rate'])} of the usable frames ({due['n']} of {due['of']}; "
                  f"{bounds} with 95 %)"]  # fmt: skip
     else:
-        parts = [f"none of {count(group['n'], 'frame')} is due an answer"]
+        parts = [f"none of {count(group['n'], 'frame')} is usable"]
     for key, words in (("crashed", "crashes"), ("false", "false"), ("silent", "no answer")):
         if line[key]:
             parts.append(f"{words} {_places(line[key])}")

@@ -52,7 +52,14 @@ def conclude(
     statistics = summarise(
         rows, about.get("given_pose") or (), frozenset(about.get("orbit") or ()), about.get("likelihood") or ()
     )
-    summary = {"suite": suite, "version": code_version(), "failed": dict(failed), **statistics, **(more or {})}
+    summary = {
+        "suite": suite,
+        "version": code_version(),
+        "failed": dict(failed),
+        "prior": about.get("prior"),
+        **statistics,
+        **(more or {}),
+    }
     write_results(rows, folder.results)
     write_json(folder.summary, summary)
     return summary, write_report(folder.root)
@@ -186,6 +193,7 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
             "programs": [program.name for program in suite.programs],
             "given_pose": [name for name in suite.estimators if plan.estimator(name).needs == "pose"],
             "likelihood": [name for name in suite.estimators if plan.estimator(name).claim == "likelihood"],
+            "prior": _common_prior(suite),
             "cases": [name for unit in units for name in unit.names],
             "orbit": [name for unit in units if unit.cases[0].sample for name in unit.names],
             "heads": {unit.name: [[case.head, case.name] for case in unit.cases] for unit in units if unit.heads},
@@ -195,6 +203,15 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
             "frames": suite.frames,
         },
     )
+
+
+def _common_prior(suite: Suite) -> JsonObject | None:
+    """Return the table ``[prior]`` that all frames of a suite have, or None."""
+    priors = [case.scene.prior for case in suite.cases]
+    first = priors[0] if priors else None
+    if first is None or any(one != first for one in priors):
+        return None
+    return first.model_dump(mode="json", exclude_none=True)
 
 
 def _may_go_on(before: Mapping[str, Any], suite: Suite) -> bool:

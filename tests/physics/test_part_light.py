@@ -79,7 +79,8 @@ def test_a_panel_over_an_evenly_warm_earth(tilt_deg: float) -> None:
     covered = frame.maps["part"] == 1.0
     assert covered.sum() > 100
     light = frame.radiance["lwir"][covered]
-    assert light.mean() == pytest.approx(expected, rel=0.002)
+    # a fourth of the pixels each way has rays
+    assert light.mean() == pytest.approx(expected, rel=0.005)
     # noise of single pixels with 256 rays, as the docs say
     assert light.std() < 0.015 * expected
 

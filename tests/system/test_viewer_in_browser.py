@@ -292,7 +292,7 @@ def test_dark_where_the_reader_wants_it(browser, page):
     # Paper is white whatever the screen is.
     dark = [{"name": "prefers-color-scheme", "value": "dark"}]
     browser.call("Emulation.setEmulatedMedia", media="print", features=dark)
-    ink = "getComputedStyle(document.querySelector('.sentence')).color.match(/\\d+/g).slice(0, 3).map(Number)"
+    ink = "getComputedStyle(document.querySelector('header .verdict ~ p')).color.match(/\\d+/g).slice(0, 3).map(Number)"
     assert max(browser.evaluate(ink)) < 60
     browser.call("Emulation.setEmulatedMedia", media="", features=[])
 

@@ -475,6 +475,9 @@ class Solved:
         square = float(in_sigmas @ self._information @ in_sigmas)
         for k, (shot, inverse) in enumerate(zip(self._bundle.shots, self._inverse, strict=True)):
             own, cost = shot.limited(parts[1 + 2 * k], inverse)
+            if cost > 0.0 and curvatures:
+                # Limits follow from the equations' covariance, of which the curvatures are no part.
+                return self.step(sides)
             if cost > 0.0:
                 beyond = np.concatenate([own - parts[1 + 2 * k], np.zeros(len(free))])
                 parts[1 + 2 * k], gained = own, gained - cost

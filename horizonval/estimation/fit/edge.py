@@ -48,9 +48,9 @@ LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 """Least values of an image's own unknowns: a lens without blur, a hard limb."""
 MOST_ROOM = 0.5
 """Largest share of the blur's variance that makes room for a scale height in one step."""
-HELD = 1e3
-"""Factor on the information on blur and scale height until the noise was estimated at a better pose than the start's: a
-limb out of its place looks soft."""
+HELD = 30.0
+"""Ratio of the prior standard deviations of blur and scale height to those until the noise was estimated at a better
+pose than the start's: a limb out of its place looks soft."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
 FIXED_LENGTH_M = 0.1
@@ -195,6 +195,11 @@ class EdgeModel:
         self._largest_scale_step_m = LARGEST_SCALE_STEP_PX / self._px_per_m
         self._spread: FloatArray | None = None
         self._held = False
+        sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
+        rows = np.zeros((3, SCALE + 1))
+        rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
+        rows /= sigmas[:, None]
+        self._prior_rows = rows, rows * np.array([[HELD], [HELD], [1.0]])
         self._last: tuple[bytes, _Edge] | None = None
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
@@ -210,16 +215,9 @@ class EdgeModel:
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
         """Return the prior of blur and scale height."""
-        known = self.known
-        rows = np.zeros((3, SCALE + 1))
-        rows[0, BLUR], rows[1, SCALE], rows[2, [POSE - 1, SCALE]] = 1.0, 1.0, 1.0
-        sigmas = np.array([known.blur_log_sigma, max(known.scale_sigma_m, FIXED_LENGTH_M), known.middle_sigma_m])
-        if self._held:
-            sigmas[:2] /= HELD**0.5
-        rows /= sigmas[:, None]
-        middle = known.middle_m - pose.height_m - own[1]
-        off = np.array([*(known.own - own), middle if np.isfinite(known.middle_sigma_m) else 0.0]) / sigmas
-        return OwnPrior(rows.T @ rows, rows.T @ off, float(off @ off))
+        known, rows = self.known, self._prior_rows[self._held]
+        off = np.array([*(known.own - own), known.middle_m - pose.height_m - own[1]]) * rows.max(axis=1)
+        return OwnPrior(rows.T @ rows, off @ rows, float(off @ off))
 
     def reach(self, step: FloatArray) -> float:
         """Return how far a step goes, 1 where derivatives end to hold."""

@@ -32,8 +32,9 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, oblate_limbs
 from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
+from horizonval.estimation.fit.heights import ArcPlaces
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, ShotState
-from horizonval.estimation.fit.known import ArcPlaces, LimbKnowledge
+from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import (
     INSIDE_PX,
     OUTSIDE_PX,
@@ -199,7 +200,7 @@ class _Limb:
     @property
     def pixel_m(self) -> FloatArray:
         """Height that a pixel sees at each of the places on the limb."""
-        return np.asarray((self.scale / self.angle.by_height)[self.on_limb])
+        return np.asarray(self.scale[self.on_limb] / self.angle.take(self.on_limb).by_height)
 
     @cached_property
     def by_lens(self) -> FloatArray:
@@ -349,8 +350,9 @@ def _model(limb: _Limb, pose: LimbPose, heights: _Heights, known: EdgeKnown, sca
         lift_m=lift[order],
         modes=np.ascontiguousarray(modes[:, order]),
     )
-    by_all = [angle.by_rotation[:, some], angle.by_position[:, some], angle.by_height[None, some]]
-    return EdgeModel(pixels, known, np.concatenate([*by_all, limb.by_lens[:, some]]) / limb.scale[some])
+    angle = angle.take(some)
+    by_all = [angle.by_rotation, angle.by_position, angle.by_height[None], limb.by_lens[:, some]]
+    return EdgeModel(pixels, known, np.concatenate(by_all) / limb.scale[some])
 
 
 def _bend(limb: _Limb, pose: LimbPose, known: EdgeKnown) -> FloatArray:

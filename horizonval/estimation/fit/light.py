@@ -203,12 +203,11 @@ def from_widest_gap(azimuth: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
 class Levels:
     """Levels of the sectors.
 
-    ``of_sector``: shape (m, k); ``spread_information``: shape (k,), inverse variance about their mean; ``penalty``: sum
-    of squared departures over that variance; ``inverse``: shape (m, k, k), covariance of a sector's levels about it.
+    ``of_sector``: shape (m, k); ``penalty``: sum of squared departures from their mean over their variance about it;
+    ``inverse``: shape (m, k, k), covariance of a sector's levels about it.
     """
 
     of_sector: FloatArray
-    spread_information: FloatArray
     penalty: float
     inverse: FloatArray
 
@@ -230,34 +229,40 @@ class Levels:
 
 
 def solve_levels(
-    basis: FloatArray,
-    values: FloatArray,
-    weights: FloatArray,
-    count: int,
-    spread_information: FloatArray | None = None,
+    basis: FloatArray, values: FloatArray, weights: FloatArray, count: int, information: FloatArray | None = None
 ) -> Levels:
-    """Return the most probable levels of every sector, their spread about the mean estimated with them or given.
+    """Return the most probable levels of every sector.
 
     ``basis``: shape (k, n), of the ordered pixels; those of background and amplitude first; ``values``, ``weights``:
-    shape (n,); ``count``: number of sectors; ``spread_information``: shape (k,).
+    shape (n,); ``count``: number of sectors; ``information``: shape (k,), inverse variance of the levels about their
+    mean, None where nothing is known of it.
     """
     k = len(basis)
-    rows = _by_sector(basis * np.sqrt(weights), count)
-    grams = rows @ rows.transpose(0, 2, 1)
-    right = np.einsum("mkc,mc->mk", rows, (values * np.sqrt(weights)).reshape(count, -1))
-    if spread_information is None:
-        inverse, vectors = _inverse_parts(grams)
-        along = np.einsum("ikj,ik->ij", vectors, right)
-        free = np.einsum("ijk,ik->ij", vectors, inverse * along)
-        spread_information = 1.0 / _spread(free, np.einsum("ijk,ik->ij", vectors**2, inverse))
-    information = spread_information
-    own = np.asarray(np.linalg.inv(grams + np.diag(information)))
+    if information is None:
+        information = np.full(k, NO_SPREAD)
+    grams, right = _equations(basis, values, weights, count)
+    own = _inverse(grams + np.diag(information))
     held = np.eye(k) - grams @ own
     mean = np.zeros(k)
     pull = np.einsum("ijk,ik->j", held, right)[:CENTRED]
     mean[:CENTRED] = np.linalg.lstsq((held @ grams).sum(axis=0)[:CENTRED, :CENTRED], pull, rcond=None)[0]
     departure = np.einsum("ijk,ik->ij", own, right - grams @ mean)
-    return Levels(mean + departure, information, float((departure**2 @ information).sum()), own)
+    return Levels(mean + departure, float((departure**2 @ information).sum()), own)
+
+
+def levels_information(basis: FloatArray, values: FloatArray, weights: FloatArray, count: int) -> FloatArray:
+    """Return the inverse variance of the sectors' levels about their mean, shape (k,); as for :func:`solve_levels`."""
+    grams, right = _equations(basis, values, weights, count)
+    inverse, vectors = _inverse_parts(grams)
+    free = (vectors @ (inverse * (right[:, None] @ vectors)[:, 0])[:, :, None])[:, :, 0]
+    return 1.0 / _spread(free, (vectors**2 @ inverse[:, :, None])[:, :, 0])
+
+
+def _equations(basis: FloatArray, values: FloatArray, weights: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return the normal equations of the levels of every sector, shapes (m, k, k) and (m, k)."""
+    rows = _by_sector(basis, count)
+    weighted = rows * _by_sector(weights[None], count)
+    return weighted @ rows.transpose(0, 2, 1), (weighted @ values.reshape(count, -1, 1))[:, :, 0]
 
 
 def eliminated(
@@ -273,7 +278,7 @@ def eliminated(
     inner_rows = _by_sector(basis * root, count)
     inner = inner_rows @ inner_rows.transpose(0, 2, 1)
     cross = _by_sector(rows, count) @ inner_rows.transpose(0, 2, 1)
-    own = np.linalg.inv(inner + np.diag(spread_information))
+    own = _inverse(inner + np.diag(spread_information))
     by_own = cross @ own
     p, k = len(jacobian), len(basis)
     taken = by_own.transpose(1, 0, 2).reshape(p, -1) @ cross.transpose(0, 2, 1).reshape(count * k, p)
@@ -287,6 +292,13 @@ def eliminated(
 def _by_sector(rows: FloatArray, count: int) -> FloatArray:
     """Return rows (r, n) of ordered pixels by sector, shape (m, r, n / m)."""
     return rows.reshape(len(rows), count, -1).transpose(1, 0, 2)
+
+
+def _inverse(matrices: FloatArray) -> FloatArray:
+    """Return the inverse of positive definite matrices (m, k, k) whose rows have units of their own."""
+    size = np.sqrt(np.maximum(np.einsum("mkk->mk", matrices), 1e-300))
+    scales = size[:, :, None] * size[:, None, :]
+    return np.asarray(np.linalg.inv(matrices / scales) / scales)
 
 
 def _inverse_parts(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -377,7 +389,7 @@ def light_noise(
     """
     edge = basis[1]
     weights = counts / (1.0 + AWAY * edge * (1.0 - edge))
-    levels = solve_levels(basis, values, weights, sectors, np.full(len(basis), NO_SPREAD))
+    levels = solve_levels(basis, values, weights, sectors)
     residuals = values - levels.of_pixels(basis)
     light = np.abs(inner_levels(values, edge, levels.of_sector))
     brightest = np.sort(light)[int(BRIGHT_QUANTILE * (len(light) - 1))]
@@ -404,7 +416,7 @@ def light_noise(
     found = LightNoise(np.ones(1), parts=(*line[:2], excess), alike=alike).at(edge, counts, residuals)
     if not lit.all():
         found = replace(found, variance=np.where(lit, found.variance, UNSEEN * found.variance))
-    return found, solve_levels(basis, values, found.weights(residuals), sectors).spread_information
+    return found, levels_information(basis, values, found.weights(residuals), sectors)
 
 
 def inner_levels(values: FloatArray, edge: FloatArray, of_sector: FloatArray) -> FloatArray:

@@ -171,6 +171,9 @@ class _Search:
             if damping > 0.0:
                 damping = damping / options.damping_factor if damping > options.first_damping else 0.0
                 solved = None
+            if cuts > 1 and last and gain < stage.tolerance and self.moved_px < options.least_share * stage.reselect_px:
+                # A valley too bent for equations to follow, whose floor is level (a limb that is nearly hard).
+                return equations
             # Pixels of elsewhere may be why a step gains nothing.
             if self.moved_px > stage.reselect_px or cuts > 1:
                 self._choose(stage)

@@ -244,26 +244,22 @@ class _Search:
     def _verdicts(self) -> list[tuple[float, _FoundLimb | Refusal]]:
         """Return verdict and score of every level's most probable cones, smallest level first."""
         verdicts: list[tuple[float, _FoundLimb | Refusal]] = []
-        # With the smallest number of a level at which a cone is known already: one that is refused at a small level may
-        # show at larger ones.
-        tried: list[tuple[_Candidate, int]] = []
+        # A cone that is refused at a small level may show at larger ones.
+        accepted: list[_Candidate] = []
         for number in range(len(self.levels) - 1, -1, -1):
             if max(self.levels[number].grey.shape) > LARGEST_FINE_PX and number < len(self.levels) - 1:
                 break
-            known = [one for one, least in tried if least <= number]
             for one in self._proposed(number):
-                if any(one.same(other) for other in known):
+                if any(one.same(other) for other in accepted):
                     continue
-                found, finest = self._followed(one, self._last(one)), 0
-                if not any(found.same(other) for other in known):
+                found = self._followed(one, self._last(one))
+                verdict = self._judged(found)
+                if isinstance(verdict, Refusal) and self.coarse and self._at_sectors(found):
+                    found = self._followed(found, 0)
                     verdict = self._judged(found)
-                    if isinstance(verdict, Refusal) and self.coarse and self._at_sectors(found):
-                        found = self._followed(found, 0)
-                        verdict = self._judged(found)
-                    verdicts.append((found.evidence.score, verdict))
-                    finest = found.number if isinstance(verdict, Refusal) else 0
-                known += [one, found]
-                tried += [(one, finest), (found, finest)]
+                verdicts.append((found.evidence.score, verdict))
+                if isinstance(verdict, _FoundLimb):
+                    accepted.append(found)
             limbs = [one for _, one in verdicts if isinstance(one, _FoundLimb)]
             if any(one.explained > WHOLE and self._agrees(one.axis_cam) for one in limbs):
                 break

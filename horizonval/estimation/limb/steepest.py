@@ -134,8 +134,6 @@ CLIPPED_SHARE = 0.1
 """Share of space pixels at one lowest level above which noise is clipped."""
 SATURATED_SHARE = 0.97
 """Share of full scale from which a pixel is saturated; converter noise may keep it a little below."""
-DIM_SHARE = 0.2
-"""Share of the median step below which pixels say little about how the variance grows with the level."""
 
 
 @dataclass(frozen=True)
@@ -176,10 +174,8 @@ def pixel_noise(
     if float(np.mean(beyond == beyond.min())) > CLIPPED_SHARE:
         return PixelNoise(of_ground)
     dark, floor = median(level[space]), median(square[space])
-    step = level[inside] - dark
-    bright = np.abs(step) > DIM_SHARE * median(np.abs(step))
-    growth = median((square[inside][bright] - floor) / step[bright]) if bright.any() else 0.0
-    return PixelNoise(floor, growth, dark, min(floor, of_ground))
+    step = median(level[inside]) - dark
+    return PixelNoise(floor, (of_ground - floor) / step if step else 0.0, dark, min(floor, of_ground))
 
 
 def _next_to(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:

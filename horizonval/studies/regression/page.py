@@ -10,7 +10,7 @@ a failure; INCONCLUSIVE is ``skipped`` with its reason.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
 from horizonval.report import page, plots, viewer
 from horizonval.report.load import CaseView
 from horizonval.report.plots import Draw
-from horizonval.report.words import VERDICTS, Record, opening, verdict_of
+from horizonval.report.words import VERDICTS, verdict_of
 from horizonval.scoring.bound import ARCSEC, Bound
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
@@ -68,8 +67,8 @@ def write_page(
     nights: Sequence[Mapping[str, Any]],
     shown: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write ``index.html``; ``shown`` are its first sentences and images (:func:`of_night`, :func:`of_baseline`)."""
-    shown = shown or {"sentences": (), "frames": (), "kept": 0, "estimators": ()}
+    """Write ``index.html``; ``shown`` are its images (:func:`of_night`, :func:`of_baseline`)."""
+    shown = shown or {"frames": (), "kept": 0, "estimators": ()}
     text = page.render(
         "night.html",
         title=f"{verdict['suite']}, night {verdict['night']}: {verdict['verdict']}",
@@ -233,7 +232,7 @@ def shown_of(
     truths: Mapping[str, Mapping[str, Any]],
     load: Callable[[Key], FrozenImage | None],
 ) -> dict[str, Any]:
-    """Return ``sentences`` about rows, and what :func:`horizonval.report.viewer.striking_frames` returns for them.
+    """Return the frames of rows as :func:`horizonval.report.viewer.striking_frames` does.
 
     ``truths``: by scene, plain. ``load``: returns the image of a scene, band and replicate, or None.
     """
@@ -261,10 +260,7 @@ def shown_of(
             claims = {name: {"fit": _claim(truth, row)} for name, row in own.items()}
             name = f"{key[0]}, seed {key[2]}"
             views.append(CaseView(name, key[1], own, claims, frozen_image(truth, image), "", False, ""))
-    return {
-        "sentences": opening([_record(name, rows) for name in estimators]),
-        **viewer.striking_frames(views, estimators),
-    }
+    return viewer.striking_frames(views, estimators)
 
 
 def _claim(truth: FrameTruth, row: Row) -> dict[str, Any] | None:
@@ -277,28 +273,6 @@ def _claim(truth: FrameTruth, row: Row) -> dict[str, Any] | None:
     claimed = frames.nadir_of_roll_pitch(*(angle + error for angle, error in zip((roll, pitch), errors, strict=True)))
     nadir = frames.rotate(truth.q_cam_from_body, claimed)
     return {"nadir_cam": nadir, "angular_radius_rad": truth.angular_radius_rad}
-
-
-def _record(name: str, rows: Sequence[ReplicateRow]) -> Record:
-    own = [row for row in rows if row.estimator == name]
-    due = [row for row in own if row.is_due]
-    return Record(
-        name=name,
-        due=len(due),
-        right=sum(row.is_claim and not row.false_valid for row in due),
-        errors=tuple(row.nadir_error_arcsec for row in own if row.is_claim and row.nadir_error_arcsec is not None),
-        false=_places(row for row in own if row.false_valid or row.status == Outcome.CRASHED),
-        silent=_places(row for row in due if not row.is_claim and row.status != Outcome.CRASHED),
-    )
-
-
-def _places(rows: Iterable[ReplicateRow]) -> tuple[tuple[str, int], ...]:
-    """Return the suite's tables of some rows with their counts, largest first."""
-    found: dict[str, int] = {}
-    for row in rows:
-        place = f'in "{row.table or row.case}"'
-        found[place] = found.get(place, 0) + 1
-    return tuple(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
 
 def published_sentence(one: Mapping[str, Any]) -> str:

@@ -172,26 +172,26 @@ def test_a_suite_says_what_its_score_will_say():
     for code, outcome in {"saturated": "saturated", "short-arc": "short_arc", "no-limb": "no_limb"}.items():
         found = sum(finding.frames for finding in report.findings if finding.code == code)
         assert found == sum(str(one) == outcome for one in outcomes) > 0
-    # A suite of 38 frames may have a few that are meant to be hopeless: notes, not warnings.
+    # A suite of 44 frames may have a few that are meant to be hopeless: notes, not warnings.
     assert report.ok
-    assert report.examined == report.frames == 38
+    assert report.examined == report.frames == 44
 
 
 def test_the_default_suite_shows_a_sensor_at_work():
-    """Most of its frames are due an answer, some must be refused, and few are borderline, where nothing counts."""
+    """Most of its frames are usable, some must be refused, and few are borderline, where nothing counts."""
     cases = load_suite("quick").cases
     expected = [expected_outcome(truth_of(case.scene, case.camera, infrared=False)) for case in cases]
     clear = [frame.outcome for frame in expected if not frame.borderline]
     assert len(cases) - len(clear) <= 0.2 * len(cases)
-    assert clear.count(Outcome.VALID) >= 0.6 * len(cases)
+    assert clear.count(Outcome.VALID) >= 0.5 * len(cases)
     assert {Outcome.DARK, Outcome.SATURATED, Outcome.SHORT_ARC, Outcome.NO_LIMB} <= set(clear)
     assert any(frame.sun_in_frame for frame in expected)
 
 
 def test_of_many_frames_a_stated_sample_is_looked_at():
     report = check_suite(load_suite("quick"), most=6, infrared=False)
-    assert (report.examined, report.frames) == (6, 38)
-    assert "looked at 6 of 38 frames" in str(report)
+    assert (report.examined, report.frames) == (6, 44)
+    assert "looked at 6 of 44 frames" in str(report)
     assert any(finding.total > finding.of and "looked at" in finding.line() for finding in report.findings)
     # The cost is that of all frames, from those of the sample.
     whole = check_suite(load_suite("quick"), infrared=False).cost

@@ -92,8 +92,8 @@ def test_same_run_same_bytes_wherever_it_lies(run_dir, text, tmp_path):
 def test_the_numbers_of_the_page_are_those_of_the_rows(run_dir, text):
     words, run = plain(text), load_run(run_dir)
     # The claims of `ideal`, which is given the pose, are none of them.
-    assert "1 false claim among 4, all by altitude-free" in words
-    assert "8 frames, 3 cameras, 2 estimators" in words
+    assert "1 false claim: 1 of 3 by altitude-free with vis-640x480" in words
+    assert "8 frames, 3 cameras, 2 methods" in words
     for view, frame in zip(run.views, frames_of(text), strict=True):
         assert (frame["name"], frame["band"]) == (view.case, view.band)
         for name, row in view.rows.items():
@@ -167,14 +167,14 @@ def test_several_bands_give_a_tile_each(tmp_path):
 
 
 def test_a_name_that_begins_like_another_is_no_head_of_it(tmp_path):
-    """A frame of 0.5 is no head 5 of the frame of 0; what the heads are, the run says."""
+    """A frame of 0.5 is no head 5 of the frame of 0: the run says what the heads are. The first has all rows."""
     names = ("psf_0", "psf_0.5", "pair", "pair.right", "pair.left")
     run = write_run(tmp_path / "run", [Case(truth_at(name=name)) for name in names])
     head = read_json(run / "run.json")
     heads = {"pair": [["right", "pair.right"], ["left", "pair.left"]]}
     write_json(run / "run.json", head | {"heads": heads})
     assert {view.case: list(view.head_paths) for view in load_run(run).views} == {
-        "psf_0": [], "psf_0.5": [], "pair": ["right", "left"], "pair.right": [], "pair.left": [],
+        "psf_0": [], "psf_0.5": [], "pair.right": ["right", "left"], "pair.left": [],
     }  # fmt: skip
 
 

@@ -26,7 +26,8 @@ from horizonval.report.viewer import NODES, sightline_of
 def test_packed_numbers_are_the_numbers(shape):
     dn = np.random.default_rng(5).integers(0, 2**16, shape, dtype=np.uint16)
     planes = np.frombuffer(zlib.decompress(base64.b64decode(viewer.packed(dn))), np.uint8).astype(np.uint16)
-    steps = (planes[: dn.size] | planes[dn.size :] << 8).reshape(shape)
+    coded = (planes[: dn.size] | planes[dn.size :] << 8).reshape(shape)
+    steps = (coded >> 1) ^ (0 - (coded & 1))
     np.testing.assert_array_equal(np.cumsum(steps, axis=1, dtype=np.uint16), dn)
 
 

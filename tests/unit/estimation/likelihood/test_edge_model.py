@@ -10,17 +10,18 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.fit.edge_pixels import relief_modes
+from horizonval.estimation.fit.known import position_from_limb
 from horizonval.estimation.fit.light import (
     PIXEL_VARIANCE,
     edge_profile,
     eliminated,
+    levels_information,
     light_basis,
     light_noise,
     solve_levels,
 )
 from horizonval.estimation.fit.pixels import image_scale, limb_angle, limb_bend, near_pixels
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.start import position_from_limb
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
@@ -215,15 +216,16 @@ def test_elimination_is_the_whole_system_with_its_priors(spread: float) -> None:
     """Against one dense least-squares problem of shared unknowns, mean levels and every sector's departure."""
     basis, values, weights, jacobian, _ = _problem(spread)
     sectors = 9
-    light = solve_levels(basis, values, weights, sectors)
+    information = levels_information(basis, values, weights, sectors)
+    light = solve_levels(basis, values, weights, sectors, information)
     residuals = values - light.of_pixels(basis)
-    normal = eliminated(jacobian, basis, weights, sectors, light.spread_information)
+    normal = eliminated(jacobian, basis, weights, sectors, information)
     right = jacobian @ (weights * residuals)
     whole = np.zeros((4 + 2 + 3 * sectors, 900))
     whole[:4], whole[4:6] = jacobian, basis[:2]
     for i, (first, last) in enumerate(pairwise(range(0, 1000, 100))):
         whole[6 + 3 * i : 9 + 3 * i, first:last] = basis[:, first:last]
-    prior = np.diag(np.concatenate([np.zeros(6), np.tile(light.spread_information, sectors)]))
+    prior = np.diag(np.concatenate([np.zeros(6), np.tile(information, sectors)]))
     dense = (whole * weights) @ whole.T + prior
     solution = np.linalg.solve(dense, whole @ (weights * values))
     assert np.linalg.solve(normal, right) == pytest.approx(solution[:4], rel=1e-5, abs=1e-7)
@@ -232,11 +234,11 @@ def test_elimination_is_the_whole_system_with_its_priors(spread: float) -> None:
 
 def test_even_light_is_known_as_one_level_and_uneven_light_by_sector() -> None:
     basis, values, weights, _, _ = _problem(0.0)
-    even = solve_levels(basis, values, weights, 9).of_sector
+    even = solve_levels(basis, values, weights, 9, levels_information(basis, values, weights, 9)).of_sector
     # 900 pixels of 2 levels: 0.1 of the background; a sector alone, a hundred pixels, three times as much
     assert np.ptp(even[:, 0]) < 0.4
     basis, values, weights, _, levels = _problem(1.0)
-    uneven = solve_levels(basis, values, weights, 9).of_sector
+    uneven = solve_levels(basis, values, weights, 9, levels_information(basis, values, weights, 9)).of_sector
     assert uneven[:, 1] == pytest.approx(levels[:, 1], abs=4.0)
 
 
