@@ -173,7 +173,7 @@ class _Search:
                 solved = None
             if cuts > 1 and last and gain < stage.tolerance and self.moved_px < options.least_share * stage.reselect_px:
                 # A valley too bent for equations to follow, whose floor is level (a limb that is nearly hard).
-                return equations
+                return equations, Solved(bundle, equations)
             # Pixels of elsewhere may be why a step gains nothing.
             if self.moved_px > stage.reselect_px or cuts > 1:
                 self._choose(stage)
