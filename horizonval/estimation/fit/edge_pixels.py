@@ -63,7 +63,7 @@ BLURS = 3.0
 """Additional width of the window for a blurred limb, in blurs: half the width of the edge."""
 SHARP_PX = 1.0
 """Blur from which the window grows."""
-LARGEST_BLUR_PX = 8.0
+LARGEST_BLUR_PX = INSIDE_PX
 """Blur of an edge as wide as the window inside it: what is fitted there is no limb. Searches for a limb pass 6.7."""
 FEWEST_LIMB_PX = 8
 """Smallest limb in view [px]: seven unknowns and a level."""

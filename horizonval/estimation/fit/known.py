@@ -30,7 +30,7 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.limb_heights import Relief, limb_height_m, reliefs
 from horizonval.estimation.fit.heights import BLUR_PX, SUN_SIGMA_RAD, LimbHeights, UnevenLimb, band_heights
 from horizonval.estimation.fit.image import LENS
-from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.pose import FIXED_LENGTH_M, LimbPose
 from horizonval.estimation.lens_error import lens_sigmas
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.limb.picture import Picture
@@ -41,8 +41,7 @@ from horizonval.geometry.horizon import fit_cone
 LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
 """Standard deviation of ``sin^2`` latitude over the sphere; times flattening and radius, 6.4 km of local radius."""
 FIXED_ANGLE_RAD = 1e-6
-FIXED_LENGTH_M = 0.1
-"""Sigmas of what is no unknown: below what an image shows (0.2 arcsec of yaw, 0.01 of altitude), above rounding."""
+"""Standard deviation of an angle that is no unknown: below what an image shows, above rounding."""
 
 
 @dataclass(frozen=True)
