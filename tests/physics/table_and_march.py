@@ -35,6 +35,8 @@ LIMB_TOP_M = 80e3
 """The brightest pixel between the ground and this height is what errors are a share of."""
 WORST, MEDIAN = 2e-3, 1e-4
 """Largest errors at the default accuracy, as shares of the bright limb."""
+AIRLESS = 0.03
+"""A limb below this share of the brightest pixel is no limb."""
 DARK = 1e-4
 """Pixels below this share of the bright limb do not count for the median."""
 Tables = dict[str, Any]
@@ -106,7 +108,8 @@ def compare(frame: RadianceFrame, reference: RadianceFrame, camera: CameraSpec) 
     """Return the errors of a frame, band by band.
 
     The bright limb is the brightest pixel of the reference between the ground and :data:`LIMB_TOP_M`, or the brightest
-    of all if that is dark, outside the discs of Sun and Moon; their pixels are judged, too, as shares of themselves.
+    of all if there is none or no air, outside the discs of Sun and Moon; their pixels are judged as shares of
+    themselves.
     """
     off_disc = ~_on_discs(reference, camera)
     height = reference.maps["tangent_height"]
@@ -115,7 +118,8 @@ def compare(frame: RadianceFrame, reference: RadianceFrame, camera: CameraSpec) 
         theirs, ours = expected.astype(np.float64), frame.radiance[band].astype(np.float64)
         assert np.isfinite(ours).all(), f"{band}: not finite"
         limb = theirs[off_disc & (height > 0.0) & (height < LIMB_TOP_M)].max(initial=0.0)
-        limb = float(limb or theirs[off_disc].max(initial=0.0) or theirs.max())
+        brightest = theirs[off_disc].max(initial=0.0)
+        limb = float(limb if limb > AIRLESS * brightest else brightest) or float(theirs.max())
         if not limb:
             assert np.array_equal(ours, theirs), f"{band}: light where there is none"
             continue

@@ -33,12 +33,12 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.estimation.fit.bundle import HEIGHT, SHARED, TURN, Bundle, Shot, ShotPrior
 from horizonval.estimation.fit.edge_pixels import MISPLACED_PX, EdgeChooser, EdgeImage
 from horizonval.estimation.fit.image import LENS
+from horizonval.estimation.fit.known import EllipsoidStart, ellipsoid_start, limb_height_prior
 from horizonval.estimation.fit.known_profile import KnownProfile, known_profile
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.profile import ProfileImage
 from horizonval.estimation.fit.profile_fit import profile_shot
 from horizonval.estimation.fit.solver import SolverOptions, Stage, solve
-from horizonval.estimation.fit.start import EllipsoidStart, ellipsoid_start, limb_height_prior
 from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel

@@ -19,8 +19,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.guard import LEAST_LEARNT_BY_EDGE, guarded_fit, pulled
 from horizonval.estimation.fit.known import LimbKnowledge, Sliver
-from horizonval.estimation.fit.light import LIT_SHARE
-from horizonval.estimation.fit.limb import LimbFit, fit_limb
+from horizonval.estimation.fit.light import INSIDE_PX, LIT_SHARE
+from horizonval.estimation.fit.limb import FITTED, LimbFit, fit_limb
 from horizonval.estimation.fit.pixels import pixel_at_limb_m
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.guard.knowledge import contradicted
@@ -32,7 +32,7 @@ from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.rotation import off_axis_angle, tangent_basis
 
-FEWEST_OF_DISC = 6
+FEWEST_OF_DISC = 2 * FITTED
 """Sectors of a whole disc that show its shape: three unknowns, and as many residuals."""
 KNOWN_SIGMAS = 2.0
 """Standard deviations of the scale height that a pixel covers where the limb's shape is known."""
@@ -69,7 +69,7 @@ WHOLE_RAD = float(np.deg2rad(270.0))
 SHIFT_OF_SLIVER, SIZE_OF_SLIVER = 2.27, 1.34
 """What a sliver without light does to a circle, over the root mean square that it leaves: a terminator lies ``D cos^2
 azimuth`` inside one half of the limb, which moves the middle by 4 D / 3 pi, the radius by D / 4, and leaves 0.187 D."""
-DIMMED_PX = 4.0
+DIMMED_PX = 0.5 * INSIDE_PX
 """Depth inside the limb at which a sector's level is measured, half of the window. At that depth ``x`` a Lambert sphere
 of the radius ``r`` at the phase ``p`` has levels that vary by ``m = tan p sqrt(r / 2 x)`` round the limb, so that its
 sliver is ``r (1 - cos p) = m^2 x`` wide."""
@@ -153,8 +153,11 @@ def _fitted(
 def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
     """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1.
 
-    An exponential whose scale height is known is fitted in the picture's own pixels.
+    An exponential whose scale height is known, or a limb without any relief, which no air makes, is fitted in the
+    picture's own pixels.
     """
+    if knowledge.uneven is None and not knowledge.reliefs:
+        return 1
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
     deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
     return scale_as_deep(camera, pixel_m, deep_m)

@@ -36,25 +36,20 @@ from horizonval.estimation.fit.light import (
 )
 from horizonval.estimation.fit.noise import PixelNoise
 from horizonval.estimation.fit.pixels import LimbAngle, limb_angle
-from horizonval.estimation.fit.pose import LimbPose
+from horizonval.estimation.fit.pose import FIXED_LENGTH_M, LimbPose
 
 BLUR, SCALE = POSE + LENS, POSE + LENS + 1
 """Places of an image's own unknowns among those that it has with shot and camera."""
-LARGEST_MOTION_PX, LARGEST_LOG_STEP = 2.0, 0.5
-LARGEST_SCALE_STEP_PX, LARGEST_SCALE_STEP = 0.25, 0.5
-"""Largest step of limb, ln blur and scale height for which the derivatives hold; of the last the larger of pixels and
-a share of it."""
+LARGEST_MOTION_PX, LARGEST_SCALE_STEP_PX, LARGEST_LOG_STEP = 2.0, 0.25, 0.5
+"""Largest step of limb, scale height and ln blur for which the derivatives hold; the last also as a share of the scale
+height, where that is more, and as the largest share of the blur's variance that makes room for a scale height."""
 LOWEST = np.array([0.5 * np.log(PIXEL_VARIANCE), 0.0])
 """Least values of an image's own unknowns: a lens without blur, a hard limb."""
-MOST_ROOM = 0.5
-"""Largest share of the blur's variance that makes room for a scale height in one step."""
 HELD = 30.0
 """Ratio of the prior standard deviations of blur and scale height to those until the noise was estimated at a better
 pose than the start's: a limb out of its place looks soft."""
 LEAST_SAG = 0.5
 """Smallest ratio of a height to its tangent: far above any air; keeps the exponential edge monotonic."""
-FIXED_LENGTH_M = 0.1
-"""Standard deviation of a length that is no unknown: below what an image shows, above rounding."""
 
 
 @dataclass(frozen=True)
@@ -189,8 +184,6 @@ class EdgeLinear:
 class EdgeModel:
     """The pixels of one image near the limb; ``motion``: shape (11, q), derivatives of places on the limb [px]."""
 
-    own_count = 2
-
     def __init__(self, pixels: EdgePixels, known: EdgeKnown, motion: FloatArray) -> None:
         self.pixels, self.known, self._motion = pixels, known, motion
         self._px_per_m = float(np.abs(motion[POSE - 1]).max())
@@ -212,7 +205,7 @@ class EdgeModel:
         """
         scale_m = max(float(own[1] + step[1]), LOWEST[1])
         blur_2 = float(np.exp(2.0 * (own[0] + step[0])))
-        blur_2 -= min((self._px_per_m * (scale_m - float(own[1]))) ** 2, MOST_ROOM * blur_2)
+        blur_2 -= min((self._px_per_m * (scale_m - float(own[1]))) ** 2, LARGEST_LOG_STEP * blur_2)
         return np.array([max(0.5 * np.log(blur_2), LOWEST[0]), scale_m])
 
     def prior(self, pose: LimbPose, own: FloatArray) -> OwnPrior:
@@ -275,7 +268,7 @@ class EdgeModel:
         pixels, seen = self.pixels, look.seen
         assert self._spread is not None
         blur = float(np.exp(own[0]))
-        self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_SCALE_STEP * float(own[1]))
+        self._largest_scale_step_m = max(LARGEST_SCALE_STEP_PX / self._px_per_m, LARGEST_LOG_STEP * float(own[1]))
         lift, change = brightness(look.of_pixel, seen.x, pixels.along)
         by_x = lift * seen.edge.slope + change * seen.edge.level
         by_log_soft = 0.0 if seen.soft is None else lift * seen.edge.by_scale * seen.soft * float(own[1])

@@ -32,8 +32,9 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief, oblate_limbs
 from horizonval.estimation.fit.edge import EdgeKnown, EdgeModel, EdgePixels
+from horizonval.estimation.fit.heights import ArcPlaces
 from horizonval.estimation.fit.image import LENS, POSE, Chosen, ShotState
-from horizonval.estimation.fit.known import ArcPlaces, LimbKnowledge
+from horizonval.estimation.fit.known import LimbKnowledge
 from horizonval.estimation.fit.light import (
     INSIDE_PX,
     OUTSIDE_PX,
@@ -62,7 +63,7 @@ BLURS = 3.0
 """Additional width of the window for a blurred limb, in blurs: half the width of the edge."""
 SHARP_PX = 1.0
 """Blur from which the window grows."""
-LARGEST_BLUR_PX = 8.0
+LARGEST_BLUR_PX = INSIDE_PX
 """Blur of an edge as wide as the window inside it: what is fitted there is no limb. Searches for a limb pass 6.7."""
 FEWEST_LIMB_PX = 8
 """Smallest limb in view [px]: seven unknowns and a level."""

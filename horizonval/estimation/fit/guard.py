@@ -61,7 +61,7 @@ PIECE_PX = 8.0
 step to a hundredth of a pixel at one per cent of noise."""
 FEWEST_OF_PIECE = 50
 """Fewest pixels of a piece, of 160, where they are thinned."""
-MOST_PIXELS = 4000
+MOST_PIXELS = 8000
 """Pixels of a large image that are looked at."""
 MOST_STEPS = 12
 """Steps to the place, the blur and the softness of an edge."""
@@ -72,6 +72,8 @@ LARGEST_STEP = (1.0, 0.4, 0.5)
 MISPLACED_PX = 0.05
 """What an exponential edge misplaces a piece, or a row, of real air's limb by: residuals of 0.01 to 0.05 of the step
 over a slope of 0.5 of the step per pixel."""
+INDEPENDENT_LINES = 12
+"""Lines whose shifts count as independent: the phases of pixels across an oblique limb repeat themselves."""
 JUMP_PX = 0.02
 """The same for a single line and the next, which have most of it in common."""
 COIN = 0.1
@@ -83,7 +85,7 @@ focus changes with temperature. At :data:`SIGMAS` a lens is taken for 1.5 times 
 UNSTATED_BLUR_SIGMA = 0.3
 """The same of a lens whose file states none."""
 CLOUDY_BLUR_PX = 1.0
-"""The same at least in the infrared, where cirrus and the clouds below it make two limbs one above the other: 0.8 px
+"""Blur that the air adds in the infrared at least, where cirrus and the clouds below make two limbs: 0.8 px
 with pixels of 20 km. Chosen: unknown blur of this size does no harm to the fits."""
 DIFFRACTION_BLUR = 0.45
 """Standard deviation of the Gaussian nearest to an aperture's spread, in wavelengths times f-number."""
@@ -96,8 +98,6 @@ FEW_PIECES = 0.1
 """Share of the pieces to either side that may be farther off than any relief: what a body or a boom hides."""
 NEIGHBOURS = 9
 """Pieces whose median a piece is compared with: light of a third of them is seen as a disturbance."""
-DARKEST = 0.1
-"""Smallest step relative to the neighbours' that is still dark ground: the sea is a tenth of a cloud."""
 MOST_LOST = 0.5
 """Largest share of the limb that may be saturated, or disturbed: fits of more are wrong by 0.03 deg."""
 RIVAL_STEP, RIVAL_WIDTH_PX, FARTHEST_RIVAL_PX, LINES = 0.5, 3, 40.0, 4
@@ -122,7 +122,8 @@ class LimbView:
     ``columns``, ``rows``, ``values``, ``x``: shape (m, k), the last the distance inside the limb [px]; ``by_column``,
     ``by_row``: shape (m, k), its change per pixel; ``soft``: shape (m, k), pixels per metre of height; ``azimuth``:
     shape (m + 1,), of the pieces' borders about the nadir, from ``first_rad``; ``los_cam``: shape (m, 3), to the middle
-    of the pieces; ``length_px``: of a piece; ``pixel_m``: height that a pixel sees.
+    of the pieces; ``length_px``: of a piece; ``pixel_m``: height that a pixel sees; ``every``: of so many pixels one is
+    taken.
     """
 
     columns: NDArray[np.intp]
@@ -137,6 +138,7 @@ class LimbView:
     los_cam: FloatArray
     length_px: float
     pixel_m: float
+    every: int
 
 
 def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: FloatArray, air_px: float) -> LimbView:
@@ -176,6 +178,7 @@ def limb_view(image: FloatArray, camera: CameraModel, pose: LimbPose, axes_m: Fl
         near.los_cam[:, middles].T,
         limb_px / pieces,
         float(np.median(scale[chosen] / np.abs(angle.by_height[chosen]))),
+        near.every,
     )
 
 
@@ -222,7 +225,7 @@ def seen_edge(
     most = np.array([between_px[1], np.log(OUTSIDE_PX), np.inf])
     now = np.array([_steepest(view, between_px), 0.5 * np.log(blur_px**2 + PIXEL_VARIANCE), scale_m / unit_m])
     # Few pixels find the edge, all of them measure it.
-    every = max(view.x.shape[1] // FEWEST_OF_PIECE, 1)
+    every = max(2 * view.x.shape[1] // FEWEST_OF_PIECE, 1)
     few = _Pixels(view.values[:, ::every], view.x[:, ::every], unit_m * view.soft[:, ::every])
     for _ in range(MOST_STEPS):
         before, look = now, few.look(now)
@@ -369,7 +372,7 @@ def due_pieces(view: LimbView, seen: SeenEdge, nadir_cam: FloatArray, observatio
 
 
 def disturbed_pieces(seen: SeenEdge, due: BoolArray, relief_px: float) -> BoolArray:
-    """Return which pieces have the limb away from their neighbours', or none between pieces that show it, shape (m,).
+    """Return which pieces have the limb away from their neighbours', shape (m,).
 
     ``relief_px``: standard deviation of the limb's place along itself.
     """
@@ -382,9 +385,7 @@ def disturbed_pieces(seen: SeenEdge, due: BoolArray, relief_px: float) -> BoolAr
     off = seen.off_px[shown]
     sigmas = np.hypot(seen.off_sigmas[shown], np.hypot(MISPLACED_PX, relief_px))
     away[shown] = np.abs(off - median_filter(off, NEIGHBOURS, mode="nearest")) > SIGMAS * sigmas
-    # No edge where that of the neighbours would be seen at once: dark ground is a fraction of clouds, and not nothing.
-    expected = DARKEST * median_filter(np.maximum(seen.steps, 0.0), NEIGHBOURS, mode="nearest")
-    return np.asarray(away | (due & ~shown & (seen.steps < expected) & (expected > seen.step_sigmas)))
+    return away
 
 
 def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatArray) -> float:
@@ -404,7 +405,8 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     lines, along, weights, slope, residuals, x = (
         one[shown].ravel() for one in (lines, along, seen.weights, seen.slope, seen.residuals, view.x)
     )
-    lines = lines - lines.min()
+    # Thinned pixels lie at other distances from the limb in one line than in the next; so many together do not.
+    lines = (lines - lines.min()) // view.every
     by_shift = slope * along
     information = weights * by_shift**2
     known = np.maximum(np.bincount(lines, information), 1e-300)
@@ -424,8 +426,9 @@ def jumps(view: LimbView, seen: SeenEdge, lines: NDArray[np.intp], along: FloatA
     if not len(one) or not len(two):
         return 0.0
     # Clouds, coasts and compression shift lines, too, but not every second one, and not one much more than all others.
-    every = float(one.mean()) / max(float(two.mean()), 1.0) / (float(chdtri(len(one), CHANCE)) / len(one))
-    usual = max(median(single) / NORMAL_QUARTILE**2, 1.0)
+    free = min(len(one), INDEPENDENT_LINES)
+    of_one, of_two, usual = (max(median(each) / NORMAL_QUARTILE**2, 1.0) for each in (one, two, single))
+    every = of_one / of_two / (float(chdtri(free, CHANCE)) / free)
     return max(every, float(single.max()) / usual / float(ndtri(0.5 * CHANCE / len(single))) ** 2)
 
 
@@ -508,7 +511,11 @@ def examined(
         yield _rival(rival_pieces(image, camera, view, seen, (high - low) / view.pixel_m), due)
         yield _misplaced(view, seen, due, between, uneven_px / scale)
         if by_pixels:
-            yield _blurred(seen, lens, own_px, scale, thermal=observation.band_kind == "thermal")
+            # Air is no exponential: its edge is wider than the lens by up to the scale height.
+            air_px = prior.limb_scale_height_m / view.pixel_m
+            if observation.band_kind == "thermal":
+                air_px = max(air_px, CLOUDY_BLUR_PX / scale)
+            yield _blurred(seen, lens, own_px, scale, air_px)
             yield _torn(view, seen)
         if np.mean(disturbed) > MOST_LOST:
             yield Outcome.AMBIGUOUS, f"{np.mean(disturbed):.0%} of the limb is disturbed"
@@ -582,12 +589,12 @@ def _misplaced(
     return Outcome.AMBIGUOUS, f"the limb in the image departs from the fitted one by {far:.1f} px along itself"
 
 
-def _blurred(seen: SeenEdge, lens: Lens, own_px: float, scale: int, *, thermal: bool) -> Test:
-    """Test whether the edge is no wider than the lens makes it; ``own_px``: its blur in pixels ``scale`` as wide."""
+def _blurred(seen: SeenEdge, lens: Lens, own_px: float, scale: int, air_px: float) -> Test:
+    """Test whether the edge is no wider than lens and air make it, ``own_px`` and ``air_px``, ``scale`` pixels each."""
     known = UNSTATED_BLUR_SIGMA if lens.blur_px is None else BLUR_SIGMA
     margin = float(np.exp(SIGMAS * np.hypot(known, seen.blur_sigma)))
     widest = margin * max(own_px * float(lens.ratios.max()), LEAST_WIDTH_PX)
-    if seen.blur_px <= np.hypot(widest, CLOUDY_BLUR_PX / scale if thermal else 0.0):
+    if seen.blur_px <= np.hypot(widest, air_px):
         return None
     stated = "" if lens.blur_px is not None else ", if its file states none (optics.psf_sigma_px)"
     blur, own = scale * seen.blur_px, scale * own_px

@@ -57,7 +57,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,7 +66,6 @@ from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import Relief
-from horizonval.estimation.fit.known import BLUR_PX, ArcPlaces
 from horizonval.estimation.fit.light import (
     INSIDE_PX,
     OUTSIDE_PX,
@@ -78,6 +77,30 @@ from horizonval.estimation.fit.light import (
 from horizonval.estimation.fit.templates import MONTHS, LimbTemplates, shipped_templates
 from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.rotation import fibonacci_sphere, tangent_basis
+
+BLUR_PX = 0.7
+"""Standard deviation of a usual lens's blur."""
+
+
+@dataclass(frozen=True)
+class ArcPlaces:
+    """Positions along the limb.
+
+    ``los_cam``, ``up_cam``: shape (n, 3), unit lines of sight and verticals; ``cam_from_itrs``: shape (3, 3);
+    ``pixel_m``: shape (n,), height per pixel.
+    """
+
+    los_cam: FloatArray
+    up_cam: FloatArray
+    cam_from_itrs: FloatArray
+    pixel_m: FloatArray
+
+
+class LimbHeights(Protocol):
+    """What is known of the limb's height along it."""
+
+    def along(self, places: ArcPlaces, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return heights above the pose's [m] and covariance [m^2], at azimuths (n,) about the nadir [rad]."""
 
 
 def everywhere(lengths_rad: ArrayLike, count: int) -> FloatArray:

@@ -111,7 +111,7 @@ def edge_profile(x: FloatArray, blur: float | FloatArray, scale: FloatArray | No
     )
 
 
-SHADING_PX = 8.0
+SHADING_PX = INSIDE_PX
 """Unit of the bend of the shading: it makes the levels of one size."""
 
 

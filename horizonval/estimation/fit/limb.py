@@ -11,7 +11,7 @@ multiplied by it (Birge's ratio, Phys. Rev. 40, 207, 1932).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
@@ -33,11 +33,9 @@ UNLIT = 3.0
 """Largest depth of an unlit sliver, of its mean: two standard deviations above."""
 SCATTERED = 0.02
 """Probability with which chance alone makes sectors scatter by what counts as more."""
-OPTIONS = SolverOptions(most_steps=60, frozen=0.1)
+OPTIONS = SolverOptions(stages=(Stage(reselect_px=2.0, tolerance=0.1),), most_steps=60, frozen=0.1)
 """Equations of the edge cost little more than a look at it: derivatives are frozen at the end only. Blur and scale
 height, where they are hard to tell apart, take many steps."""
-FEW_PIXELS, LARGE_PX = 1500, 100_000
-"""Pixels by which the limb in an image larger than so many pixels is found to a fraction of a pixel, before all."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +89,10 @@ def fit_limbs(images: Sequence[EdgeImage], start: LimbPose, knowledge: LimbKnowl
     chooser = EdgeChooser(images, knowledge)
     prior = ShotPrior(knowledge.mean, knowledge.information)
     shot = Shot(chooser, prior, chooser.start(start), [one.cam_from_body for one in images], common=1, lowest=LOWEST)
-    few = (Stage(pixels=FEW_PIXELS, tolerance=0.5),) if max(one.image.size for one in images) > LARGE_PX else ()
     sigmas = np.zeros(SHARED)
     if len(images) == 1:
         sigmas[:LENS] = knowledge.lens_sigmas
-    solution = solve(Bundle([shot], sigmas), replace(OPTIONS, stages=(*few, Stage(reselect_px=2.0, tolerance=0.1))))
+    solution = solve(Bundle([shot], sigmas), OPTIONS)
     found, state = solution.shots[0], shot.state
     assert shot.chosen is not None
     assert shot.seen is not None

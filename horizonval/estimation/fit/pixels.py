@@ -249,7 +249,8 @@ def _squares(
     # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
     pixels = len(some) * SQUARE_PX**2
     every = 1 if most is None or pixels <= most else 1 << int(np.log2(pixels / most))
-    line = round(OBLIQUE * every)
+    # Odd, so that no column stays empty.
+    line = round(OBLIQUE * every) | 1
     in_row, in_column = np.divmod(np.arange(SQUARE_PX**2), SQUARE_PX)
     chosen = (in_column + in_row * line) % min(every, SQUARE_PX) == 0
     rows, columns = (

@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.rotation import rotation_vector
 
+FIXED_LENGTH_M = 0.1
+"""Standard deviation of a length that is no unknown: below what an image shows, above rounding."""
+
 
 @dataclass(frozen=True)
 class LimbPose:

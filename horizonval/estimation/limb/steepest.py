@@ -31,7 +31,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
@@ -39,9 +38,9 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.cone import arc_order, cone_gain
-from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, median, pixel_directions
+from horizonval.estimation.limb.picture import IMMERKAER, MEDIAN_TO_SIGMA, median, noise_sigma
+from horizonval.estimation.limb.pyramid import trace_limb
 from horizonval.geometry.camera import CameraModel, project
-from horizonval.geometry.rotation import off_axis_angle
 
 SEARCH_PX = 6.0
 """Search range for the steepest position about a point of the limb search."""
@@ -124,8 +123,10 @@ def _steepest(slope: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
     return best, slope[np.arange(len(slope)), best + np.array([[-1], [0], [1]])]
 
 
-NEAREST_PX, FARTHEST_PX = 5.0, 30.0
-"""Distance from the limb of the pixels that noise is read from: none of the limb's own profile, the same light."""
+DISTANCES_PX = np.concatenate([np.arange(-29.0, -4.0, 2.0), np.arange(5.0, 30.0, 2.0)])
+"""Distances inside the limb of the pixels that noise is read from: none of the limb's own profile, the same light."""
+MOST_PLACES = 512
+"""Places along the limb: more than a variance known to two percent takes."""
 FEWEST_PIXELS = 50
 """Smallest number of pixels of either side: their variance is then known to a fifth."""
 NEAR_TOP_PX = 2.0
@@ -152,44 +153,30 @@ class PixelNoise:
 def pixel_noise(
     image: FloatArray, camera: CameraModel, axis_cam: FloatArray, rho_rad: float, full_scale: float | None = None
 ) -> PixelNoise:
-    """Return the noise of an image (H, W) from the surroundings of a cone's limb.
+    """Return the noise of an image (H, W) from pixels next to a cone's limb.
 
     Pixels near ``full_scale`` are saturated and show no noise.
     """
-    image32 = image.astype(np.float32)
-    rows, depth_px = _next_to(camera, axis_cam, rho_rad)
-    v, u = np.unravel_index(rows, image.shape)
-    level = cv2.blur(image32, (3, 3))[v, u].astype(np.float64)
+    trace = trace_limb(camera, axis_cam, rho_rad, 1.0, MOST_PLACES)
+    places = np.rint(trace.uv + DISTANCES_PX[:, None, None] * trace.inwards).astype(np.intp)
+    u, v = np.moveaxis(places, -1, 0)
     usable = (v > 0) & (u > 0) & (v < image.shape[0] - 1) & (u < image.shape[1] - 1)
+    first = (v - 1) * image.shape[1] + u - 1
+    window = first[usable, None, None] + np.arange(3) + image.shape[1] * np.arange(3)[:, None]
+    near = image.ravel()[window]
+    level, inside = near.mean(axis=(1, 2)), np.broadcast_to(DISTANCES_PX[:, None] > 0.0, u.shape)[usable]
     if full_scale is not None:
-        usable &= level < SATURATED_SHARE * full_scale
-    response = cv2.filter2D(image32, cv2.CV_32F, IMMERKAER)
-    to_variance = (MEDIAN_TO_SIGMA / float(np.linalg.norm(IMMERKAER))) ** 2
-    square = response[v, u].astype(np.float64) ** 2 * to_variance
-    inside, space = usable & (depth_px > 0.0), usable & (depth_px < 0.0)
-    if np.count_nonzero(inside) < FEWEST_PIXELS or np.count_nonzero(space) < FEWEST_PIXELS:
-        return PixelNoise(median(response[1:-1, 1:-1].astype(np.float64) ** 2) * to_variance)
-    beyond = image[v[space], u[space]]
-    of_ground = median(square[inside])
+        unsaturated = level < SATURATED_SHARE * full_scale
+        near, level, inside = near[unsaturated], level[unsaturated], inside[unsaturated]
+    if min(np.count_nonzero(inside), np.count_nonzero(~inside)) < FEWEST_PIXELS:
+        return PixelNoise(noise_sigma(image) ** 2)
+    square = (np.einsum("ijk,jk->i", near, IMMERKAER) * (MEDIAN_TO_SIGMA / float(np.linalg.norm(IMMERKAER)))) ** 2
+    of_ground, beyond = median(square[inside]), near[~inside, 1, 1]
     if float(np.mean(beyond == beyond.min())) > CLIPPED_SHARE:
         return PixelNoise(of_ground)
-    dark, floor = median(level[space]), median(square[space])
+    dark, floor = median(level[~inside]), median(square[~inside])
     step = median(level[inside]) - dark
     return PixelNoise(floor, (of_ground - floor) / step if step else 0.0, dark, min(floor, of_ground))
-
-
-def _next_to(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return which pixels, of the image in one row, lie next to a limb, and how far inside of it [px]."""
-    px_per_rad = max(camera.fx, camera.fy)
-    directions = pixel_directions(camera).reshape(-1, 3)
-    # By the cosine first, a little further than it takes: one product in place of an arc tangent for every pixel.
-    reach = (FARTHEST_PX + 1.0) / px_per_rad
-    nearest, farthest = np.cos(np.clip([rho_rad - reach, rho_rad + reach], 0.0, np.pi))
-    cosine = directions @ axis_cam
-    rows = np.flatnonzero((cosine <= nearest + 1e-12) & (cosine >= farthest - 1e-12))
-    depth_px = (rho_rad - off_axis_angle(directions[rows], axis_cam)) * px_per_rad
-    near = (np.abs(depth_px) > NEAREST_PX) & (np.abs(depth_px) < FARTHEST_PX)
-    return rows[near], depth_px[near]
 
 
 def noise_covariance(

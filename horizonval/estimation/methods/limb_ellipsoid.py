@@ -4,7 +4,7 @@ Position and turn about the nadir (to a degree or two) give the limb's departure
 orbit, which methods of a cone take for tilt. The prior is rows of the fit: position (3), attitude (3), height of the
 limb. The method claims the geocentric nadir, as the methods of a cone do. It refuses without a position and an
 attitude: a sphere of the local radius would be another method (``limb-sphere``). Start:
-:mod:`horizonval.estimation.fit.start`.
+:mod:`horizonval.estimation.fit.known`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.fit.claim import claim
 from horizonval.estimation.fit.guard import accepted
-from horizonval.estimation.fit.start import ellipsoid_start
+from horizonval.estimation.fit.known import ellipsoid_start
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 

@@ -23,13 +23,15 @@ from horizonval.estimation.fit.edge_pixels import EdgeImage
 from horizonval.estimation.fit.known import (
     LOCAL_RADIUS_SHARE,
     LimbKnowledge,
+    knowledge_in_air,
+    limb_height_prior,
     placed_knowledge,
+    position_from_limb,
     sphere_knowledge,
     turned_to,
 )
 from horizonval.estimation.fit.limb import fit_limbs
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
 from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
 from horizonval.estimation.limb.finder import find_limb_and_picture

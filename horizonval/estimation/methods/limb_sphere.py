@@ -14,9 +14,15 @@ import numpy as np
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.claim import claim
 from horizonval.estimation.fit.guard import too_wide
-from horizonval.estimation.fit.known import LOCAL_RADIUS_SHARE, sphere_knowledge, tilted_to
+from horizonval.estimation.fit.known import (
+    LOCAL_RADIUS_SHARE,
+    knowledge_in_air,
+    limb_height_prior,
+    position_from_limb,
+    sphere_knowledge,
+    tilted_to,
+)
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.start import knowledge_in_air, limb_height_prior, position_from_limb
 from horizonval.estimation.limb.finder import altitude_in_air_m, find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere

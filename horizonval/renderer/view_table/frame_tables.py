@@ -28,6 +28,7 @@ from horizonval.renderer.local_light import LocalLight
 from horizonval.renderer.planet import find_path
 from horizonval.renderer.refraction import RefractionTables
 from horizonval.renderer.table_store import TABLES
+from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Values, Vec, indices_where
 from horizonval.renderer.view_table.broken_air import BrokenAir
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
@@ -39,7 +40,9 @@ from horizonval.renderer.view_table.sunlit_air import (
     bending_packet,
     bounce_packet,
     bright_limb,
+    brightest_air,
     cloudy_air,
+    limb_plane,
     look_at_stations,
     packets_of,
     place_among,
@@ -47,6 +50,11 @@ from horizonval.renderer.view_table.sunlit_air import (
     stations_along,
     sunlit_air,
 )
+
+GROUND_SAMPLES = 64
+"""Rays of a frame without a limb, by which it is known how bright its air is."""
+DARKEST = 1e-6
+"""Frames darker than this share of the brightest limb all round have the accuracy of such a frame."""
 
 
 @dataclass(frozen=True)
@@ -184,8 +192,9 @@ class FrameTables:
     def _bright_limb(self, cells: Cells) -> FloatArray:
         """Return the radiance of the frame's bright limb, (batches * 4,), and leave out lights that add nothing to it.
 
-        By the azimuths of its rays past the ground, or of those to the ground if it has no others. In steps of a
-        factor of four below the brightest all round, so that frames from one position share tables.
+        By the azimuths of its rays past the ground, and the lowest of them; of a frame without any the brightest air
+        before the ground. In steps of a factor of four below the brightest all round, so that frames from one position
+        share tables.
         """
         planet, origin = self.view.planet, self._origin
         key = self._key("bright limb", [self._key_of(light) for light in self._lights])
@@ -193,24 +202,33 @@ class FrameTables:
         each = TABLES.get_or_make(key, lambda: bright_limb(lights, planet, origin), lambda table: table.nbytes)
         around = np.maximum(each.sum(axis=0), 1e-30)
         bright = self._brightest_in_frame(cells, around)
-        shares = (each.max(axis=1) / bright).max(axis=1)
+        shares = (each[:, 0].max(axis=1) / bright).max(axis=1)
         self._lights = [light for light, share in zip(lights, shares, strict=True) if share > FAINT * self.accuracy]
         self._lights = self._lights or lights[:1]
         return bright
 
     def _brightest_in_frame(self, cells: Cells, around: FloatArray) -> FloatArray:
-        brightest = around.max(axis=0)
-        rays, to_ground = (cells.limb, False) if cells.limb.count else (cells.ground, True)
-        if not rays.count:
+        brightest = around[0].max(axis=0)
+        if cells.limb.count:
+            rows, sectors = around.shape[:2]
+            x, azimuth = limb_plane(self._lights[0], self.view.planet, self._origin).place(
+                self.view.origin, cells.limb.direction
+            )
+            sector = mi.UInt32(dr.floor(azimuth * (0.5 / math.pi * sectors) + (sectors + 0.5))) % sectors
+            seen = dr.zeros(mi.UInt32, sectors)
+            dr.scatter(seen, mi.UInt32(1), sector)
+            lowest = int(float(dr.min(x)[0]) * (rows - 1))
+            found = around[lowest, np.asarray(seen) > 0].max(axis=0)
+        elif cells.ground.count:
+            some = table_of(mi.Float64, np.linspace(0.0, cells.ground.count - 1.0, GROUND_SAMPLES))
+            x, y, z = (dr.gather(mi.Float64, c, mi.UInt32(some)) for c in cells.ground.direction)
+            dr.eval(x, y, z)
+            found = brightest_air(self._lights, self.view.planet, self._origin, (x, y, z))
+        else:
             # A camera that sees only space.
             return np.asarray(brightest)
-        coordinates = RayCoordinates.of(self.view.planet, self._origin, self._lights[0].top_m)
-        _, azimuth = coordinates.place(self.view.origin, rays.direction, to_ground)
-        sector = mi.UInt32(dr.floor(azimuth * (0.5 / math.pi * len(around)) + (len(around) + 0.5))) % len(around)
-        seen = dr.zeros(mi.UInt32, len(around))
-        dr.scatter(seen, mi.UInt32(1), sector)
-        steps = np.floor(np.log(around[np.asarray(seen) > 0].max(axis=0) / brightest) / math.log(4.0))
-        return np.asarray(brightest * 4.0**steps)
+        found = np.maximum(found, DARKEST * brightest)
+        return np.asarray(brightest * 4.0 ** np.floor(np.log(found / brightest) / math.log(4.0)))
 
     def _key(self, name: str, *more: object) -> str:
         origin = tuple(float(v) for v in self._origin)

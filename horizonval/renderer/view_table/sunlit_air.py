@@ -342,23 +342,40 @@ def packets_of(light: Light, bends: bool) -> int:
     return bounce_packet(count, bends, count if light.over_varied_ground else 0)
 
 
-def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> FloatArray:
-    """Return the radiance of the bright limb in every light, shape (lights, azimuths, batches * 4).
+def limb_plane(light: Light, planet: Planet, origin: FloatArray) -> RayPlane:
+    """Return the plane of the survey of the limb."""
+    return RayPlane.of(RayCoordinates.of(planet, origin, light.top_m), False, (), light.top_m)
 
-    The brightest of a row of tangent heights.
+
+def bright_limb(lights: Sequence[Light], planet: Planet, origin: FloatArray) -> FloatArray:
+    """Return the radiance of the limb in every light, shape (lights, rows, azimuths, batches * 4).
+
+    Of each row the largest from there on upwards.
     """
     width = PACKET * len(lights[0].batches)
-    brightest = np.zeros((len(lights), SURVEY_AZIMUTHS, width))
+    brightest = np.zeros((len(lights), SURVEY_ROWS, SURVEY_AZIMUTHS, width))
+    turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
+    x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
     for number, light in enumerate(lights):
-        plane = RayPlane.of(RayCoordinates.of(planet, origin, light.top_m), False, (), light.top_m)
-        turn = np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
-        x, azimuth = np.meshgrid(np.linspace(0.0, 1.0, SURVEY_ROWS), turn, indexing="ij")
-        found = _marched(light, plane, x.ravel(), azimuth.ravel(), bends=False)
+        found = _marched(light, limb_plane(light, planet, origin), x.ravel(), azimuth.ravel(), bends=False)
         for k in range(len(light.batches)):
             of_batch = slice(PACKET * radiance_packet(k), PACKET * radiance_packet(k) + PACKET)
             rows = found[:, of_batch].reshape(SURVEY_ROWS, SURVEY_AZIMUTHS, PACKET)
-            brightest[number, :, PACKET * k : PACKET * (k + 1)] = rows.max(axis=0)
+            brightest[number, ..., PACKET * k : PACKET * (k + 1)] = np.maximum.accumulate(rows[::-1])[::-1]
     return brightest
+
+
+def brightest_air(lights: Sequence[Light], planet: Planet, origin: FloatArray, d: Vec) -> FloatArray:
+    """Return the largest radiance of the air along rays to the ground, in all lights together, (batches * 4,)."""
+    total = np.zeros(PACKET * len(lights[0].batches))
+    for light in lights:
+        coordinates = RayCoordinates.of(planet, origin, light.top_m)
+        for k, batch in enumerate(light.batches):
+            if batch is not None:
+                air = light.march(batch, coordinates, vectors(origin[None, :]), d, True)
+                dr.eval(air.radiance)
+                total[PACKET * k : PACKET * k + batch.width] += [float(np.max(np.asarray(v))) for v in air.radiance]
+    return total
 
 
 def _marched(light: Light, plane: RayPlane, x: FloatArray, azimuth: FloatArray, bends: bool) -> FloatArray:
@@ -431,8 +448,9 @@ def air_table(
     return PatchTable(Tabulated(values, allowed, len(scale), single=single))
 
 
-STATIONS = 13
-"""Without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts the way."""
+STATIONS, STATIONS_TO_GROUND = 19, 13
+"""On rays past the ground and to it without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts
+the way."""
 STEPS, STEPS_BEFORE = 3, 24
 """Of the march: from one station to the next, and up to the first, at the usual accuracy."""
 IN_SHADOW_BEFORE = 2
@@ -498,7 +516,7 @@ def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
     ways = [high - low for high, low in pairwise(reach)]
     if not to_ground:
         ways = [*ways[:-1], 2.0 * ways[-1], *reversed(ways[:-1])]
-    free = STATIONS - 1 - LEAST_INTERVALS
+    free = (STATIONS_TO_GROUND if to_ground else STATIONS) - 1 - LEAST_INTERVALS
     shares = [LEAST_INTERVALS + math.floor(free * way / sum(ways)) for way in ways]
     longest = shares.index(max(shares))
     shares[longest] += free + LEAST_INTERVALS * len(ways) - sum(shares)

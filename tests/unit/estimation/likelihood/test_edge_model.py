@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.earth.limb_heights import Relief
 from horizonval.estimation.fit.edge_pixels import relief_modes
+from horizonval.estimation.fit.known import position_from_limb
 from horizonval.estimation.fit.light import (
     PIXEL_VARIANCE,
     edge_profile,
@@ -21,7 +22,6 @@ from horizonval.estimation.fit.light import (
 )
 from horizonval.estimation.fit.pixels import image_scale, limb_angle, limb_bend, near_pixels
 from horizonval.estimation.fit.pose import LimbPose
-from horizonval.estimation.fit.start import position_from_limb
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere

@@ -12,14 +12,16 @@ from scipy.ndimage import gaussian_filter
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Refusal
 from horizonval.estimation.fit.heights import (
+    ArcPlaces,
     BandHeights,
+    LimbHeights,
     UnevenLimb,
     band_heights,
     correlations,
     edge_height,
     lengths_along,
 )
-from horizonval.estimation.fit.known import ArcPlaces, LimbHeights, LimbKnowledge, sphere_knowledge
+from horizonval.estimation.fit.known import LimbKnowledge, sphere_knowledge
 from horizonval.estimation.fit.light import edge_profile, light_basis, light_noise
 from horizonval.estimation.fit.limb import LimbFit, fit_limb
 from horizonval.estimation.guard.guard import guarded

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.earth.limb_heights import SOLAR_RELIEF
-from horizonval.estimation.fit.heights import SUN_SIGMA_RAD, UnevenLimb, band_heights
-from horizonval.estimation.fit.known import ArcPlaces
+from horizonval.estimation.fit.heights import SUN_SIGMA_RAD, ArcPlaces, UnevenLimb, band_heights
 from horizonval.estimation.methods.limb_heads import run
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
