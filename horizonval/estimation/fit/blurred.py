@@ -94,18 +94,18 @@ class BlurredProfiles:
         """Transforms of all functions, shape (m, k, n)."""
         return np.asarray(fft.dct(self._profiles, type=1) * self._pixel[:, None])
 
-    def values(self, blur_px: float, sharpness: float) -> FloatArray:
-        """Return spline coefficients of blurred profiles, shape (m, k, n)."""
+    def values(self, blur_px: float, sharpness: float, count: int | None = None) -> FloatArray:
+        """Return spline coefficients of the first ``count`` blurred profiles, shape (m, k, n)."""
         smooth, sampled, _, _ = self._parts(blur_px)
         lens = (smooth + sharpness * (sampled - smooth))[:, None]
-        return np.asarray(fft.idct(self._transform * lens, type=1, overwrite_x=True))
+        return np.asarray(fft.idct(self._transform[:, :count] * lens, type=1, overwrite_x=True))
 
     def changes(self, weights: FloatArray, blur_px: float, sharpness: float) -> FloatArray:
         """Return spline coefficients, shape (3, m, n), of sums of functions and its derivatives by ln blur, sharpness.
 
-        ``weights``: shape (m, k); ``blur_px``: the lens's ``s``; ``sharpness``: the lens's ``q``.
+        ``weights``: shape (m, k), of the first ones; ``blur_px``: the lens's ``s``; ``sharpness``: the lens's ``q``.
         """
-        summed = (weights[:, None] @ self._transform)[:, 0]
+        summed = (weights[:, None] @ self._transform[:, : weights.shape[1]])[:, 0]
         smooth, sampled, smooth_by_blur, sampled_by_blur = self._parts(blur_px)
         changes = np.empty((3, *summed.shape))
         changes[0] = summed * (smooth + sharpness * (sampled - smooth))

@@ -153,8 +153,11 @@ def _fitted(
 def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
     """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1.
 
-    An exponential whose scale height is known is fitted in the picture's own pixels.
+    An exponential whose scale height is known, or a limb without any relief, which no air makes, is fitted in the
+    picture's own pixels.
     """
+    if knowledge.uneven is None and not knowledge.reliefs:
+        return 1
     pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
     deep_m = min(knowledge.scale_height_m, KNOWN_SIGMAS * knowledge.scale_sigma_m)
     return scale_as_deep(camera, pixel_m, deep_m)

@@ -184,8 +184,6 @@ class EdgeLinear:
 class EdgeModel:
     """The pixels of one image near the limb; ``motion``: shape (11, q), derivatives of places on the limb [px]."""
 
-    own_count = 2
-
     def __init__(self, pixels: EdgePixels, known: EdgeKnown, motion: FloatArray) -> None:
         self.pixels, self.known, self._motion = pixels, known, motion
         self._px_per_m = float(np.abs(motion[POSE - 1]).max())

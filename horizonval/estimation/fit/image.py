@@ -73,10 +73,6 @@ class OwnPrior:
 class ImageModel(Protocol):
     """The pixels of one image near the limb; it is given back no other looks than its own."""
 
-    @property
-    def own_count(self) -> int:
-        """Number of own unknowns."""
-
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
         """Return the own unknowns, shape (own,), after a step of them."""
 
@@ -134,9 +130,9 @@ class Chooser(Protocol):
     def __call__(
         self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
     ) -> Chosen:
-        """Return the pixels near the limb at a state, about ``most`` per image.
+        """Return the pixels near the limb at a state.
 
-        ``lens``: shape (4,), errors of the lens; ``tighter``: factor on the priors' information on the blur, for a
-        first part of the way; ``before``: the choice so far, from which air and noise are taken
-        over. Raises ``LinAlgError``: too little limb in view.
+        ``lens``: shape (4,), errors of the lens; ``most``: for a first part of the way, about so many pixels per image,
+        or fewer unknowns; ``tighter``: factor on the priors' information on the blur; ``before``: the choice so far,
+        whose air and noise serve where the state is near. Raises ``LinAlgError``: too little limb in view.
         """

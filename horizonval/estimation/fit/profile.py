@@ -152,8 +152,6 @@ class ProfileModel:
     below the highest clouds. Raises ``LinAlgError``: too little limb in view.
     """
 
-    own_count = OWN
-
     def __init__(
         self,
         image: FloatArray,
@@ -197,10 +195,9 @@ class ProfileModel:
             count = next_fast_len(int(np.ceil((ends[1] + reach - first) / step)), real=True)
             grid = (first, first + (count - 0.5) * step, step)
             self.air = knowledge.air(near.nodes.normal_cam, near.nodes.los_cam, pose, grid, curve)
+            self.tables = BlurredProfiles(self.air.functions, step, near.nodes.boxes_m, knowledge.lens, off_axis)
         else:
-            self.air = before.air
-        self._off_axis_rad = off_axis
-        self._tables: tuple[FloatArray, BlurredProfiles] | None = None if before is None else before._tables
+            self.air, self.tables = before.air, before.tables
         self.floor = floor_of(near.space, float(np.nanmin(image)))
         i, t = near.sector, near.along
         self._lift = near.nodes.lift_m[i] * (1.0 - t) + near.nodes.lift_m[i + 1] * t
@@ -214,15 +211,6 @@ class ProfileModel:
         self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * MEAN_RADIUS_M / self.width_m**2 / near.every, 1.0)
         self._least = rounding_variance(near.values)
         self._last: tuple[FloatArray, ProfileLook] | None = None
-
-    @property
-    def tables(self) -> BlurredProfiles:
-        """The functions of the air, blurred."""
-        functions = self.air.functions
-        if self._tables is None or self._tables[0] is not functions:
-            boxes, lens = self.near.nodes.boxes_m, self.knowledge.lens
-            self._tables = functions, BlurredProfiles(functions, self.air.step_m, boxes, lens, self._off_axis_rad)
-        return self._tables[1]
 
     def held(self, tighter: float) -> ProfileModel:
         """Return the same pixels with another factor on the information on blur and sharpness."""
@@ -388,8 +376,9 @@ class ProfileLinear:
     def __init__(self, model: ProfileModel, look: ProfileLook, weights: FloatArray) -> None:
         self._model, self.look, self.weights = model, look, weights
         near, air = model.near, model.air
-        functions = model.tables.values(float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS]))[:, 1:]
-        sectors, count = len(near.starts) - 1, functions.shape[1]
+        sectors, count = len(near.starts) - 1, len(air.waves)
+        blur_px, sharpness = float(np.exp(look.own[BLUR])), float(look.own[SHARPNESS])
+        functions = model.tables.values(blur_px, sharpness, 1 + count)[:, 1:]
         table = np.ascontiguousarray(functions.transpose(0, 2, 1)).reshape(-1, count)
         shared = model.derivatives(look)
         root = np.sqrt(weights)

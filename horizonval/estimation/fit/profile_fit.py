@@ -44,10 +44,10 @@ OPTIONS = SolverOptions(
     frozen=5.0,
     good=0.2,
 )
-"""First the lens with ten times the information of its prior, so that it moves by a third of its range: less lets thin
-clouds soften it, more increases the dependence on the start. A third of its pixels see the profile, enough to be within
-a tenth of a pixel. Derivatives are computed again after half a standard deviation,
-because the effects of air and height nearly cancel."""
+"""First the lens with ten times the information of its prior, so that it moves by a third of its range (less lets thin
+clouds soften it, more increases the dependence on the start), and the modes of the air alone, until the pose is near.
+Derivatives are computed again after a predicted gain of five, because the effects of air and height nearly cancel;
+nearer, the changes of the gradient correct them."""
 NEAR = replace(OPTIONS, stages=OPTIONS.stages[:1])
 """Settings of a start: the first stage alone, to about a standard deviation."""
 GROWTH_SIGMA = 0.5

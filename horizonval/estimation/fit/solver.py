@@ -108,16 +108,14 @@ class _Search:
         self.moved_px = 0.0
 
     def run(self) -> Solution:
-        bundle = self.bundle
         for stage in self.options.stages:
-            equations = self._stage(stage, last=stage is self.options.stages[-1])
-        solved = Solved(bundle, equations)
+            equations, solved = self._stage(stage, last=stage is self.options.stages[-1])
         shots = [solved.of_shot(k, one) for k, one in enumerate(equations)]
         steps = [np.array(one).reshape(-1, POSE) for one in self.steps]
         return Solution(solved.covariance, shots, steps, equations, solved)
 
-    def _stage(self, stage: Stage, *, last: bool) -> Sequence[ShotEquations]:
-        """Go one stage of the way; return the equations before the last step, which is short."""
+    def _stage(self, stage: Stage, *, last: bool) -> tuple[Sequence[ShotEquations], Solved]:
+        """Go one stage of the way; return the equations before the last step, which is short, and their solution."""
         options, bundle = self.options, self.bundle
         self._choose(stage)
         equations: list[ShotEquations] = []
@@ -142,7 +140,7 @@ class _Search:
             short = damping == 0.0 and square < stage.tolerance**2 and (not last or step.gained < len(bundle.shots))
             if short and (settled or not last):
                 if fresh or not last or all(one.exact for one in equations):
-                    return equations
+                    return equations, solved
                 # Derivatives of elsewhere end a few hundredths of a sigma from the best unknowns.
                 solved, before = None, None
                 continue
@@ -159,7 +157,7 @@ class _Search:
                     damping = max(options.first_damping, options.damping_factor * damping)
                     if damping > options.most_damping:
                         # Nothing near is better: the best place is this one, to rounding.
-                        return equations
+                        return equations, Solved(bundle, equations)
                 else:
                     equations, fresh = self._equations(), True
                 solved = Solved(bundle, equations, damping)
@@ -175,7 +173,7 @@ class _Search:
                 solved = None
             if cuts > 1 and last and gain < stage.tolerance and self.moved_px < options.least_share * stage.reselect_px:
                 # A valley too bent for equations to follow, whose floor is level (a limb that is nearly hard).
-                return equations
+                return equations, Solved(bundle, equations)
             # Pixels of elsewhere may be why a step gains nothing.
             if self.moved_px > stage.reselect_px or cuts > 1:
                 self._choose(stage)
@@ -191,7 +189,7 @@ class _Search:
                 solved = None if change > options.reweighed else solved
         if square > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {options.most_steps} steps")
-        return equations
+        return equations, Solved(bundle, equations)
 
     def _weigh(self) -> float:
         """Estimate the noise again; return the largest change of a shot's."""

@@ -65,7 +65,6 @@ class ToyImage:
     origin: LimbPose
     curve: Callable[[FloatArray], tuple[FloatArray, FloatArray]] = straight
     own_sigma: float = np.inf
-    own_count: int = OWN
 
     def moved(self, own: FloatArray, step: FloatArray) -> FloatArray:
         return own + step

@@ -56,7 +56,8 @@ def test_rendered_frames_of_every_band_give_the_same_nadir(tables, programs):
         band = band_of(observation)
         found[name] = distance(observation, table_of[band], programs[band])
     off, ratio = np.array(list(found.values())).T
-    assert np.median(off) < 1.5 * MOST_SIGMA, found
+    # Eight images know their median to a factor of two.
+    assert np.median(off) < 2.0 * MOST_SIGMA, found
     assert np.median(np.abs(ratio - 1.0)) < SIGMA_SHARE, found
 
 
