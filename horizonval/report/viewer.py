@@ -38,7 +38,7 @@ from horizonval.earth.spectral.planck import brightness_temperature_k
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.frames import rotate
-from horizonval.geometry.horizon import horizon_pixels, tangent_cone
+from horizonval.geometry.horizon import horizon_cam, tangent_cone
 from horizonval.geometry.rotation import perpendicular
 from horizonval.report import pictures
 from horizonval.report.load import CaseView, load_case, load_run
@@ -58,7 +58,7 @@ NODES = 15
 _SMALLEST_Z = 0.1
 _TEMPERATURES = 129
 """Entries of a thermal frame's table."""
-_CONE_SAMPLES = 40_000
+_CONE_SAMPLES = 20_000
 _POINTS_PER_LINE = 160
 """Vertices of a line in a 1000 px image, where a horizon bends by less than 0.1 px between them."""
 
@@ -282,10 +282,10 @@ def sightline_of(truth: FrameTruth) -> dict[str, Any] | None:
 
 def horizon_path(truth: FrameTruth) -> str:
     """Return the exact, refracted horizon inside the image; empty if there is none."""
-    ellipsoid = truth.apparent_ellipsoid
-    camera = truth.camera_model
-    lines = horizon_pixels(camera, truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _points_per_line(camera))
-    return "".join(_line(line) for line in lines)
+    return _ring_path(
+        truth.camera_model,
+        horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, truth.apparent_ellipsoid, _CONE_SAMPLES),
+    )
 
 
 def limb_path(camera: CameraModel, nadir_cam: ArrayLike, angular_radius_rad: float) -> str:
@@ -293,9 +293,9 @@ def limb_path(camera: CameraModel, nadir_cam: ArrayLike, angular_radius_rad: flo
     n = np.asarray(nadir_cam, dtype=np.float64)
     n = n / np.linalg.norm(n)
     first = perpendicular(n)
-    t = np.linspace(0, math.tau, _CONE_SAMPLES + 1)[:, None]
+    t = np.arange(_CONE_SAMPLES)[:, None] * (math.tau / _CONE_SAMPLES)
     ring = np.cos(t) * first + np.sin(t) * np.cross(n, first)
-    return visible_path(camera, math.cos(angular_radius_rad) * n + math.sin(angular_radius_rad) * ring)
+    return _ring_path(camera, math.cos(angular_radius_rad) * n + math.sin(angular_radius_rad) * ring)
 
 
 def infrared_path(truth: FrameTruth, band: str) -> str:
@@ -303,12 +303,12 @@ def infrared_path(truth: FrameTruth, band: str) -> str:
     if band not in truth.infrared_horizon:
         return ""
     d_cam, _ = curve_cam(truth, band, _CONE_SAMPLES)
-    return visible_path(truth.camera_model, np.concatenate([d_cam, d_cam[:1]]))
+    return _ring_path(truth.camera_model, d_cam)
 
 
-def visible_path(camera: CameraModel, d_cam: FloatArray) -> str:
-    """Return the parts inside the image of a curve given by close directions."""
-    uv, _ = project(camera, d_cam)
+def _ring_path(camera: CameraModel, d_cam: FloatArray) -> str:
+    """Return the parts inside the image of a closed curve given by close directions."""
+    uv, _ = project(camera, np.concatenate([d_cam, d_cam[:1]]))
     inside = (
         np.abs(uv - [(camera.width - 1) / 2, (camera.height - 1) / 2]) <= [camera.width / 2, camera.height / 2]
     ).all(axis=-1)

@@ -67,20 +67,16 @@ QUICK = ("500 km", "101 km", "20 km, in the air", "over the pole")
 
 @pytest.mark.parametrize("view", [v if v in QUICK else pytest.param(v, marks=pytest.mark.slow) for v in VIEWS])
 def test_pixels_equal_the_march_of_their_rays(view: str) -> None:
-    """0.1 % of the pixel wherever it has a thousandth of the brightest one's radiance, up to 95 km.
-
-    At the end of the air, 100 km up, radiance begins with a square root that the tables round off.
-    """
+    """2e-3 of the bright limb at worst, with a median of 1e-4, for the default ``render.accuracy`` of 1e-3."""
     tables, (width, height, fov_deg) = VIEWS[view]
     marched = march_frame(scene_of(**tables), camera_of(width, height, fov_deg))
     for band in BANDS:
-        error = np.where(
-            (marched.radiance[band] > 1e-3 * marched.radiance[band].max()) & (marched.height_m < 95e3),
-            marched.error(band),
-            np.nan,
-        )
-        assert np.isfinite(error).sum() > 50
-        assert np.nanmax(error) < 1e-3, f"{view}: {marched.worst(band, 1e-3)}"
+        theirs = marched.radiance[band]
+        brightest = theirs[marched.clear & (marched.height_m > 0.0)].max()
+        error = np.abs(marched.frame.radiance[band] - theirs)[marched.clear] / brightest
+        assert len(error) > 50
+        assert error.max() < 2e-3, f"{view}: {marched.worst(band, 1e-3)}"
+        assert np.median(error) < 1e-4
 
 
 @pytest.mark.slow
