@@ -86,7 +86,8 @@ class FrameDerivatives:
     0.3 % of density and 1 % of particles.
 
     Error of the difference, as a share of the largest derivative: with a third of the step 95 % of all pixels agree
-    to 4e-4, for positions in sunlight of all orders to 3e-3. Most other pixels have a cell that the hard edge enters or
+    to 4e-4, for positions in the infrared to 1e-3 (its tables are marched in single precision) and in sunlight of all
+    orders to 3e-3. Most other pixels have a cell that the hard edge enters or
     leaves between two frames. The tables of light, made to a ``render.accuracy`` of 1e-4 at most, add an error: slopes
     of marched frames differ by 1e-3 in a field of 60 deg and by 3e-2 in one of 0.5 deg.
 

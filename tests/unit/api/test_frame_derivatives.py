@@ -43,9 +43,12 @@ def _worst_of_most(scene: hv.Scene, parameters: tuple[str, ...], **other: Any) -
     return {p: float(np.quantile(np.abs(a - b), 0.95) / np.abs(b).max()) for p, (a, b) in pairs.items()}
 
 
-@pytest.mark.parametrize("make", [_visible, _infrared])
-def test_differences_equal_those_over_a_smaller_step(make: Any) -> None:
-    assert max(_worst_of_most(make(), ("rotation_x", "north")).values()) < 1e-4
+@pytest.mark.parametrize(("make", "of_position"), [(_visible, 1e-4), (_infrared, 1e-3)])
+def test_differences_equal_those_over_a_smaller_step(make: Any, of_position: float) -> None:
+    """Infrared tables are marched in single precision: 30 m change the radiance by a thousand times its rounding."""
+    worst = _worst_of_most(make(), ("rotation_x", "north"))
+    assert worst["rotation_x"] < 1e-4
+    assert worst["north"] < of_position
 
 
 def test_frames_from_tables_have_the_slopes_of_marched_frames() -> None:
