@@ -189,7 +189,7 @@ def _scenes_by_first_head(run_dir: Path, head: dict[str, Any]) -> dict[str, str]
         path = RunFolder(run_dir).case(case)
         return path.is_file() and not _read(path, ()).get("error")
 
-    found = {heads[0][1]: scene for scene, heads in (head.get("heads") or {}).items()}
+    found = {heads[0][1]: scene for scene, heads in (head.get("heads") or {}).items() if heads}
     return {first: scene for first, scene in found.items() if is_whole(first) and is_whole(scene)}
 
 

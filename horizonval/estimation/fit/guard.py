@@ -26,7 +26,7 @@ seen by any test of one image. An error of the altitude is seen only where the i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
@@ -34,6 +34,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.spatial.transform import Rotation
 from scipy.special import bdtr, chdtri, ndtri
 
 from horizonval.core.arrays import FloatArray
@@ -750,6 +751,25 @@ def guarded_fit(
             reason = f"{len(seen.disturbed)} pieces of the limb lie away from their neighbours"
             return Refusal(Outcome.AMBIGUOUS, reason, found.uv)
     return found if seen.refusal is None else seen.refusal
+
+
+def heads_refused(
+    images: Mapping[str, FloatArray], observation: Observation, found: Found, ellipsoid: Ellipsoid, *, in_air: bool
+) -> dict[str, Refusal]:
+    """Return the heads whose limb is not as a common pose predicts it, and why.
+
+    ``images``: shape (H, W) each, by the heads' names; ``found``: in axes of the body; others as for :func:`examined`.
+    """
+    refused = {}
+    for name, image in images.items():
+        head = observation.heads[name]
+        pose = found.pose.of_camera(Rotation.from_quat(head.q_cam_from_body).as_matrix())
+        image = without_lost_lines(image)
+        points = np.empty((0, 2))
+        seen = examined(image, head, pose, ellipsoid, in_air=in_air, points=points, uneven_px=found.uneven_px)
+        if seen.refusal is not None:
+            refused[name] = seen.refusal.of_head(name)
+    return refused
 
 
 def accepted(run: Callable[[Observation], Fit | Refusal]) -> Callable[[Observation], Fit | Refusal]:

@@ -5,7 +5,8 @@ distinguish, differ in another one at right angles. The coefficient of a mode of
 planet, so that the nodes of all heads together have one covariance; heads of other wavelengths have separate modes, and
 the gain of the optics is separate for each head.
 
-Each head is brought near its limb alone first; heads without a limb are left out, and one with a limb suffices.
+Each head is brought near its limb alone first. Heads without a limb are left out, and so are those whose limb is not as
+the common fit predicts it; one head suffices.
 Requirements and refusals are those of ``limb-profile``. With a linear array among the heads the method is
 ``limb-heads``.
 
@@ -23,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.outcome import Outcome, Refusal
 from horizonval.estimation.fit.bundle import ShotPrior
 from horizonval.estimation.fit.claim import fit_of
-from horizonval.estimation.fit.guard import pulled
+from horizonval.estimation.fit.guard import heads_refused, pulled
 from horizonval.estimation.fit.known_profile import known_profile
 from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import ProfileImage
@@ -63,16 +64,15 @@ def run(observation: Observation) -> Fit | Refusal:
             dark.append(head.of_head(name))
     if not heads:
         return dark[0]
+    found = _together(heads, observation)
+    if isinstance(found, Refusal):
+        return found
+    fitted, heads = found
     first = next(iter(heads.values()))
-    best = min((head.alone for head in heads.values()), key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
-    cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
-    try:
-        fitted = fit_profiles([head.image for head in heads.values()], first.prior, best.pose)
-    except np.linalg.LinAlgError as e:
-        return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb in {len(heads)} heads: {e}")
     wrong = pulled(fitted.pose, fitted.covariance, first.prior.mean, first.prior.information, fitted.uv)
     if isinstance(wrong, Refusal):
         return wrong
+    cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
     relief = fitted.relief_covariance + wrong
     fitted = replace(fitted, covariance=fitted.covariance + wrong, relief_covariance=relief).in_axes(cam_from_body)
     if next(iter(observation.heads)) not in heads:
@@ -80,6 +80,26 @@ def run(observation: Observation) -> Fit | Refusal:
         fitted = replace(fitted, uv=np.empty((0, 2)), residuals_rad=np.empty(0))
     doubt = doubt_of(fitted)
     return fit_of(fitted, observation, first.image.knowledge.ellipsoid) if doubt is None else doubt
+
+
+def _together(heads: dict[str, _Head], observation: Observation) -> tuple[ProfileFit, dict[str, _Head]] | Refusal:
+    """Return the fit of all heads whose limb is as the fit predicts it, and these heads."""
+    for _ in range(2):
+        first = next(iter(heads.values()))
+        best = min((head.alone for head in heads.values()), key=lambda fit: float(np.trace(fit.covariance[:3, :3])))
+        images = [head.image for head in heads.values()]
+        try:
+            fitted = fit_profiles(images, first.prior, best.pose)
+        except np.linalg.LinAlgError as e:
+            return Refusal(Outcome.NOT_CONVERGED, f"the profile of the limb in {len(heads)} heads: {e}")
+        seen = {name: head.image.image for name, head in heads.items()}
+        refused = heads_refused(seen, observation, fitted, first.image.knowledge.ellipsoid, in_air=True)
+        if not refused:
+            return fitted, heads
+        heads = {name: head for name, head in heads.items() if name not in refused}
+        if not heads:
+            break
+    return next(iter(refused.values()))
 
 
 def _alone(head: Observation) -> _Head | Refusal:
