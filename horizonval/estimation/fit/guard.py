@@ -6,7 +6,7 @@ with ``x`` the distance inside the fitted limb, ``E`` the edge of :mod:`.light`,
 common to all pieces. Levels are eliminated; three unknowns and a few linear steps remain. A fit whose window, prior or
 air hides a disturbance shows it here. The tests, all at the one level :data:`CHANCE`:
 
-1. *Blur*: the edge is neither wider nor sharper than the lens (and the air) make it.
+1. *Blur*: the edge is no wider than the lens makes it; in the infrared it may be a pixel wider (cirrus above clouds).
 2. *Share*: the pieces that are due show the edge, with one sign, and show no second one.
 3. *Place*: the edge lies within the heights of the air, and that of no piece away from its neighbours by more than
    noise and relief do. Pieces that do are disturbed (bodies, booms, lost blocks): their azimuths are left out of a
