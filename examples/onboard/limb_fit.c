@@ -91,11 +91,11 @@ static const double FREEDOM = 10.0, OF_NORMAL = 0.8713634110071656;
 static const double CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.67448975;
 static const double LEAST_COMMON = 1.1, SURELY_COMMON = 1.3, LEAST_SHARE_DARK = 0.01;
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
-/* Steps: lengths in standard deviations of the pose, changes of ln variance, gains in squared sigmas. */
-static const double TOLERANCE = 0.05, STEADY = 0.02, NEARLY_STEADY = 0.5, REWEIGHED = 0.5, GOOD = 0.7, FROZEN = 0.3;
-static const double ROUNDING = 1e-3, HELD = 10.0, RESELECT_PX = 0.5, NEAR_PX = 0.25, LEAST_SHARE = 0.1;
+/* Steps: lengths in standard deviations of nadir and altitude, changes of ln variance, gains in squared sigmas. */
+static const double NEAR = 2.0, TOLERANCE = 0.1, STEADY = 0.5, REWEIGHED = 0.5, GOOD = 0.2, FROZEN = 5.0;
+static const double ROUNDING = 1e-3, HELD = 10.0, FAR_PX = 3.0, RESELECT_PX = 0.5, NEAR_PX = 0.5, LEAST_SHARE = 0.1;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, FINEST_M = 4e3, FINEST_PX = 0.5;
-enum { MOST_STEPS = 30, MOST_CUTS = 5 };
+enum { MOST_STEPS = 30, MOST_CUTS = 5, MOST_WEIGHS = 8, MEMORY = 6 };
 /* What is believed. */
 static const double SCATTERED = 2.0, LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
 
@@ -143,6 +143,8 @@ static double wave[SETS][MOST_NODES][MOST_NODES + WIDE], coefficient[MOST_NODES]
 static double transform[MOST_NODES][FUNCTIONS][GRID], lens_at[MOST_NODES][LENSES][GRID], summed[MOST_NODES][GRID];
 static double table_at[MOST_NODES][GRID][TABLES], value_at[MOST_NODES][GRID][FUNCTIONS], largest_at[MOST_NODES];
 static double neglected[MOST_NODES][GRID];           /* standard deviation of what bumps leave out */
+static double past[MEMORY][MOST_UNKNOWNS], fell[MEMORY][MOST_UNKNOWNS]; /* steps, and by how much the gradient fell */
+static int memory, after_step;
 static double N[MOST_UNKNOWNS][MOST_UNKNOWNS + WIDE], U[MOST_UNKNOWNS][MOST_UNKNOWNS + WIDE];
 
 static Ray trace(const State *s, double column, double row) {
@@ -540,7 +542,7 @@ static void functions_of_air(void) {
     functions = 1;
     for (int kind = 0; kind < 2 * LIMB_K + BUMPS + 1; kind++) {
       int k = kind % LIMB_K, j = kind - 2 * LIMB_K, part = kind >= LIMB_K;
-      if (j < 0 ? part && !second[k] : j < BUMPS && !bump[j]) continue;
+      if (j < 0 ? part && !second[k] : first_stage || (j < BUMPS && !bump[j])) continue;
       for (int h = 0; j < 0 && h < LIMB_H; h++)
         shape[h] = node[m].modes[k][h] * (part ? sqrt(1.0 - pow(node[m].ends[k][h], 2.0)) : node[m].ends[k][h]);
       if (j < 0) even(shape, f[functions]);
@@ -647,14 +649,14 @@ static void predict(const State *s) {
   }
 }
 
-/* Chooses the window again. The air stays as it is: coefficients are taken over to nodes that lie a little elsewhere. */
-static int select_pixels(State *s) {
+/* Chooses the functions again, and the window where it is asked. The air stays as it is: coefficients are taken over to nodes that lie a little elsewhere. */
+static int select_pixels(State *s, int window) {
   static double had[FUNCTIONS][MOST_NODES];
   int had_nodes = nodes;
   memset(had, 0, sizeof had);
   for (int k = 1; k < functions; k++)
     for (int m = 0; m < nodes; m++) had[kind_of[k]][m] = coefficient[m][k];
-  if (!choose(s)) return 0;
+  if (window && !choose(s)) return 0;
   functions_of_air();
   memset(s->z, 0, sizeof s->z);
   for (int k = 1; had_nodes && k < functions; k++)
@@ -992,17 +994,62 @@ static double motion_px(const double *away) {
   return most / mean_width;
 }
 
-/* A step of the normal matrix as it is and the gradient as it is now, not longer than the derivatives reach. Returns the
-   gain that it promises, and the square of the pose's part over its covariance, of which Cholesky's last rows are. */
+/* The nadir's motion towards e, camera axes, by the pose: by the turn w it moves by w x nadir, by the position by
+   -R (across r) / |r|. */
+static void nadir_by_pose(const State *s, const double *nadir, const double *e, double *g) {
+  double down[3], r2 = dot(s->r, s->r);
+  cross(nadir, e, g);
+  times_transposed(s->R[0], e, down);
+  THREE g[3 + i] = -(down[i] - dot(down, s->r) / r2 * s->r[i]) / sqrt(r2);
+  g[6] = 0.0;
+}
+
+/* The square of a pose's way in the claims for nadir and altitude, the larger of both; the last rows of Cholesky's
+   triangle are the pose's information. */
+static double square_of(const State *s, const double *way) {
+  double nadir[3], e[2][3], g[POSE], x[3][POSE], moved[3], C[3][3];
+  nadir_of(s, nadir);
+  basis(nadir, e[0], e[1]);
+  for (int k = 0; k < 3; k++) {
+    if (k < 2) nadir_by_pose(s, nadir, e[k], g);
+    else for (int i = 0; i < POSE; i++) g[i] = i < 3 || i == 6 ? 0.0 : s->r[i - 3] / sqrt(dot(s->r, s->r));
+    moved[k] = product(g, way, POSE);
+    for (int i = 0; i < POSE; i++) {
+      x[k][i] = g[i];
+      for (int j = 0; j < i; j++) x[k][i] -= U[unknowns - POSE + j][unknowns - POSE + i] * x[k][j];
+      x[k][i] /= U[unknowns - POSE + i][unknowns - POSE + i];
+    }
+    for (int j = 0; j <= k; j++) C[j][k] = product(x[j], x[k], POSE);
+  }
+  double tilt = C[1][1] * moved[0] * moved[0] - 2.0 * C[0][1] * moved[0] * moved[1] + C[0][0] * moved[1] * moved[1];
+  return fmax(tilt / (C[0][0] * C[1][1] - C[0][1] * C[0][1]), moved[2] * moved[2] / C[2][2]);
+}
+
+/* A step of the normal matrix as it is and the gradient as it is now, not longer than the derivatives reach. By how much
+   the gradient fell along the last steps corrects the matrix (Nocedal 1980). Returns the gain that the step promises. */
 static double step_of(const State *s, double *step, double *square) {
   static double downwards[MOST_UNKNOWNS];
+  double share[MEMORY], most_px = fmax(LARGEST_M / mean_width, LARGEST_PX);
   gradient(s, downwards);
+  if (after_step) {
+    for (int i = 0; i < unknowns; i++) fell[memory][i] -= downwards[i];
+    memory += product(fell[memory], past[memory], unknowns) > 0.0;
+  }
+  if (memory == MEMORY) memory--, memmove(past, past[1], memory * sizeof *past), memmove(fell, fell[1], memory * sizeof *fell);
   memcpy(step, downwards, sizeof(double) * unknowns);
+  for (int k = memory - 1; k >= 0; k--) {
+    share[k] = product(past[k], step, unknowns) / product(past[k], fell[k], unknowns);
+    for (int i = 0; i < unknowns; i++) step[i] -= share[k] * fell[k][i];
+  }
   solve(step);
-  double promised = product(step, downwards, unknowns), most_px = fmax(LARGEST_M / mean_width, LARGEST_PX);
+  for (int k = 0; k < memory; k++) {
+    share[k] -= product(fell[k], step, unknowns) / product(past[k], fell[k], unknowns);
+    for (int i = 0; i < unknowns; i++) step[i] += share[k] * past[k][i];
+  }
+  memcpy(fell[memory], downwards, sizeof(double) * unknowns);
+  double promised = product(step, downwards, unknowns);
   double over = fmax(motion_px(step + air + TURN) / most_px, fmax(fabs(step[air + BLUR]), fabs(step[air + GAIN])) / LARGEST_LOG);
-  *square = 0.0;
-  for (int i = unknowns - POSE; i < unknowns; i++) *square += pow(product(U[i] + i, step + i, unknowns - i), 2.0);
+  *square = square_of(s, step + air + TURN);
   for (int i = 0; over > 1.0 && i < unknowns; i++) step[i] /= over;
   return over > 1.0 ? promised * (2.0 - 1.0 / over) / over : promised;
 }
@@ -1023,47 +1070,64 @@ static double try_step(State *s, const double *step) {
 }
 
 /* One stage of the search; returns the steps it took, 0 without an answer, and says why. A step that gains nothing is cut
-   to the minimum of the parabola through both merits. The noise is estimated after every step until it is steady, and
-   again at the end. */
-static int stage(State *s, double tolerance, double steady, const char **reason) {
+   to the minimum of the parabola through both merits. The noise is estimated after every step until it is steady within a
+   standard deviation of the pose, and held from then on: a minimum is that of one function. The last step is one by new
+   derivatives. */
+static int stage(State *s, double tolerance, double reselect_px, const char **reason) {
   static double step[MOST_UNKNOWNS];
-  double square = INFINITY, changed = INFINITY;
-  int fresh = 0;
+  double square = INFINITY, moved = 0.0;
+  int settled = 0, weighs = 0, built = 0;
+  after_step = memory = 0;
   *reason = "too little limb in view, or more pixels of it than this program holds";
-  if ((first_stage || motion_px(s->away) > NEAR_PX) && !select_pixels(s)) return 0;
+  if (!select_pixels(s, first_stage || motion_px(s->away) > NEAR_PX)) return 0;
   *reason = "the image is not brighter where the limb should be";
   if (first_stage && !levels(s)) return 0;
   weigh(s);
   *reason = "the limb in view does not determine the fit's unknowns";
-  for (int number = 1, built; number <= MOST_STEPS; number++) {
-    if ((built = !fresh)) equations(s);
-    if (built && !cholesky()) return 0;
+  for (int number = 1; number <= MOST_STEPS; number++) {
+    int fresh = !built, cuts = 0;
+    if (fresh) equations(s);
+    if (fresh && !cholesky()) return 0;
     double promised = step_of(s, step, &square), gain = try_step(s, step);
-    int close = square < tolerance * tolerance && promised < 1.0;
-    for (int cut = 0; built && gain < -ROUNDING && cut < MOST_CUTS; cut++) {
+    if (square < tolerance * tolerance && (first_stage || (settled && promised < 1.0))) {
+      if (fresh || first_stage) return number;
+      built = after_step = 0;
+      continue;
+    }
+    for (; fresh && gain < -ROUNDING && cuts < MOST_CUTS; cuts++) {
       double share = clip(promised / (2.0 * promised - gain), LEAST_SHARE, 0.5);
       for (int i = 0; i < unknowns; i++) step[i] *= share;
       promised *= share * (2.0 - share), gain = try_step(s, step);
     }
-    fresh = gain > GOOD * promised - ROUNDING && square < FROZEN;
-    if (motion_px(s->away) > RESELECT_PX) {
-      if (!select_pixels(s)) return 0;
-      weigh(s), changed = INFINITY, fresh = 0;
-    } else if (changed < steady && (close || (built && gain < -ROUNDING))) {
-      if ((built || first_stage) && (first_stage || (changed = weigh(s)) < steady)) return number;
-      fresh = 0;
-    } else if (changed >= steady) fresh = (changed = weigh(s)) < REWEIGHED && fresh;
+    built = gain > GOOD * promised - ROUNDING && promised < FROZEN;
+    if (gain < -ROUNDING) {
+      if (fresh) break;
+      after_step = memory = 0;
+      continue;
+    }
+    memcpy(past[memory], step, sizeof(double) * unknowns), after_step = 1;
+    moved += motion_px(step + air + TURN);
+    if (cuts > 1 && !first_stage && gain < tolerance && moved < LEAST_SHARE * reselect_px) return number;
+    if (moved > reselect_px || cuts > 1) {
+      if (motion_px(s->away) > NEAR_PX && !select_pixels(s, 1)) return 0;
+      weigh(s), built = after_step = memory = 0, moved = 0.0;
+    } else if (!settled) {
+      double changed = weigh(s);
+      settled = (square < 1.0 && changed < STEADY) || ++weighs == MOST_WEIGHS;
+      after_step = memory = 0, built &= changed < REWEIGHED;
+    }
   }
   *reason = "no convergence";
-  return square < 1.0 ? MOST_STEPS : 0;
+  return 0;
 }
 
-/* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
+/* The most probable state near a start, first with the modes alone and the lens held; returns the steps it took, 0
+   without an answer, and says why. */
 static int search(State *s, const char **reason) {
   first_stage = 1;
-  int first = stage(s, 1.0, NEARLY_STEADY, reason);
+  int first = stage(s, NEAR, FAR_PX, reason);
   first_stage = 0;
-  int second = first ? stage(s, TOLERANCE, STEADY, reason) : 0;
+  int second = first ? stage(s, TOLERANCE, RESELECT_PX, reason) : 0;
   return second ? first + second : 0;
 }
 
@@ -1191,16 +1255,13 @@ static double strain(const State *s) {
   return squares > determined + SCATTERED * sqrt(2.0 * determined) ? squares / determined : 1.0;
 }
 
-/* Mean square of the nadir's error: by the turn w it moves by w x nadir, by the position by -R (across r) / |r|. Without
-   the air's part it is that of the shared unknowns' own equations (Cholesky); strain makes that part larger. */
+/* Mean square of the nadir's error. Without the air's part it is that of the shared unknowns' own equations (Cholesky); strain makes that part larger. */
 static double nadir_variance(const State *s, const double *nadir) {
   static double f[MOST_UNKNOWNS];
-  double variance = 0.0, r2 = dot(s->r, s->r), strained = strain(s), C[SHARED][SHARED], x[SHARED];
+  double variance = 0.0, strained = strain(s), C[SHARED][SHARED], x[SHARED];
   for (int c = 0; c < 3; c++) {
-    double e[3] = {c == 0, c == 1, c == 2}, g[SHARED] = {0}, down[3], known = 0.0;
-    cross(nadir, e, g + TURN);
-    times_transposed(s->R[0], e, down);
-    THREE g[POSITION + i] = -(down[i] - dot(down, s->r) / r2 * s->r[i]) / sqrt(r2);
+    double e[3] = {c == 0, c == 1, c == 2}, g[SHARED] = {0}, known = 0.0;
+    nadir_by_pose(s, nadir, e, g + TURN);
     for (int i = 0; i < SHARED; i++) {
       for (int j = 0; j <= i; j++) {
         C[i][j] = N[air + j][air + i] - product(C[i], C[j], j);
