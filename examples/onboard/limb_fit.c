@@ -24,8 +24,8 @@
    neglected air make. Where residuals are correlated, several pixels count together as one. Where the converter cuts
    noise off at its lowest level, the prediction is the mean of what is left. The lens is held near its prior in the
    first of two stages. The derivatives J are computed again only where a step gains less than they predict, and at the
-   end; until then a step costs one prediction and one product. Above MOST_ROWS pixels, means of pixels of nearly one
-   height count as one.
+   end; until then a step costs one prediction and one product. Of more than
+   6000 pixels near the limb, 3000 to 6000 are taken, evenly spread.
 
    J has few entries in a row: the functions at the two nodes of the pixel, and the shared unknowns. Their products are
    summed at the nodes, of which only neighbours couple; the sums for the unknowns z follow from these.
@@ -55,11 +55,10 @@
 #include "table.h"
 
 #define MOST_PIXELS (2048 * 2048)
-#define MOST_NEAR 400000
 #define MOST_SIDE 32767
 #define MOST_SQUARES (MOST_PIXELS / 16 + MOST_SIDE / 2 + 1) /* of 4 pixels a side, in an image of any shape */
-#define MOST_ROWS 6000
-#define ROWS (MOST_ROWS + 2048) /* groups at the ends of pieces of the limb are not full */
+#define FEWEST_ROWS 3000
+#define ROWS (2 * FEWEST_ROWS + 512) /* lines of pixels do not meet all squares evenly */
 #define MOST_NODES 33
 #define BUMPS 15
 #define FUNCTIONS (1 + 2 * LIMB_K + BUMPS + 1)
@@ -79,8 +78,8 @@ static const double A_M = 6378137.0, EARTH_M = 6.371e6, PIXEL_VARIANCE = 1.0 / 1
 static const double SHARPNESS_PRIOR = 0.5, SHARPNESS_SIGMA = 0.5;
 /* Window of heights, and grid beyond it. */
 static const double DEPTH_PX = 0.5, TAPER_PX = 0.5, LEAST_TAPER = 1e-3, SPACE_PX = 4.0, EDGE_BLURS = 2.5, GRID_RIMS = 2.0;
-static const double ABOVE_RIMS = 0.3, STEPS_PER_PIXEL = 6.0, NODE_RAD = 0.035, GROUP_PX = 0.25;
-enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8 };
+static const double ABOVE_RIMS = 0.3, STEPS_PER_PIXEL = 6.0, NODE_RAD = 0.035, WIDER = 1.5, OBLIQUE = 0.382;
+enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8, SQUARE_PX = 8 };
 /* Air. Bumps are compared at the places of the grid that `limb-profile` has, so that both leave out the same. */
 static const double LEFT_OUT = 1e-4, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_LEFT = 5e-5;
 static const double LEAST_APART = 0.15, LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3;
@@ -108,7 +107,7 @@ typedef struct {
   double u[3], up[3], n[3], distance, h, y, by_height; /* of a line of sight: normal below its lowest point, Earth-fixed */
 } Ray;                                               /* and in camera axes, distance, height, distance across the limb */
 typedef struct {
-  double value, light, column, row, h, along;        /* means of a group of pixels; along: from its node to the next */
+  double value, light, column, row, h, along;        /* along: from its node to the next */
   double y, by_pose[POSE];                           /* distance across the limb with its derivatives */
   double share, level, table[TABLES], passed, off;   /* prediction, share of its changes that passes the floor, residual */
   double weight, variance, together, beyond, left;   /* noise: beyond dark pixels, of neglected air */
@@ -117,8 +116,7 @@ typedef struct {
 } Pixel;
 typedef struct {
   double key;                                        /* by which pixels are sorted */
-  float h, along;
-  int pixel, piece, on_limb;
+  int pixel, on_limb;
 } Key;
 typedef struct {
   double width_m, box_m[2], lift_m;                  /* a pixel and its sides across the limb, shift by blur */
@@ -132,9 +130,9 @@ static double full_scale, fx, fy, cx, cy, sigma_r, sigma_q, month, sun_read[3], 
 static State prior;
 
 static Pixel near_[ROWS];
-static Key key[MOST_NEAR];
+static Key key[ROWS];
 static Node node[MOST_NODES];
-static int count, group, nodes, functions, unknowns, air, half; /* half: steps of the grid of heights */
+static int count, every, nodes, functions, unknowns, air, half; /* half: steps of the grid of heights */
 static int first_stage;
 static double curve, pixel_m, bottom_y, taper_m, grid_low, grid_step, mean_width, floor_level, floor_sigma, floor_space;
 static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS];
@@ -402,15 +400,29 @@ static int clipped(int column, int row) {
   return 0;
 }
 
-/* Adds a pixel to the means of its group. */
-static void add_pixel(const State *s, const Key *k, double share, Pixel *p) {
+static void take_pixel(const State *s, int pixel, Pixel *p) {
   double arm[3];
-  Ray a = trace(s, k->pixel % width, k->pixel / width);
+  Ray a = trace(s, pixel % width, pixel / width);
   cross(a.n, a.u, arm);
-  p->y += share * a.y, p->by_pose[6] -= share * a.by_height, p->h += share * a.h;
-  THREE p->by_pose[i] += share * a.by_height * a.distance * arm[i], p->by_pose[3 + i] += share * a.by_height * a.up[i];
-  p->column += share * (k->pixel % width), p->row += share * (k->pixel / width);
-  p->value += share * image[k->pixel], p->light += share * pow(a.u[2], 4.0), p->along += share * k->along;
+  memset(p, 0, sizeof *p);
+  p->y = a.y, p->by_pose[6] = -a.by_height, p->h = a.h, p->column = pixel % width, p->row = pixel / width;
+  THREE p->by_pose[i] = a.by_height * a.distance * arm[i], p->by_pose[3 + i] = a.by_height * a.up[i];
+  p->value = image[pixel], p->light = pow(a.u[2], 4.0);
+}
+
+/* Of how many pixels near the limb one is taken, a power of two: by squares of pixels whose middles are near it. */
+static int thinned(const State *s, double bottom, double top) {
+  double reach = (SQUARE_PX * sqrt(0.5) + 2.0) * pixel_m;
+  int squares = 0, one_of = 1;
+  for (int row = 0; row < height; row += SQUARE_PX)
+    for (int column = 0; column < width; column += SQUARE_PX) {
+      double middle = SQUARE_PX / 2;
+      Ray ray = trace(s, fmin(column + middle, width - 1), fmin(row + middle, height - 1));
+      double y = ray.y / ray.u[2]; /* off the axis a pixel sees less of the limb */
+      squares += ray.distance > 0.0 && y > WIDER * bottom - reach && y < WIDER * top + reach;
+    }
+  while (squares * SQUARE_PX * SQUARE_PX / (2 * one_of) >= FEWEST_ROWS) one_of *= 2;
+  return one_of;
 }
 
 /* A node whose azimuth has a line of sight u to a sphere's limb, and the nearest one in view. */
@@ -447,17 +459,21 @@ static int choose(State *s) {
   for (int i = 1; i < width * height; i++) floor_level = fmin(floor_level, image[i]);
   nadir_of(s, nadir);
   basis(nadir, a, b);
+  every = thinned(s, bottom, top);
+  /* on oblique lines through the image, odd so that no column is empty: the same pixels for every pose near by */
+  int line = (int)(OBLIQUE * every + 0.5) | 1;
   for (int row = BORDER_PX; row < height - BORDER_PX; row++)
     for (int column = BORDER_PX; column < width - BORDER_PX; column++) {
+      if ((column + row * line) % every) continue;
       Ray ray = trace(s, column, row);
       double above = image[row * width + column] - floor_level;
       if (ray.distance <= 0.0 || ray.h <= bottom || ray.h >= top || clipped(column, row)) continue;
       if (ray.h > air_top + rim) dark++, at_floor += above <= 0.0, dark_mean += above;
-      Key *k = &key[total];
-      k->key = atan2(dot(b, ray.u), dot(a, ray.u)), k->pixel = row * width + column, k->h = ray.h;
+      if (total == ROWS) return 0;
+      Key *k = &key[total++];
+      k->key = atan2(dot(b, ray.u), dot(a, ray.u)), k->pixel = row * width + column;
       /* off the axis pixels are smaller, and see the limb farther away */
       limb += k->on_limb = fabs(ray.h) < 0.5 * pixel_m / ray.u[2];
-      if (++total == MOST_NEAR) return 0;
     }
   if (limb < FEWEST_LIMB_PX) return 0;
   floor_sigma = noise_at_floor(dark, at_floor / fmax(dark, 1.0), dark_mean / fmax(dark, 1.0));
@@ -476,26 +492,12 @@ static int choose(State *s) {
     int i = (int)((double)m * total / sectors);
     border[m] = key[(first + (i < total ? i : total - 1)) % total].key;
   }
-  /* Pieces of the limb are so long that pixels next to each other in height differ by GROUP_PX. */
-  group = (total + MOST_ROWS - 1) / MOST_ROWS;
-  int pieces = group > 1 ? (int)fmax(limb * GROUP_PX / (sectors * group), 1.0) : 1;
-  for (int i = 0; i < total; i++) {
-    Key *k = &key[i];
+  for (count = 0; count < total; count++) {
+    const Key *k = &key[(first + count) % total];
     int m = 0;
     while (m < sectors - 1 && k->key >= border[m + 1]) m++;
-    k->along = clip((k->key - border[m]) / fmax(border[m + 1] - border[m], 1e-12), 0.0, 1.0);
-    k->piece = m * pieces + (int)clip(k->along * pieces, 0.0, pieces - 1.0);
-    k->key = k->piece + 0.999 * (k->h - bottom) / (top - bottom);
-  }
-  sort(key, total);
-  count = 0;
-  for (int i = 0, last; i < total; i = last) {
-    for (last = i + 1; last < total && last < i + group && key[last].piece == key[i].piece;) last++;
-    if (count == ROWS) return 0;
-    Pixel *p = &near_[count++];
-    memset(p, 0, sizeof *p);
-    p->node = key[i].piece / pieces;
-    for (int j = i; j < last; j++) add_pixel(s, &key[j], 1.0 / (last - i), p);
+    take_pixel(s, k->pixel, &near_[count]);
+    near_[count].node = m, near_[count].along = clip((k->key - border[m]) / fmax(border[m + 1] - border[m], 1e-12), 0.0, 1.0);
   }
   mean_width = 0.0;
   for (int m = 0; m < nodes; m++) {
@@ -726,7 +728,7 @@ static void estimate_noise(const State *s) {
     const double *out = &neglected[p->node][p->place];
     THREE part[j][i] /= largest[i];
     p->left = pow(s->gain * p->light * (out[0] + p->share * (out[1] - out[0])), 2.0);
-    p->variance = fmax(dark + fmax(bright - dark, 0.0) * part[j][0], PIXEL_VARIANCE / group + p->left);
+    p->variance = fmax(dark + fmax(bright - dark, 0.0) * part[j][0], PIXEL_VARIANCE + p->left);
   }
   for (int round = 0; round < WEIGHINGS; round++) {
     double A[3][3] = {{0}}, b[3] = {0}, size[3];
@@ -747,7 +749,7 @@ static void estimate_noise(const State *s) {
     THREE x[i] /= size[i];
     for (Pixel *p = near_; p < near_ + count; p++) {
       p->beyond = dot(x, part[p - near_]);
-      p->variance = fmax(dark + p->beyond, PIXEL_VARIANCE / group + p->left);
+      p->variance = fmax(dark + p->beyond, PIXEL_VARIANCE + p->left);
     }
   }
 }
@@ -757,7 +759,7 @@ static double correlated(void) {
   static double sum[MOST_SQUARES], number[MOST_SQUARES];
   double most = 1.0;
   for (int side = 4; side <= 32; side *= 2) {
-    double side_px = group > 1 ? side * group / GROUP_PX : side, total = 0.0, pixels = 0.0;
+    double side_px = side * sqrt(every), total = 0.0, pixels = 0.0;
     int in_row = (int)((width - 1) / side_px) + 1, squares = in_row * ((int)((height - 1) / side_px) + 1);
     for (int i = 0; i < squares; i++) sum[i] = number[i] = 0.0;
     for (const Pixel *p = near_; p < near_ + count; p++) {
@@ -787,7 +789,7 @@ static double weigh(const State *s) {
   for (int i = 0; i < count; i++) shown += fmin(near_[i].beyond / near_[i].variance, 1.0) / count;
   double more = first_stage ? 0.0 : (correlated() - 1.0) / fmax(shown, 1e-300);
   for (Pixel *p = near_; p < near_ + count; p++) {
-    double bump_px = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0) / group, 1.0);
+    double bump_px = fmax(BUMP_M * LEFT_LENGTH * EARTH_M / pow(node[p->node].width_m, 2.0) / every, 1.0);
     p->together = 1.0 + more * fmin(p->beyond / p->variance, 1.0);
     if (!first_stage) p->together += (bump_px - 1.0) * fmin(p->left / p->variance, 1.0);
     p->together /= fmax(p->depth * p->depth * (3.0 - 2.0 * p->depth), LEAST_TAPER);
