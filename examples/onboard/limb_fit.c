@@ -22,18 +22,18 @@
    Residuals r follow Student's distribution, W = (nu + 1) / (nu + r^2 / v) / (v together). The variance v is that of
    dark pixels plus components fitted to the squared residuals (level, clouds, slope), and not less than rounding and
    neglected air make. Where residuals are correlated, several pixels count together as one. Where the converter cuts
-   noise off at its lowest level, the prediction is the mean of what is left. The lens is held near its prior in the
-   first of two stages. The derivatives J are computed again only where a step gains less than they predict, and at the
-   end; until then a step costs one prediction and one product. Of more than
-   6000 pixels near the limb, 3000 to 6000 are taken, evenly spread.
+   noise off at its lowest level, the prediction is the mean of what is left. In the first of two stages the lens is held
+   near its prior, and the air has its modes alone. The derivatives J are computed again only where a step gains less than
+   they predict, or much, and at the end; until then a step costs one prediction and one product. Of more than 6000 pixels
+   near the limb 3000 to 6000 are taken, evenly spread.
 
    J has few entries in a row: the functions at the two nodes of the pixel, and the shared unknowns. Their products are
    summed at the nodes, of which only neighbours couple; the sums for the unknowns z follow from these.
 
    Not in this program: lenses with distortion, stated diffraction and blur over the field, foreign light outside the
-   limb, a lens that is softer at one part of the limb, planets that are spheres, sigmas of the attitude by axis. A
-   saturated pixel is known by full_scale alone. MOST_NODES is half of the most that `limb-profile` has, which matters
-   only where more than 1.1 rad of limb at the Earth's centre are in view.
+   limb, a lens that is softer at one part of the limb, a wider claim where limb and priors disagree, planets that are
+   spheres, sigmas of the attitude by axis. A saturated pixel is known by full_scale alone. MOST_NODES is half of the most
+   that `limb-profile` has, which matters only where more than 1.1 rad of limb at the Earth's centre are in view.
 
    Standard input: one line of 28 numbers, and then width * height values of 16 bits in the machine's order, row by row:
      width height fx fy cx cy                  pixels
@@ -91,10 +91,10 @@ static const double CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.
 static const double LEAST_COMMON = 1.1, SURELY_COMMON = 1.3, LEAST_SHARE_DARK = 0.01;
 enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 /* Steps: lengths in standard deviations of nadir and altitude, changes of ln variance, gains in squared sigmas. */
-static const double NEAR = 2.0, TOLERANCE = 0.1, STEADY = 0.5, REWEIGHED = 0.5, GOOD = 0.2, FROZEN = 5.0;
+static const double NEAR = 2.0, TOLERANCE = 0.1, STEADY = 0.5, REWEIGHED = 0.5, GOOD = 0.7, FROZEN = 1.0;
 static const double ROUNDING = 1e-3, HELD = 10.0, FAR_PX = 3.0, RESELECT_PX = 0.5, NEAR_PX = 0.5, LEAST_SHARE = 0.1;
 static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, FINEST_M = 4e3, FINEST_PX = 0.5;
-enum { MOST_STEPS = 30, MOST_CUTS = 5, MOST_WEIGHS = 8, MEMORY = 6 };
+enum { MOST_STEPS = 30, MOST_CUTS = 5, MOST_WEIGHS = 8 };
 /* What is believed. */
 static const double SCATTERED = 2.0, LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
 
@@ -141,8 +141,6 @@ static double wave[SETS][MOST_NODES][MOST_NODES + WIDE], coefficient[MOST_NODES]
 static double transform[MOST_NODES][FUNCTIONS][GRID], lens_at[MOST_NODES][LENSES][GRID], summed[MOST_NODES][GRID];
 static double table_at[MOST_NODES][GRID][TABLES], value_at[MOST_NODES][GRID][FUNCTIONS], largest_at[MOST_NODES];
 static double neglected[MOST_NODES][GRID];           /* standard deviation of what bumps leave out */
-static double past[MEMORY][MOST_UNKNOWNS], fell[MEMORY][MOST_UNKNOWNS]; /* steps, and by how much the gradient fell */
-static int memory, after_step;
 static double N[MOST_UNKNOWNS][MOST_UNKNOWNS + WIDE], U[MOST_UNKNOWNS][MOST_UNKNOWNS + WIDE];
 
 static Ray trace(const State *s, double column, double row) {
@@ -651,7 +649,8 @@ static void predict(const State *s) {
   }
 }
 
-/* Chooses the functions again, and the window where it is asked. The air stays as it is: coefficients are taken over to nodes that lie a little elsewhere. */
+/* Chooses the functions again, and the window where it is asked to. The air stays as it is: coefficients are taken over to
+   nodes that lie a little elsewhere. */
 static int select_pixels(State *s, int window) {
   static double had[FUNCTIONS][MOST_NODES];
   int had_nodes = nodes;
@@ -1027,29 +1026,14 @@ static double square_of(const State *s, const double *way) {
   return fmax(tilt / (C[0][0] * C[1][1] - C[0][1] * C[0][1]), moved[2] * moved[2] / C[2][2]);
 }
 
-/* A step of the normal matrix as it is and the gradient as it is now, not longer than the derivatives reach. By how much
-   the gradient fell along the last steps corrects the matrix (Nocedal 1980). Returns the gain that the step promises. */
+/* A step of the normal matrix as it is and the gradient as it is now, not longer than the derivatives reach. Returns the
+   gain that it promises, and the square of the pose's part in the claims. */
 static double step_of(const State *s, double *step, double *square) {
   static double downwards[MOST_UNKNOWNS];
-  double share[MEMORY], most_px = fmax(LARGEST_M / mean_width, LARGEST_PX);
   gradient(s, downwards);
-  if (after_step) {
-    for (int i = 0; i < unknowns; i++) fell[memory][i] -= downwards[i];
-    memory += product(fell[memory], past[memory], unknowns) > 0.0;
-  }
-  if (memory == MEMORY) memory--, memmove(past, past[1], memory * sizeof *past), memmove(fell, fell[1], memory * sizeof *fell);
   memcpy(step, downwards, sizeof(double) * unknowns);
-  for (int k = memory - 1; k >= 0; k--) {
-    share[k] = product(past[k], step, unknowns) / product(past[k], fell[k], unknowns);
-    for (int i = 0; i < unknowns; i++) step[i] -= share[k] * fell[k][i];
-  }
   solve(step);
-  for (int k = 0; k < memory; k++) {
-    share[k] -= product(fell[k], step, unknowns) / product(past[k], fell[k], unknowns);
-    for (int i = 0; i < unknowns; i++) step[i] += share[k] * past[k][i];
-  }
-  memcpy(fell[memory], downwards, sizeof(double) * unknowns);
-  double promised = product(step, downwards, unknowns);
+  double promised = product(step, downwards, unknowns), most_px = fmax(LARGEST_M / mean_width, LARGEST_PX);
   double over = fmax(motion_px(step + air + TURN) / most_px, fmax(fabs(step[air + BLUR]), fabs(step[air + GAIN])) / LARGEST_LOG);
   *square = square_of(s, step + air + TURN);
   for (int i = 0; over > 1.0 && i < unknowns; i++) step[i] /= over;
@@ -1079,7 +1063,6 @@ static int stage(State *s, double tolerance, double reselect_px, const char **re
   static double step[MOST_UNKNOWNS];
   double square = INFINITY, moved = 0.0;
   int settled = 0, weighs = 0, built = 0;
-  after_step = memory = 0;
   *reason = "too little limb in view, or more pixels of it than this program holds";
   if (!select_pixels(s, first_stage || motion_px(s->away) > NEAR_PX)) return 0;
   *reason = "the image is not brighter where the limb should be";
@@ -1093,7 +1076,7 @@ static int stage(State *s, double tolerance, double reselect_px, const char **re
     double promised = step_of(s, step, &square), gain = try_step(s, step);
     if (square < tolerance * tolerance && (first_stage || (settled && promised < 1.0))) {
       if (fresh || first_stage) return number;
-      built = after_step = 0;
+      built = 0;
       continue;
     }
     for (; fresh && gain < -ROUNDING && cuts < MOST_CUTS; cuts++) {
@@ -1102,21 +1085,17 @@ static int stage(State *s, double tolerance, double reselect_px, const char **re
       promised *= share * (2.0 - share), gain = try_step(s, step);
     }
     built = gain > GOOD * promised - ROUNDING && promised < FROZEN;
-    if (gain < -ROUNDING) {
-      if (fresh) break;
-      after_step = memory = 0;
-      continue;
-    }
-    memcpy(past[memory], step, sizeof(double) * unknowns), after_step = 1;
+    if (gain < -ROUNDING && fresh) break;
+    if (gain < -ROUNDING) continue;
     moved += motion_px(step + air + TURN);
     if (cuts > 1 && !first_stage && gain < tolerance && moved < LEAST_SHARE * reselect_px) return number;
     if (moved > reselect_px || cuts > 1) {
       if (motion_px(s->away) > NEAR_PX && !select_pixels(s, 1)) return 0;
-      weigh(s), built = after_step = memory = 0, moved = 0.0;
+      weigh(s), built = 0, moved = 0.0;
     } else if (!settled) {
       double changed = weigh(s);
       settled = (square < 1.0 && changed < STEADY) || ++weighs == MOST_WEIGHS;
-      after_step = memory = 0, built &= changed < REWEIGHED;
+      built &= changed < REWEIGHED;
     }
   }
   *reason = "no convergence";
@@ -1257,7 +1236,8 @@ static double strain(const State *s) {
   return squares > determined + SCATTERED * sqrt(2.0 * determined) ? squares / determined : 1.0;
 }
 
-/* Mean square of the nadir's error. Without the air's part it is that of the shared unknowns' own equations (Cholesky); strain makes that part larger. */
+/* Mean square of the nadir's error. Without the air's part it is that of the shared unknowns' own equations (Cholesky);
+   strain makes that part larger. */
 static double nadir_variance(const State *s, const double *nadir) {
   static double f[MOST_UNKNOWNS];
   double variance = 0.0, strained = strain(s), C[SHARED][SHARED], x[SHARED];
