@@ -25,7 +25,7 @@
    noise off at its lowest level, the prediction is the mean of what is left. In the first of two stages the lens is held
    near its prior, and the air has its modes alone. The derivatives J are computed again only where a step gains less than
    they predict, or much, and at the end; until then a step costs one prediction and one product. Of more than 6000 pixels
-   near the limb 3000 to 6000 are taken, evenly spread.
+   in squares near the limb 3000 to 6000 are taken, evenly spread.
 
    J has few entries in a row: the functions at the two nodes of the pixel, and the shared unknowns. Their products are
    summed at the nodes, of which only neighbours couple; the sums for the unknowns z follow from these.
