@@ -31,7 +31,7 @@ AIR_STEPS = {
 }
 """Field of ``AirChange`` and step of the difference [m, K, relative, relative]."""
 ACCURACY = 1e-4
-"""Of tables, at most: differences of frames show where patches of tables meet."""
+"""Largest ``render.accuracy`` of the differenced frames, which show where patches of tables meet."""
 ROTATION_STEP_PX = 1e-3
 """Step of rotations. Rotated frames share the view tables, so that the errors of the tables cancel."""
 SHIFT_STEP_PX, LARGEST_SHIFT_M = 0.02, 30.0

@@ -94,7 +94,7 @@ class ProfileFit:
 
     @property
     def uneven_px(self) -> float:
-        """By how much the fit has the limb depart from that of a planet: a profile's follows it."""
+        """Departure of the fitted limb from that of a planet: none, since a profile follows the planet's."""
         return 0.0
 
     def in_axes(self, turn: FloatArray) -> ProfileFit:

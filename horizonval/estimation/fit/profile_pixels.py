@@ -116,8 +116,8 @@ LEVELLINGS = 2
 WIDER = 1.5
 """Widening of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
 MOST_PIXELS = 3000
-"""Of pixels near a limb, once or twice so many are used, evenly spread: more determine nothing that the air leaves
-open."""
+"""Number of pixels near a limb: one to two times as many are used, evenly spread. More determine nothing that the air
+leaves open."""
 
 
 @dataclass(frozen=True)

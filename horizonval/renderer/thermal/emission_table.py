@@ -184,7 +184,7 @@ USUAL_ACCURACY = 1e-3
 """Share of the bright limb for which the numbers below are."""
 LIMB_ROWS, GROUND_ROWS = 160, 64
 CROWDED_ROWS = 512
-"""Of the limb where layers of thin cloud have edges, and of the sky around a camera inside the air."""
+"""Rows of the limb where layers of thin cloud have edges, and of the sky around a camera inside the air."""
 STEP_SHARE = 0.75
 """Evaluations along rays of tables, as a share of those that a scene asks for."""
 COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 24

@@ -42,11 +42,11 @@ from horizonval.renderer.view_table.sunlit_air import (
 )
 
 STEPS_OUTSIDE, STEPS_INSIDE = 36, 12
-"""Of the march: in a piece outside layers with gaps, and in one inside, at the usual accuracy."""
+"""Steps of the march in a piece outside layers with gaps, and in one inside, at the usual accuracy."""
 PIECE_OF_SCALE, LEAST_PIECES, MOST_PIECES = 0.4, 3, 6
 """Length of pieces inside a layer, of the scale of its gaps, and bounds of their number in a passage."""
 SAMPLES = 4
-"""Of the share of cloud, in a piece."""
+"""Places in a piece at which the share of cloud is read."""
 _EARTH_M = 6.371e6
 
 
