@@ -65,7 +65,7 @@ class BrokenAir:
 
     @cached_property
     def _passages(self) -> list[tuple[int | None, int]]:
-        """For every way between cuts the number of the layer with gaps there, and how many pieces it has."""
+        """Layer with gaps (None for none) and number of pieces of every way between two cuts."""
         down: list[tuple[int | None, int]] = []
         for (high, low), numbers in zip(pairwise(self._edges_m), self.light.gapped, strict=True):
             gaps = self.maps[numbers[0]] if numbers else None

@@ -449,12 +449,12 @@ def air_table(
 
 
 STATIONS, STATIONS_TO_GROUND = 19, 13
-"""On rays past the ground and to it without layers; :data:`LEAST_INTERVALS` more for every edge of a layer that cuts
-the way."""
+"""Stations on rays past the ground and on rays to it, without layers. Every edge of a layer that cuts the way adds
+:data:`LEAST_INTERVALS`."""
 STEPS, STEPS_BEFORE = 3, 24
-"""Of the march: from one station to the next, and up to the first, at the usual accuracy."""
+"""Steps of the march from one station to the next, and up to the first, at the usual accuracy."""
 IN_SHADOW_BEFORE = 2
-"""How many times as many where the Earth's shadow may cut rays, where each of three pieces has a third of them."""
+"""Factor on :data:`STEPS_BEFORE` where the Earth's shadow may cut rays; each of three pieces then has a third of them."""
 ABOVE_TOPS_M = 3000.0
 """Height of the first station above the highest cloud: at a layer's edge a ray's path has a square root in height."""
 LEAST_INTERVALS = 3
