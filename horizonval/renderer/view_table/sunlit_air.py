@@ -454,7 +454,7 @@ STATIONS, STATIONS_TO_GROUND = 19, 13
 STEPS, STEPS_BEFORE = 3, 24
 """Steps of the march from one station to the next, and up to the first, at the usual accuracy."""
 IN_SHADOW_BEFORE = 2
-"""Factor on :data:`STEPS_BEFORE` where the Earth's shadow may cut rays; each of three pieces then has a third of them."""
+"""Factor on :data:`STEPS_BEFORE` where the Earth's shadow may cut rays; three pieces then share them."""
 ABOVE_TOPS_M = 3000.0
 """Height of the first station above the highest cloud: at a layer's edge a ray's path has a square root in height."""
 LEAST_INTERVALS = 3
