@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -256,16 +257,19 @@ def _ask_study(
     from horizonval.studies.trade.run import ask, conclude_again, open_study
 
     data = open_study(folder)
-    requirement = data.plan.requirement
-    if error_deg is not None:
-        requirement = with_option(requirement, "error_deg", error_deg, "--error-deg")
-    if availability is not None:
-        requirement = with_option(requirement, "availability", availability, "--availability")
+    requirements, limit = data.plan.requirements, data.plan.limit
+    if error_deg is not None or availability is not None:
+        limit = limit.model_copy(update={"n_sigma": None, "quantile": None, "availability": limit.share})
+        if error_deg is not None:
+            limit = with_option(limit, "error_deg", error_deg, "--error-deg")
+        if availability is not None:
+            limit = with_option(limit, "availability", availability, "--availability")
+        requirements = (limit,)
     if compare is not None:
-        comparison = data.compare(*compare, requirement.error_deg)
+        comparison = data.compare(*compare, limit.error_deg or math.inf)
         print_result(comparison, as_json, comparison_lines(comparison))
         return 0
-    answer = ask(data, conclude_again(folder), requirement, cheapest_by)
+    answer = ask(data, conclude_again(folder), requirements, cheapest_by)
     print_result(answer, as_json, _answer_lines(answer))
     return 0
 
