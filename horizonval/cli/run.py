@@ -104,7 +104,7 @@ def run(
         print_summary(result.summary)
         if result.summary.get("stability"):
             _print_study(result.summary["stability"])
-        print(f"report: {result.report}")
+        print("\n".join([*_requirement_lines(out), f"report: {result.report}"]))
     if result.failed:
         print(f"horizonval: {len(result.failed)} failed: {', '.join(result.failed)}", file=sys.stderr)
     # A run without its summary has failed, whatever stopped it.
@@ -125,6 +125,14 @@ def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folde
         page = write_page(run_folder)
         amend_manifest(run_folder, [page])
         print(f"designs: {page}")
+
+
+def _requirement_lines(folder: Path) -> list[str]:
+    from horizonval.scoring.requirements import FILES, lines_of
+    from horizonval.store.folder import read_json
+
+    found = read_json(folder / FILES[0])
+    return lines_of(found) if found else []
 
 
 def _print_study(digest: dict[str, Any]) -> None:
@@ -226,7 +234,8 @@ def study(
         from horizonval.studies.trade.formatting import design_lines
 
         query = (done.costs if done.result["prices"] is None else done.result)["query"]
-        print("\n".join([*design_lines(done.result, done.costs), *_answer_lines(query), f"report: {done.page}"]))
+        answers = [*_requirement_lines(out), *_answer_lines(query)]
+        print("\n".join([*design_lines(done.result, done.costs), *answers, f"report: {done.page}"]))
     if done.failed:
         print(f"horizonval: {len(done.failed)} frames failed: {', '.join(done.failed)}", file=sys.stderr)
     return 1 if done.failed else 0

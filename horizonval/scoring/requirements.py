@@ -219,6 +219,23 @@ def _evidence(one: JsonObject) -> str:
     return text + ("" if one["more"] is None else f", {one['more']} more without a miss would show it")
 
 
+MOST_NAMED = 4
+
+
+def lines_of(result: JsonObject) -> list[str]:
+    """Return a line for each requirement: who meets it, who does not, and for whom it is not shown."""
+    lines = []
+    for i, one in enumerate(result["requirements"]):
+        parts = []
+        for verdict, words in WORDS.items():
+            names = [group["name"] for group in result["groups"] if group["judged"][i]["verdict"] == verdict]
+            if names:
+                more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+                parts.append(f"{words} by {' / '.join(names[:MOST_NAMED])}{more}")
+        lines.append(f"requirement {one['id']} ({one['words']}): {'; '.join(parts)}")
+    return lines
+
+
 FILES = ("requirements.json", "requirements.md", "requirements.xml")
 
 
