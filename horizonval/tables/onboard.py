@@ -192,8 +192,7 @@ def header_text(table: LimbTemplates, comment: str) -> str:
     an axis to the slopes of the spline through them.
     """
     a, b, k, h = table.modes.shape
-    # of sunlit tables only; thermal ones are linear
-    (zenith, zenith_slopes), (_, second_slopes) = table.splines
+    zenith, zenith_slopes, second_slopes = _slopes(table)
     lines = [
         "/* Profiles of the limb, made by `horizonval templates SUITE -o table.h`.",
         *textwrap.wrap(comment, 100, initial_indent="   ", subsequent_indent="   "),
@@ -233,6 +232,15 @@ def header_text(table: LimbTemplates, comment: str) -> str:
             _whole(f"limb_{name}", shape, whole.ravel(), "int16_t" if kind is np.int16 else "int8_t"),
         ]
     return "\n".join([*lines, "#endif", ""])
+
+
+def _slopes(table: LimbTemplates) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the first axis and the slopes of its and the second axis's splines; a thermal table's are linear: 0."""
+    if table.band_kind == "thermal":
+        first, second = table.axes
+        return first, np.zeros((len(first), len(first))), np.zeros((len(second), len(second)))
+    zenith, azimuth = table.splines
+    return zenith.x, zenith(zenith.x, 1), azimuth(azimuth.x, 1)
 
 
 def _floats(name: str, shape: str, values: FloatArray) -> str:
