@@ -40,9 +40,9 @@ from scipy.sparse import csr_array
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.fit.air import BUMP_M, LEFT_LENGTH_RAD, CommonAir, NodeAir, common_air
+from horizonval.estimation.fit.air import LEFT_LENGTH_RAD, LEFT_M, NodeAir, common_air
 from horizonval.estimation.fit.blurred import AROUND, REACH_BLURS, BlurredProfiles, around_of
-from horizonval.estimation.fit.image import LENS, POSE, Chosen, Look, OwnPrior, ShotState
+from horizonval.estimation.fit.image import LENS, POSE, Chosen, ImageModel, Look, OwnPrior, ShotState
 from horizonval.estimation.fit.light import PIXEL_VARIANCE
 from horizonval.estimation.fit.noise import PixelNoise, correlated, floor_of, variance_of
 from horizonval.estimation.fit.pose import LimbPose
@@ -208,7 +208,7 @@ class ProfileModel:
         self.width_m, self.pixel_m = near.nodes.width_m[i], float(np.median(near.nodes.width_m))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
-        self._bump_px = np.maximum(BUMP_M * LEFT_LENGTH_RAD * MEAN_RADIUS_M / self.width_m**2 / near.every, 1.0)
+        self._left_px = np.maximum(LEFT_M * LEFT_LENGTH_RAD * MEAN_RADIUS_M / self.width_m**2 / near.every, 1.0)
         self._least = rounding_variance(near.values)
         self._last: tuple[FloatArray, ProfileLook] | None = None
 
@@ -242,6 +242,10 @@ class ProfileModel:
         most_px = max(LARGEST_MOTION_M / self.pixel_m, LARGEST_MOTION_PX)
         logs = float(np.abs(own[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP
         return max(self.motion_px(step) / most_px, logs)
+
+    def way(self, pose: LimbPose, lens: FloatArray) -> FloatArray:
+        """Return the step (7 + 4 + own) to a pose and errors of the lens, without own unknowns."""
+        return np.concatenate([self.pose.step_to(pose), lens - self.lens, np.zeros(OWN)])
 
     def motion_px(self, step: FloatArray) -> float:
         """Return by how much a step (7 + 4 + own) moves the limb where it moves it most [px]."""
@@ -320,19 +324,15 @@ class ProfileModel:
         dark[GAIN], dark[BACKGROUND] = np.log(gain), background if self.floor is None else self.floor.background
         return dark
 
-    def neglected(self, look: ProfileLook) -> FloatArray:
-        """Return the standard deviation of what the prediction leaves out of the pixels, shape (n,)."""
-        before, after = (self.air.neglected[self.near.sector, look.place + k] for k in (0, 1))
-        return np.asarray(np.exp(look.own[GAIN]) * self.near.light * (before + look.share * (after - before)))
-
     def noise(self, look: ProfileLook, own: FloatArray, before: PixelNoise | None) -> PixelNoise:
         """Return the noise of the pixels by their residuals."""
         near = self.near
-        neglected = self.neglected(look) ** 2
+        before, after = (self.air.left[near.sector, look.place + k] for k in (0, 1))
+        left = (np.exp(look.own[GAIN]) * near.light * (before + look.share * (after - before))) ** 2
         clouds = near.light * look.brightest * self.below_clouds
         per_px = near.light * look.changes[0] * self.width_m
         variance, shown = variance_of(
-            look.residuals, near.light * look.level, np.array([clouds**2, per_px**2]), self._least + neglected
+            look.residuals, near.light * look.level, np.array([clouds**2, per_px**2]), self._least + left
         )
         # Not of a limb that is still displaced, which would hide it.
         if self.tighter == 1.0:
@@ -340,7 +340,7 @@ class ProfileModel:
             common = correlated(near.columns, near.rows, in_sigmas, float(np.sqrt(near.every)))
             # The mean share counts, since the ratio is that of all pixels together.
             together = 1.0 + (common - 1.0) * shown / max(float(shown.mean()), 1e-300)
-            together = together + (self._bump_px - 1.0) * np.minimum(neglected / variance, 1.0)
+            together = together + (self._left_px - 1.0) * np.minimum(left / variance, 1.0)
         else:
             together = np.ones_like(variance)
         depth = np.clip((look.across_m - self._bottom) / self._taper, 0.0, 1.0)
@@ -454,18 +454,6 @@ class ProfileImage:
     table: Hashable = None
 
 
-@dataclass(frozen=True)
-class ProfileChosen(Chosen):
-    """Pixels of all images, and all of the air that they share."""
-
-    whole: CommonAir
-
-    @property
-    def profiles(self) -> list[ProfileModel]:
-        """The models, as what they are."""
-        return [model for model in self.models if isinstance(model, ProfileModel)]
-
-
 class ProfileChooser:
     """Chooses the pixels of all images of a shot; see :class:`horizonval.estimation.fit.image.Chooser`."""
 
@@ -474,48 +462,45 @@ class ProfileChooser:
 
     def __call__(
         self, state: ShotState, lens: FloatArray, most: int | None, tighter: float, before: Chosen | None
-    ) -> ProfileChosen:
-        """Return the pixels near the limb at a state; the air of a few has the modes that move a limb most."""
-        old = before if isinstance(before, ProfileChosen) else None
-        ways = [] if old is None else self._ways(old, state, lens)
+    ) -> Chosen:
+        """Return the pixels near the limb at a state; the number of pixels is always the same."""
+        old = [None] * len(self._images) if before is None else [as_profile(model) for model in before.models]
+        ways = [
+            np.zeros(POSE + LENS + OWN) if model is None else model.way(state.pose.of_camera(one.turn), lens)
+            for one, model in zip(self._images, old, strict=True)
+        ]
         # Within the reach of derivatives a node is beside the limb by less than the nodes are apart.
-        same_air = old is not None and all(
-            model.reach(way) < 1.0 for model, way in zip(old.profiles, ways, strict=True)
+        same_air = before is not None and all(
+            model is not None and model.reach(way) < 1.0 for model, way in zip(old, ways, strict=True)
         )
         models: list[ProfileModel] = []
-        for k, (one, own) in enumerate(zip(self._images, state.own, strict=True)):
-            near_by = old.profiles[k] if old is not None and same_air else None
-            if near_by is not None and near_by.motion_px(ways[k]) < NEAR_PX:
+        for one, own, near_by, way in zip(self._images, state.own, old, ways, strict=True):
+            if same_air and near_by is not None and near_by.motion_px(way) < NEAR_PX:
                 models.append(near_by.held(tighter))
                 continue
             camera = one.camera
             if lens.any():
                 camera = miscalibrated(camera, float(np.expm1(lens[0])), (float(lens[1]), float(lens[2])), lens[3])
             pose, blur_px = state.pose.of_camera(one.turn), float(np.exp(own[BLUR]))
-            models.append(ProfileModel(one.image, camera, pose, lens, blur_px, one.knowledge, tighter, near_by))
-        if old is not None and same_air:
-            whole = old.whole
-        else:
-            whole = common_air([model.air for model in models], [one.table for one in self._images])
-        air = whole if most is None else whole.few
+            known = near_by if same_air else None
+            models.append(ProfileModel(one.image, camera, pose, lens, blur_px, one.knowledge, tighter, known))
+        if before is not None and same_air:
+            return Chosen(models, before.columns, state, [None] * len(models))
+        air = common_air([model.air for model in models], [one.table for one in self._images])
         for model, own_air in zip(models, air.images, strict=True):
             model.air = own_air
-        if old is None:
+        # Unknowns at other nodes say nothing of these.
+        state = replace(state, air=np.zeros(air.count))
+        if before is None:
             owns = tuple(
-                model.levels(model.pose, lens, one, np.zeros(model.air.wave.shape[1]))
-                for model, one in zip(models, state.own, strict=True)
+                model.levels(model.pose, lens, own, np.zeros(model.air.wave.shape[1]))
+                for model, own in zip(models, state.own, strict=True)
             )
-            state = ShotState(state.pose, owns, np.zeros(air.count))
-        else:
-            # Unknowns at other nodes say nothing of these.
-            known = state.air if same_air else np.zeros(0)
-            state = replace(state, air=np.append(known, np.zeros(air.count - len(known))))
-        return ProfileChosen(models, air.columns, state, [None] * len(models), whole)
+            state = replace(state, own=owns)
+        return Chosen(models, air.columns, state, [None] * len(models))
 
-    def _ways(self, before: ProfileChosen, state: ShotState, lens: FloatArray) -> list[FloatArray]:
-        """Return the steps (7 + 4 + own) from where pixels were chosen, of every image; without the own unknowns."""
-        still = np.zeros(OWN)
-        return [
-            np.concatenate([model.pose.step_to(state.pose.of_camera(one.turn)), lens - model.lens, still])
-            for one, model in zip(self._images, before.profiles, strict=True)
-        ]
+
+def as_profile(model: ImageModel) -> ProfileModel:
+    """Return a model as the one of a profile that it is."""
+    assert isinstance(model, ProfileModel)
+    return model

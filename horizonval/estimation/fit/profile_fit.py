@@ -30,11 +30,11 @@ from horizonval.estimation.fit.pose import LimbPose
 from horizonval.estimation.fit.profile import (
     BLUR,
     ProfileChooser,
-    ProfileChosen,
     ProfileImage,
     ProfileLinear,
     ProfileLook,
     ProfileModel,
+    as_profile,
 )
 from horizonval.estimation.fit.solver import Solution, SolverOptions, Stage, solve
 
@@ -138,9 +138,9 @@ def fit_profiles(
 def fit_of_shot(shot: Shot, solution: Solution) -> ProfileFit:
     """Return the fit and the claim of a solved shot."""
     chosen, seen, state, found = shot.chosen, shot.seen, shot.state, solution.shots[0]
-    assert isinstance(chosen, ProfileChosen)
+    assert chosen is not None
     assert seen is not None
-    models, noises = chosen.profiles, shot.noises
+    models, noises = [as_profile(model) for model in chosen.models], shot.noises
     looks = [look for look in seen.looks if isinstance(look, ProfileLook)]
     known, covariance = found.known[:POSE, :POSE], found.covariance[:POSE, :POSE]
     squares, determined = float(state.air @ state.air), len(state.air) - found.air_open
@@ -187,10 +187,10 @@ def strained(squares: float, determined: float) -> float:
 
 def _growth(shot: Shot, solution: Solution, image: int) -> tuple[float, float]:
     """Return the change of ln blur over an image's limb in view, and its standard deviation."""
-    assert isinstance(shot.chosen, ProfileChosen)
+    assert shot.chosen is not None
     linear = solution.equations[0].linears[image]
     assert isinstance(linear, ProfileLinear)
-    model, look, weights = shot.chosen.profiles[image], linear.look, linear.weights
+    model, look, weights = as_profile(shot.chosen.models[image]), linear.look, linear.weights
     column = model.off_axis * model.derivatives(look)[POSE + LENS + BLUR]
     equations, solved = solution.equations[0], solution.solved
     right = equations.rights_of(image, replace(look, residuals=column), weights)

@@ -100,7 +100,7 @@ class LimbTemplates:
         [rad], month). Beyond an axis's ends the last values hold, except in twilight, which ends; months are cyclic.
         """
         modes = np.tensordot(self._weights(first, second), self.modes, 2)
-        return self.mean_at(first, second), modes, np.tensordot(self._linear(first, second), self.left_sigma, 2)
+        return self.mean_at(first, second), modes, np.tensordot(self.linear(first, second), self.left_sigma, 2)
 
     def mean_at(self, first: ArrayLike, second: ArrayLike) -> FloatArray:
         """Return the mean profiles alone, shape (n, H); parameters as for :meth:`at`."""
@@ -133,14 +133,14 @@ class LimbTemplates:
     def _weights(self, first: ArrayLike, second: ArrayLike) -> FloatArray:
         """Return the weights of a table's profiles at positions, shape (n, A, B), by splines in a sunlit band."""
         if self.band_kind == "thermal":
-            return self._linear(first, second)
+            return self.linear(first, second)
         places = np.atleast_1d(first), _folded(np.atleast_1d(second))
         rows, columns = (
             spline(np.clip(x, spline.x[0], spline.x[-1])) for spline, x in zip(self.splines, places, strict=True)
         )
         return np.asarray(rows[:, : len(self.axes[0]), None] * columns[:, None, :])
 
-    def _linear(self, first: ArrayLike, second: ArrayLike) -> FloatArray:
+    def linear(self, first: ArrayLike, second: ArrayLike) -> FloatArray:
         """Return the weights of a table's profiles at positions, shape (n, A, B), of straight lines."""
         first, second = np.atleast_1d(first), np.atleast_1d(second)
         if self.band_kind == "thermal":
