@@ -30,7 +30,7 @@
    summed at the nodes, of which only neighbours couple; the sums for the unknowns z follow from these.
 
    Not in this program: lenses with distortion, stated diffraction and blur over the field, foreign light outside the
-   limb, a lens that is softer at one part of the limb, a wider claim where limb and priors disagree, planets that are
+   limb, a wider claim where limb and priors disagree, planets that are
    spheres, sigmas of the attitude by axis. A saturated pixel is known by full_scale alone. MOST_NODES is half of the most
    that `limb-profile` has, which matters only where more than 1.1 rad of limb at the Earth's centre are in view.
 
@@ -503,8 +503,7 @@ static int choose(State *s) {
 
 static double height_of(double g) { return grid_low + g * grid_step - curve * pow(grid_low + g * grid_step, 2.0); }
 
-/* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns. What
-   a mode has of its own where lines end is left to the noise. */
+/* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns. */
 static void functions_of_air(void) {
   static double shape[LIMB_H], spare[GRID];
   int size = half + 1;
@@ -512,11 +511,7 @@ static void functions_of_air(void) {
     double(*f)[GRID] = transform[m];
     even(node[m].mean, f[0]);
     double least = LEAST_LEFT * largest_of(f[0], 1, size);
-    for (int h = 0; h < LIMB_H; h++) shape[h] = pow(node[m].left[h], 2.0);
-    for (int i = 0; i < LIMB_K * LIMB_H; i++)
-      shape[i % LIMB_H] += pow(node[m].modes[i / LIMB_H][i % LIMB_H], 2.0) * (1.0 - pow(node[m].ends[i / LIMB_H][i % LIMB_H], 2.0));
-    for (int h = 0; h < LIMB_H; h++) shape[h] = sqrt(shape[h]);
-    even(shape, left_at[m]);
+    even(node[m].left, left_at[m]);
     for (int g = 0; g < size; g++) left_at[m][g] = height_of(g) > LEFT_ABOVE_M ? fmax(left_at[m][g], least) : 0.0;
     for (int k = 0; k < LIMB_K; k++) {
       for (int h = 0; h < LIMB_H; h++) shape[h] = node[m].modes[k][h] * node[m].ends[k][h];

@@ -8,8 +8,8 @@ diag(w) V^T``, and (Karhunen and Loeve) ::
     a_k(node j) = sum_i  z_i sqrt(w_i) V_ji,        z_i ~ N(0, 1)
 
 A line that passes at ``h``, below the height ``z`` from which the radiance comes, ends the angle ``e`` before its
-lowest point. The air there is correlated with that at the lowest point by ``r``: a mode has the share ``r``, and the
-rest of its variance is among what the modes leave::
+lowest point. The air there is correlated with that at the lowest point by ``r``, which is the share of a mode that is
+left there; the part of its own is neglected::
 
     e = (2 (z - h) / R)^1/2,      r = exp(-e^2 / (2 l^2))
 
@@ -218,9 +218,7 @@ class KnownAir:
         up, level = normal_cam @ pose.cam_from_itrs, los_cam @ pose.cam_from_itrs
         lengths, ends = table.lengths_at(first), line_ends_rad(table.height_m, mean)
         along = lengths_along(lengths, up, level, POLE_ITRS)
-        square = np.exp(-((ends[:, None] / along[:, :, None]) ** 2))
-        left = np.sqrt(left**2 + np.sum(modes**2 * (1.0 - square), axis=1))
-        modes = modes * np.sqrt(square)
+        modes = modes * np.exp(-0.5 * (ends[:, None] / along[:, :, None]) ** 2)
         if table.band_kind == "thermal":
             nearer = np.minimum(ends, FARTHEST_RAD)
         else:

@@ -57,7 +57,7 @@ from horizonval.estimation.lens_error import miscalibrated
 from horizonval.estimation.limb.picture import rounding_variance
 from horizonval.estimation.observation import Lens
 from horizonval.estimation.prior import MEAN_RADIUS_M
-from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.rotation import off_axis_angle
 
@@ -78,8 +78,6 @@ pixel the nadir moves by 0.01 to 0.03 of its sigma, with 8 by up to 0.7: sampled
 LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
 """Largest step of the limb and of logarithms: two scale heights of the air or some pixels, the range of the
 derivatives."""
-EIGHTHS = 9
-"""Places along a side of a grid of every eighth pixel."""
 LEAST_TAPER = 1e-3
 """Smallest weight of a pixel below the window: as good as none."""
 
@@ -146,10 +144,9 @@ class ProfileModel:
     """The pixels that see the profile at a pose; see :class:`horizonval.estimation.fit.image.ImageModel`.
 
     ``image``: shape (H, W), NaN where missing; ``lens``: shape (4,), errors of the lens that ``camera`` has already;
-    ``blur_px``: for the window's width; ``tighter``: factor on the
-    information on blur and sharpness; ``before``: model of a pose near by, whose nodes and air are kept. ``off_axis``
-    (n,): squared angles from the axis over the image's largest; ``below_clouds`` (n,): share of a pixel's radiance from
-    below the highest clouds. Raises ``LinAlgError``: too little limb in view.
+    ``blur_px``: for the window's width; ``tighter``: factor on the information on blur and sharpness; ``before``: model
+    of a pose near by, whose nodes and air are kept. ``below_clouds`` (n,): share of a pixel's radiance from below the
+    highest clouds. Raises ``LinAlgError``: too little limb in view.
     """
 
     def __init__(
@@ -203,8 +200,6 @@ class ProfileModel:
         self._lift = near.nodes.lift_m[i] * (1.0 - t) + near.nodes.lift_m[i + 1] * t
         variances = knowledge.lens.ratios**2 @ knowledge.lens.shares(off_axis)
         self._variance = variances[i] + (variances[i + 1] - variances[i]) * t
-        shares = off_axis_share(camera, near.nodes.los_cam)
-        self.off_axis = shares[i] * (1.0 - t) + shares[i + 1] * t
         self.width_m, self.pixel_m = near.nodes.width_m[i], float(np.median(near.nodes.width_m))
         soft_m = np.sqrt(blur_px**2 * self._variance + PIXEL_VARIANCE) * self.width_m
         self.below_clouds = ndtr((CLOUD_TOP_M - near.height_m) / soft_m)
@@ -433,14 +428,6 @@ def _of_waves(air: NodeAir, own: FloatArray, next_: FloatArray) -> FloatArray:
         matrix[first:last, :last] = rows
         matrix[:first, first:last] = rows[:, :first].T
     return matrix
-
-
-def off_axis_share(camera: CameraModel, los_cam: FloatArray) -> FloatArray:
-    """Return squared angles from the axis over the largest in a grid of every eighth pixel, shape (m,)."""
-    columns, rows = (np.linspace(0.0, size - 1.0, EIGHTHS) for size in (camera.width, camera.height))
-    some = unproject(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
-    farthest = float(np.nanmax(off_axis_angle(some, AXIS_CAM)))
-    return np.asarray((off_axis_angle(los_cam, AXIS_CAM) / farthest) ** 2)
 
 
 @dataclass(frozen=True)

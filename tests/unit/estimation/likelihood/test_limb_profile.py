@@ -33,7 +33,7 @@ from horizonval.estimation.fit.image import LENS, POSE, ShotState
 from horizonval.estimation.fit.known_profile import start_pose
 from horizonval.estimation.fit.pose import LimbPose, nadir_derivative
 from horizonval.estimation.fit.profile import OWN, ProfileChooser, ProfileImage, ProfileKnowledge, ProfileModel
-from horizonval.estimation.fit.profile_fit import OPTIONS, ProfileFit, fit_profiles, strained, uneven_lens
+from horizonval.estimation.fit.profile_fit import OPTIONS, ProfileFit, fit_profiles, strained
 from horizonval.estimation.fit.profile_pixels import profile_pixels, ray_height
 from horizonval.estimation.fit.templates import LimbTemplates, load_templates
 from horizonval.estimation.lens_error import miscalibrated
@@ -204,12 +204,9 @@ def test_lines_below_the_limb_see_the_air_where_they_end() -> None:
     at = np.array([-50e3, -20e3, 0.0, 10e3])
     ends = np.arccos((RADIUS_M + at) / (RADIUS_M + source_m))
     mean, near = (np.interp(at, grid, nodes.functions[0, k]) for k in range(2))
-    left = np.interp(at, grid, nodes.left[0])
     # Multilinear between latitudes and places of the table; the angle is the square root's, right to 0.3 %.
     np.testing.assert_allclose(mean, 1.0 - ends, atol=2e-3)
     np.testing.assert_allclose(near, np.exp(-0.5 * (ends / LENGTH_RAD) ** 2), atol=6e-3)
-    # The ground is no part of what is left.
-    np.testing.assert_allclose((near**2 + left**2)[2:], 1.0, atol=3e-2)
 
 
 def sunlit(light: Any) -> LimbTemplates:
@@ -545,22 +542,21 @@ def test_no_start_takes_it_long(seed: int) -> None:
         assert float(np.linalg.norm(fit.pose.nadir_cam - fits[0].pose.nadir_cam)) < 0.3 * claimed
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_lens_that_softens_towards_the_corners_is_noticed(seed: int) -> None:
-    """The blur grows by a factor of 2.5 to the corners; the limb goes through the middle and out at the sides."""
-    _, knowledge, start = knowledge_of(seed, CAMERA)
-    found = {}
-    for growth in (0.0, 0.9):
+def test_a_lens_that_softens_towards_the_corners_is_in_the_claim() -> None:
+    """The blur grows by a factor of 2.5 to the corners; the limb goes through the middle and out at the sides.
+
+    The mean of three squares of two degrees of freedom is below 2.6 in 98 of 100 cases.
+    """
+    squares = []
+    for seed in range(3):
+        _, knowledge, start = knowledge_of(seed, CAMERA)
         r, cam, rng = view(seed)
-        image = picture(cam, r, rng, modes=True, growth=growth)
-        fit = fit_profile(image, CAMERA, start, knowledge)
-        found[growth] = (fit.growth, fit.growth_sigma)
-    assert abs(found[0.0][0]) < 4.0 * found[0.0][1]
-    assert uneven_lens(*found[0.0]) is None
-    assert found[0.9][0] > 5.0 * found[0.9][1]
-    reason = uneven_lens(*found[0.9])
-    assert reason is not None
-    assert "softer at one part of the limb" in reason
+        fit = fit_profile(picture(cam, r, rng, modes=True, growth=0.9), CAMERA, start, knowledge)
+        true = -cam @ r / np.linalg.norm(r)
+        across = np.linalg.svd(true[None])[2][1:]
+        by, error = across @ nadir_derivative(fit.pose), across @ (fit.pose.nadir_cam - true)
+        squares.append(float(0.5 * error @ np.linalg.solve(by @ fit.covariance @ by.T, error)))
+    assert np.mean(squares) < 2.6
 
 
 def test_a_floor_leaves_the_background_known() -> None:
